@@ -1,0 +1,76 @@
+# Everything runs in .venv, which the first target that needs it makes: nothing but Python 3.11 or newer and a package
+# index is required. `make help` lists the targets. PYTHON=/path/to/python chooses the interpreter.
+
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+PYTHON ?=
+BIN := .venv/bin
+STAMP := .venv/ready
+FLIGHT ?= data/sample_flight/flight.toml
+OUT ?= out/demo
+ARGS ?=
+
+.PHONY: help setup demo test lint check-rules check-format check-types check-imports format bench clean
+
+help:  ## show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+
+setup: $(STAMP)  ## make .venv and install the package with its test tools
+
+demo: $(STAMP)  ## replay the sample flight, print the summary, write the run to out/demo
+	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)"
+
+test: $(STAMP)  ## run the whole test suite (ARGS='-k jacobian' to choose)
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: check-rules check-format check-types check-imports  ## ruff, format, mypy --strict, import contracts
+
+check-rules: $(STAMP)
+	$(BIN)/ruff check .
+
+check-format: $(STAMP)
+	$(BIN)/ruff format --check .
+
+check-types: $(STAMP)
+	$(BIN)/mypy
+
+check-imports: $(STAMP)
+	$(BIN)/lint-imports
+
+format: $(STAMP)  ## sort the imports, repair what ruff can, format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(STAMP)  ## run the benchmarks
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-only \
+	    -o addopts="--import-mode=importlib --strict-markers --strict-config" $(ARGS)
+
+clean:  ## remove .venv, results and caches
+	rm -rf .venv .venv.lock out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks .import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamp is written last, so an interrupted set-up starts anew. Two makes at a time wait for each other where the
+# system has flock; the second one then finds the stamp.
+$(STAMP): pyproject.toml insgnss/version.py
+	@if command -v flock >/dev/null 2>&1; then exec 9>.venv.lock; flock 9; fi; \
+	if [ "$@" -nt pyproject.toml ] && [ "$@" -nt insgnss/version.py ]; then exit 0; fi; \
+	usable='import sys, ensurepip, venv; sys.exit(sys.version_info < (3, 11))'; \
+	if ! $(BIN)/python -c "$$usable" >/dev/null 2>&1; then \
+	    found=; \
+	    for candidate in $(if $(PYTHON),"$(PYTHON)",python3.11 python3.12 python3.13 python3.14 python3 python); do \
+	        if "$$candidate" -c "$$usable" >/dev/null 2>&1; then found=$$candidate; break; fi; \
+	    done; \
+	    if [ -z "$$found" ]; then \
+	        echo "insgnss needs Python 3.11 or newer with the venv module; none was found among:" >&2; \
+	        echo "  $(if $(PYTHON),$(PYTHON),python3.11 python3.12 python3.13 python3.14 python3 python)" >&2; \
+	        echo "Install one (Debian, Ubuntu: apt install python3 python3-venv), or name it: make PYTHON=/path/to/python" >&2; \
+	        exit 1; \
+	    fi; \
+	    echo "Setting up .venv with $$found: once, about a minute"; \
+	    "$$found" -m venv --clear .venv || exit 1; \
+	fi; \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -e ".[test]" || { \
+	    echo "The packages could not be installed: is a package index reachable (see 'pip config list')?" >&2; exit 1; }; \
+	touch "$@"

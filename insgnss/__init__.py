@@ -1,0 +1,37 @@
+"""insgnss: a tightly coupled INS/GNSS navigation engine and the laboratory around it.
+
+Conventions, assumed by every file:
+
+- Frames: i inertial, e ECEF (WGS-84), n local level north-east-down, b body forward-right-down, a antenna.
+- Target first: ``C_nb @ f_b = f_n`` (the literature's C_b^n). Vectors carry their frame: ``r_e``, ``v_e``, ``f_b``,
+  ``w_ib_b``.
+- Mechanization and error state live in ECEF (no singular latitude); users read latitude, longitude, height, NED
+  velocity, roll, pitch, yaw.
+- Error = estimate minus truth, everywhere: ``r_e_hat = r_e + dr``, ``C_eb_hat = (I + [psi x]) C_eb``, estimated bias
+  minus true bias. Innovation = measured minus predicted.
+- Error state, in this order: dr_e(3) dv_e(3) psi_e(3) b_a(3) b_g(3) clock bias [m] clock drift [m/s], then one
+  inter-system clock offset [m] for each further constellation. Indices exist only in ``fusion/state.py``, as names.
+- Clock in metres and m/s. Range rate is positive when the distance grows; Doppler has the RINEX sign (positive when the
+  distance shrinks): range_rate = -wavelength * doppler.
+- Quaternions scalar first (Hamilton).
+- Inside: SI and radians. At the edges (columns, keys, options) every name ends in its unit: ``lat_deg``, ``sd_n_m``.
+- Time: integer nanoseconds of GPS time inside tables; differences as float seconds in kernels. Users see ``time_s``,
+  seconds of the GPS week stated in the flight file.
+- Arrays: time first, component last, (n, 3), (n, 3, 3).
+- Random numbers come from a ``numpy.random.Generator`` argument; there is no global seed.
+
+The main job is two calls::
+
+    flight = insgnss.Flight.load("flight.toml")
+    run = insgnss.replay(flight, filter="tight17")
+"""
+
+from __future__ import annotations
+
+from insgnss.errors import InsGnssError
+from insgnss.log.flight import Flight
+from insgnss.replay import replay
+from insgnss.run import Run
+from insgnss.version import __version__
+
+__all__ = ["Flight", "InsGnssError", "Run", "__version__", "replay"]

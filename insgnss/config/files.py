@@ -1,0 +1,33 @@
+"""Files that settings or commands name: found, or reported with the nearest name in their folder."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from insgnss.errors import MissingFileError
+
+
+def existing_file(path: Path) -> Path:
+    """Return ``path`` if it is a file.
+
+    Raises
+    ------
+    MissingFileError : it is not; the advice names the nearest files of the folder
+    """
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise MissingFileError("this is a folder, not a file", file=path, advice="name the file in it")
+    folder = path.parent
+    if not folder.is_dir():
+        advice = f"there is no folder '{folder}'; relative paths in a flight file start at its own folder"
+        raise MissingFileError("file not found", file=path, advice=advice)
+    present = sorted(entry.name for entry in folder.iterdir() if entry.is_file())
+    near = difflib.get_close_matches(path.name, present, n=3, cutoff=0.4)
+    advice = (
+        f"nearest in that folder: {', '.join(near)}"
+        if near
+        else f"the folder '{folder}' has no file named like it"
+    )
+    raise MissingFileError("file not found", file=path, advice=advice)

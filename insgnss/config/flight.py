@@ -1,0 +1,184 @@
+"""The schema of a flight file: which logs, in which columns, units, axes and time, and how the vehicle was equipped.
+
+Nothing here is guessed: what a log does not say itself, the flight file declares, and the readers hold the numbers
+against the declaration.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from insgnss.config.strict import StrictModel
+
+Vector3 = tuple[float, float, float]
+PositiveFloat = Annotated[float, Field(gt=0.0)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+class TimeScale(StrictModel):
+    """How the time column of a log counts: ``gps = column * unit + origin + offset_s (+ leap seconds if UTC)``."""
+
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    origin: Literal["gps_week", "gps_epoch", "unix_epoch"] = "gps_week"
+    scale: Literal["gps", "utc"] = "gps"
+    leap_seconds: int | None = Field(None, description="GPS minus UTC [s]; by date when not given")
+    offset_s: float = Field(0.0, description="added to every time tag of the log")
+
+
+class ImuColumns(StrictModel):
+    """Names of the columns of an inertial log."""
+
+    time: str = "time_s"
+    gyro: tuple[str, str, str] = ("gyro_x", "gyro_y", "gyro_z")
+    accel: tuple[str, str, str] = ("accel_x", "accel_y", "accel_z")
+
+
+class ImuGrade(StrictModel):
+    """The error model of an inertial sensor, per axis, one sigma."""
+
+    gyro_bias_deg_per_h: NonNegativeFloat
+    gyro_bias_instability_deg_per_h: NonNegativeFloat
+    gyro_correlation_time_s: PositiveFloat
+    gyro_arw_deg_per_sqrt_h: NonNegativeFloat
+    gyro_scale_factor_ppm: NonNegativeFloat = 0.0
+    accel_bias_mg: NonNegativeFloat
+    accel_bias_instability_mg: NonNegativeFloat
+    accel_correlation_time_s: PositiveFloat
+    accel_vrw_mps_per_sqrt_h: NonNegativeFloat
+    accel_scale_factor_ppm: NonNegativeFloat = 0.0
+    gyro_range_deg_per_s: PositiveFloat | None = None
+    accel_range_g: PositiveFloat | None = None
+    source: str = ""
+
+
+class Oscillator(StrictModel):
+    """A two-state clock by its h-parameters (one-sided densities of fractional frequency)."""
+
+    h0_s: NonNegativeFloat
+    h_minus2_per_s: NonNegativeFloat
+    source: str = ""
+
+
+class Imu(StrictModel):
+    """An inertial log and the sensor behind it."""
+
+    files: tuple[Path, ...] = Field(min_length=1)
+    columns: ImuColumns = ImuColumns()
+    time: TimeScale = TimeScale()
+    values: Literal["rates", "increments"] = "rates"
+    sampling: Literal["mean", "instant"] = Field(
+        "mean",
+        description="a rate is the mean over the interval that ends at its tag, or the value at its tag",
+    )
+    gyro_unit: Literal["rad/s", "deg/s", "rad", "deg"] = "rad/s"
+    accel_unit: Literal["m/s^2", "g", "mg", "m/s", "g*s"] = "m/s^2"
+    axes: tuple[str, str, str] = Field(
+        ("+x", "+y", "+z"), description="which sensor axis points forward, right, down"
+    )
+    mounting_matrix: tuple[Vector3, Vector3, Vector3] | None = Field(
+        None, description="C_bs, sensor axes to body axes; instead of axes"
+    )
+    grade: str | ImuGrade
+
+    @field_validator("axes")
+    @classmethod
+    def _axes_are_a_signed_permutation(cls, axes: tuple[str, str, str]) -> tuple[str, str, str]:
+        named = tuple(a if a[:1] in "+-" else f"+{a}" for a in axes)
+        if any(a not in AXES for a in named) or len({a[1] for a in named}) != 3:
+            raise ValueError(
+                f"axes must name x, y and z once each, with a sign, as in ['-y', '-x', '-z']; got {axes}"
+            )
+        return (named[0], named[1], named[2])
+
+    @model_validator(mode="after")
+    def _units_fit_the_values(self) -> Imu:
+        increments = self.gyro_unit in ("rad", "deg"), self.accel_unit in ("m/s", "g*s")
+        if increments != ((self.values == "increments"),) * 2:
+            raise ValueError(
+                f"values = '{self.values}' does not go with gyro_unit = '{self.gyro_unit}', accel_unit = '{self.accel_unit}':"
+                " rates are in rad/s or deg/s and m/s^2, g or mg; increments in rad or deg and m/s or g*s"
+            )
+        return self
+
+
+class GnssColumns(StrictModel):
+    """Names of the columns of a GNSS log; the optional ones are used where the file has them."""
+
+    time: str = "time_s"
+    sv: str = "sv"
+    signal: str = "signal"
+    pseudorange: str = "pseudorange_m"
+    doppler: str = "doppler_hz"
+    range_rate: str = "range_rate_mps"
+    cn0: str = "cn0_dbhz"
+    sigma_pseudorange: str = "sigma_pseudorange_m"
+    sigma_range_rate: str = "sigma_range_rate_mps"
+    sat_position: tuple[str, str, str] = ("sat_x_m", "sat_y_m", "sat_z_m")
+    sat_velocity: tuple[str, str, str] = ("sat_vx_mps", "sat_vy_mps", "sat_vz_mps")
+    sat_clock: str = "sat_clock_m"
+    sat_clock_drift: str = "sat_clock_drift_mps"
+
+
+class Gnss(StrictModel):
+    """A GNSS log, its navigation files and the antenna."""
+
+    files: tuple[Path, ...] = Field(min_length=1)
+    format: Literal["csv", "rinex"] = "csv"
+    columns: GnssColumns = GnssColumns()
+    time: TimeScale = TimeScale()
+    navigation: tuple[Path, ...] = ()
+    lever_arm_m: Vector3 | None = Field(
+        None, description="IMU to antenna, body axes forward-right-down; left out means not known, not zero"
+    )
+    oscillator: str | Oscillator = "tcxo"
+
+
+class GivenStart(StrictModel):
+    """A start state the user gives: the IMU's position, velocity, attitude, and how well each is known."""
+
+    time_s: float | None = Field(
+        None, description="seconds of the GPS week; the first usable epoch when left out"
+    )
+    lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    h_m: float
+    v_ned_mps: Vector3
+    rpy_deg: Vector3
+    sd_position_m: PositiveFloat = 30.0
+    sd_velocity_mps: PositiveFloat = 1.0
+    sd_roll_pitch_deg: PositiveFloat = 2.0
+    sd_yaw_deg: PositiveFloat = 10.0
+
+
+class ReferenceColumns(StrictModel):
+    """Names of the columns of a reference trajectory; velocity, attitude and quality are optional."""
+
+    time: str = "time_s"
+    position: tuple[str, str, str] = ("lat_deg", "lon_deg", "h_m")
+    velocity: tuple[str, str, str] = ("vn", "ve", "vd")
+    attitude: tuple[str, str, str] = ("roll_deg", "pitch_deg", "yaw_deg")
+    quality: str = "quality"
+
+
+class Reference(StrictModel):
+    """A reference trajectory to score against."""
+
+    file: Path
+    columns: ReferenceColumns = ReferenceColumns()
+    time: TimeScale = TimeScale()
+    point: Literal["imu", "antenna"] = "imu"
+
+
+class FlightConfig(StrictModel):
+    """A whole flight file. Relative paths are relative to the file itself."""
+
+    name: str = ""
+    gps_week: Annotated[int, Field(ge=0, le=9999)]
+    imu: Imu
+    gnss: Gnss
+    start: GivenStart | Literal["automatic"] = "automatic"
+    reference: Reference | None = None

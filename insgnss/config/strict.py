@@ -1,0 +1,223 @@
+"""Strict settings: an unknown key is an error that names the nearest valid key; each value has its unit in its name."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import UnionType
+from typing import Any, Final, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from insgnss.config.files import existing_file
+from insgnss.config.toml_lines import key_lines, line_of
+from insgnss.errors import ConfigError
+
+# What a value should have been, in words, by pydantic's type of the error
+_EXPECTED: Final = {
+    "string_type": "a text in quotes",
+    "path_type": "a file name in quotes",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "tuple_type": "an array, [...]",
+    "list_type": "an array, [...]",
+    "dict_type": "a table of keys",
+    "model_type": "a table of keys",
+    "model_attributes_type": "a table of keys",
+}
+_SCALAR_BRANCHES: Final = ("string_type", "literal_error")
+_TABLE_BRANCHES: Final = ("model_type", "model_attributes_type", "dict_type")
+
+
+class StrictModel(BaseModel):
+    """A frozen model that refuses unknown keys and numbers that are not finite."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=False, allow_inf_nan=False)
+
+
+Model = TypeVar("Model", bound=StrictModel)
+
+
+def load_toml(path: str | Path, model: type[Model]) -> Model:
+    """Return the settings of a TOML file, checked against their schema.
+
+    Raises
+    ------
+    MissingFileError : there is no such file
+    ConfigError : the file is no TOML, or a key is unknown, missing, of the wrong type or out of range. All errors are
+        listed; line and key are those of the first
+    """
+    path = existing_file(Path(path))
+    text, data = _parse(path)
+    try:
+        return model.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        problems = _without_other_branches(error.errors(include_url=False), data)
+        lines = key_lines(text)
+        raise _config_error(path, [_describe(problem, data, model, lines) for problem in problems]) from None
+
+
+def _parse(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        return text, tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise ConfigError("this is no text in UTF-8", file=path, advice="save the file in UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"line (\d+)", str(error))
+        raise ConfigError(
+            f"this is no TOML: {error}",
+            file=path,
+            line=int(found[1]) if found else None,
+            advice="texts need quotes, tables look like [imu], arrays like [1, 2, 3]",
+        ) from error
+
+
+class _Problem:
+    """One error of a file: where, what, and what to do."""
+
+    def __init__(
+        self, key: str, line: int | None, message: str, advice: str, *, unknown: bool = False
+    ) -> None:
+        self.key = key
+        self.line = line
+        self.message = message
+        self.advice = advice
+        self.unknown = unknown
+
+    def place(self) -> str:
+        return f"key '{self.key}'" if self.line is None else f"line {self.line}, key '{self.key}'"
+
+
+def _config_error(path: Path, problems: Sequence[_Problem]) -> ConfigError:
+    problems = sorted(
+        problems, key=lambda problem: not problem.unknown
+    )  # an unknown key often explains a missing one
+    first = problems[0]
+    message, advice = first.message, first.advice
+    if len(problems) > 1:
+        rest = [f"{p.place()}: {p.message} ({p.advice})" for p in problems[1:]]
+        message = f"{message}\n  and {len(rest)} more: " + "\n  ".join(rest)
+    return ConfigError(message, file=path, line=first.line, key=first.key, advice=advice)
+
+
+def _describe(
+    error: ErrorDetails, data: Mapping[str, Any], model: type[BaseModel], lines: dict[tuple[str, ...], int]
+) -> _Problem:
+    path = _path_in_file(error["loc"], data)
+    keys = tuple(part for part in path if not part.isdigit())
+    key = ".".join(keys) or "the file"
+    entry = f"entry {path[-1]}: " if path and path[-1].isdigit() else ""
+    line = line_of(keys, lines)
+    kind = error["type"]
+    if kind == "extra_forbidden":
+        return _Problem(key, line, "unknown key", _nearest_keys(keys, model), unknown=True)
+    if kind == "missing":
+        return _Problem(
+            key, line, f"{entry}missing" if entry else "missing key", f"give {key}{_purpose(keys, model)}"
+        )
+    if kind in ("value_error", "assertion_error"):
+        return _Problem(key, line, error["msg"].split(", ", 1)[-1], f"change {key}{_purpose(keys, model)}")
+    expected = _EXPECTED.get(kind) or error["msg"].removeprefix("Input should be ").removeprefix("a valid ")
+    message = f"{entry}expected {expected}; got {_short(error['input'])}"
+    return _Problem(key, line, message, f"change {key}{_purpose(keys, model)}")
+
+
+def _path_in_file(location: Sequence[int | str], data: Any) -> tuple[str, ...]:
+    """Return the keys that lead to an error, without the names of union branches that pydantic puts between them."""
+    path: list[str] = []
+    for position, part in enumerate(location):
+        last = position == len(location) - 1
+        if isinstance(data, Mapping):
+            if part in data:
+                data = data[str(part)]
+            elif not last:
+                continue
+            path.append(str(part))
+        elif isinstance(data, list) and isinstance(part, int):
+            path.append(str(part + 1))
+            data = data[part] if part < len(data) else None
+    return tuple(path)
+
+
+def _without_other_branches(errors: Sequence[ErrorDetails], data: Mapping[str, Any]) -> list[ErrorDetails]:
+    """Return the errors without those of the union branches that the value plainly was not meant for."""
+    kept = []
+    for error in errors:
+        given = error["input"]
+        same_place = [e for e in errors if e is not error and _path_in_file(e["loc"], data) != ()]
+        is_other_scalar = error["type"] in _SCALAR_BRANCHES and isinstance(given, Mapping)
+        is_other_table = error["type"] in _TABLE_BRANCHES and isinstance(given, str)
+        if (is_other_scalar or is_other_table) and same_place:
+            continue
+        kept.append(error)
+    return kept or list(errors)
+
+
+def _nearest_keys(path: tuple[str, ...], model: type[BaseModel]) -> str:
+    """Return advice naming the nearest valid keys: first those of this table, then those of other tables."""
+    here = _fields_at(path[:-1], model)
+    near = [
+        ".".join((*path[:-1], name)) for name in difflib.get_close_matches(path[-1], here, n=1, cutoff=0.5)
+    ]
+    everywhere = {dotted.rsplit(".", 1)[-1]: dotted for dotted in reversed(_dotted_keys(model))}
+    for leaf in difflib.get_close_matches(path[-1], everywhere, n=2, cutoff=0.6):
+        if everywhere[leaf] not in near:
+            near.append(everywhere[leaf])
+    if near:
+        return "nearest valid key: " + ", or ".join(f"'{name}'" for name in near)
+    return f"valid here: {', '.join(here)}"
+
+
+def _purpose(path: tuple[str, ...], model: type[BaseModel]) -> str:
+    """Return ": ..." from the schema's description of a key, when it has one."""
+    for table in _tables_at(path[:-1], model) if path else []:
+        field = table.model_fields.get(path[-1])
+        if field is not None and field.description:
+            return f": {field.description}"
+    return ""
+
+
+def _fields_at(path: tuple[str, ...], model: type[BaseModel]) -> list[str]:
+    return [name for table in _tables_at(path, model) for name in table.model_fields]
+
+
+def _tables_at(path: tuple[str, ...], model: type[BaseModel]) -> list[type[BaseModel]]:
+    """Return the schemas that are valid for the table at ``path``."""
+    tables = [model]
+    for part in path:
+        fields = [table.model_fields[part] for table in tables if part in table.model_fields]
+        tables = [nested for field in fields for nested in _models_in(field.annotation)]
+    return tables
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Return the schemas that stand in an annotation, alone, in a union or as entries of an array."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if isinstance(annotation, type) and not get_args(annotation) and not isinstance(annotation, UnionType):
+        return []
+    return [model for part in get_args(annotation) for model in _models_in(part)]
+
+
+def _dotted_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
+    keys = []
+    for name, field in model.model_fields.items():
+        keys.append(prefix + name)
+        for nested in _models_in(field.annotation):
+            keys += _dotted_keys(nested, f"{prefix}{name}.")
+    return keys
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,111 @@
+"""The exception tree: every error a user can meet says where it is and what to do about it.
+
+A rejected measurement is data with a reason (see ``insgnss.status``), never an exception.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class InsGnssError(Exception):
+    """Base of all errors raised on purpose; ``exit_code`` is what the command line returns.
+
+    Parameters
+    ----------
+    message : what is wrong
+    advice : what to do about it
+    file, line, column, key, satellite : where it is, as far as known
+    """
+
+    exit_code = 1
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        advice: str = "",
+        file: str | Path | None = None,
+        line: int | None = None,
+        column: str | None = None,
+        key: str | None = None,
+        satellite: str | None = None,
+    ) -> None:
+        self.message = message
+        self.advice = advice
+        self.file = None if file is None else str(file)
+        self.line = line
+        self.column = column
+        self.key = key
+        self.satellite = satellite
+        super().__init__(str(self))
+
+    def place(self) -> str:
+        """Return the place of the error as ``file:line, column 'c'``, empty when unknown."""
+        parts = []
+        if self.file is not None:
+            parts.append(self.file if self.line is None else f"{self.file}:{self.line}")
+        elif self.line is not None:
+            parts.append(f"line {self.line}")
+        if self.column is not None:
+            parts.append(f"column '{self.column}'")
+        if self.key is not None:
+            parts.append(f"key '{self.key}'")
+        if self.satellite is not None:
+            parts.append(f"satellite {self.satellite}")
+        return ", ".join(parts)
+
+    def __str__(self) -> str:
+        place = self.place()
+        text = f"{place}: {self.message}" if place else self.message
+        return f"{text}\n  -> {self.advice}" if self.advice else text
+
+
+class ConfigError(InsGnssError):
+    """A flight, filter or model file is wrong: unknown key, impossible value, missing entry."""
+
+    exit_code = 2
+
+
+class InputError(InsGnssError):
+    """A log cannot be read or contradicts what the flight file declares."""
+
+    exit_code = 3
+
+
+class MissingFileError(InputError):
+    """A file that the flight file names does not exist."""
+
+
+class ColumnError(InputError):
+    """A column is missing, or its cells are not what the column holds."""
+
+
+class UnitsError(InputError):
+    """The numbers of a sensor contradict the declared units or axes."""
+
+
+class TimeError(InputError):
+    """Time tags cannot be used: no overlap, wrong unit, wrong time scale."""
+
+
+class NavigationDataError(InputError):
+    """Broadcast navigation data is missing, empty or of the wrong week."""
+
+
+class StartError(InsGnssError):
+    """The filter could not be started: no position, no inertial data, or a contradictory start."""
+
+    exit_code = 4
+
+
+class ModelError(InsGnssError):
+    """A name was not found in the model library."""
+
+    exit_code = 2
+
+
+class ResultError(InsGnssError):
+    """A saved run cannot be read or written."""
+
+    exit_code = 5

@@ -1,0 +1,116 @@
+"""One GNSS epoch: first its pseudoranges, then its range rates, one scalar after the other, then the closed loop, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from insgnss.fusion.adaptation import adapt_noise
+from insgnss.fusion.gating import absorb_clock_step, common_step, gate_rows
+from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS, Epoch, observe
+from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.prediction import Scratch, predict_covariance
+from insgnss.fusion.scalar_update import scalar_update
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
+from insgnss.gnss.observation_rows import Rows
+from insgnss.jit import kernel
+from insgnss.status import GATED, USED
+from insgnss.tables import Float64
+
+_SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
+
+
+class Outcome(NamedTuple):
+    """What an epoch did to one hypothesis."""
+
+    log_likelihood: float
+    ranges_used: int
+    ranges_refused: int  # by the gate
+    rates_used: int
+    rates_refused: int
+    clock_step: float  # [m], 0 when there was none
+    drift_step: float  # [m/s]
+
+
+@kernel
+def update_epoch(
+    m: StateRecord,
+    P: Float64,
+    par: Parameters,
+    rows: Rows,
+    epoch: int,
+    w_ib_b: Float64,
+    s: Epoch,
+    scratch: Scratch,
+) -> Outcome:
+    """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
+
+    Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's and
+    the order of the rows matters only by rounding; the gates are all judged on the prior.
+    """
+    predict_covariance(m, P, par, scratch)
+    drift_variance = P[DRIFT, DRIFT]
+    observe(m, P, par, rows, epoch, w_ib_b, s)
+    n = rows.first[epoch + 1] - rows.first[epoch]
+    clock_step = common_step(s, 0, n, par.clock_jump_min, P[CLOCK, CLOCK])
+    if clock_step != 0.0:
+        absorb_clock_step(m.clock, P, s, 0, n, CLOCK, clock_step)
+    drift_step = common_step(s, 1, n, _SMALLEST_DRIFT_STEP_MPS, P[DRIFT, DRIFT])
+    if drift_step != 0.0:
+        absorb_clock_step(m.clock, P, s, 1, n, DRIFT, drift_step)
+    ranges_used, ranges_refused = gate_rows(s, 0, n, par.range_gate2)
+    rates_used, rates_refused = gate_rows(s, 1, n, par.rate_gate2)
+    correction = s.vectors[0]
+    for i in range(P.shape[0]):
+        correction[i] = 0.0
+    log_likelihood = use_rows(P, s, 0, n, par.range_gate2)
+    log_likelihood += use_rows(P, s, 1, n, par.rate_gate2)
+    if clock_step == 0.0 and drift_step == 0.0:
+        adapt_noise(m, P, par, s, n, rows.epoch_ns[epoch], drift_variance)
+    close_loop(m, correction, P.shape[0])
+    return Outcome(
+        log_likelihood, ranges_used, ranges_refused, rates_used, rates_refused, clock_step, drift_step
+    )
+
+
+@kernel
+def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> float:
+    """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant)."""
+    total = 0.0
+    for j in range(n_rows):
+        line = s.lines[j]
+        if line.status[kind] == USED:
+            if kind == 0:
+                extra = OFFSETS + line.group - 1 if line.group > 0 else -1
+                y, S = scalar_update(
+                    P, line.h_range, RANGE_COLUMNS, extra, line.innovation[0], line.variance[0], s.vectors
+                )
+            else:
+                y, S = scalar_update(
+                    P, line.h_rate, RATE_COLUMNS, -1, line.innovation[1], line.variance[1], s.vectors
+                )
+            total -= 0.5 * (y * y / S + math.log(S))
+        elif line.status[kind] == GATED:
+            total -= 0.5 * (gate2 + math.log(line.predicted[kind] + line.variance[kind]))
+    return total
+
+
+@kernel
+def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
+    """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
+
+    Equation: C_eb <- exp([delta psi x]) C_eb. Neglects: the turn of the covariance's attitude axes by half the correction,
+    second order in it.
+    """
+    for i in range(3):
+        m.r_e[i] += correction[DR + i]
+        m.v_e[i] += correction[DV + i]
+        m.b_a[i] += correction[BA + i]
+        m.b_g[i] += correction[BG + i]
+    m.clock[0] += correction[CLOCK]
+    m.clock[1] += correction[DRIFT]
+    for i in range(OFFSETS, n):
+        m.offsets[i - OFFSETS] += correction[i]
+    turn_left(m.q_eb, correction[PSI], correction[PSI + 1], correction[PSI + 2])
+    quaternion_to_matrix(m.q_eb, m.C_eb)

@@ -1,0 +1,316 @@
+"""The compiled loop over a log: carry the bank to each epoch, update it, write what came of it.
+
+The streaming engine calls the same function with one epoch at a time: both give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.fusion.epoch_update import Outcome, update_epoch
+from insgnss.fusion.measurements import Epoch, new_epoch
+from insgnss.fusion.output import (
+    CLOCK_STEP,
+    DRIFT_STEP,
+    MEASUREMENTS_BACK,
+    NO_MEASUREMENTS,
+    Output,
+    Table,
+    log_event,
+    mixture_covariance,
+    write_ledger,
+    write_nav,
+)
+from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.prediction import Scratch, carry, new_scratch, predict_covariance
+from insgnss.fusion.state import PSI, Bank, StateRecord, new_bank
+from insgnss.gnss.observation_rows import Rows
+from insgnss.jit import kernel
+from insgnss.tables import Float64, Int64
+
+# why the loop stopped
+DONE: Final = 0  # all epochs processed
+LOCKOUT: Final = 1  # most pseudoranges refused for too long
+THIN_OUT: Final = 2  # a hypothesis has become negligible
+COVARIANCE_LOST: Final = 3  # a variance is not positive any more
+HEADING_KNOWN: Final = 4  # its sigma fell below the limit
+
+_SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
+_SMALLEST_DIFFERENCE_RAD = 0.02
+
+
+class Workspace(NamedTuple):
+    """All work space of the loop, allocated once per log."""
+
+    epoch: Epoch
+    scratch: Scratch
+    spare: Bank  # one member: the leader carried on to an output time
+    P_out: Float64  # (n, n)
+
+
+class Imu(NamedTuple):
+    """Inertial samples as the loop reads them."""
+
+    t_ns: Int64
+    w_ib_b: Float64
+    f_b: Float64
+
+
+def new_workspace(rows_per_epoch: int, n: int, n_offsets: int) -> Workspace:
+    """Return work space for epochs of at most ``rows_per_epoch`` rows and ``n`` error states."""
+    return Workspace(new_epoch(rows_per_epoch, n), new_scratch(n), new_bank(1, n_offsets), np.zeros((n, n)))
+
+
+@kernel
+def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
+    """Carry the whole bank to ``stop_ns``, writing the output times before it on the way.
+
+    An output between samples is made on a copy of the leader, so asking for output does not change a bit of the filter.
+    """
+    count = out.count[0]
+    head = bank.head[0]
+    while count.time < out.times_ns.shape[0] and out.times_ns[count.time] < stop_ns:
+        t_ns = out.times_ns[count.time]
+        count.time += 1
+        k = head.next
+        whole_ns = head.now_ns
+        while k < imu.t_ns.shape[0] and imu.t_ns[k] <= t_ns:
+            whole_ns = imu.t_ns[k]
+            k += 1
+        carry_bank(bank, whole_ns, imu, par, work.scratch)
+        if t_ns >= head.now_ns:
+            write_between(bank, t_ns, imu, par, out, work)
+    carry_bank(bank, stop_ns, imu, par, work.scratch)
+
+
+@kernel
+def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
+    """Carry every hypothesis to ``stop_ns``."""
+    head = bank.head[0]
+    now_ns = head.now_ns
+    k = head.next
+    if stop_ns <= now_ns:
+        return
+    k_end = k
+    for i in range(bank.state.shape[0]):
+        k_end = carry(
+            bank.state[i], bank.P[i], now_ns, k, stop_ns, imu.t_ns, imu.w_ib_b, imu.f_b, par, scratch
+        )
+    head.now_ns = stop_ns
+    head.next = k_end
+
+
+@kernel
+def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
+    """Write a navigation row at ``t_ns`` from a copy of the leader."""
+    head = bank.head[0]
+    work.spare.state[0] = bank.state[head.leader]
+    copy_matrix(bank.P[head.leader], work.spare.P[0])
+    work.spare.head[0] = head
+    carry_bank(work.spare, t_ns, imu, par, work.scratch)
+    predict_covariance(work.spare.state[0], work.spare.P[0], par, work.scratch)
+    nothing_used = 0 * head.leader
+    write_row(bank, work.spare, nothing_used, t_ns, nothing_used, out, work)
+
+
+@kernel
+def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Output, work: Workspace) -> None:
+    """Write a navigation row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
+    n_hypotheses = bank.state.shape[0]
+    if n_hypotheses > 1:
+        mixture_covariance(bank, work.P_out)
+    else:
+        copy_matrix(source.P[i], work.P_out)
+    write_nav(out, t_ns, source.state[i], work.P_out, n_used, n_hypotheses)
+
+
+@kernel
+def copy_matrix(source: Float64, target: Float64) -> None:
+    """Copy an (n, n) matrix."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@kernel
+def current_sample(bank: Bank, imu: Imu) -> int:
+    """Return the index of the inertial sample whose rate holds at the bank's time."""
+    k = bank.head[0].next
+    if k >= imu.t_ns.shape[0] or imu.t_ns[k - 1] == bank.head[0].now_ns:
+        return k - 1
+    return k
+
+
+@kernel
+def run_epochs(
+    bank: Bank,
+    first: int,
+    last: int,
+    rows: Rows,
+    imu: Imu,
+    parameters: Table,
+    drop: float,
+    out: Output,
+    work: Workspace,
+) -> tuple[int, int]:
+    """Process the epochs ``first`` to ``last - 1``; return why it stopped and the epoch after the one it stopped at.
+
+    Parameters
+    ----------
+    parameters : (1,) of ``PARAMETERS_DTYPE``
+    drop : logarithm of the weight below which a hypothesis is negligible
+    """
+    par = parameters[0]
+    head = bank.head[0]
+    count = out.count[0]
+    for epoch in range(first, last):
+        t_ns = rows.epoch_ns[epoch]
+        advance(bank, t_ns, imu, par, out, work)
+        w = imu.w_ib_b[current_sample(bank, imu)]
+        done = update_bank(bank, epoch, rows, w, par, out, work)
+        at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
+        if at_time:
+            count.time += 1
+        if at_time or out.times_ns.shape[0] == 0:
+            write_row(bank, bank, head.leader, t_ns, done.ranges_used, out, work)
+        if not positive(bank.state[head.leader], bank.P[head.leader]):
+            return COVARIANCE_LOST, epoch + 1
+        locked = mostly(done.ranges_used, done.ranges_refused) or mostly(done.rates_used, done.rates_refused)
+        head.locked_out = head.locked_out + 1 if locked else 0
+        if head.locked_out >= par.lockout_epochs:
+            return LOCKOUT, epoch + 1
+        if thins_out(bank, drop):
+            return THIN_OUT, epoch + 1
+        if head.heading_open == 1 and bank.state.shape[0] == 1:
+            if yaw_variance(bank.state[0], bank.P[0]) < par.heading_known_variance:
+                return HEADING_KNOWN, epoch + 1
+    return DONE, last
+
+
+@kernel
+def mostly(used: int, refused: int) -> bool:
+    """Return whether most rows of a kind, and at least three, were refused by the gate."""
+    return refused > used and refused >= 3
+
+
+@kernel
+def yaw_variance(m: StateRecord, P: Float64) -> float:
+    """Return the variance of the rotation about the local vertical (taken through the Earth's centre) [rad^2]."""
+    r = math.sqrt(m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2)
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += m.r_e[i] * P[PSI + i, PSI + j] * m.r_e[j]
+    return total / (r * r)
+
+
+@kernel
+def superfluous(bank: Bank, i: int, drop: float) -> bool:
+    """Return whether hypothesis ``i`` can go: of negligible weight, or the same heading as a heavier one."""
+    state = bank.state
+    if state[i].log_weight < drop:
+        return True
+    own = math.sqrt(yaw_variance(state[i], bank.P[i]))
+    for j in range(state.shape[0]):
+        heavier = state[j].log_weight > state[i].log_weight or (
+            state[j].log_weight == state[i].log_weight and j < i
+        )
+        if heavier:
+            c = 0.0
+            for k in range(4):
+                c += state[i].q_eb[k] * state[j].q_eb[k]
+            angle = 2.0 * math.acos(min(1.0, abs(c)))
+            if angle < max(_SMALLEST_DIFFERENCE_RAD, _SAME_HEADING * own):
+                return True
+    return False
+
+
+@kernel
+def thins_out(bank: Bank, drop: float) -> bool:
+    """Return whether the bank holds a hypothesis that can go."""
+    n = bank.state.shape[0]
+    if n > 1:
+        for i in range(n):
+            if superfluous(bank, i, drop):
+                return True
+    return False
+
+
+@kernel
+def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, work: Workspace) -> None:
+    """Carry the bank to ``stop_ns``, writing output times on the way, that one too."""
+    par = parameters[0]
+    advance(bank, stop_ns, imu, par, out, work)
+    count = out.count[0]
+    if count.time < out.times_ns.shape[0] and out.times_ns[count.time] == stop_ns:
+        count.time += 1
+        write_between(bank, stop_ns, imu, par, out, work)
+
+
+@kernel
+def positive(m: StateRecord, P: Float64) -> bool:
+    """Return whether every variance is a positive finite number and the state is finite."""
+    for i in range(P.shape[0]):
+        if not (P[i, i] > 0.0 and P[i, i] < 1e30):
+            return False
+    return math.isfinite(m.r_e[0] + m.r_e[1] + m.r_e[2] + m.v_e[0] + m.q_eb[0])
+
+
+@kernel
+def update_bank(
+    bank: Bank, epoch: int, rows: Rows, w_ib_b: Float64, par: Parameters, out: Output, work: Workspace
+) -> Outcome:
+    """Update every hypothesis with one epoch; return what it did to the leader.
+
+    The leader is updated last, so that the work space then holds its entries for the ledger.
+    """
+    n = bank.state.shape[0]
+    lead = bank.head[0].leader
+    for turn in range(n):
+        i = turn if turn < lead else turn + 1
+        if turn == n - 1:
+            i = lead
+        done = update_epoch(bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, work.epoch, work.scratch)
+        if n > 1:
+            bank.state[i].log_weight += done.log_likelihood
+    normalise_weights(bank)
+    write_ledger(out.ledger, rows, epoch, work.epoch)
+    t_ns = rows.epoch_ns[epoch]
+    if done.clock_step != 0.0:
+        log_event(out, t_ns, CLOCK_STEP, done.clock_step)
+    if done.drift_step != 0.0:
+        log_event(out, t_ns, DRIFT_STEP, done.drift_step)
+    note_outage(out, t_ns, done.ranges_used + done.rates_used)
+    return done
+
+
+@kernel
+def note_outage(out: Output, t_ns: int, used: int) -> None:
+    """Write an event when the measurements stop and when they are back."""
+    since = out.count[0].silent_since
+    if used == 0 and since == 0:
+        out.count[0].silent_since = t_ns
+        log_event(out, t_ns, NO_MEASUREMENTS, 0.0)
+    elif used > 0 and since != 0:
+        out.count[0].silent_since = 0
+        log_event(out, t_ns, MEASUREMENTS_BACK, (t_ns - since) * 1e-9)
+
+
+@kernel
+def normalise_weights(bank: Bank) -> None:
+    """Make the weights sum to one and name the heaviest hypothesis the leader."""
+    state = bank.state
+    lead = 0
+    for i in range(1, state.shape[0]):
+        if state[i].log_weight > state[lead].log_weight:
+            lead = i
+    top = state[lead].log_weight
+    total = 0.0
+    for i in range(state.shape[0]):
+        total += math.exp(state[i].log_weight - top)
+    for i in range(state.shape[0]):
+        state[i].log_weight -= top + math.log(total)
+    bank.head[0].leader = lead

@@ -1,0 +1,267 @@
+"""What the filter expects of each row of an epoch: innovation, row of H and variances at the prior, compiled.
+
+Range row:       rho + clock + offset - satellite clock + ionosphere + troposphere
+Range-rate row:  rho_dot + drift - satellite drift
+both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.scalar_update import predicted_variance
+from insgnss.fusion.state import BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight
+from insgnss.gnss.noise_model import measurement_variance, stated_variance
+from insgnss.gnss.observation_rows import Observation, Rows
+from insgnss.gnss.range_model import path_delay
+from insgnss.jit import kernel
+from insgnss.status import MASKED_CN0, MASKED_ELEVATION, USED
+from insgnss.tables import Float64
+
+RANGE_COLUMNS: Final = np.array((DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK), np.int64)
+RATE_COLUMNS: Final = np.array(
+    (
+        *(DR, DR + 1, DR + 2, DV, DV + 1, DV + 2),
+        *(PSI, PSI + 1, PSI + 2, BG, BG + 1, BG + 2, DRIFT),
+    ),
+    np.int64,
+)
+N_RANGE: Final = len(RANGE_COLUMNS)  # one more, the inter-system offset, for a further constellation
+N_RATE: Final = len(RATE_COLUMNS)
+_STATED_FLOOR2 = 0.01  # a log's own sigma is believed down to a tenth of the model's floor
+
+LINE_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("status", np.int64, (2,)),  # per kind: 0 pseudorange, 1 range rate
+            ("innovation", np.float64, (2,)),  # at the prior
+            ("variance", np.float64, (2,)),  # r of the measurement
+            ("predicted", np.float64, (2,)),  # D = h P h^T at the prior
+            ("h_range", np.float64, (N_RANGE + 1,)),
+            ("h_rate", np.float64, (N_RATE,)),
+            ("group", np.int64),
+            ("azimuth", np.float64),  # [rad]
+            ("elevation", np.float64),  # [rad]
+            ("body_azimuth", np.float64),  # from forward, towards right [rad]
+            ("body_elevation", np.float64),  # above the body's horizontal plane [rad]
+        ],
+    )
+)
+ANTENNA_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("r_a", np.float64, (3,)),  # antenna position, ECEF, at reception
+            ("v_a", np.float64, (3,)),  # antenna velocity, ECEF
+            ("l_e", np.float64, (3,)),  # lever arm, ECEF
+            ("a_e", np.float64, (3,)),  # C_eb (w_ib x l)
+            ("C_ne", np.float64, (3, 3)),
+            ("C_en", np.float64, (3, 3)),
+            ("u", np.float64, (3,)),  # line of sight
+            ("dr", np.float64, (3,)),  # derivative of the range rate by position
+            ("lat", np.float64),
+            ("lon", np.float64),
+            ("h", np.float64),
+            ("week_s", np.float64),
+        ],
+    )
+)
+Line: TypeAlias = Any  # one element of LINE_DTYPE: what the filter expects of one row
+Antenna: TypeAlias = Any  # one element of ANTENNA_DTYPE
+
+
+class Epoch(NamedTuple):
+    """Work space of one epoch."""
+
+    lines: npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row
+    antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
+    vectors: Float64  # (4, n or k): correction, two of scratch, one to sort
+
+
+def new_epoch(k: int, n: int) -> Epoch:
+    """Return work space for epochs of at most ``k`` rows and ``n`` error states."""
+    return Epoch(np.zeros(k, LINE_DTYPE), np.zeros(1, ANTENNA_DTYPE), np.zeros((4, max(k, n))))
+
+
+@kernel
+def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) -> None:
+    """Write antenna position and velocity at the instant of reception, and where that is.
+
+    The state stands at the receiver's time tag, reception was ``clock / c`` earlier: r_a is carried back by v clock / c.
+    Neglects: the acceleration over that time, 5e-6 m for 10 m/s^2 and 1 ms.
+    """
+    l0, l1, l2 = par.lever_b[0], par.lever_b[1], par.lever_b[2]
+    w0, w1, w2 = w_ib_b[0] - m.b_g[0], w_ib_b[1] - m.b_g[1], w_ib_b[2] - m.b_g[2]
+    x, y, z = w1 * l2 - w2 * l1, w2 * l0 - w0 * l2, w0 * l1 - w1 * l0
+    C = m.C_eb
+    for i in range(3):
+        a.l_e[i] = C[i, 0] * l0 + C[i, 1] * l1 + C[i, 2] * l2
+        a.a_e[i] = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z
+    a.v_a[0] = m.v_e[0] + a.a_e[0] + WGS84_OMEGA_RADPS * a.l_e[1]
+    a.v_a[1] = m.v_e[1] + a.a_e[1] - WGS84_OMEGA_RADPS * a.l_e[0]
+    a.v_a[2] = m.v_e[2] + a.a_e[2]
+    late = m.clock[0] / C_MPS
+    for i in range(3):
+        a.r_a[i] = m.r_e[i] + a.l_e[i] - a.v_a[i] * late
+    a.lat, a.lon, a.h = ecef_to_geodetic(a.r_a)
+    ecef_to_ned_matrix(a.lat, a.lon, a.C_ne)
+    for i in range(3):
+        for j in range(3):
+            a.C_en[i, j] = a.C_ne[j, i]
+
+
+@kernel
+def range_row(a: Antenna, h: Float64) -> None:
+    """Write the row of H of a pseudorange: -u, (u x l_e), clock 1, offset 1."""
+    u, l_e = a.u, a.l_e
+    h[0], h[1], h[2] = -u[0], -u[1], -u[2]
+    h[3] = u[1] * l_e[2] - u[2] * l_e[1]
+    h[4] = u[2] * l_e[0] - u[0] * l_e[2]
+    h[5] = u[0] * l_e[1] - u[1] * l_e[0]
+    h[6] = 1.0
+    h[7] = 1.0
+
+
+@kernel
+def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
+    """Write the row of H of a range rate.
+
+    Position: d rho_dot/dr = -(w_rel - u (u.w_rel))/rho; velocity: -u; attitude: u x a_e + l_e x (u x w_ie) with
+    a_e = C (w_ib x l); gyro bias: l x C^T u; drift: 1.
+    """
+    u, l_e, a_e, lever = a.u, a.l_e, a.a_e, par.lever_b
+    C = m.C_eb
+    h[0], h[1], h[2] = a.dr[0], a.dr[1], a.dr[2]
+    h[3], h[4], h[5] = -u[0], -u[1], -u[2]
+    # u x w_ie with w_ie = (0, 0, w)
+    x, y = u[1] * WGS84_OMEGA_RADPS, -u[0] * WGS84_OMEGA_RADPS
+    h[6] = u[1] * a_e[2] - u[2] * a_e[1] - l_e[2] * y
+    h[7] = u[2] * a_e[0] - u[0] * a_e[2] + l_e[2] * x
+    h[8] = u[0] * a_e[1] - u[1] * a_e[0] + l_e[0] * y - l_e[1] * x
+    b0 = C[0, 0] * u[0] + C[1, 0] * u[1] + C[2, 0] * u[2]
+    b1 = C[0, 1] * u[0] + C[1, 1] * u[1] + C[2, 1] * u[2]
+    b2 = C[0, 2] * u[0] + C[1, 2] * u[1] + C[2, 2] * u[2]
+    h[9] = lever[1] * b2 - lever[2] * b1
+    h[10] = lever[2] * b0 - lever[0] * b2
+    h[11] = lever[0] * b1 - lever[1] * b0
+    h[12] = 1.0
+
+
+@kernel
+def observe(
+    m: StateRecord, P: Float64, par: Parameters, rows: Rows, epoch: int, w_ib_b: Float64, s: Epoch
+) -> None:
+    """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
+    a = s.antenna[0]
+    place_antenna(m, par, w_ib_b, a)
+    a.week_s = (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S
+    first = rows.first[epoch]
+    for j in range(rows.first[epoch + 1] - first):
+        i = first + j
+        row = rows.observation[i]
+        line = s.lines[j]
+        line.group = row.group
+        for kind in range(2):
+            line.status[kind] = row.status[kind]
+            line.innovation[kind] = math.nan
+        line.azimuth = math.nan
+        line.elevation = math.nan
+        line.body_azimuth = math.nan
+        line.body_elevation = math.nan
+        if row.no_satellite == 0:
+            observe_row(m, par, rows, i, row, a, line)
+            if line.status[0] == USED:
+                line.predicted[0] = predicted_range_variance(P, line)
+            if line.status[1] == USED:
+                line.predicted[1] = predicted_variance(P, line.h_rate, RATE_COLUMNS)
+
+
+@kernel
+def observe_row(
+    m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, a: Antenna, line: Line
+) -> None:
+    """Write direction, masks, innovations, rows of H and measurement variances of one row."""
+    distance, rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
+    line.azimuth, line.elevation = azimuth_elevation(a.u, a.C_en)
+    # the body's axes in the place of north, east, down
+    line.body_azimuth, line.body_elevation = azimuth_elevation(a.u, m.C_eb)
+    mask_row(par, row.cn0, line)
+    if line.status[0] == USED:
+        offset = m.offsets[row.group - 1] if row.group > 0 else 0.0
+        delay = row_delay(par, rows.klobuchar, row, a, line)
+        predicted = distance + m.clock[0] + offset - rows.sat[i, 6] + delay
+        line.innovation[0] = row.value[0] - predicted
+        line.variance[0] = m.noise_factor[0] * kind_variance(
+            row.sigma[0], line.elevation, row.cn0, par.range_floor2, par.range_elevation2, par.range_cn02,
+            par.range_missing_cn0,
+        )  # fmt: skip
+        range_row(a, line.h_range)
+    if line.status[1] == USED:
+        line.innovation[1] = row.value[1] - (rate + m.clock[1] - rows.sat[i, 7])
+        line.variance[1] = m.noise_factor[1] * kind_variance(
+            row.sigma[1], line.elevation, row.cn0, par.rate_floor2, par.rate_elevation2, par.rate_cn02,
+            par.rate_missing_cn0,
+        )  # fmt: skip
+        rate_row(m, par, a, line.h_rate)
+
+
+@kernel
+def row_delay(par: Parameters, klobuchar: Float64, row: Observation, a: Antenna, line: Line) -> float:
+    """Return the atmosphere's delay of a row [m]."""
+    ionosphere = row.ionosphere_factor * par.use_ionosphere
+    return path_delay(
+        klobuchar, a.lat, a.lon, a.h, line.azimuth, line.elevation, a.week_s, ionosphere, par.use_troposphere
+    )
+
+
+@kernel
+def mask_row(par: Parameters, cn0: float, line: Line) -> None:
+    """Refuse both kinds of a row that stands too low or is too weak."""
+    refused = USED
+    if not line.elevation >= par.elevation_mask:
+        refused = MASKED_ELEVATION
+    elif cn0 < par.cn0_mask:
+        refused = MASKED_CN0
+    if refused != USED:
+        for kind in range(2):
+            if line.status[kind] == USED:
+                line.status[kind] = refused
+
+
+@kernel
+def kind_variance(
+    stated: float,
+    elevation: float,
+    cn0: float,
+    floor2: float,
+    elevation2: float,
+    cn02: float,
+    missing_cn0: float,
+) -> float:
+    """Return a row's variance: from the log's own sigma where it states one, from the model elsewhere."""
+    if stated > 0.0:
+        return stated_variance(stated, _STATED_FLOOR2 * floor2)
+    return measurement_variance(elevation, cn0, floor2, elevation2, cn02, missing_cn0)
+
+
+@kernel
+def predicted_range_variance(P: Float64, line: Line) -> float:
+    """Return D of a pseudorange: the common columns, and the inter-system offset of a further constellation."""
+    D = predicted_variance(P, line.h_range, RANGE_COLUMNS)
+    if line.group > 0:
+        c = OFFSETS + line.group - 1
+        cross = P[c, c]
+        for k in range(N_RANGE):
+            cross += 2.0 * line.h_range[k] * P[c, RANGE_COLUMNS[k]]
+        D += cross
+    return D

@@ -1,0 +1,297 @@
+"""A filter over one unbroken stretch of inertial samples: start, run, recover, tell what happened.
+
+``replay`` hands it all epochs at once, the streaming engine one at a time: the same calls, the same bits.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.fusion.fix import Fix, fix_epoch
+from insgnss.fusion.loop import (
+    COVARIANCE_LOST,
+    DONE,
+    HEADING_KNOWN,
+    LOCKOUT,
+    THIN_OUT,
+    Imu,
+    Workspace,
+    new_workspace,
+    run_epochs,
+    superfluous,
+    write_row,
+    yaw_variance,
+)
+from insgnss.fusion.output import CLOCK_STEP, DRIFT_STEP, MEASUREMENTS_BACK, NO_MEASUREMENTS, Output
+from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.starter import Starter
+from insgnss.fusion.state import CLOCK, DR, DRIFT, DV, OFFSETS, Bank, copy_bank, select_members
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.status import NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
+from insgnss.tables import Event, Float64
+
+_RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
+_RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
+
+
+@dataclass
+class Navigator:
+    """The filter and everything about it that is not in the compiled loop."""
+
+    setup: FilterSetup
+    starter: Starter = field(init=False)
+    bank: Bank | None = None
+    resets_ns: list[int] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    started_ns: int | None = None
+    _parameters: npt.NDArray[Any] = field(init=False)
+    _work: Workspace | None = None
+
+    def __post_init__(self) -> None:
+        """Resolve the parameters and get ready to start."""
+        self._parameters = self.setup.parameters()
+        self.starter = Starter(self.setup, given=self.setup.start is not None)
+
+    @property
+    def parameters(self) -> npt.NDArray[Any]:
+        """The numbers of the compiled filter, (1,)."""
+        return self._parameters
+
+    def snapshot(self) -> tuple[Any, ...]:
+        """Return a copy of everything that changes with the data."""
+        bank = None if self.bank is None else copy_bank(self.bank)
+        return bank, copy.deepcopy(self.starter), list(self.resets_ns), list(self.events), self.started_ns
+
+    def restore(self, saved: tuple[Any, ...]) -> None:
+        """Return to a snapshot."""
+        bank, starter, resets, events, self.started_ns = saved
+        self.bank = None if bank is None else copy_bank(bank)
+        self.starter = copy.deepcopy(starter)
+        self.resets_ns, self.events = list(resets), list(events)
+
+    def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:
+        """Process the epochs ``first`` to ``last - 1``, all of them within the inertial samples."""
+        epoch = first
+        while epoch < last:
+            if self.bank is None:
+                epoch += self._try_start(imu, rows, epoch, out)
+                continue
+            work = self.workspace(rows)
+            code, epoch = run_epochs(
+                self.bank, epoch, last, rows, imu, self._parameters, self.setup.log_drop, out, work
+            )
+            self._collect_events(out)
+            self._handle(code, epoch - 1, rows, out)
+
+    def workspace(self, rows: Rows) -> Workspace:
+        """Return work space that fits the largest epoch."""
+        largest = int(np.diff(rows.first).max()) if len(rows.epoch_ns) else 1
+        n = OFFSETS + self.setup.n_offsets
+        if self._work is None or len(self._work.epoch.lines) < largest:
+            self._work = new_workspace(largest, n, self.setup.n_offsets)
+        return self._work
+
+    def _try_start(self, imu: Imu, rows: Rows, epoch: int, out: Output) -> int:
+        """Try to start at an epoch; return 1 when that used the epoch up.
+
+        A fix that starts the filter is in its state: its rows are not used again. A given state leaves the epoch to
+        the filter.
+        """
+        given = self.starter.given
+        bank, fix, events = self.starter.try_start(imu, rows, epoch, self._parameters[0])
+        self.events += events
+        if bank is None:
+            mark_rows(out.ledger, rows, epoch, None)
+            return 1
+        self.bank = bank
+        self.started_ns = int(bank.head[0].now_ns)
+        self._tell_heading()
+        if given:
+            return 0
+        mark_rows(out.ledger, rows, epoch, fix)
+        self._write_start(bank, rows, epoch, fix, out)
+        return 1
+
+    def _write_start(self, bank: Bank, rows: Rows, epoch: int, fix: Fix | None, out: Output) -> None:
+        """Write the navigation row of an automatic start."""
+        t_ns = int(rows.epoch_ns[epoch])
+        count = out.count[0]
+        while count.time < len(out.times_ns) and out.times_ns[count.time] < t_ns:
+            count.time += 1
+        at_time = count.time < len(out.times_ns) and out.times_ns[count.time] == t_ns
+        if at_time:
+            count.time += 1
+        if at_time or len(out.times_ns) == 0:
+            lead = int(bank.head[0].leader)
+            used = 0 if fix is None else fix.n_used
+            write_row(bank, bank, lead, t_ns, used, out, self.workspace(rows))
+
+    def _tell_heading(self) -> None:
+        """Say that the heading is known when the start already knows it."""
+        bank = self.bank
+        if bank is not None and len(bank.state) == 1:
+            limit = self._parameters[0].heading_known_variance
+            if yaw_variance(bank.state[0], bank.P[0]) < limit:
+                self._heading_known()
+
+    def _handle(self, code: int, epoch: int, rows: Rows, out: Output) -> None:
+        """Act on what stopped the compiled loop after ``epoch``."""
+        if code == THIN_OUT:
+            self._thin_out()
+        elif code == HEADING_KNOWN:
+            self._heading_known()
+        elif code == LOCKOUT:
+            self._recover(epoch, rows, out)
+        elif code == COVARIANCE_LOST:
+            t_ns = int(rows.epoch_ns[epoch])
+            self._restart(t_ns, "a variance of the filter lost its sign")
+        elif code != DONE:
+            raise AssertionError(f"unknown code {code} of the compiled loop")
+
+    def _thin_out(self) -> None:
+        """Drop the hypotheses of negligible weight and those that have become one with a heavier one."""
+        bank = self.bank
+        if bank is None:
+            return
+        n = len(bank.state)
+        keep = np.array([i for i in range(n) if not superfluous(bank, i, self.setup.log_drop)], np.int64)
+        self.bank = select_members(bank, keep)
+        if len(keep) == 1:
+            t_ns = int(bank.head[0].now_ns)
+            yaw, sd = self.heading_deg()
+            self.events.append(
+                Event(t_ns, "heading_single", f"one heading is left: {yaw:.1f} deg, sigma {sd:.1f} deg")
+            )
+            self._tell_heading()
+
+    def heading_deg(self) -> tuple[float, float]:
+        """Return the leader's heading and its sigma [deg]."""
+        assert self.bank is not None
+        m, P = self.bank.state[self.bank.head[0].leader], self.bank.P[self.bank.head[0].leader]
+        lat, lon, _ = ecef_to_geodetic(m.r_e)
+        C_ne = np.zeros((3, 3))
+        ecef_to_ned_matrix(lat, lon, C_ne)
+        yaw = matrix_to_euler(np.ascontiguousarray(C_ne @ m.C_eb))[2]
+        return math.degrees(yaw) % 360.0, math.degrees(math.sqrt(yaw_variance(m, P)))
+
+    def _heading_known(self) -> None:
+        bank = self.bank
+        if bank is None or bank.head[0].heading_open == 0:
+            return
+        bank.head["heading_open"] = 0
+        t_ns = int(bank.head[0].now_ns)
+        yaw, sd = self.heading_deg()
+        after = (t_ns - (self.started_ns or t_ns)) / NS_PER_S
+        detail = f"heading {yaw:.1f} deg, sigma {sd:.1f} deg, {after:.1f} s after the start"
+        self.events.append(Event(t_ns, "heading_known", detail))
+
+    def _recover(self, epoch: int, rows: Rows, out: Output) -> None:
+        """Set position, velocity and clock anew from the epoch; start all over when that does not last."""
+        bank = self.bank
+        if bank is None:
+            return
+        t_ns = int(rows.epoch_ns[epoch])
+        bank.head["locked_out"] = 0
+        health = self.setup.config.health
+        fix = fix_epoch(
+            rows, epoch, self._parameters[0], self.setup.n_offsets + 1, self.setup.config.start.max_gdop
+        )
+        if fix is None or not fix.checked:
+            detail = f"most measurements refused for {health.lockout_epochs} epochs, and no fix to recover with"
+            self.events.append(Event(t_ns, "lockout", detail))
+            return
+        recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
+        self.resets_ns = [*recent, t_ns]
+        if len(self.resets_ns) > health.heading_lost_resets:
+            self._restart(t_ns, f"{len(self.resets_ns)} resets within {health.lost_window_s:.0f} s")
+            return
+        lead = bank.state[bank.head[0].leader]
+        delta_r = float(np.linalg.norm(fix.r_a - lead.r_e))
+        delta_clock = float(np.nan_to_num(fix.clocks[0] - lead.clock[0]))
+        delta_v = math.nan if fix.v_a is None else float(np.linalg.norm(fix.v_a - lead.v_e))
+        for i in range(len(bank.state)):
+            reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b)
+        mark_rows(out.ledger, rows, epoch, fix)
+        detail = (
+            f"most measurements refused for {health.lockout_epochs} epochs: position moved by {delta_r:.1f} m,"
+            f" velocity by {delta_v:.2f} m/s, clock by {delta_clock:.1f} m; {fix.n_used} satellites"
+        )
+        self.events.append(Event(t_ns, "reset", detail))
+
+    def _restart(self, t_ns: int, reason: str) -> None:
+        """Give the filter up and wait for a new automatic start."""
+        self.bank = None
+        self.resets_ns = []
+        self.starter = Starter(self.setup, given=False)
+        self.events.append(Event(t_ns, "restart", f"{reason}: the filter starts anew"))
+
+    def _collect_events(self, out: Output) -> None:
+        """Turn the compiled loop's events into words."""
+        count = out.count[0]
+        for row in out.events[: min(count.events, len(out.events))]:
+            self.events.append(_in_words(int(row["t_ns"]), int(row["kind"]), float(row["a"])))
+        if count.events > len(out.events):
+            self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
+        count.events = 0
+
+
+def _in_words(t_ns: int, kind: int, a: float) -> Event:
+    if kind == CLOCK_STEP:
+        return Event(t_ns, "clock_jump", f"the receiver clock stepped by {a:.1f} m ({a / 299792.458:.4f} ms); absorbed")
+    if kind == DRIFT_STEP:
+        return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {a:.2f} m/s; absorbed")
+    if kind == NO_MEASUREMENTS:
+        return Event(t_ns, "no_measurements", "no measurement is used: the filter coasts")
+    if kind == MEASUREMENTS_BACK:
+        return Event(t_ns, "measurements_back", f"measurements are used again after {a:.1f} s")
+    return Event(t_ns, f"kind_{kind}", f"{a}")
+
+
+def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64) -> None:
+    """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states."""
+    states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, P.shape[0])]
+    kept = P[DV : DV + 3, DV : DV + 3].copy()
+    P[states, :] = 0.0
+    P[:, states] = 0.0
+    reference = int(np.flatnonzero(np.isfinite(fix.clocks))[0])
+    m.r_e[:] = fix.r_a - m.C_eb @ lever_b
+    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + _RESET_BIAS_SIGMA_M**2 * np.eye(3)
+    m.clock[0] = fix.clocks[reference]
+    P[CLOCK, CLOCK] = fix.P[3 + reference, 3 + reference] + _RESET_BIAS_SIGMA_M**2
+    if fix.v_a is not None:
+        m.v_e[:] = fix.v_a
+        P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + 0.1**2 * np.eye(3)
+        m.clock[1] = fix.drift
+        P[DRIFT, DRIFT] = fix.P_v[3, 3]
+    else:
+        P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
+        P[DRIFT, DRIFT] = 10.0**2
+    for i in range(OFFSETS, P.shape[0]):
+        group = i - OFFSETS + 1
+        known = math.isfinite(fix.clocks[group]) and reference == 0
+        m.offsets[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
+        P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else 3000.0**2
+
+
+def mark_rows(ledger: npt.NDArray[Any], rows: Rows, epoch: int, fix: Fix | None) -> None:
+    """Write what became of an epoch's usable rows outside the filter: not started, or part of a fix."""
+    index = np.arange(rows.first[epoch], rows.first[epoch + 1])
+    status = ledger["status"][index]
+    usable = rows.observation["status"][index] == USED
+    if fix is None:
+        status[usable] = NOT_STARTED
+    else:
+        status[usable & ~fix.used.T] = REFUSED_AT_START
+        status[usable & fix.used.T] = USED_FOR_START
+    status[rows.observation["status"][index] == ABSENT] = ABSENT
+    ledger["status"][index] = status

@@ -1,0 +1,255 @@
+"""What the compiled loop writes: navigation rows, the ledger of measurements, and events."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.fusion.measurements import Epoch
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, MAX_OFFSETS, PSI, Bank, StateRecord
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.gnss.observation_rows import Rows
+from insgnss.jit import kernel
+from insgnss.tables import Float64, Int64
+
+_AXES = ("x", "y", "z")
+NAV_COLUMNS: Final = (
+    *("lat_deg", "lon_deg", "h_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg"),
+    *(
+        "sd_n_m",
+        "sd_e_m",
+        "sd_d_m",
+        "sd_vn_mps",
+        "sd_ve_mps",
+        "sd_vd_mps",
+        "sd_roll_deg",
+        "sd_pitch_deg",
+        "sd_yaw_deg",
+    ),
+    *(f"accel_bias_{a}_mps2" for a in _AXES),
+    *(f"gyro_bias_{a}_radps" for a in _AXES),
+    *(f"sd_accel_bias_{a}_mps2" for a in _AXES),
+    *(f"sd_gyro_bias_{a}_radps" for a in _AXES),
+    *("clock_bias_m", "clock_drift_mps", "sd_clock_bias_m", "sd_clock_drift_mps"),
+    *("n_used", "n_hypotheses"),
+)
+N_NAV: Final = len(NAV_COLUMNS)
+_SMALLEST_COSINE = (
+    1e-3  # near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
+)
+
+# kinds of event the compiled loop writes; the numbers a, b behind each
+CLOCK_STEP: Final = 1  # a: step [m]
+DRIFT_STEP: Final = 2  # a: step [m/s]
+NO_MEASUREMENTS: Final = 3
+MEASUREMENTS_BACK: Final = 4  # a: seconds without
+
+
+NAV_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("t_ns", np.int64),
+            ("value", np.float64, (N_NAV,)),  # NAV_COLUMNS
+            ("offsets", np.float64, (MAX_OFFSETS,)),  # inter-system offsets [m]
+        ],
+    )
+)
+LEDGER_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [  # pairs: 0 pseudorange, 1 range rate
+            ("status", np.int64, (2,)),
+            ("innovation", np.float64, (2,)),
+            ("variance", np.float64, (2,)),  # of the innovation: D + r
+            ("predicted", np.float64, (2,)),  # D = h P h^T
+            ("azimuth", np.float64),  # [rad]
+            ("elevation", np.float64),  # [rad]
+            ("body_azimuth", np.float64),  # from forward, towards right [rad]
+            ("body_elevation", np.float64),  # above the body's horizontal plane [rad]
+        ],
+    )
+)
+EVENT_DTYPE: Final = np.dtype((np.record, [("t_ns", np.int64), ("kind", np.int64), ("a", np.float64)]))
+COUNT_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("nav", np.int64),  # navigation rows written
+            ("events", np.int64),  # events, those beyond the room for them too
+            ("time", np.int64),  # the first output time not written yet
+            ("silent_since", np.int64),  # time since when no measurement was used; 0 when there are some
+        ],
+    )
+)
+Table: TypeAlias = npt.NDArray[Any]
+
+
+class Output(NamedTuple):
+    """Where the loop writes, and when."""
+
+    nav: Table  # of NAV_DTYPE, filled from the front
+    ledger: Table  # (n,) of LEDGER_DTYPE, one entry per observation
+    events: Table  # of EVENT_DTYPE, filled from the front
+    times_ns: Int64  # (k,) output times; empty for one row per epoch
+    count: Table  # (1,) of COUNT_DTYPE
+
+
+def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64) -> Output:
+    """Return room for ``n_nav`` navigation rows, a ledger of ``rows`` as known before the filter, and events."""
+    ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
+    ledger["status"] = rows.observation["status"]
+    for name in ("innovation", "variance", "predicted", "azimuth", "elevation", "body_azimuth", "body_elevation"):
+        ledger[name] = math.nan
+    return Output(
+        np.zeros(n_nav, NAV_DTYPE),
+        ledger,
+        np.zeros(n_events, EVENT_DTYPE),
+        times_ns,
+        np.zeros(1, COUNT_DTYPE),
+    )
+
+
+@kernel
+def log_event(out: Output, t_ns: int, kind: int, a: float) -> None:
+    """Write one event while there is room, and count it in any case."""
+    i = out.count[0].events
+    if i < out.events.shape[0]:
+        event = out.events[i]
+        event.t_ns = t_ns
+        event.kind = kind
+        event.a = a
+    out.count[0].events = i + 1
+
+
+@kernel
+def write_ledger(ledger: Table, rows: Rows, epoch: int, s: Epoch) -> None:
+    """Write an epoch's entries from the work space."""
+    first = rows.first[epoch]
+    for j in range(rows.first[epoch + 1] - first):
+        line = s.lines[j]
+        entry = ledger[first + j]
+        entry.azimuth = line.azimuth
+        entry.elevation = line.elevation
+        entry.body_azimuth = line.body_azimuth
+        entry.body_elevation = line.body_elevation
+        for kind in range(2):
+            entry.status[kind] = line.status[kind]
+            if not math.isnan(line.innovation[kind]):
+                entry.innovation[kind] = line.innovation[kind]
+                entry.predicted[kind] = line.predicted[kind]
+                entry.variance[kind] = line.predicted[kind] + line.variance[kind]
+
+
+@kernel
+def rotated_variances(P: Float64, at: int, C: Float64, out: Float64, to: int) -> None:
+    """Write the three standard deviations of the block at ``at``, turned by ``C``, from ``to`` on."""
+    for i in range(3):
+        total = 0.0
+        for j in range(3):
+            for k in range(3):
+                total += C[i, j] * P[at + j, at + k] * C[i, k]
+        out[to + i] = math.sqrt(max(total, 0.0))
+
+
+@kernel
+def attitude_deviations(P: Float64, C_ne: Float64, pitch: float, yaw: float, out: Float64, to: int) -> None:
+    """Write the standard deviations of roll, pitch and yaw [deg] from ``to`` on.
+
+    Equation: psi_n = C_ne psi_e; d roll = (psi_N cos y + psi_E sin y)/cos p, d pitch = psi_E cos y - psi_N sin y,
+              d yaw = psi_D + tan p (psi_N cos y + psi_E sin y)
+    """
+    sy, cy = math.sin(yaw), math.cos(yaw)
+    cp = math.cos(pitch)
+    cp = math.copysign(max(abs(cp), _SMALLEST_COSINE), cp)
+    tp = math.sin(pitch) / cp
+    rows = ((cy / cp, sy / cp, 0.0), (-sy, cy, 0.0), (tp * cy, tp * sy, 1.0))
+    for i in range(3):
+        a, b, c = rows[i]
+        total = 0.0
+        for j in range(3):
+            x = a * C_ne[0, j] + b * C_ne[1, j] + c * C_ne[2, j]
+            for k in range(3):
+                total += x * P[PSI + j, PSI + k] * (a * C_ne[0, k] + b * C_ne[1, k] + c * C_ne[2, k])
+        out[to + i] = min(math.degrees(math.sqrt(max(total, 0.0))), 180.0)
+
+
+@kernel
+def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n_hypotheses: int) -> None:
+    """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``."""
+    count = out.count[0]
+    if count.nav >= out.nav.shape[0]:
+        return
+    row = out.nav[count.nav]
+    count.nav += 1
+    row.t_ns = t_ns
+    v = row.value
+    lat, lon, h = ecef_to_geodetic(m.r_e)
+    C_ne = np.empty((3, 3))
+    C_nb = np.empty((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    for i in range(3):
+        v[3 + i] = C_ne[i, 0] * m.v_e[0] + C_ne[i, 1] * m.v_e[1] + C_ne[i, 2] * m.v_e[2]
+        for j in range(3):
+            C_nb[i, j] = C_ne[i, 0] * m.C_eb[0, j] + C_ne[i, 1] * m.C_eb[1, j] + C_ne[i, 2] * m.C_eb[2, j]
+    roll, pitch, yaw = matrix_to_euler(C_nb)
+    v[0], v[1], v[2] = math.degrees(lat), math.degrees(lon), h
+    v[6], v[7], v[8] = math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+    rotated_variances(P, DR, C_ne, v, 9)
+    rotated_variances(P, DV, C_ne, v, 12)
+    attitude_deviations(P, C_ne, pitch, yaw, v, 15)
+    for i in range(3):
+        v[18 + i] = m.b_a[i]
+        v[21 + i] = m.b_g[i]
+        v[24 + i] = math.sqrt(max(P[BA + i, BA + i], 0.0))
+        v[27 + i] = math.sqrt(max(P[BG + i, BG + i], 0.0))
+    v[30], v[31] = m.clock[0], m.clock[1]
+    v[32] = math.sqrt(max(P[CLOCK, CLOCK], 0.0))
+    v[33] = math.sqrt(max(P[DRIFT, DRIFT], 0.0))
+    v[34], v[35] = n_used, n_hypotheses
+    for i in range(MAX_OFFSETS):
+        row.offsets[i] = m.offsets[i]
+
+
+@kernel
+def mixture_covariance(bank: Bank, P: Float64) -> None:
+    """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).
+
+    d holds position, velocity and attitude of a hypothesis minus the leader's; its other states differ too little.
+    """
+    lead = bank.state[bank.head[0].leader]
+    n = P.shape[0]
+    d = np.zeros(n)
+    for a in range(n):
+        for b in range(n):
+            P[a, b] = 0.0
+    for i in range(bank.state.shape[0]):
+        m = bank.state[i]
+        weight = math.exp(m.log_weight)
+        for k in range(3):
+            d[DR + k] = m.r_e[k] - lead.r_e[k]
+            d[DV + k] = m.v_e[k] - lead.v_e[k]
+        attitude_difference(m.q_eb, lead.q_eb, d)
+        for a in range(n):
+            for b in range(n):
+                P[a, b] += weight * (bank.P[i, a, b] + d[a] * d[b])
+
+
+@kernel
+def attitude_difference(q: Float64, q_lead: Float64, d: Float64) -> None:
+    """Write the rotation vector [rad] that turns the leader's attitude into ``q`` at PSI of ``d``."""
+    # q (x) conj(q_lead)
+    c = q[0] * q_lead[0] + q[1] * q_lead[1] + q[2] * q_lead[2] + q[3] * q_lead[3]
+    x = -q[0] * q_lead[1] + q[1] * q_lead[0] - q[2] * q_lead[3] + q[3] * q_lead[2]
+    y = -q[0] * q_lead[2] + q[1] * q_lead[3] + q[2] * q_lead[0] - q[3] * q_lead[1]
+    z = -q[0] * q_lead[3] - q[1] * q_lead[2] + q[2] * q_lead[1] + q[3] * q_lead[0]
+    if c < 0.0:
+        c, x, y, z = -c, -x, -y, -z
+    s = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(s, c) / s if s > 0.0 else 0.0
+    d[PSI], d[PSI + 1], d[PSI + 2] = scale * x, scale * y, scale * z

@@ -1,0 +1,226 @@
+"""Carrying a filter forward in time: inertial samples into the state, their errors into the covariance, compiled.
+
+The state moves with every sample. The covariance moves in steps of at least ``covariance_step`` over which the specific
+force and the attitude are summed; what that costs in accuracy is tested, not assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.state import (
+    BA,
+    BG,
+    CLOCK,
+    DRIFT,
+    DV,
+    OFFSETS,
+    PSI,
+    StateRecord,
+)
+from insgnss.inertial.error_dynamics import apply_transition, transition_step
+from insgnss.inertial.increments import effective_rates
+from insgnss.inertial.mechanization import mechanize
+from insgnss.jit import kernel
+from insgnss.tables import Float64, Int64
+
+
+RATES_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("w", np.float64, (3,)),  # effective rate of the interval [rad/s]
+            ("f", np.float64, (3,)),  # effective specific force [m/s^2]
+            ("w_before", np.float64, (3,)),
+            ("f_before", np.float64, (3,)),
+            ("w_now", np.float64, (3,)),
+            ("f_now", np.float64, (3,)),
+            ("dv_e", np.float64, (3,)),
+            ("g_e", np.float64, (3,)),
+        ],
+    )
+)
+Rates: TypeAlias = Any  # one element of RATES_DTYPE
+
+
+class Scratch(NamedTuple):
+    """Work space of the prediction, allocated once."""
+
+    rates: npt.NDArray[Any]  # (1,) of RATES_DTYPE
+    A: Float64  # (n, n)
+    B: Float64  # (n, n)
+
+
+def new_scratch(n: int) -> Scratch:
+    """Return work space for ``n`` error states."""
+    return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)))
+
+
+@kernel
+def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
+    """Carry the covariance over everything summed since the last call, and clear the sums.
+
+    Equation: P <- Phi (P + Q/2) Phi^T + Q/2: the trapezoid rule for the integral of Phi Q Phi^T, which gives the
+    noise's way into position, velocity and clock bias to second order in the step.
+    """
+    dt = m.sum_dt
+    if dt <= 0.0:
+        return
+    n = P.shape[0]
+    A, B = scratch.A, scratch.B
+    step = transition_step(
+        dt,
+        m.sum_dv[0],
+        m.sum_dv[1],
+        m.sum_dv[2],
+        m.r_e,
+        par.accel_bias_time,
+        par.gyro_bias_time,
+    )
+    add_half_noise(m, P, par, dt)
+    apply_transition(step, m.sum_C, P, A)  # A = Phi P
+    for i in range(n):
+        for j in range(n):
+            B[i, j] = A[j, i]
+    apply_transition(step, m.sum_C, B, A)  # A = Phi (Phi P)^T
+    for i in range(n):
+        for j in range(i, n):
+            P[i, j] = A[i, j]
+            P[j, i] = A[i, j]
+    add_half_noise(m, P, par, dt)
+    for i in range(3):
+        m.b_a[i] *= step.keep_a
+        m.b_g[i] *= step.keep_g
+    clear_sums(m)
+
+
+@kernel
+def clear_sums(m: StateRecord) -> None:
+    """Set the sums of the covariance's step to zero."""
+    m.sum_dt = 0.0
+    m.sum_gyro_q = 0.0
+    m.sum_accel_q = 0.0
+    for i in range(3):
+        m.sum_dv[i] = 0.0
+        for j in range(3):
+            m.sum_C[i, j] = 0.0
+
+
+@kernel
+def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float) -> None:
+    """Add half of the step's process noise to the diagonal of the covariance."""
+    half = 0.5 * dt
+    for i in range(3):
+        P[DV + i, DV + i] += 0.5 * m.sum_accel_q
+        P[PSI + i, PSI + i] += 0.5 * m.sum_gyro_q
+        P[BA + i, BA + i] += half * par.accel_bias_density
+        P[BG + i, BG + i] += half * par.gyro_bias_density
+    P[CLOCK, CLOCK] += half * m.noise_factor[2] * par.clock_bias_density
+    P[DRIFT, DRIFT] += half * m.noise_factor[2] * par.clock_drift_density
+    for i in range(OFFSETS, P.shape[0]):
+        P[i, i] += half * par.offset_density
+
+
+@kernel
+def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Rates) -> None:
+    """Move the state by ``dt`` [s] with the effective ``rates`` and add to the sums of the covariance.
+
+    ``gap`` is the length [s] of the gap in the inertial log that the step lies in, zero where there is none: the
+    unknown motion in it enters as noise that has grown to sigma * gap at its end.
+    """
+    w, f = rates.w, rates.f
+    C = m.C_eb
+    half = 0.5 * dt
+    for i in range(3):
+        for j in range(3):
+            m.sum_C[i, j] += half * C[i, j]
+    mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.dv_e, rates.g_e)
+    for i in range(3):
+        m.sum_dv[i] += rates.dv_e[i]
+        for j in range(3):
+            m.sum_C[i, j] += half * C[i, j]
+    m.clock[0] += m.clock[1] * dt
+    w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    f2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+    beyond = math.sqrt(f2) - STANDARD_GRAVITY_MPS2
+    gyro = par.gyro_density + par.gyro_scale_density * w2
+    accel = par.accel_density + par.accel_scale_density * beyond * beyond
+    if gap > 0.0:
+        gyro += par.gap_rate_sigma**2 * gap
+        accel += par.gap_accel_sigma**2 * gap
+    m.sum_gyro_q += gyro * dt
+    m.sum_accel_q += accel * dt
+    m.sum_dt += dt
+
+
+@kernel
+def load_rates(
+    m: StateRecord, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, par: Parameters, s: Rates
+) -> float:
+    """Write sample ``k``'s effective rates, biases removed, ; return the gap's length, zero without one."""
+    dt = (t_ns[k] - t_ns[k - 1]) * 1e-9
+    before = k - 1 if k > 1 else k
+    dt_before = (t_ns[before] - t_ns[before - 1]) * 1e-9
+    for i in range(3):
+        s.w_now[i] = w_ib_b[k, i] - m.b_g[i]
+        s.f_now[i] = f_b[k, i] - m.b_a[i]
+        s.w_before[i] = w_ib_b[before, i] - m.b_g[i]
+        s.f_before[i] = f_b[before, i] - m.b_a[i]
+    if dt > par.longest_step:
+        for i in range(3):  # nothing better is known of the gap than the mean of its two ends
+            s.w[i] = 0.5 * (s.w_now[i] + s.w_before[i])
+            s.f[i] = 0.5 * (s.f_now[i] + s.f_before[i])
+        return dt
+    if dt_before > par.longest_step:
+        for i in range(3):
+            s.w[i] = s.w_now[i]
+            s.f[i] = s.f_now[i]
+        return 0.0
+    effective_rates(s.w_now, s.f_now, s.w_before, s.f_before, dt, dt_before, s.w, s.f)
+    return 0.0
+
+
+@kernel
+def carry(
+    m: StateRecord,
+    P: Float64,
+    now_ns: int,
+    k: int,
+    stop_ns: int,
+    t_ns: Int64,
+    w_ib_b: Float64,
+    f_b: Float64,
+    par: Parameters,
+    scratch: Scratch,
+) -> int:
+    """Carry one hypothesis from ``now_ns`` to ``stop_ns``; return the next sample's index.
+
+    An interval that holds ``stop_ns`` is split there: its effective rates are constant over it. The covariance's sums
+    are carried on whenever they are longer than a covariance step.
+
+    Parameters
+    ----------
+    now_ns, k : time of the state, inside the interval (t_ns[k-1], t_ns[k]] of sample k (or at its start)
+    stop_ns : at most t_ns[-1]
+    t_ns, w_ib_b, f_b : (n,), (n, 3), (n, 3) inertial samples
+    """
+    rates = scratch.rates[0]
+    while now_ns < stop_ns:
+        gap = load_rates(m, w_ib_b, f_b, t_ns, k, par, rates)
+        end_ns = min(t_ns[k], stop_ns)
+        dt = (end_ns - now_ns) * 1e-9
+        pieces = 1 if gap == 0.0 else int(math.ceil(dt / par.longest_step))
+        for _ in range(pieces):
+            step_state(m, par, dt / pieces, gap, rates)
+            if m.sum_dt > par.covariance_step - 1e-6:
+                predict_covariance(m, P, par, scratch)
+        now_ns = end_ns
+        if end_ns == t_ns[k]:
+            k += 1
+    return k

@@ -1,0 +1,74 @@
+"""One scalar measurement: its predicted variance, and the Joseph update of the covariance and the correction, compiled.
+
+No matrix is inverted anywhere: a measurement is a number, its row ``h`` is non-zero in a few named columns.
+"""
+
+from __future__ import annotations
+
+from insgnss.jit import kernel
+from insgnss.tables import Float64, Int64
+
+
+@kernel
+def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
+    """Return D = h P h^T of the row ``h``, whose entries stand in ``columns`` (k,) of the (n, n) covariance."""
+    total = 0.0
+    for a in range(columns.shape[0]):
+        row = columns[a]
+        part = 0.5 * h[a] * P[row, row]
+        for b in range(a):
+            part += h[b] * P[row, columns[b]]
+        total += 2.0 * h[a] * part
+    return total
+
+
+@kernel
+def scalar_update(
+    P: Float64, h: Float64, columns: Int64, extra: int, innovation: float, variance: float, v: Float64
+) -> tuple[float, float]:
+    """Correct ``P`` (n, n) and the correction in ``v`` by one scalar; return its innovation and that one's variance.
+
+    Equation: K = P h^T / S, S = h P h^T + r                                      [Sokolov & Yurchenko 2015, (9), corrected]
+              x += K (z - h x)                                                      [(7), (8), corrected: running estimate]
+              P = (I - K h) P (I - K h)^T + K r K^T = P - K g^T - g K^T + S K K^T,  g = P h^T           [(10), Joseph form]
+    The last form is Joseph's for any gain K, so an error of K enters squared. It is computed as
+    P -= K w^T + w K^T with w = g - S K / 2, whose products commute: P stays symmetric bit for bit.
+
+    Parameters
+    ----------
+    P : (n, n) covariance, symmetric
+    h, columns : (k,) non-zero entries of the row and where they stand
+    extra : a further column with the entry 1 (an inter-system offset), or -1
+    innovation : z minus prediction at the prior
+    variance : r of the measurement
+    v : (>= 3, >= n): v[0] is the correction (truth minus prior estimate as far as known), v[1], v[2] are scratch
+    """
+    n = P.shape[0]
+    x, g, w = v[0], v[1], v[2]
+    for c in range(n):
+        g[c] = P[extra, c] if extra >= 0 else 0.0
+    for a in range(columns.shape[0]):
+        ha = h[a]
+        row = columns[a]
+        for c in range(n):
+            g[c] += ha * P[row, c]
+    S = variance
+    y = innovation
+    if extra >= 0:
+        S += g[extra]
+        y -= x[extra]
+    for a in range(columns.shape[0]):
+        S += h[a] * g[columns[a]]
+        y -= h[a] * x[columns[a]]
+    inv_S = 1.0 / S
+    for c in range(n):
+        gain = g[c] * inv_S
+        x[c] += gain * y
+        w[c] = g[c] - 0.5 * S * gain
+        g[c] = gain
+    for b in range(n):
+        gain = g[b]
+        wb = w[b]
+        for c in range(n):
+            P[b, c] -= gain * w[c] + wb * g[c]
+    return y, S

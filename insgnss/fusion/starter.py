@@ -1,0 +1,173 @@
+"""Waiting for a start: collects fixes and inertial samples until a filter can be opened."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.fusion.fix import Fix, fix_epoch
+from insgnss.fusion.loop import Imu
+from insgnss.fusion.measurements import new_epoch, observe
+from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.start import (
+    Kinematics,
+    attitudes_at_start,
+    given_attitudes,
+    given_kinematics,
+    kinematics_from_fix,
+    open_bank,
+)
+from insgnss.fusion.state import OFFSETS, Bank
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.inertial.alignment import Window, inertial_window
+from insgnss.status import USED
+from insgnss.tables import Event, Float64
+
+_LONGEST_HISTORY_NS = 5 * NS_PER_S
+_FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positions
+
+
+@dataclass
+class Starter:
+    """Tries each epoch in turn; remembers the fixes of the last seconds for velocity and acceleration."""
+
+    setup: FilterSetup
+    given: bool  # a given start is still to be used
+    first_try_ns: int | None = None
+    fixes: list[Fix] = field(default_factory=list)
+
+    def try_start(
+        self, imu: Imu, rows: Rows, epoch: int, par: Parameters
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Return the bank opened at ``epoch`` if it can be, the fix it stands on, and events to tell."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if self.given:
+            return self._given_start(imu, rows, epoch, par)
+        if self.first_try_ns is None:
+            self.first_try_ns = t_ns
+        start = self.setup.config.start
+        fix = fix_epoch(rows, epoch, par, len(self.setup.clock_groups), start.max_gdop)
+        if fix is None:
+            return None, None, []
+        self.fixes = [f for f in self.fixes if t_ns - f.t_ns <= _LONGEST_HISTORY_NS] + [fix]
+        patient = t_ns - self.first_try_ns < start.patience_s * NS_PER_S
+        if (fix.n_used < start.min_satellites or not fix.checked) and patient:
+            return None, fix, []
+        window_ns = int(start.window_s * NS_PER_S)
+        window = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, t_ns - window_ns, t_ns)
+        motion = self._motion(fix)
+        if window is None or motion is None:
+            return None, fix, []
+        return self._automatic_start(imu, fix, window, motion, par)
+
+    def _motion(self, fix: Fix) -> tuple[Float64, Float64] | None:
+        """Return velocity and its covariance from the range rates, else from two positions, else None."""
+        if fix.v_a is not None:
+            return fix.v_a, fix.P_v[:3, :3]
+        earlier = self._earlier_fix(fix, with_velocity=False)
+        if earlier is None:
+            return None
+        dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
+        P_v = (fix.P[:3, :3] + earlier.P[:3, :3]) / dt**2 + _FIX_VELOCITY_SIGMA_MPS**2 * np.eye(3)
+        return (fix.r_a - earlier.r_a) / dt, P_v
+
+    def _earlier_fix(self, fix: Fix, *, with_velocity: bool) -> Fix | None:
+        """Return the latest fix that is at least a window older, None without one."""
+        window_ns = int(self.setup.config.start.window_s * NS_PER_S)
+        for old in reversed(self.fixes):
+            if fix.t_ns - old.t_ns >= window_ns and (old.v_a is not None or not with_velocity):
+                return old
+        return None
+
+    def _automatic_start(
+        self, imu: Imu, fix: Fix, window: Window, motion: tuple[Float64, Float64], par: Parameters
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Open the bank from a fix: levelled at rest, or in motion with the acceleration of two velocities."""
+        v_a, P_v = motion
+        config, grade = self.setup.config, self.setup.grade
+        at_rest = self._at_rest(window, v_a, P_v)
+        a_e, sd_a = None, 0.0
+        if not at_rest:
+            a_e, sd_a = np.zeros(3), 2.0
+            earlier = self._earlier_fix(fix, with_velocity=True)
+            if earlier is not None and earlier.v_a is not None:
+                dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
+                longer = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, earlier.t_ns, fix.t_ns)
+                if longer is not None:
+                    window = longer
+                    a_e = (v_a - earlier.v_a) / dt
+                    sd_a = math.sqrt(float(np.trace(P_v + earlier.P_v[:3, :3]))) / dt
+        kin = kinematics_from_fix(fix, v_a, P_v)
+        attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade)
+        w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
+        bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns)
+        speed = float(np.linalg.norm(v_a))
+        how = "at rest, levelled by the accelerometers" if at_rest else f"in motion at {speed:.1f} m/s"
+        detail = (
+            f"automatic, {how}; {fix.n_used} satellites; {len(attitudes)} headings are open"
+            if len(attitudes) > 1
+            else f"automatic, {how}; {fix.n_used} satellites; heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
+        )
+        return bank, fix, [Event(fix.t_ns, "start", detail)]
+
+    def _at_rest(self, window: Window, v_a: Float64, P_v: Float64) -> bool:
+        """Return whether gyros, accelerometers and GNSS all say that the vehicle stands."""
+        start = self.setup.config.start
+        slow = float(np.linalg.norm(v_a)) < start.rest_speed_mps + 3.0 * math.sqrt(float(np.trace(P_v)))
+        steady = window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
+        prior = self.setup.grade.gyro_bias_deg_per_h / 3600.0
+        turning = np.degrees(np.abs(window.w_ib_b)).max() > start.rest_rate_degps + 3.0 * prior
+        return slow and steady and not turning
+
+    def _given_start(
+        self, imu: Imu, rows: Rows, epoch: int, par: Parameters
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Open the bank from the given state at its time, or at the first epoch; the clock is set by that epoch."""
+        start = self.setup.start
+        assert start is not None  # for the type checker: ``given`` says so
+        t_epoch = int(rows.epoch_ns[epoch])
+        t_ns = t_epoch if self.setup.start_ns is None else self.setup.start_ns
+        if t_epoch < t_ns or t_ns < imu.t_ns[0]:
+            return None, None, []
+        k = int(np.searchsorted(imu.t_ns, t_ns, side="right"))
+        w = imu.w_ib_b[k - 1]
+        unknown = np.full(len(self.setup.clock_groups), math.nan)
+        kin = given_kinematics(start, t_ns, unknown, 0.0, w, par)
+        attitudes = given_attitudes(start, self.setup.config, self.setup.grade)
+        bank = self._open(kin, attitudes, w, par, imu)
+        clocks, drift = clocks_seen(bank, rows, epoch, w, par, len(self.setup.clock_groups))
+        if not np.isfinite(clocks).any():
+            return None, None, []
+        back = (t_epoch - t_ns) / NS_PER_S
+        kin = given_kinematics(start, t_ns, clocks - drift * back, drift, w, par)
+        bank = self._open(kin, attitudes, w, par, imu)
+        self.given = False
+        return bank, None, [Event(t_ns, "start", "from the given state; the clock is set by the first epoch")]
+
+    def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: Imu) -> Bank:  # type: ignore[type-arg]
+        return open_bank(kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns)
+
+
+def clocks_seen(
+    bank: Bank, rows: Rows, epoch: int, w_ib_b: Float64, par: Parameters, n_groups: int
+) -> tuple[Float64, float]:
+    """Return the clock of each group [m] (NaN without rows) and the drift [m/s] as an epoch shows them from a state.
+
+    The median over the satellites: one wrong range does not set a clock.
+    """
+    n_rows = int(rows.first[epoch + 1] - rows.first[epoch])
+    work = new_epoch(n_rows, OFFSETS + n_groups - 1)
+    observe(bank.state[0], bank.P[0], par, rows, epoch, w_ib_b, work)
+    line = work.lines[:n_rows]
+    clocks = np.full(n_groups, math.nan)
+    for g in range(n_groups):
+        seen = (line["status"][:, PSEUDORANGE] == USED) & (line["group"] == g)
+        if seen.any():
+            clocks[g] = np.median(line["innovation"][seen, PSEUDORANGE]) + bank.state[0].clock[0]
+    seen = line["status"][:, RANGE_RATE] == USED
+    drift = float(np.median(line["innovation"][seen, RANGE_RATE])) if seen.any() else 0.0
+    return clocks, drift

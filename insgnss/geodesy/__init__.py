@@ -1,0 +1,1 @@
+"""The Earth's shape, gravity and rotation, and the rotations between frames."""

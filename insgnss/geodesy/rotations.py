@@ -1,0 +1,134 @@
+"""Rotations: quaternion (scalar first, Hamilton), matrix (target first) and Euler angles (roll, pitch, yaw), compiled.
+
+``q_nb`` and ``C_nb`` turn body components into n: ``C_nb @ f_b = f_n``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.jit import kernel
+from insgnss.tables import Float64
+
+
+@kernel
+def quaternion_to_matrix(q: Float64, C: Float64) -> None:
+    """Write the rotation matrix of unit quaternion ``q`` (4,) into ``C`` (3, 3)."""
+    a = q[0]
+    b = q[1]
+    c = q[2]
+    d = q[3]
+    C[0, 0] = a * a + b * b - c * c - d * d
+    C[0, 1] = 2.0 * (b * c - a * d)
+    C[0, 2] = 2.0 * (b * d + a * c)
+    C[1, 0] = 2.0 * (b * c + a * d)
+    C[1, 1] = a * a - b * b + c * c - d * d
+    C[1, 2] = 2.0 * (c * d - a * b)
+    C[2, 0] = 2.0 * (b * d - a * c)
+    C[2, 1] = 2.0 * (c * d + a * b)
+    C[2, 2] = a * a - b * b - c * c + d * d
+
+
+@kernel
+def matrix_to_quaternion(C: Float64, q: Float64) -> None:
+    """Write the unit quaternion of rotation matrix ``C`` (3, 3) into ``q`` (4,), scalar not negative.
+
+    The largest of the four components is found first, so no attitude loses digits  [Shepperd 1978].
+    """
+    trace = C[0, 0] + C[1, 1] + C[2, 2]
+    four = (
+        1.0 + trace,
+        1.0 + 2.0 * C[0, 0] - trace,
+        1.0 + 2.0 * C[1, 1] - trace,
+        1.0 + 2.0 * C[2, 2] - trace,
+    )
+    largest = 0
+    for i in range(1, 4):
+        if four[i] > four[largest]:
+            largest = i
+    s = 0.5 / math.sqrt(four[largest])
+    x = (C[2, 1] - C[1, 2]) * s
+    y = (C[0, 2] - C[2, 0]) * s
+    z = (C[1, 0] - C[0, 1]) * s
+    xy = (C[1, 0] + C[0, 1]) * s
+    xz = (C[0, 2] + C[2, 0]) * s
+    yz = (C[2, 1] + C[1, 2]) * s
+    own = four[largest] * s
+    if largest == 0:
+        q[0], q[1], q[2], q[3] = own, x, y, z
+    elif largest == 1:
+        q[0], q[1], q[2], q[3] = x, own, xy, xz
+    elif largest == 2:
+        q[0], q[1], q[2], q[3] = y, xy, own, yz
+    else:
+        q[0], q[1], q[2], q[3] = z, xz, yz, own
+    if q[0] < 0.0:
+        for i in range(4):
+            q[i] = -q[i]
+
+
+@kernel
+def euler_to_matrix(roll: float, pitch: float, yaw: float, C: Float64) -> None:
+    """Write C_nb (3, 3) of roll, pitch, yaw [rad]: yaw about down, then pitch about right, then roll about forward."""
+    sr, cr = math.sin(roll), math.cos(roll)
+    sp, cp = math.sin(pitch), math.cos(pitch)
+    sy, cy = math.sin(yaw), math.cos(yaw)
+    C[0, 0] = cp * cy
+    C[0, 1] = sr * sp * cy - cr * sy
+    C[0, 2] = cr * sp * cy + sr * sy
+    C[1, 0] = cp * sy
+    C[1, 1] = sr * sp * sy + cr * cy
+    C[1, 2] = cr * sp * sy - sr * cy
+    C[2, 0] = -sp
+    C[2, 1] = sr * cp
+    C[2, 2] = cr * cp
+
+
+@kernel
+def matrix_to_euler(C: Float64) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw [rad] of C_nb (3, 3).
+
+    At pitch +-90 deg only yaw minus (plus) roll is defined: roll is then zero by convention.
+    """
+    pitch = math.asin(min(1.0, max(-1.0, -C[2, 0])))
+    if math.hypot(C[2, 1], C[2, 2]) < 1e-9:
+        return 0.0, pitch, math.atan2(-C[0, 1], C[1, 1])
+    return math.atan2(C[2, 1], C[2, 2]), pitch, math.atan2(C[1, 0], C[0, 0])
+
+
+@kernel
+def turn_left(q: Float64, x: float, y: float, z: float) -> None:
+    """Turn ``q`` (4,) in place by the rotation vector (x, y, z) [rad] in its target frame: q <- dq (x) q, renormalised."""
+    a0, a1, a2, a3 = rotation_vector_quaternion(x, y, z)
+    p0, p1, p2, p3 = q[0], q[1], q[2], q[3]
+    r0 = a0 * p0 - a1 * p1 - a2 * p2 - a3 * p3
+    r1 = a0 * p1 + a1 * p0 + a2 * p3 - a3 * p2
+    r2 = a0 * p2 - a1 * p3 + a2 * p0 + a3 * p1
+    r3 = a0 * p3 + a1 * p2 - a2 * p1 + a3 * p0
+    s = 1.0 / math.sqrt(r0 * r0 + r1 * r1 + r2 * r2 + r3 * r3)
+    q[0], q[1], q[2], q[3] = r0 * s, r1 * s, r2 * s, r3 * s
+
+
+@kernel
+def rotation_vector_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """Return the quaternion of the rotation vector (x, y, z) [rad]: (cos(phi/2), sin(phi/2)/phi (x, y, z)).
+
+    Below 0.2 rad the series to sixth order is exact to rounding and costs no trigonometry.
+    """
+    h2 = 0.25 * (x * x + y * y + z * z)
+    if h2 < 0.01:
+        s = 0.5 * (1.0 - h2 / 6.0 * (1.0 - h2 / 20.0 * (1.0 - h2 / 42.0 * (1.0 - h2 / 72.0))))
+        c = 1.0 - h2 / 2.0 * (1.0 - h2 / 12.0 * (1.0 - h2 / 30.0 * (1.0 - h2 / 56.0)))
+    else:
+        half = math.sqrt(h2)
+        s = 0.5 * math.sin(half) / half
+        c = math.cos(half)
+    return c, s * x, s * y, s * z
+
+
+def to_scipy_quaternion(q: npt.ArrayLike) -> Float64:
+    """Return quaternions (..., 4) in SciPy's order, scalar last: the one place where the order changes."""
+    return np.asarray(np.roll(np.asarray(q, dtype=np.float64), -1, axis=-1))

@@ -1,0 +1,1 @@
+"""Satellites, signals, atmosphere, range model, noise model and the single-point solution."""

@@ -1,0 +1,162 @@
+"""Which broadcast message serves a satellite at an instant.
+
+Among the satellite's healthy messages of the preferred kind the one whose toe is nearest to the time of
+transmission is taken, if it lies within the message's validity: half its fit interval where the message states one,
+else the constellation's own limit, or ``max_age_s`` in place of both. toe may lie ahead: a log is replayed with all
+its messages at hand (the age has a sign, so a user sees it). Of two messages with the same toe the later one in the
+table counts. When no preferred message is valid the next kind is tried (Galileo: I/NAV, then F/NAV, or the
+reverse); when none is valid at all the reason is UNHEALTHY if a message marked so is, STALE_EPHEMERIS if the
+satellite has any message, else NO_EPHEMERIS. Messages with a rate of the semi-major axis (CNAV, CNV1, CNV2) are not
+used: the table has no place for it. A message whose numbers describe no ellipse counts as absent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.gnss.ephemeris_rows import ephemeris_rows
+from insgnss.jit import kernel
+from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, USED
+from insgnss.tables import EphemerisTable, Float64, Int64
+
+# How far from toe a message without a fit interval may be used [s]: GPS half of 4 h (IS-GPS-200N, 20.3.3.4.3.1),
+# Galileo 4 h (OS SDD, validity of the navigation message), BeiDou 1 h (toe is renewed every hour), QZSS half of 2 h
+# (IS-QZSS-PNT-005, 4.1.2), NavIC half of 4 h (toe is renewed every 2 h)
+VALIDITY_S: Final[dict[str, float]] = {"G": 7200.0, "E": 14400.0, "C": 3600.0, "J": 3600.0, "I": 7200.0}
+
+_KINDS: Final[dict[str, tuple[str, ...]]] = {
+    "G": ("LNAV", ""),
+    "J": ("LNAV", ""),
+    "I": ("LNAV", ""),
+    "C": ("D1", "D2", ""),
+    "E": ("INAV", "FNAV", ""),
+}
+
+_PREFERRED, _OTHER, _UNHEALTHY, _N_CLASSES = 0, 1, 2, 3
+_UNUSABLE: Final = -1
+
+
+class MessageIndex(NamedTuple):
+    """All messages, sorted for the search, as the compiled code takes them."""
+
+    rows: Float64  # (m, N_COLUMNS), in the order of the table
+    toe_ns: Int64  # (m,)
+    validity_ns: Int64  # (m,) largest distance from toe
+    is_fnav: Int64  # (m,) 1 where the clock is Galileo's F/NAV
+    order: Int64  # rows sorted by satellite, class, toe
+    first: Int64  # (satellites * classes + 1,) where each satellite's class begins in ``order``
+
+
+@dataclass(frozen=True)
+class BroadcastMessages:
+    """The messages of all satellites, and the number each satellite has in the index."""
+
+    satellites: tuple[str, ...]
+    index: MessageIndex
+
+
+def _class_of(system: str, message: str, health: float, galileo_message: str) -> int:
+    """Return the class of one message, _UNUSABLE for a kind that the orbit model does not serve."""
+    if message not in _KINDS.get(system, ()):
+        return _UNUSABLE
+    if health != 0.0:
+        return _UNHEALTHY
+    return _OTHER if system == "E" and message not in (galileo_message, "") else _PREFERRED
+
+
+def _sane(table: EphemerisTable, rows: Float64) -> list[bool]:
+    """Return for each message whether its orbit is an ellipse of finite numbers."""
+    finite = np.isfinite(rows).all(axis=1)
+    return [bool(flag) for flag in finite & (table.sqrt_a > 0.0) & (table.e >= 0.0) & (table.e < 1.0)]
+
+
+def _validity_ns(table: EphemerisTable, max_age_s: float | None) -> Int64:
+    """Return how far from toe each message may be used [ns]."""
+    if max_age_s is not None:
+        return np.full(len(table.sv_names), round(max_age_s * NS_PER_S), np.int64)
+    limit = np.array([VALIDITY_S.get(name[0], 0.0) for name in table.sv_names], dtype=np.float64)
+    stated = np.isfinite(table.fit_interval_s) & (table.fit_interval_s > 0.0)
+    half_s: Float64 = np.where(stated, table.fit_interval_s / 2.0, limit)
+    return np.asarray(np.rint(half_s * NS_PER_S), dtype=np.int64)
+
+
+def broadcast_messages(
+    table: EphemerisTable, *, max_age_s: float | None = None, galileo_message: str = "INAV"
+) -> BroadcastMessages:
+    """Return the messages sorted for ``choose_message``; the rule is the module's.
+
+    Parameters
+    ----------
+    table : the messages as read
+    max_age_s : largest distance from toe [s] for every message; each message's own validity when None
+    galileo_message : "INAV" (clock for E1/E5b) or "FNAV" (clock for E1/E5a), the preferred one
+    """
+    satellites = tuple(sorted(set(table.sv_names)))
+    number = {name: i for i, name in enumerate(satellites)}
+    found: dict[tuple[int, int, int], int] = {}  # (satellite, class, toe) -> row, the last one of its kind
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rows = ephemeris_rows(table)
+    sane_rows = _sane(table, rows)
+    for k, (name, message, sane) in enumerate(zip(table.sv_names, table.message, sane_rows, strict=True)):
+        kind = _class_of(name[0], message, float(table.health[k]), galileo_message)
+        if sane and kind != _UNUSABLE:
+            found[number[name], kind, int(table.toe_ns[k])] = k
+    keys = sorted(found)
+    count = np.zeros(len(satellites) * _N_CLASSES + 1, np.int64)
+    for satellite, kind, _ in keys:
+        count[satellite * _N_CLASSES + kind + 1] += 1
+    index = MessageIndex(
+        rows=rows,
+        toe_ns=np.ascontiguousarray(table.toe_ns, dtype=np.int64),
+        validity_ns=_validity_ns(table, max_age_s),
+        is_fnav=np.array([message == "FNAV" for message in table.message], dtype=np.int64),
+        order=np.array([found[key] for key in keys], dtype=np.int64),
+        first=np.cumsum(count),
+    )
+    return BroadcastMessages(satellites, index)
+
+
+@kernel
+def _nearest(t_ns: int, index: MessageIndex, first: int, last: int, start: int) -> int:
+    """Return the place in ``index.order[first:last]`` whose toe is nearest to ``t_ns`` (the earlier one of two).
+
+    The walk from ``start`` ends at the same place from anywhere; from the last epoch's place it takes no step.
+    """
+    toe_ns, order = index.toe_ns, index.order
+    place = start
+    while place + 1 < last and abs(toe_ns[order[place + 1]] - t_ns) < abs(toe_ns[order[place]] - t_ns):
+        place += 1
+    while place > first and abs(toe_ns[order[place - 1]] - t_ns) <= abs(toe_ns[order[place]] - t_ns):
+        place -= 1
+    return place
+
+
+@kernel
+def choose_message(t_ns: int, satellite: int, index: MessageIndex, place: Int64) -> tuple[int, int]:
+    """Return the message's row and USED, or -1 and the reason why there is none; the rule is the module's.
+
+    Parameters
+    ----------
+    t_ns : time of transmission
+    satellite : index into ``BroadcastMessages.satellites``, -1 for one that has no message
+    index : the messages
+    place : in and out, where each satellite's class was found last, initially ``index.first`` itself
+    """
+    if satellite < 0:
+        return -1, NO_EPHEMERIS
+    reason = NO_EPHEMERIS
+    for kind in range(_N_CLASSES):
+        slot = satellite * _N_CLASSES + kind
+        first, last = index.first[slot], index.first[slot + 1]
+        if first == last:
+            continue
+        place[slot] = _nearest(t_ns, index, first, last, place[slot])
+        k = index.order[place[slot]]
+        if abs(index.toe_ns[k] - t_ns) <= index.validity_ns[k]:
+            return (-1, UNHEALTHY) if kind == _UNHEALTHY else (k, USED)
+        reason = STALE_EPHEMERIS
+    return -1, reason

@@ -1,0 +1,204 @@
+"""The GNSS log as the filter sees it: satellite states beside each observation, and what is not used, with the reason.
+
+Everything here is done for the whole log at once, before the filter's loop.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.gnss.satellite_state import range_rates, satellite_states
+from insgnss.gnss.signals import signal_of
+from insgnss.jit import kernel
+from insgnss.status import (
+    BAD_SIGMA,
+    BAD_VALUE,
+    CONSTELLATION_NOT_USED,
+    DUPLICATE,
+    SIGNAL_NOT_USED,
+    SWITCHED_OFF,
+    USED,
+)
+from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64
+
+PSEUDORANGE, RANGE_RATE = 0, 1
+ABSENT = -1  # the log has no value of this kind in the row: no entry in the ledger
+_CLOSEST_M, _FARTHEST_M = (
+    1.0e5,
+    1.0e9,
+)  # pseudoranges outside are no ranges to a satellite, whatever the clock
+_FASTEST_MPS = 2.0e4
+L1_HZ = 1575.42e6
+
+
+OBSERVATION_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("sv", np.int64),  # index into the log's satellite names
+            ("group", np.int64),  # clock: 0 reference constellation, 1.. the others
+            ("status", np.int64, (2,)),  # per kind: USED when the filter may try it, ABSENT, or why not
+            ("no_satellite", np.int64),  # 1: no satellite state, nothing can be predicted
+            ("value", np.float64, (2,)),  # pseudorange [m], range rate [m/s]
+            ("sigma", np.float64, (2,)),  # stated by the log, NaN elsewhere
+            ("cn0", np.float64),  # [dBHz], NaN where not logged
+            ("ionosphere_factor", np.float64),  # (f_L1 / f)^2
+        ],
+    )
+)
+Observation: TypeAlias = Any  # one element of OBSERVATION_DTYPE
+
+
+class Rows(NamedTuple):
+    """One row per observation, in the order of the log; epochs are runs of rows. Read-only to the filter."""
+
+    epoch_ns: Int64  # (m,) receiver time tag
+    first: Int64  # (m + 1,) first row of each epoch
+    observation: npt.NDArray[Any]  # (n,) of OBSERVATION_DTYPE
+    sat: Float64  # (n, 8) x y z vx vy vz ECEF at transmit time, clock [m], clock drift [m/s]
+    klobuchar: Float64  # (8,)
+
+
+def prepare_rows(
+    gnss: GnssTable,
+    ephemerides: EphemerisTable | None,
+    klobuchar: Float64 | None,
+    *,
+    clock_groups: tuple[str, ...],
+    signals: dict[str, tuple[str, ...]],
+    pseudorange: bool = True,
+    range_rate: bool = True,
+    max_age_s: float | None = None,
+) -> Rows:
+    """Return the rows of a log with satellite states and the status each starts with.
+
+    Parameters
+    ----------
+    gnss : the log
+    ephemerides : None when the log carries satellite states
+    klobuchar : (8,) coefficients or None
+    clock_groups : constellations used, the reference of the receiver clock first
+    signals : per constellation the codes that may be used, the preferred first
+    pseudorange, range_rate : whether the kind is used at all
+    max_age_s : oldest ephemeris to use; the constellation's own validity when None
+    """
+    states = satellite_states(gnss, ephemerides, max_age_s=max_age_s)
+    rates = range_rates(gnss)
+    epoch_ns, first = np.unique(gnss.t_ns, return_index=True)
+    group = _groups(gnss, clock_groups)
+    choice = _signal_choice(gnss, signals)
+    sigma = _stated_sigmas(gnss)
+    values = np.stack([gnss.pseudorange_m, rates])
+    status = np.empty((2, len(gnss.t_ns)), np.int64)
+    usable = np.where(choice < 0, SIGNAL_NOT_USED, states.status)
+    usable = np.where(group < 0, CONSTELLATION_NOT_USED, usable)
+    refused_twice = _refused_twice(gnss, np.where(usable == USED, choice, -1))
+    usable = np.where((usable == USED) & (refused_twice > 0), refused_twice, usable)
+    for kind, wanted in ((PSEUDORANGE, pseudorange), (RANGE_RATE, range_rate)):
+        status[kind] = _kind_status(kind, values[kind], usable, sigma[kind], wanted)
+    bad = gnss.bad_cells
+    status[:, bad] = np.where(np.isfinite(values[:, bad]), status[:, bad], BAD_VALUE)
+    observation = np.zeros(len(gnss.t_ns), OBSERVATION_DTYPE)
+    observation["sv"] = gnss.sv
+    observation["group"] = np.maximum(group, 0)
+    observation["status"] = status.T
+    observation["no_satellite"] = ~np.isfinite(states.position[:, 0])
+    observation["value"] = values.T
+    observation["sigma"] = sigma.T
+    observation["cn0"] = gnss.cn0_dbhz
+    observation["ionosphere_factor"] = _ionosphere_factors(gnss)
+    return Rows(
+        epoch_ns=epoch_ns,
+        first=np.append(first, len(gnss.t_ns)).astype(np.int64),
+        observation=observation,
+        sat=np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps]),
+        klobuchar=np.zeros(8) if klobuchar is None else np.asarray(klobuchar, dtype=np.float64),
+    )
+
+
+def _groups(gnss: GnssTable, clock_groups: tuple[str, ...]) -> Int64:
+    """Return the clock group of each row, -1 where its constellation is not used; QZSS keeps GPS's time."""
+    order = {letter: i for i, letter in enumerate(clock_groups)}
+    if "G" in order:
+        order.setdefault("J", order["G"])
+    by_name = np.array([order.get(name[0], -1) for name in gnss.sv_names] or [0], np.int64)
+    return np.asarray(by_name[gnss.sv])
+
+
+def _signal_choice(gnss: GnssTable, signals: dict[str, tuple[str, ...]]) -> Int64:
+    """Return each row's rank in its constellation's list of signals, -1 where the signal is not in it."""
+    rank = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), -1, np.int64)
+    for i, sv in enumerate(gnss.sv_names):
+        for j, code in enumerate(gnss.signal_names):
+            wanted = signals.get(sv[0], ())
+            if code in wanted:
+                rank[i, j] = wanted.index(code)
+    return np.asarray(rank[gnss.sv, gnss.signal])
+
+
+def _ionosphere_factors(gnss: GnssTable) -> Float64:
+    """Return (f_L1 / f)^2 of each row, 1 for unknown signals."""
+    factor = np.ones((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)))
+    for i, sv in enumerate(gnss.sv_names):
+        for j, code in enumerate(gnss.signal_names):
+            signal = signal_of(sv[0], code)
+            if signal is not None:
+                factor[i, j] = (L1_HZ / signal.carrier_hz) ** 2
+    return np.asarray(factor[gnss.sv, gnss.signal])
+
+
+def _stated_sigmas(gnss: GnssTable) -> Float64:
+    """Return the sigmas the log states, (2, n), NaN where it states none."""
+    none = np.full(len(gnss.t_ns), math.nan)
+    stated = (gnss.sigma_pseudorange_m, gnss.sigma_range_rate_mps)
+    return np.stack([none if s is None else s for s in stated])
+
+
+def _kind_status(kind: int, value: Float64, usable: Int64, sigma: Float64, wanted: bool) -> Int64:
+    """Return the starting status of one kind: absent, the row's own reason, or a bad value or sigma."""
+    size = np.abs(value)
+    bad = ~((size >= _CLOSEST_M) & (size <= _FARTHEST_M)) if kind == PSEUDORANGE else ~(size <= _FASTEST_MPS)
+    if kind == PSEUDORANGE:
+        bad |= value < 0.0
+    status = np.where((usable == USED) & bad, BAD_VALUE, usable)
+    status = np.where((status == USED) & (sigma <= 0.0), BAD_SIGMA, status)
+    if not wanted:
+        status = np.where(status == USED, SWITCHED_OFF, status)
+    return np.asarray(np.where(np.isnan(value), ABSENT, status))
+
+
+@kernel
+def _mark_repeats(t_ns: Int64, sv: Int64, signal: Int64, choice: Int64, n_sv: int, refused: Int64) -> None:
+    """Write DUPLICATE for a satellite's repeated signal, SIGNAL_NOT_USED for its less preferred ones, per epoch."""
+    best = np.full(n_sv, -1, np.int64)  # row that stands for the satellite in this epoch
+    start = 0
+    for i in range(len(t_ns)):
+        if i > 0 and t_ns[i] != t_ns[i - 1]:
+            for k in range(start, i):
+                best[sv[k]] = -1
+            start = i
+        if choice[i] < 0:
+            continue
+        other = best[sv[i]]
+        if other < 0:
+            best[sv[i]] = i
+        elif signal[i] == signal[other]:
+            refused[i] = DUPLICATE
+        elif choice[i] < choice[other]:
+            refused[other] = SIGNAL_NOT_USED
+            best[sv[i]] = i
+        else:
+            refused[i] = SIGNAL_NOT_USED
+
+
+def _refused_twice(gnss: GnssTable, choice: Int64) -> Int64:
+    """Return, for rows of satellites that stand several times in an epoch, why all but one are refused; 0 elsewhere."""
+    refused = np.zeros(len(gnss.t_ns), np.int64)
+    _mark_repeats(
+        gnss.t_ns, gnss.sv.astype(np.int64), gnss.signal.astype(np.int64), choice, len(gnss.sv_names), refused
+    )
+    return refused

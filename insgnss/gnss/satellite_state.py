@@ -1,0 +1,250 @@
+"""Satellite states of a whole log: position, velocity, acceleration and clock at each row's time of transmission.
+
+The time of transmission is exact without knowing the receiver's clock: tag - pseudorange / c - satellite clock. A
+row without a usable pseudorange takes its epoch's median; flight times differ by up to 10 ms from it, so the state is
+then 40 m and 6 mm/s off at most, and its range rate by 1 cm/s.
+Positions are in the Earth-fixed frame of the transmission; ``line_of_sight`` turns them to the reception.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import C_MPS, NS_PER_S, WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
+from insgnss.gnss.broadcast_orbit import eccentric_anomaly, orbit_state
+from insgnss.gnss.ephemeris_choice import (
+    BroadcastMessages,
+    MessageIndex,
+    broadcast_messages,
+    choose_message,
+)
+from insgnss.gnss.ephemeris_rows import M0, E, N
+from insgnss.gnss.satellite_clock import group_delay, satellite_clock
+from insgnss.gnss.signals import signal_of, wavelength_m
+from insgnss.jit import kernel
+from insgnss.status import NO_EPHEMERIS, UNKNOWN_SIGNAL, USED
+from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64
+
+UInt8 = npt.NDArray[np.uint8]
+Bool = npt.NDArray[np.bool_]
+
+_USUAL_FLIGHT_S = 0.075  # of an epoch without any pseudorange: 20 200 km (GPS, zenith) to 25 800 km (horizon)
+# A flight time this far from the epoch's median is a wrong pseudorange, not a satellite: from low orbit to
+# geostationary orbit they differ by 0.08 s.
+_WIDEST_SPREAD_S = 0.1
+_LONGEST_FLIGHT_S = 10.0  # a pseudorange beyond is no number to take the median of, whatever the clock
+_NEAREST_SATELLITE_M = 6.0e6  # from the Earth's centre: a state in the log nearer than this is an empty cell
+
+
+class SatelliteStates(NamedTuple):
+    """One row per observation; NaN where there is no state, with the reason in ``status``."""
+
+    sat: Float64  # (n, 9) position [m], velocity [m/s], acceleration [m/s^2], ECEF at transmission
+    clock_m: (
+        Float64  # (n,) satellite clock with relativity, less the signal's group delay: to be added to a range
+    )
+    drift_mps: Float64  # (n,) its rate: to be added to a range rate
+    age_s: Float64  # (n,) time of transmission minus toe; negative when the message lies ahead
+    status: UInt8  # (n,) USED (0), NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL
+    message: Int64  # (n,) row of the ephemeris table, -1 without
+
+    @property
+    def position(self) -> Float64:
+        """(n, 3) position [m], a view."""
+        return self.sat[:, 0:3]
+
+    @property
+    def velocity(self) -> Float64:
+        """(n, 3) velocity [m/s], a view."""
+        return self.sat[:, 3:6]
+
+    @property
+    def acceleration(self) -> Float64:
+        """(n, 3) acceleration [m/s^2], a view."""
+        return self.sat[:, 6:9]
+
+
+def satellite_states(
+    gnss: GnssTable,
+    nav: EphemerisTable | BroadcastMessages | None,
+    *,
+    max_age_s: float | None = None,
+    galileo_message: str = "INAV",
+) -> SatelliteStates:
+    """Return the satellite state of every row of a log.
+
+    The message is chosen by the rule of ``ephemeris_choice``: nearest toe among the healthy ones within their
+    validity. States that stand in the log itself are passed through, clock included, without group delay. A row
+    whose signal is unknown keeps its orbit and a clock without group delay, and the status UNKNOWN_SIGNAL.
+
+    Parameters
+    ----------
+    gnss : the log
+    nav : broadcast messages, as read or already sorted (then the two settings below are not looked at)
+    max_age_s : largest distance from toe [s], in place of the messages' own validity
+    galileo_message : "INAV" or "FNAV", the one preferred
+    """
+    if gnss.sat is not None:
+        return _passed_through(gnss.sat)
+    if nav is None:
+        return _no_states(len(gnss.t_ns))
+    if not isinstance(nav, BroadcastMessages):
+        nav = broadcast_messages(nav, max_age_s=max_age_s, galileo_message=galileo_message)
+    number = {name: i for i, name in enumerate(nav.satellites)}
+    of_sv = np.array([number.get(name, -1) for name in gnss.sv_names], dtype=np.int64)
+    known, factors = _signal_factors(gnss)
+    states = _no_states(len(gnss.t_ns))
+    tau = np.empty(len(gnss.t_ns))
+    flight_times(gnss.t_ns, gnss.pseudorange_m, tau)
+    _broadcast_states(gnss.t_ns, gnss.sv, gnss.signal, tau, of_sv, known, factors, nav.index, states)
+    return states
+
+
+def range_rates(gnss: GnssTable) -> Float64:
+    """Return the range rate of every row [m/s]: as logged, else -wavelength * Doppler, NaN where neither is known."""
+    wavelength = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), math.nan)
+    for i, name in enumerate(gnss.sv_names):
+        for j, code in enumerate(gnss.signal_names):
+            wavelength[i, j] = wavelength_m(name[0], code)
+    from_doppler = -wavelength[gnss.sv, gnss.signal] * gnss.doppler_hz
+    return np.where(np.isnan(gnss.range_rate_mps), from_doppler, gnss.range_rate_mps)
+
+
+def _no_states(n: int) -> SatelliteStates:
+    """Return ``n`` rows without a state."""
+    return SatelliteStates(
+        sat=np.full((n, 9), math.nan),
+        clock_m=np.full(n, math.nan),
+        drift_mps=np.full(n, math.nan),
+        age_s=np.full(n, math.nan),
+        status=np.full(n, NO_EPHEMERIS, np.uint8),
+        message=np.full(n, -1, np.int64),
+    )
+
+
+def _passed_through(sat: Float64) -> SatelliteStates:
+    """Return the states that stand in the log; the acceleration is that of a point-mass Earth (5e-5 m/s^2)."""
+    states = _no_states(len(sat))
+    r_e, v_e = sat[:, 0:3], sat[:, 3:6]
+    distance = np.linalg.norm(r_e, axis=1)
+    good = np.isfinite(sat[:, 6]) & (distance > _NEAREST_SATELLITE_M) & np.isfinite(distance)
+    states.position[good], states.velocity[good] = r_e[good], v_e[good]
+    # a = -mu r / |r|^3 - 2 omega x v - omega x (omega x r)
+    gravity = -WGS84_GM_M3PS2 * (r_e[good].T / distance[good] ** 3).T
+    coriolis = 2.0 * WGS84_OMEGA_RADPS * np.stack([v_e[good, 1], -v_e[good, 0], np.zeros(good.sum())], axis=1)
+    centrifugal = WGS84_OMEGA_RADPS**2 * r_e[good] * np.array([1.0, 1.0, 0.0])
+    states.acceleration[good] = gravity + coriolis + centrifugal
+    states.clock_m[good], states.drift_mps[good] = sat[good, 6], sat[good, 7]
+    states.status[good] = USED
+    return states
+
+
+def _signal_factors(gnss: GnssTable) -> tuple[Bool, Float64]:
+    """Return whether each signal of each satellite is known, and its group delay factors (sv, signal, F/NAV, 2)."""
+    known = np.zeros((len(gnss.sv_names), len(gnss.signal_names)), dtype=bool)
+    factors = np.zeros((*known.shape, 2, 2))
+    for i, name in enumerate(gnss.sv_names):
+        for j, code in enumerate(gnss.signal_names):
+            signal = signal_of(name[0], code)
+            if signal is not None:
+                known[i, j] = True
+                factors[i, j, 0] = signal.group_delay
+                factors[i, j, 1] = signal.group_delay_fnav or signal.group_delay
+    return known, factors
+
+
+@kernel
+def _median(values: Float64, n: int) -> float:
+    """Return the median of the first ``n`` values, which it sorts by insertion."""
+    for i in range(1, n):
+        value = values[i]
+        j = i
+        while j > 0 and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = value
+    median: float = 0.5 * (values[(n - 1) // 2] + values[n // 2])
+    return median
+
+
+@kernel
+def flight_times(t_ns: Int64, pseudorange: Float64, tau: Float64) -> None:
+    """Write pseudorange / c [s] of each row, its epoch's median where the row's own is missing or absurd.
+
+    Parameters
+    ----------
+    t_ns : (n,) receiver time tags, equal within an epoch
+    pseudorange : (n,) [m]
+    tau : (n,) output
+    """
+    sorted_values = np.empty(len(t_ns))
+    start = 0
+    while start < len(t_ns):
+        stop, found = start, 0
+        while stop < len(t_ns) and t_ns[stop] == t_ns[start]:
+            if abs(pseudorange[stop]) < C_MPS * _LONGEST_FLIGHT_S:
+                sorted_values[found] = pseudorange[stop] / C_MPS
+                found += 1
+            stop += 1
+        median = _median(sorted_values, found) if found > 0 else _USUAL_FLIGHT_S
+        for i in range(start, stop):
+            own = pseudorange[i] / C_MPS
+            near = abs(own - median) <= _WIDEST_SPREAD_S  # false for NaN
+            tau[i] = own if near else median
+        start = stop
+
+
+@kernel
+def _broadcast_state(
+    rows: Float64, k: int, t_tag: float, tau: float, out: Float64, i: int
+) -> tuple[float, float, float]:
+    """Write the state at transmission into ``out[i]``; return t - toe [s], clock [m] and drift [m/s].
+
+    ``t_tag`` is the receiver's tag since toe. The satellite's clock (up to 1 ms, 4 m of orbit) is found at the time
+    without it, then the state at the time with it; the clock changes by 1e-14 s between the two.
+    """
+    e, n = rows[k, E], rows[k, N]
+    t = t_tag - tau
+    mean = rows[k, M0] + n * t
+    anomaly, sin_E, cos_E = eccentric_anomaly(mean, e, mean)
+    clock, _ = satellite_clock(rows, k, t, sin_E, cos_E)
+    shift = clock / C_MPS
+    t -= shift
+    _, sin_E, cos_E = eccentric_anomaly(mean - n * shift, e, anomaly - n * shift / (1.0 - e * cos_E))
+    orbit_state(rows, k, t, sin_E, cos_E, out, i)
+    clock, drift = satellite_clock(rows, k, t, sin_E, cos_E)
+    return t, clock, drift
+
+
+@kernel
+def _broadcast_states(
+    t_ns: Int64,
+    sv: Int16,
+    signal: Int16,
+    tau: Float64,
+    of_sv: Int64,
+    known: Bool,
+    factors: Float64,
+    index: MessageIndex,
+    states: SatelliteStates,
+) -> None:
+    """Fill the states of all rows; ``of_sv`` is each satellite's number in the index, -1 for none."""
+    place = index.first.copy()
+    for i in range(len(t_ns)):
+        s, code = sv[i], signal[i]
+        t_transmit_ns = t_ns[i] - np.int64(tau[i] * NS_PER_S)
+        k, reason = choose_message(t_transmit_ns, of_sv[s], index, place)
+        states.status[i] = reason if known[s, code] else UNKNOWN_SIGNAL
+        if k < 0:
+            continue
+        t_tag = (t_ns[i] - index.toe_ns[k]) / NS_PER_S
+        t, clock, drift = _broadcast_state(index.rows, k, t_tag, tau[i], states.sat, i)
+        factor = factors[s, code, index.is_fnav[k]]
+        states.clock_m[i] = clock - group_delay(index.rows, k, factor[0], factor[1])
+        states.drift_mps[i] = drift
+        states.age_s[i] = t
+        states.message[i] = k

@@ -1,0 +1,142 @@
+"""The troposphere: Saastamoinen's zenith delays in the standard atmosphere, Niell's mapping to the elevation.
+
+The zenith delay is good to about 5 cm (the weather of the day is unknown), the mapping to 1 cm above 5 deg.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.jit import kernel
+
+# Standard atmosphere (ICAO doc 7488; ISO 2533)
+_P0_HPA: Final = 1013.25
+_T0_K: Final = 288.15
+_LAPSE_K_PER_M: Final = 0.0065
+_PRESSURE_EXPONENT: Final = 5.25588  # g0 M / (R L)
+_TROPOPAUSE_M: Final = 11_000.0
+_T_TROPOPAUSE_K: Final = _T0_K - _LAPSE_K_PER_M * _TROPOPAUSE_M
+_SCALE_HEIGHT_M: Final = (
+    6341.62  # R T / (g0 M) at the tropopause, kept above it (below 2 cm of delay above 30 km)
+)
+_HUMIDITY: Final = (
+    0.7  # relative, at sea level: 0.12 m of wet delay at the zenith, near the mean over the Earth
+)
+
+_LOWEST_H_M: Final = -1000.0  # no antenna is lower; a wrong height must not make a wild delay
+_HIGHEST_GRAVITY_H_M: Final = 100_000.0  # above, nothing is left to weigh
+_HIGHEST_MAPPING_H_M: Final = 15_000.0  # Niell fitted his height correction to radiosondes
+_LOWEST_SINE: Final = math.sin(
+    math.radians(2.0)
+)  # Niell is valid to 3 deg and finite to 2 deg; lower is as 2 deg
+
+# Niell (1996), J. Geophys. Res. 101(B2), tables 3 and 4, at latitudes 15, 30, 45, 60, 75 deg
+_HYDROSTATIC: Final = np.array(
+    [
+        [1.2769934e-3, 1.2683230e-3, 1.2465397e-3, 1.2196049e-3, 1.2045996e-3],
+        [2.9153695e-3, 2.9152299e-3, 2.9288445e-3, 2.9022565e-3, 2.9024912e-3],
+        [62.610505e-3, 62.837393e-3, 63.721774e-3, 63.824265e-3, 64.258455e-3],
+    ]
+)
+_WET: Final = np.array(
+    [
+        [5.8021897e-4, 5.6794847e-4, 5.8118019e-4, 5.9727542e-4, 6.1641693e-4],
+        [1.4275268e-3, 1.5138625e-3, 1.4572752e-3, 1.5007428e-3, 1.7599082e-3],
+        [4.3472961e-2, 4.6729510e-2, 4.3908931e-2, 4.4626982e-2, 5.4736038e-2],
+    ]
+)
+_HEIGHT: Final = (2.53e-5, 5.49e-3, 1.14e-3)
+
+
+@kernel
+def standard_atmosphere(h: float) -> tuple[float, float, float]:
+    """Return pressure [hPa], temperature [K] and water vapour pressure [hPa] at height ``h`` [m].
+
+    Equation: p = p0 (1 - L h / T0)^5.256, T = T0 - L h up to 11 km; above, T stays and both pressures fall as
+    exp(-(h - 11 km) / 6.34 km), to nothing. e = 0.7 * 6.108 exp((17.15 T - 4684) / (T - 38.45)).
+    """
+    low = min(max(h, _LOWEST_H_M), _TROPOPAUSE_M)
+    temperature = _T0_K - _LAPSE_K_PER_M * low
+    thinning = math.exp(-max(h - _TROPOPAUSE_M, 0.0) / _SCALE_HEIGHT_M)
+    pressure = _P0_HPA * math.pow(temperature / _T0_K, _PRESSURE_EXPONENT) * thinning
+    saturation = 6.108 * math.exp((17.15 * temperature - 4684.0) / (temperature - 38.45))
+    return pressure, temperature, _HUMIDITY * saturation * thinning
+
+
+@kernel
+def zenith_delays(
+    lat: float, h: float, pressure: float, temperature: float, vapour: float
+) -> tuple[float, float]:
+    """Return the hydrostatic and the wet delay at the zenith [m].
+
+    Equation: 0.0022768 p / (1 - 0.00266 cos 2 lat - 0.00028 h/km) and 0.0022768 (1255 / T + 0.05) e
+    [Saastamoinen 1972; Davis et al. 1985, Radio Sci. 20(6), eq. A11]
+
+    Parameters
+    ----------
+    lat, h : of the antenna [rad, m]
+    pressure, temperature, vapour : there [hPa, K, hPa]
+    """
+    gravity = 1.0 - 0.00266 * math.cos(2.0 * lat) - 2.8e-7 * min(h, _HIGHEST_GRAVITY_H_M)
+    return 0.0022768 * pressure / gravity, 0.0022768 * (1255.0 / temperature + 0.05) * vapour
+
+
+@kernel
+def _fraction(sine: float, a: float, b: float, c: float) -> float:
+    """Return Herring's continued fraction, one at the zenith: (1 + a/(1 + b/(1 + c))) / (s + a/(s + b/(s + c)))."""
+    return (1.0 + a / (1.0 + b / (1.0 + c))) / (sine + a / (sine + b / (sine + c)))
+
+
+@kernel
+def mapping_factors(lat: float, h: float, elevation: float) -> tuple[float, float]:
+    """Return slant delay over zenith delay, hydrostatic and wet.
+
+    Equation: Niell (1996), eq. 4 to 6, at the mean of the year.
+    Neglects: the season (1e-3 of the slant delay at 10 deg, 5 cm of delay at 5 deg, 60 deg latitude). Below 2 deg
+    of elevation the factors stay what they are at 2 deg.
+
+    Parameters
+    ----------
+    lat, h : of the antenna [rad, m]
+    elevation : of the satellite [rad]
+    """
+    sine = max(math.sin(elevation), _LOWEST_SINE)
+    place = min(max(abs(lat) * (12.0 / math.pi) - 1.0, 0.0), 4.0)  # 15 deg steps
+    i = min(int(place), 3)
+    w = place - i
+    H, W = _HYDROSTATIC, _WET
+    hydrostatic = _fraction(
+        sine,
+        H[0, i] + w * (H[0, i + 1] - H[0, i]),
+        H[1, i] + w * (H[1, i + 1] - H[1, i]),
+        H[2, i] + w * (H[2, i + 1] - H[2, i]),
+    )
+    wet = _fraction(
+        sine,
+        W[0, i] + w * (W[0, i + 1] - W[0, i]),
+        W[1, i] + w * (W[1, i + 1] - W[1, i]),
+        W[2, i] + w * (W[2, i + 1] - W[2, i]),
+    )
+    height_km = 1e-3 * min(max(h, _LOWEST_H_M), _HIGHEST_MAPPING_H_M)
+    hydrostatic += height_km * (1.0 / sine - _fraction(sine, _HEIGHT[0], _HEIGHT[1], _HEIGHT[2]))
+    return hydrostatic, wet
+
+
+@kernel
+def tropospheric_delay(lat: float, h: float, elevation: float) -> float:
+    """Return the delay through the standard atmosphere [m]: 2.4 m at the zenith at sea level, 0 above the air.
+
+    Neglects: the weather (5 cm at the zenith) and what ``mapping_factors`` neglects.
+
+    Parameters
+    ----------
+    lat, h : of the antenna [rad, m]
+    elevation : of the satellite [rad], taken as 2 deg when lower
+    """
+    pressure, temperature, vapour = standard_atmosphere(h)
+    dry, wet = zenith_delays(lat, h, pressure, temperature, vapour)
+    dry_factor, wet_factor = mapping_factors(lat, h, elevation)
+    return dry * dry_factor + wet * wet_factor

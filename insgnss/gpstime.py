@@ -1,0 +1,73 @@
+"""GPS time as integer nanoseconds since 1980-01-06 00:00:00 GPS, and the other time scales seen from it.
+
+Integer nanoseconds do not lose resolution at any date: a float64 of Unix seconds resolves only 0.24 us.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+
+GPS_EPOCH = dt.datetime(1980, 1, 6)
+UNIX_TO_GPS_S = 315_964_800  # GPS epoch in Unix seconds
+BDT_WEEK_OFFSET = 1356  # BeiDou week 0 began in GPS week 1356 (BDS-SIS-ICD B1I, 3.3)
+BDT_MINUS_GPST_S = -14  # BeiDou time is 14 s behind GPS time
+GST_WEEK_OFFSET = 1024  # Galileo week 0 began in GPS week 1024 (OS SIS ICD, 5.1.2)
+
+# GPS minus UTC, from the dates at which each value came into force (IERS Bulletin C)
+LEAP_SECONDS: tuple[tuple[str, int], ...] = (
+    ("1980-01-06", 0),
+    ("1981-07-01", 1),
+    ("1982-07-01", 2),
+    ("1983-07-01", 3),
+    ("1985-07-01", 4),
+    ("1988-01-01", 5),
+    ("1990-01-01", 6),
+    ("1991-01-01", 7),
+    ("1992-07-01", 8),
+    ("1993-07-01", 9),
+    ("1994-07-01", 10),
+    ("1996-01-01", 11),
+    ("1997-07-01", 12),
+    ("1999-01-01", 13),
+    ("2006-01-01", 14),
+    ("2009-01-01", 15),
+    ("2012-07-01", 16),
+    ("2015-07-01", 17),
+    ("2017-01-01", 18),
+)
+
+
+def week_seconds_to_ns(week: int, seconds: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return GPS time in ns of ``seconds`` of GPS week ``week``; exact to 1 ns for any second of the week."""
+    whole = np.rint(np.asarray(seconds, dtype=np.float64) * NS_PER_S).astype(np.int64)
+    return np.asarray(whole + np.int64(week) * NS_PER_WEEK)
+
+
+def ns_to_week_seconds(t_ns: npt.ArrayLike, week: int) -> npt.NDArray[np.float64]:
+    """Return seconds counted from the start of GPS week ``week`` (beyond 604800 after a week crossover)."""
+    return np.asarray((np.asarray(t_ns, dtype=np.int64) - np.int64(week) * NS_PER_WEEK) / NS_PER_S)
+
+
+def leap_seconds(utc: dt.datetime) -> int:
+    """Return GPS minus UTC [s] in force at the given UTC date."""
+    value = 0
+    for date, seconds in LEAP_SECONDS:
+        if utc >= dt.datetime.fromisoformat(date):
+            value = seconds
+    return value
+
+
+def datetime_to_ns(when: dt.datetime) -> int:
+    """Return GPS time in ns of a calendar date given in GPS time (no leap seconds applied)."""
+    delta = when - GPS_EPOCH
+    return (delta.days * 86_400 + delta.seconds) * NS_PER_S + delta.microseconds * 1000
+
+
+def ns_to_datetime(t_ns: int) -> dt.datetime:
+    """Return the calendar date, in GPS time, of a GPS time in ns (to the microsecond)."""
+    return GPS_EPOCH + dt.timedelta(microseconds=int(t_ns) // 1000)

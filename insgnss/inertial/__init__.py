@@ -1,0 +1,1 @@
+"""Strapdown inertial navigation: increments, mechanization, error dynamics, sensor and clock models, alignment."""

@@ -1,0 +1,221 @@
+"""One reader for every numeric CSV file: fast where the file is clean, exact about each bad cell where it is not.
+
+The fast path hands the file to Arrow's multi-threaded reader. Whenever that one objects, or a required cell is not a
+finite number, the file is read again line by line (``csv_exact``), so that each bad row is reported with its file line,
+column and text and none is dropped silently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+
+from insgnss.errors import InputError
+from insgnss.log.csv_columns import EMPTY_CELLS, Wanted, column_places
+from insgnss.log.csv_dialect import DELIMITER_NAMES, Dialect, detect_dialect
+from insgnss.log.csv_exact import ExactRows, last_line_is_cut, read_exact
+from insgnss.log.files import file_buffer
+from insgnss.tables import Event, Float64, Int64
+
+THREADS_FROM_BYTES = 8 << 20  # below this, starting the threads costs more than it gains
+_DECIMALS = pa.decimal128(38, 18)
+
+
+@dataclass(frozen=True)
+class TextColumn:
+    """A column of words: the index of each row into the distinct words."""
+
+    codes: npt.NDArray[np.int32]  # (n,)
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """The numbers of one CSV file, one array of n rows for each column found."""
+
+    path: Path
+    n: int
+    columns: dict[str, Float64]
+    exact: dict[str, Int64]
+    text: dict[str, TextColumn]
+    bad_cells: dict[str, Int64]  # optional columns: rows whose cell could not be read
+    events: list[Event]
+    dialect: Dialect
+    lines: Int64 | None = None  # file line of each row, where the exact path found it
+
+    @cached_property
+    def line(self) -> Int64:
+        """The 1-based file line of each row (blank lines are looked for only when somebody asks)."""
+        if self.lines is not None:
+            return self.lines
+        raw = file_buffer(self.path).to_pybytes().splitlines()[self.dialect.skip :]
+        filled = np.flatnonzero(np.fromiter((bool(text) for text in raw), np.bool_, len(raw)))
+        return np.asarray(filled + self.dialect.skip + 1, dtype=np.int64)
+
+    def take(self, rows: npt.NDArray[np.intp]) -> CsvTable:
+        """Return the table with the given rows, in ascending order."""
+        bad = {
+            name: np.flatnonzero(np.isin(rows, cells)).astype(np.int64)
+            for name, cells in self.bad_cells.items()
+        }
+        return replace(
+            self,
+            n=len(rows),
+            columns={name: values[rows] for name, values in self.columns.items()},
+            exact={name: values[rows] for name, values in self.exact.items()},
+            text={name: TextColumn(column.codes[rows], column.words) for name, column in self.text.items()},
+            bad_cells=bad,
+            lines=self.line[rows],
+        )
+
+
+def read_csv_table(path: Path, wanted: Wanted) -> CsvTable:
+    """Read the wanted columns of a CSV file (plain or gzipped).
+
+    Raises
+    ------
+    MissingFileError, InputError : no such file, or it is empty, damaged or no CSV
+    ColumnError : a column is missing, or more than 5 % of the rows cannot be read
+    """
+    buffer = file_buffer(path)
+    dialect = detect_dialect(memoryview(buffer), wanted.all, path)
+    places = column_places(dialect, wanted, path)
+    events = _dialect_events(path, dialect)
+    table = _read_fast(buffer, path, dialect, places, wanted, events)
+    if table is None:
+        rows = read_exact(buffer, path, dialect, places, wanted)
+        table = _from_exact(path, dialect, rows, wanted, events)
+    if table.n == 0:
+        raise InputError("the file holds a header but no rows", file=path, line=dialect.header_line)
+    return table
+
+
+def _dialect_events(path: Path, dialect: Dialect) -> list[Event]:
+    events = []
+    if dialect.delimiter != ",":
+        events.append(
+            Event(None, "csv_delimiter", f"{path}: columns parted by {DELIMITER_NAMES[dialect.delimiter]}")
+        )
+    if dialect.header_in_comment:
+        detail = f"{path}:{dialect.header_line}: the column names stand in a comment line"
+        events.append(Event(None, "csv_header_in_comment", detail))
+    return events
+
+
+def _read_fast(
+    buffer: pa.Buffer,
+    path: Path,
+    dialect: Dialect,
+    places: dict[str, int],
+    wanted: Wanted,
+    events: list[Event],
+) -> CsvTable | None:
+    """Return the table as Arrow reads it, None when anything in the file needs the exact path."""
+    if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer)):
+        return None
+    types = {name: pa.float64() for name in (*wanted.numeric, *wanted.optional)}
+    types |= {name: _DECIMALS for name in wanted.exact}
+    types |= {name: pa.dictionary(pa.int32(), pa.string()) for name in (*wanted.text, *wanted.optional_text)}
+    try:
+        arrow = pyarrow.csv.read_csv(
+            pa.BufferReader(buffer),
+            read_options=pyarrow.csv.ReadOptions(
+                column_names=[str(place) for place in range(len(dialect.columns))],
+                skip_rows=dialect.skip,
+                use_threads=buffer.size > THREADS_FROM_BYTES,
+                block_size=4 << 20,
+            ),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=dialect.delimiter),
+            convert_options=pyarrow.csv.ConvertOptions(
+                include_columns=[str(place) for place in places.values()],
+                column_types={str(place): types[name] for name, place in places.items()},
+                null_values=list(EMPTY_CELLS),
+                strings_can_be_null=False,
+            ),
+        )
+    except pa.ArrowInvalid:
+        return None
+    return _from_arrow(arrow, path, dialect, places, wanted, events)
+
+
+def _from_arrow(
+    arrow: pa.Table, path: Path, dialect: Dialect, places: dict[str, int], wanted: Wanted, events: list[Event]
+) -> CsvTable | None:
+    """Return Arrow's columns as NumPy arrays, None when a required cell is empty or any cell is infinite."""
+    columns: dict[str, Float64] = {}
+    exact: dict[str, Int64] = {}
+    text: dict[str, TextColumn] = {}
+    for name, place in places.items():
+        column = arrow.column(str(place))
+        if name in wanted.exact:
+            if column.null_count:
+                return None
+            exact[name] = _decimals_to_int64(column, wanted.exact[name])
+        elif name in wanted.text or name in wanted.optional_text:
+            text[name] = _text_column(column)
+        else:
+            values = column.to_numpy()
+            optional = name in wanted.optional
+            if (column.null_count and not optional) or not _all_finite(values, optional):
+                return None
+            columns[name] = values
+    return CsvTable(path, arrow.num_rows, columns, exact, text, {}, events, dialect)
+
+
+def _all_finite(values: Float64, allow_nan: bool) -> bool:
+    if allow_nan:
+        return not bool(np.isinf(values).any())
+    return bool(np.isfinite(values).all())
+
+
+def _decimals_to_int64(column: pa.ChunkedArray, digits: int) -> Int64:
+    """Return decimal cells in units of 10^-digits, rounded half to even."""
+    rounded = pc.round(column, ndigits=digits, round_mode="half_to_even").cast(pa.decimal128(38, digits))
+    parts = [
+        np.frombuffer(c.buffers()[1], np.int64)[2 * c.offset : 2 * (c.offset + len(c)) : 2]
+        for c in rounded.chunks
+    ]
+    return np.concatenate(parts) if parts else np.zeros(0, np.int64)
+
+
+def _text_column(column: pa.ChunkedArray) -> TextColumn:
+    """Return a dictionary-encoded column with one dictionary of stripped words."""
+    whole = column.unify_dictionaries().combine_chunks()
+    chunks = whole.chunks if isinstance(whole, pa.ChunkedArray) else [whole]
+    if not chunks:
+        return TextColumn(np.zeros(0, np.int32), ())
+    codes = np.concatenate([chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks])
+    return merge_words(codes, chunks[0].dictionary.to_pylist())
+
+
+def merge_words(codes: npt.NDArray[np.int32], words: Sequence[str]) -> TextColumn:
+    """Return the column with its words stripped, words that are then equal merged into one."""
+    stripped = [word.strip() for word in words]
+    distinct = list(dict.fromkeys(stripped))
+    renumber = np.array([distinct.index(word) for word in stripped], dtype=np.int32)
+    return TextColumn(renumber[codes] if len(renumber) else codes, tuple(distinct))
+
+
+def _from_exact(
+    path: Path, dialect: Dialect, rows: ExactRows, wanted: Wanted, events: list[Event]
+) -> CsvTable:
+    text = {name: merge_words(*rows.text[name]) for name in rows.text}
+    return CsvTable(
+        path,
+        len(rows.lines),
+        rows.columns,
+        rows.exact,
+        text,
+        rows.bad_cells,
+        events + rows.events,
+        dialect,
+        rows.lines,
+    )

@@ -1,0 +1,132 @@
+"""The check of a flight before it is replayed: everything is read, and what looks wrong is said with what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, TypeVar
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.errors import InsGnssError
+from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
+from insgnss.log.doctor_imu import imu_findings
+from insgnss.log.flight import Flight, check_overlap, missing_navigation
+from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.imu_csv import read_imu
+from insgnss.log.reference import read_reference
+from insgnss.log.report import CheckReport, Finding, from_events
+from insgnss.log.rinex import read_navigation
+from insgnss.tables import Event, GnssTable, ImuTable, ReferenceTable
+
+Table = TypeVar("Table")
+
+LONG_LEVER_ARM_M: Final = 30.0  # longer ones exist on ships; more often millimetres were taken for metres
+# Events that tell how a log was read, and are no defect
+NOTICES: Final = frozenset(
+    {
+        "csv_delimiter",
+        "csv_header_in_comment",
+        "leap_seconds_by_date",
+        "navigation_not_used",
+        "navigation_repeated",
+        "signal_assumed",
+        "week_crossover",
+    }
+)
+
+
+def check_flight(flight: Flight) -> CheckReport:
+    """Read all logs of a flight and report what they show.
+
+    Reports rates, gaps, overlaps, gravity and tilt at rest, suspicions of units and axes, satellites and ephemerides
+    per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm. A log that cannot be
+    read is an error in the report, not an exception; the others are still looked at.
+    """
+    config = flight.config
+    findings: list[Finding] = []
+    imu = _attempt(findings, "imu", lambda: read_imu(config.imu, config.gps_week, flight.imu_grade))
+    if imu is not None:
+        findings += imu_findings(imu, config.gps_week)
+    gnss = _attempt(findings, "gnss", lambda: read_gnss(config.gnss, config.gps_week))
+    if gnss is not None:
+        findings += gnss_findings(gnss, config.gps_week)
+    _check_navigation(findings, flight, gnss)
+    if config.reference is not None:
+        reference_config = config.reference
+        reference = _attempt(findings, "reference", lambda: read_reference(reference_config, config.gps_week))
+        if reference is not None:
+            findings += _reference_findings(reference, imu)
+    if imu is not None and gnss is not None:
+        findings += _overlap_findings(flight, imu, gnss)
+    findings.append(_lever_arm_finding(flight))
+    return CheckReport(flight.name, tuple(findings))
+
+
+def _attempt(
+    findings: list[Finding], topic: str, read: Callable[[], tuple[Table, list[Event]]]
+) -> Table | None:
+    """Return what ``read`` gives, its events turned into findings; None after an error, which is a finding too."""
+    try:
+        table, events = read()
+    except InsGnssError as error:
+        findings.append(_error_finding(topic, error))
+        return None
+    findings += from_events(topic, events, NOTICES)
+    return table
+
+
+def _error_finding(topic: str, error: InsGnssError) -> Finding:
+    place = error.place()
+    return Finding("error", topic, f"{place}: {error.message}" if place else error.message, error.advice)
+
+
+def _check_navigation(findings: list[Finding], flight: Flight, gnss: GnssTable | None) -> None:
+    files = flight.config.gnss.navigation
+    if files:
+        navigation = _attempt(findings, "navigation", lambda: read_navigation(files))
+        if navigation is not None and gnss is not None:
+            findings += ephemeris_findings(gnss, navigation)
+    elif gnss is not None and gnss.sat is None:
+        findings.append(_error_finding("navigation", missing_navigation(flight.path)))
+    elif gnss is not None:
+        findings.append(Finding("ok", "navigation", "satellite states stand in the GNSS log"))
+
+
+def _overlap_findings(flight: Flight, imu: ImuTable, gnss: GnssTable) -> list[Finding]:
+    try:
+        check_overlap(imu.t_ns, gnss.t_ns, flight.config)
+    except InsGnssError as error:
+        return [_error_finding("flight", error)]
+    start, end = max(imu.t_ns[0], gnss.t_ns[0]), min(imu.t_ns[-1], gnss.t_ns[-1])
+    findings = [Finding("ok", "flight", f"IMU and GNSS overlap for {(end - start) / NS_PER_S:.1f} s")]
+    epochs = np.unique(gnss.t_ns)
+    before, after = int(np.sum(epochs < imu.t_ns[0])), int(np.sum(epochs > imu.t_ns[-1]))
+    if before or after:
+        text = f"{before} GNSS epoch(s) before the IMU begins, {after} after it ends: not used"
+        findings.append(Finding("warning" if after else "ok", "flight", text))
+    return findings
+
+
+def _reference_findings(reference: ReferenceTable, imu: ImuTable | None) -> list[Finding]:
+    findings = [Finding("ok", "reference", f"{len(reference.t_ns)} rows")]
+    if imu is not None and (reference.t_ns[-1] < imu.t_ns[0] or reference.t_ns[0] > imu.t_ns[-1]):
+        text = "does not overlap the inertial log in time"
+        findings.append(Finding("warning", "reference", text, "check reference.time and gps_week"))
+    return findings
+
+
+def _lever_arm_finding(flight: Flight) -> Finding:
+    lever = flight.config.gnss.lever_arm_m
+    if lever is None:
+        text = "the lever arm from IMU to antenna is not given"
+        return Finding(
+            "warning", "flight", text, "measure it; write [0, 0, 0] only if it is zero: gnss.lever_arm_m"
+        )
+    length = float(np.linalg.norm(lever))
+    shown = f"lever arm ({lever[0]:g}, {lever[1]:g}, {lever[2]:g}) m forward, right, down"
+    if length > LONG_LEVER_ARM_M:
+        return Finding("warning", "flight", f"{shown} is {length:.0f} m long", "it is meant in metres")
+    if lever[2] > 0.0 and length > 0.0:
+        return Finding("ok", "flight", f"{shown}: the antenna is below the IMU")
+    return Finding("ok", "flight", shown)

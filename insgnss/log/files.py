@@ -1,0 +1,63 @@
+"""Log files as bytes: unpacked when gzipped, decoded, hashed for the record."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import zlib
+from pathlib import Path
+
+import pyarrow as pa
+
+from insgnss.config.files import existing_file
+from insgnss.errors import InputError
+
+GZIP_MAGIC = b"\x1f\x8b"
+COMPRESS_MAGIC = b"\x1f\x9d"
+
+
+def file_buffer(path: Path) -> pa.Buffer:
+    """Return the file's bytes without reading them yet (memory map), or unpacked when the file is gzipped.
+
+    Raises
+    ------
+    MissingFileError : no such file
+    InputError : empty file, unreadable file, or a gzip file that is cut or damaged
+    """
+    existing_file(path)
+    try:
+        if path.stat().st_size == 0:
+            raise InputError("the file is empty", file=path, advice="check how it was recorded or copied")
+        with path.open("rb") as stream:
+            magic = stream.read(2)
+        if magic == COMPRESS_MAGIC:
+            raise InputError(
+                "packed with 'compress' (.Z)", file=path, advice="unpack it first, or pack it with gzip"
+            )
+        if magic == GZIP_MAGIC:
+            data = gzip.decompress(path.read_bytes())
+            if not data:
+                raise InputError("the gzip file holds nothing", file=path)
+            return pa.py_buffer(data)
+        return pa.memory_map(str(path)).read_buffer()
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(
+            f"the gzip file is damaged or cut short: {error}", file=path, advice="copy it again"
+        ) from error
+    except OSError as error:
+        raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def file_text(path: Path) -> str:
+    """Return the file's text, unpacked when gzipped; bytes that are no UTF-8 are read as Latin-1."""
+    data: bytes = file_buffer(path).to_pybytes()
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of the file as it lies on the disk, in hexadecimal digits."""
+    with existing_file(path).open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

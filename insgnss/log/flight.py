@@ -1,0 +1,175 @@
+"""A flight: the file that names the logs, and the logs read and held against each other."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from insgnss.config.flight import FlightConfig, ImuGrade, Oscillator
+from insgnss.config.strict import load_toml
+from insgnss.errors import NavigationDataError, TimeError
+from insgnss.gpstime import ns_to_datetime, ns_to_week_seconds
+from insgnss.library import imu_grade, oscillator
+from insgnss.log.files import sha256
+from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.imu_csv import read_imu
+from insgnss.log.reference import read_reference
+from insgnss.log.rinex import read_navigation
+from insgnss.tables import Event, GnssTable, ImuTable, Int64, NavigationData, ReferenceTable
+
+
+@dataclass(frozen=True)
+class FlightLogs:
+    """Everything a flight's files hold."""
+
+    imu: ImuTable
+    gnss: GnssTable
+    navigation: NavigationData | None
+    reference: ReferenceTable | None
+    events: list[Event]
+    input_hashes: dict[str, str]  # SHA-256 of each file read
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A checked flight file: settings with absolute paths, the sensor's grade and the oscillator resolved.
+
+    ``insgnss.Flight.load("flight.toml").read()`` gives the logs.
+    """
+
+    path: Path
+    config: FlightConfig
+    imu_grade: ImuGrade
+    oscillator: Oscillator
+
+    @classmethod
+    def load(cls, path: str | Path) -> Flight:
+        """Read and check a flight file; no log is opened yet.
+
+        Raises
+        ------
+        MissingFileError : there is no such flight file
+        ConfigError : unknown key, missing key or impossible value, with file and line
+        ModelError : the grade or the oscillator is not in the library
+        """
+        path = Path(path)
+        config = _with_absolute_paths(load_toml(path, FlightConfig), path.absolute().parent)
+        grade = config.imu.grade
+        clock = config.gnss.oscillator
+        folder = (path.absolute().parent,)
+        return cls(
+            path,
+            config,
+            imu_grade(grade, folder) if isinstance(grade, str) else grade,
+            oscillator(clock, folder) if isinstance(clock, str) else clock,
+        )
+
+    @property
+    def name(self) -> str:
+        """The flight's name, that of its file when it has none of its own."""
+        return self.config.name or self.path.stem
+
+    def read(self) -> FlightLogs:
+        """Read all logs of the flight and hold them against each other.
+
+        Raises
+        ------
+        InputError and its kin : a log is missing, unreadable, or contradicts the flight file
+        TimeError : inertial and GNSS log do not overlap in time
+        """
+        config = self.config
+        imu, events = read_imu(config.imu, config.gps_week, self.imu_grade)
+        gnss, found = read_gnss(config.gnss, config.gps_week)
+        events += found
+        check_overlap(imu.t_ns, gnss.t_ns, config)
+        navigation = None
+        if config.gnss.navigation:
+            navigation, found = read_navigation(config.gnss.navigation)
+            events += found
+        elif gnss.sat is None:
+            raise missing_navigation(self.path)
+        reference = None
+        if config.reference is not None:
+            reference, found = read_reference(config.reference, config.gps_week)
+            events += found
+        if config.gnss.lever_arm_m is None:
+            detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
+            events.append(Event(None, "lever_arm_not_given", detail))
+        return FlightLogs(imu, gnss, navigation, reference, events, self._hashes())
+
+    def files(self) -> tuple[Path, ...]:
+        """Return every file the flight reads, the flight file first."""
+        config = self.config
+        reference = () if config.reference is None else (config.reference.file,)
+        return (self.path, *config.imu.files, *config.gnss.files, *config.gnss.navigation, *reference)
+
+    def _hashes(self) -> dict[str, str]:
+        return {str(path): sha256(path) for path in self.files()}
+
+
+def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
+    """Return the settings with every path counted from the flight file's folder."""
+
+    def absolute(path: Path) -> Path:
+        return Path(os.path.normpath(folder / path))
+
+    imu = config.imu.model_copy(update={"files": tuple(map(absolute, config.imu.files))})
+    gnss = config.gnss.model_copy(
+        update={
+            "files": tuple(map(absolute, config.gnss.files)),
+            "navigation": tuple(map(absolute, config.gnss.navigation)),
+        }
+    )
+    update: dict[str, object] = {"imu": imu, "gnss": gnss}
+    if config.reference is not None:
+        update["reference"] = config.reference.model_copy(update={"file": absolute(config.reference.file)})
+    return config.model_copy(update=update)
+
+
+def missing_navigation(path: Path) -> NavigationDataError:
+    """Return the error of a flight that says nothing about where the satellites were."""
+    return NavigationDataError(
+        "no satellite positions: the GNSS log has no satellite states and there is no navigation file",
+        file=path,
+        key="gnss.navigation",
+        advice="name a RINEX navigation file of the day, or give the columns sat_x_m ... sat_clock_drift_mps",
+    )
+
+
+def check_overlap(imu_ns: Int64, gnss_ns: Int64, config: FlightConfig) -> None:
+    """Hold the spans of the two logs against each other.
+
+    Raises
+    ------
+    TimeError : they have no time in common; both spans and the usual reasons are named
+    """
+    if imu_ns[0] <= gnss_ns[-1] and gnss_ns[0] <= imu_ns[-1]:
+        return
+    late = (
+        (int(imu_ns[0]) - int(gnss_ns[-1]))
+        if imu_ns[0] > gnss_ns[-1]
+        else (int(imu_ns[-1]) - int(gnss_ns[0]))
+    )
+    raise TimeError(
+        f"the logs do not overlap: IMU {_span(imu_ns, config.gps_week)}, GNSS {_span(gnss_ns, config.gps_week)}",
+        file=config.imu.files[0],
+        advice=_overlap_advice(late / 1e9),
+    )
+
+
+def _span(t_ns: Int64, week: int) -> str:
+    first, last = ns_to_week_seconds(t_ns[[0, -1]], week)
+    return (
+        f"{first:.3f} to {last:.3f} s of week {week} ({ns_to_datetime(int(t_ns[0])):%Y-%m-%d %H:%M:%S} GPS)"
+    )
+
+
+def _overlap_advice(gap_s: float) -> str:
+    weeks = round(gap_s / 604_800)
+    if weeks:
+        return f"they are about {abs(weeks)} week(s) apart: check gps_week and time.origin of both logs"
+    return (
+        f"they are {abs(gap_s):.1f} s apart: check time.scale (UTC is 18 s behind GPS since 2017; local time is hours"
+        " away), time.unit, time.offset_s"
+    )

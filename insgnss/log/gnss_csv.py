@@ -1,0 +1,227 @@
+"""GNSS logs: CSV files with one row per satellite, signal and epoch become a ``GnssTable``.
+
+Both forms are read: with satellite states in the row, or with a navigation file beside it.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from insgnss.config.flight import Gnss, GnssColumns
+from insgnss.constants import C_MPS
+from insgnss.errors import ColumnError, UnitsError
+from insgnss.log.csv_columns import Wanted
+from insgnss.log.csv_table import CsvTable, TextColumn, read_csv_table
+from insgnss.log.gnss_rows import in_time_order, joined, selected
+from insgnss.log.rinex import read_rinex_obs
+from insgnss.log.satellites import normalised_name
+from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
+
+# What a log without a signal column is taken to hold: the first civil signal of each system in the L1 band
+ASSUMED_SIGNAL: Final = {"G": "C1C", "R": "C1C", "E": "C1C", "C": "C2I", "J": "C1C", "I": "C5A", "S": "C1C"}
+OTHER_UNITS_M: Final = {"kilometres": 1e3, "seconds": C_MPS, "milliseconds": 1e-3 * C_MPS}
+NEAREST_M: Final = 1.5e7  # between the nearest GNSS satellite seen from 2000 km height ...
+FARTHEST_M: Final = (
+    6e7  # ... and the farthest in geosynchronous orbit, with a clock off by tens of milliseconds
+)
+_CODE: Final = re.compile(r"[CLDS]?(\d[A-Z])")
+
+
+def read_gnss(config: Gnss, week: int) -> tuple[GnssTable, list[Event]]:
+    """Read a GNSS log of one or several files, CSV or RINEX observation.
+
+    Parameters
+    ----------
+    config : the flight file's entry, paths resolved
+    week : GPS week that the seconds of the week count from
+
+    Raises
+    ------
+    InputError and its kin : a file or column is missing, or too many rows cannot be read
+    """
+    if config.format == "rinex":
+        return read_rinex_obs(config.files, config.time.offset_s)
+    parts: list[GnssTable] = []
+    events: list[Event] = []
+    for path in config.files:
+        previous = int(parts[-1].t_ns[-1]) if parts and len(parts[-1].t_ns) else None
+        part, found = _read_file(config, path, week, previous)
+        parts.append(part)
+        events += found
+    table, reordered = in_time_order(joined(parts), str(config.files[0]))
+    return table, events + reordered
+
+
+def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> tuple[GnssTable, list[Event]]:
+    names = config.columns
+    table = read_csv_table(path, wanted_with_time(names.time, config.time, _wanted(names)))
+    t_ns, rows, timing = gps_times(table, names.time, config.time, week)
+    table = table if rows is None else table.take(rows)
+    t_ns, continued = continued_week(t_ns, previous_ns, str(path))
+    events = table.events + timing + continued
+    sv, sv_names, bad_names = _satellites(table.text[names.sv], path)
+    signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, path)
+    events += bad_names + assumed
+    if not (sv >= 0).any():
+        raise ColumnError(
+            f"no cell names a satellite: '{table.text[names.sv].words[0]}', ...",
+            file=path,
+            column=names.sv,
+            advice="write satellites as in RINEX 3, the system's letter and the number: G05, E11",
+        )
+    pseudorange_m = _values(table, names.pseudorange, path, required=True)
+    _check_pseudoranges(pseudorange_m, names.pseudorange, path)
+    whole = GnssTable(
+        t_ns,
+        sv,
+        signal,
+        pseudorange_m,
+        _values(table, names.doppler, path),
+        _values(table, names.range_rate, path),
+        _values(table, names.cn0, path),
+        sv_names,
+        signal_names,
+        _satellite_states(table, config, path),
+        table.columns.get(names.sigma_pseudorange),
+        table.columns.get(names.sigma_range_rate),
+        _bad_rows(table, names),
+    )
+    if names.doppler not in table.columns and names.range_rate not in table.columns:
+        detail = f"{path}: neither '{names.doppler}' nor '{names.range_rate}': pseudoranges only"
+        events.append(Event(None, "no_range_rate", detail))
+    return (whole if (sv >= 0).all() else selected(whole, np.flatnonzero(sv >= 0))), events
+
+
+def _wanted(names: GnssColumns) -> Wanted:
+    return Wanted(
+        optional=(
+            names.pseudorange,
+            names.doppler,
+            names.range_rate,
+            names.cn0,
+            names.sigma_pseudorange,
+            names.sigma_range_rate,
+            *_state_columns(names),
+        ),
+        text=(names.sv,),
+        optional_text=(names.signal,),
+    )
+
+
+def _state_columns(names: GnssColumns) -> tuple[str, ...]:
+    return (*names.sat_position, *names.sat_velocity, names.sat_clock, names.sat_clock_drift)
+
+
+def _values(table: CsvTable, name: str, path: Path, *, required: bool = False) -> Float64:
+    """Return an optional column, NaN where the file has none."""
+    if name in table.columns:
+        return table.columns[name]
+    if required:
+        raise ColumnError(
+            "column missing",
+            file=path,
+            line=table.dialect.header_line,
+            column=name,
+            advice=f"the file has {', '.join(table.dialect.columns)}; map the names under gnss.columns",
+        )
+    return np.full(table.n, np.nan)
+
+
+def _check_pseudoranges(pseudorange_m: Float64, name: str, path: Path) -> None:
+    """Raise when the column holds no number at all, or numbers that are distances to satellites in another unit."""
+    present = pseudorange_m[np.isfinite(pseudorange_m)]
+    if not len(present):
+        raise ColumnError(
+            "holds no number at all", file=path, column=name, advice="is it the column of pseudoranges?"
+        )
+    middle = float(np.median(present))
+    for unit, metres in OTHER_UNITS_M.items():
+        if NEAREST_M < middle * metres < FARTHEST_M:
+            raise UnitsError(
+                f"pseudoranges near {middle:.4g} are no metres",
+                file=path,
+                column=name,
+                advice=f"they look like {unit}",
+            )
+
+
+def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> Float64 | None:
+    """Return (n, 8) satellite states of the log, None when it has none.
+
+    Raises
+    ------
+    ColumnError : some of the eight columns are there, others not, and no navigation file can stand in
+    """
+    columns = _state_columns(config.columns)
+    missing = [name for name in columns if name not in table.columns]
+    if not missing:
+        return np.column_stack([table.columns[name] for name in columns])
+    if len(missing) < len(columns) and not config.navigation:
+        raise ColumnError(
+            "the log has a part of the satellite states, but not this one",
+            file=path,
+            line=table.dialect.header_line,
+            column=missing[0],
+            advice="give all eight (position, velocity, clock, clock drift) or a navigation file",
+        )
+    return None
+
+
+def _bad_rows(table: CsvTable, names: GnssColumns) -> Int64:
+    """Return the rows whose range, Doppler or range rate holds something that is neither empty nor a number."""
+    measured = (names.pseudorange, names.doppler, names.range_rate)
+    rows = [table.bad_cells[name] for name in measured if name in table.bad_cells]
+    return np.unique(np.concatenate(rows)) if rows else np.zeros(0, np.int64)
+
+
+def _satellites(column: TextColumn, path: Path) -> tuple[Int16, tuple[str, ...], list[Event]]:
+    """Return each row's index into the satellites' names, -1 where the cell names none."""
+    named = [normalised_name(word) for word in column.words]
+    distinct = tuple(dict.fromkeys(name for name in named if name is not None))
+    index = {name: i for i, name in enumerate(distinct)}
+    table = np.array([-1 if name is None else index[name] for name in named], dtype=np.int16)
+    events = []
+    for code, (word, name) in enumerate(zip(column.words, named, strict=True)):
+        if name is None:
+            count = int(np.count_nonzero(column.codes == code))
+            events.append(
+                Event(None, "bad_row", f"{path}: '{word}' names no satellite; {count} row(s) refused")
+            )
+    return table[column.codes], distinct, events
+
+
+def _signals(
+    column: TextColumn | None, sv: Int16, sv_names: tuple[str, ...], path: Path
+) -> tuple[Int16, tuple[str, ...], list[Event]]:
+    """Return each row's index into the signals' RINEX codes; a row without one gets its system's first civil signal."""
+    assumed = [ASSUMED_SIGNAL[name[0]] for name in sv_names]
+    written = [] if column is None else [_code(word) for word in column.words]
+    names = tuple(dict.fromkeys([code for code in written if code] + assumed))
+    of_satellite = np.array([names.index(code) for code in assumed] + [0], dtype=np.int16)
+    if column is None:
+        detail = f"{path}: no column of signals: {_summary(assumed, sv_names)} assumed"
+        return of_satellite[sv], names, [Event(None, "signal_assumed", detail)]
+    table = np.array([names.index(code) if code else -1 for code in written], dtype=np.int16)
+    signal = table[column.codes]
+    empty = signal < 0
+    if not empty.any():
+        return signal, names, []
+    signal[empty] = of_satellite[sv[empty]]
+    detail = f"{path}: {int(empty.sum())} row(s) without a signal: {_summary(assumed, sv_names)} assumed"
+    return signal, names, [Event(None, "signal_assumed", detail)]
+
+
+def _code(word: str) -> str:
+    """Return a signal as RINEX names its pseudorange ("1C", "L1C" -> "C1C"), anything else unchanged in capitals."""
+    match = _CODE.fullmatch(word.upper())
+    return f"C{match[1]}" if match else word.upper()
+
+
+def _summary(assumed: list[str], sv_names: tuple[str, ...]) -> str:
+    pairs = dict.fromkeys(f"{name[0]} {code}" for name, code in zip(sv_names, assumed, strict=True))
+    return ", ".join(pairs)

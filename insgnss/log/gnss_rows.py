@@ -1,0 +1,85 @@
+"""Rows of GNSS observations: selected, joined over several files, and put into the order of their epochs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
+
+
+def selected(table: GnssTable, rows: npt.NDArray[np.intp]) -> GnssTable:
+    """Return the given rows, in the given order; ``bad_cells`` follows its rows."""
+    flagged = np.zeros(len(table.t_ns), np.bool_)
+    flagged[table.bad_cells] = True
+    return replace(
+        table,
+        t_ns=table.t_ns[rows],
+        sv=table.sv[rows],
+        signal=table.signal[rows],
+        pseudorange_m=table.pseudorange_m[rows],
+        doppler_hz=table.doppler_hz[rows],
+        range_rate_mps=table.range_rate_mps[rows],
+        cn0_dbhz=table.cn0_dbhz[rows],
+        sat=None if table.sat is None else table.sat[rows],
+        sigma_pseudorange_m=None if table.sigma_pseudorange_m is None else table.sigma_pseudorange_m[rows],
+        sigma_range_rate_mps=None if table.sigma_range_rate_mps is None else table.sigma_range_rate_mps[rows],
+        bad_cells=np.flatnonzero(flagged[rows]).astype(np.int64),
+    )
+
+
+def joined(parts: list[GnssTable]) -> GnssTable:
+    """Return the rows of all parts, one after the other, with one list of satellites and one of signals."""
+    if len(parts) == 1:
+        return parts[0]
+    sv_names = tuple(dict.fromkeys(name for part in parts for name in part.sv_names))
+    signal_names = tuple(dict.fromkeys(name for part in parts for name in part.signal_names))
+    starts = np.cumsum([0] + [len(part.t_ns) for part in parts])
+    return GnssTable(
+        np.concatenate([part.t_ns for part in parts]),
+        np.concatenate([_renumbered(part.sv, part.sv_names, sv_names) for part in parts]),
+        np.concatenate([_renumbered(part.signal, part.signal_names, signal_names) for part in parts]),
+        np.concatenate([part.pseudorange_m for part in parts]),
+        np.concatenate([part.doppler_hz for part in parts]),
+        np.concatenate([part.range_rate_mps for part in parts]),
+        np.concatenate([part.cn0_dbhz for part in parts]),
+        sv_names,
+        signal_names,
+        _stacked([part.sat for part in parts], parts, 8),
+        _stacked([part.sigma_pseudorange_m for part in parts], parts, None),
+        _stacked([part.sigma_range_rate_mps for part in parts], parts, None),
+        np.concatenate([part.bad_cells + start for part, start in zip(parts, starts, strict=False)]),
+    )
+
+
+def _renumbered(index: Int16, old: tuple[str, ...], new: tuple[str, ...]) -> Int16:
+    return np.array([new.index(name) for name in old] + [-1], dtype=np.int16)[index]
+
+
+def _stacked(columns: list[Float64 | None], parts: list[GnssTable], width: int | None) -> Float64 | None:
+    """Return the columns joined, NaN where a part lacks them; None when no part has them."""
+    if all(column is None for column in columns):
+        return None
+    filled = []
+    for column, part in zip(columns, parts, strict=True):
+        shape = (len(part.t_ns),) if width is None else (len(part.t_ns), width)
+        filled.append(np.full(shape, np.nan) if column is None else column)
+    return np.concatenate(filled)
+
+
+def in_time_order(table: GnssTable, file: str) -> tuple[GnssTable, list[Event]]:
+    """Return the rows sorted by epoch, stable within an epoch, and an event when they were not."""
+    falls = np.flatnonzero(np.diff(table.t_ns) < 0)
+    if not len(falls):
+        return table, []
+    detail = f"{file}: time falls back at {len(falls)} row(s); the rows were sorted"
+    order = np.argsort(table.t_ns, kind="stable")
+    return selected(table, order), [Event(int(table.t_ns[falls[0] + 1]), "gnss_time_order", detail)]
+
+
+def epochs(table: GnssTable) -> tuple[Int64, Int64]:
+    """Return the time tag of each epoch and the row at which it starts (with the number of rows as last entry)."""
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(table.t_ns)) + 1)).astype(np.int64)
+    return table.t_ns[starts], np.concatenate((starts, [len(table.t_ns)]))

@@ -1,0 +1,64 @@
+"""Sensor axes become body axes: a signed permutation or a full mounting matrix, checked to be a rotation."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.config.flight import Imu
+from insgnss.errors import ConfigError
+from insgnss.tables import Float64
+
+ORTHONORMAL_TOLERANCE: Final = (
+    1e-3  # a matrix written with four digits passes, one of misalignments of 0.1 deg too
+)
+
+
+def mounting_matrix(config: Imu) -> Float64:
+    """Return C_bs, (3, 3), sensor axes to body axes (forward-right-down): ``f_b = C_bs @ f_s``.
+
+    Raises
+    ------
+    ConfigError : the matrix is not orthonormal to 1e-3, or the axes are left-handed
+    """
+    if config.mounting_matrix is not None:
+        C_bs = np.array(config.mounting_matrix, dtype=np.float64)
+        error = float(np.abs(C_bs @ C_bs.T - np.eye(3)).max())
+        if not error <= ORTHONORMAL_TOLERANCE:
+            raise ConfigError(
+                f"the rows are not orthonormal: C C^T differs from the unit matrix by {error:.2g}",
+                key="imu.mounting_matrix",
+                advice="give the rotation from sensor to body axes with at least four digits, one row per body axis",
+            )
+        key = "imu.mounting_matrix"
+    else:
+        C_bs = np.zeros((3, 3))
+        for row, axis in enumerate(config.axes):
+            C_bs[row, "xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
+        key = "imu.axes"
+    if np.linalg.det(C_bs) < 0.0:
+        raise ConfigError(
+            "the axes are left-handed: no rotation turns the sensor into forward-right-down",
+            key=key,
+            advice="one sign is wrong, or two axes are exchanged",
+        )
+    return C_bs
+
+
+def to_body_axes(columns: list[Float64], C_bs: Float64, factor: float | Float64) -> Float64:
+    """Return (n, 3) body components of three sensor columns, scaled; each column is read once, nothing is copied twice.
+
+    Parameters
+    ----------
+    columns : three (n,) arrays, sensor axes
+    C_bs : (3, 3) sensor axes to body axes
+    factor : to SI units; one number, or (n,) for increments over uneven steps
+    """
+    body = np.empty((len(columns[0]), 3))
+    for row in range(3):
+        used = np.flatnonzero(C_bs[row])
+        np.multiply(columns[used[0]], factor * C_bs[row, used[0]], out=body[:, row])
+        for column in used[1:]:
+            body[:, row] += columns[column] * (factor * C_bs[row, column])
+    return body

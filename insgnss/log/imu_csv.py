@@ -1,0 +1,169 @@
+"""Inertial logs: CSV files become one table of mean rates and specific forces in body axes.
+
+The declared units, axes, kind of values and time scale are applied as declared; numbers that contradict the declaration
+are an error (``imu_units``), damaged samples are events (``imu_time``, ``imu_faults``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from insgnss.config.flight import Imu, ImuGrade
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.errors import InputError
+from insgnss.log.csv_columns import Wanted
+from insgnss.log.csv_table import read_csv_table
+from insgnss.log.imu_axes import mounting_matrix, to_body_axes
+from insgnss.log.imu_faults import Axes, fault_events
+from insgnss.log.imu_time import gap_events, increasing_samples
+from insgnss.log.imu_units import check_units
+from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.tables import Event, Float64, ImuTable, Int64
+from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
+
+LONG_STEP: Final = (
+    1.5  # an increment whose step is longer than so many median steps covers one nominal step only
+)
+
+
+@dataclass
+class _Raw:
+    """The columns of an inertial log as they stand in the file, sensor axes."""
+
+    t_ns: Int64
+    gyro: list[Float64]
+    accel: list[Float64]
+
+    def take(self, kept: Int64) -> _Raw:
+        return _Raw(self.t_ns[kept], [c[kept] for c in self.gyro], [c[kept] for c in self.accel])
+
+
+def read_imu(config: Imu, week: int, grade: ImuGrade | None = None) -> tuple[ImuTable, list[Event]]:
+    """Read an inertial log of one or several files.
+
+    Parameters
+    ----------
+    config : the flight file's entry, paths resolved
+    week : GPS week that the seconds of the week count from
+    grade : the sensor's error model, for its measuring ranges
+
+    Raises
+    ------
+    InputError and its kin : a file or column is missing, or the numbers contradict the declared units
+    ConfigError : impossible axes
+    """
+    C_bs = mounting_matrix(config)
+    file = ", ".join(str(path) for path in config.files)
+    raw, events = _read_files(config, week)
+    kept, refused = increasing_samples(raw.t_ns, file)
+    if kept is not None:
+        raw = raw.take(kept)
+    events += refused
+    if len(raw.t_ns) < 2:
+        raise InputError("an inertial log needs at least two samples", file=file)
+    step = np.diff(raw.t_ns)
+    median_ns = float(np.median(step))
+    events += gap_events(raw.t_ns, step, median_ns, file)
+    for axes in _axes(raw, config, grade, median_ns):
+        events += fault_events(raw.t_ns, axes, file)
+    table, converted = _to_table(raw, step, median_ns, config, C_bs, file)
+    del raw
+    return table, events + converted + check_units(table, config, grade, median_ns, file)
+
+
+def _axes(raw: _Raw, config: Imu, grade: ImuGrade | None, median_ns: float) -> tuple[Axes, Axes]:
+    """Return the sensor axes as they stand in the file, with their units and ranges."""
+    per_step = NS_PER_S / median_ns if config.values == "increments" else 1.0
+    gyro_range = None if grade is None else grade.gyro_range_deg_per_s
+    accel_range = None if grade is None else grade.accel_range_g
+    return (
+        Axes(
+            "gyro",
+            raw.gyro,
+            config.columns.gyro,
+            SI_PER_UNIT[config.gyro_unit] * per_step,
+            None if gyro_range is None else gyro_range * RAD_PER_DEG,
+        ),
+        Axes(
+            "accel",
+            raw.accel,
+            config.columns.accel,
+            SI_PER_UNIT[config.accel_unit] * per_step,
+            None if accel_range is None else accel_range * STANDARD_GRAVITY_MPS2,
+        ),
+    )
+
+
+def _read_files(config: Imu, week: int) -> tuple[_Raw, list[Event]]:
+    """Return the samples of all files, the files ordered by their first time."""
+    events: list[Event] = []
+    parts: list[_Raw] = []
+    for path in config.files:
+        previous = int(parts[-1].t_ns[-1]) if parts else None
+        part, found = _read_file(config, path, week, previous)
+        parts.append(part)
+        events += found
+    if len(parts) == 1:
+        return parts[0], events
+    parts.sort(key=lambda part: int(part.t_ns[0]))
+    joined = _Raw(
+        np.concatenate([part.t_ns for part in parts]),
+        [np.concatenate([part.gyro[axis] for part in parts]) for axis in range(3)],
+        [np.concatenate([part.accel[axis] for part in parts]) for axis in range(3)],
+    )
+    return joined, events
+
+
+def _read_file(config: Imu, path: Path, week: int, previous_ns: int | None) -> tuple[_Raw, list[Event]]:
+    names = config.columns
+    wanted = wanted_with_time(names.time, config.time, Wanted(numeric=(*names.gyro, *names.accel)))
+    table = read_csv_table(path, wanted)
+    t_ns, rows, events = gps_times(table, names.time, config.time, week)
+    t_ns, continued = continued_week(t_ns, previous_ns, str(path))
+    columns = [
+        table.columns[name] if rows is None else table.columns[name][rows]
+        for name in (*names.gyro, *names.accel)
+    ]
+    return _Raw(t_ns, columns[:3], columns[3:]), table.events + events + continued
+
+
+def _to_table(
+    raw: _Raw, step: Int64, median_ns: float, config: Imu, C_bs: Float64, file: str
+) -> tuple[ImuTable, list[Event]]:
+    """Return the samples in SI units and body axes, as means over the interval that ends at each tag."""
+    factor: float | Float64 = 1.0
+    events: list[Event] = []
+    if config.values == "increments":
+        factor, events = _per_interval(step, median_ns, file, raw.t_ns)
+    w_ib_b = to_body_axes(raw.gyro, C_bs, factor * SI_PER_UNIT[config.gyro_unit])
+    f_b = to_body_axes(raw.accel, C_bs, factor * SI_PER_UNIT[config.accel_unit])
+    if config.sampling == "instant" and config.values == "rates":
+        w_ib_b, f_b = _trapezoid(w_ib_b), _trapezoid(f_b)
+    return ImuTable(raw.t_ns, w_ib_b, f_b), events
+
+
+def _per_interval(step: Int64, median_ns: float, file: str, t_ns: Int64) -> tuple[Float64, list[Event]]:
+    """Return 1 / interval [1/s] of each increment; after a gap an increment covers one nominal step."""
+    interval = np.concatenate(([median_ns], step.astype(np.float64)))
+    long = np.flatnonzero(interval > LONG_STEP * median_ns)
+    interval[long] = median_ns
+    events = []
+    if len(long):
+        detail = f"{file}: {len(long)} increment(s) after a longer step taken to cover one nominal step of"
+        events.append(
+            Event(int(t_ns[long[0]]), "imu_increment_after_gap", f"{detail} {median_ns / NS_PER_S:.6g} s")
+        )
+    return np.asarray(NS_PER_S / interval), events
+
+
+def _trapezoid(values: Float64) -> Float64:
+    """Return the mean over each interval from the values at its two ends."""
+    mean = np.empty_like(values)
+    mean[0] = values[0]
+    np.add(values[:-1], values[1:], out=mean[1:])
+    mean[1:] *= 0.5
+    return mean

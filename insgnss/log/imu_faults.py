@@ -1,0 +1,104 @@
+"""Damaged inertial axes: one that stands still while the others move, and values pinned at the end of the range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.tables import Event, Float64, Int64
+from insgnss.units import RAD_PER_DEG
+
+STUCK_S: Final = (
+    1.0  # equal to the last digit for this long, with the other axes moving: no sensor at rest does that
+)
+PINNED_SAMPLES: Final = 3  # in a row at the largest magnitude of the log
+PINNED_TOTAL: Final = 5
+PINNED_SHARE_OF_RANGE: Final = 0.999  # of the declared range, or of the largest magnitude
+LEVELS: Final = (
+    100.0  # a pinned value lies this many resolution steps out: coarse numbers at rest repeat themselves too
+)
+# Smaller magnitudes are no end of any sensor's range
+MIN_PINNED: Final = {"gyro": 100.0 * RAD_PER_DEG, "accel": 1.5 * STANDARD_GRAVITY_MPS2}
+MAX_EVENTS_EACH: Final = 20
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Three sensor axes of one kind as they stand in the log, and what one unit of them is."""
+
+    kind: str  # "gyro" or "accel"
+    columns: list[Float64]  # three (n,)
+    names: tuple[str, str, str]
+    si_per_unit: float  # rate or acceleration [rad/s or m/s^2] of one unit of the column, for a nominal step
+    range_si: float | None  # measuring range [rad/s or m/s^2], None when not known
+
+
+def fault_events(t_ns: Int64, axes: Axes, file: str) -> list[Event]:
+    """Return an event for each stretch in which an axis is stuck, and one for each axis that saturates."""
+    longest = [_equal_runs(column) for column in axes.columns]
+    events: list[Event] = []
+    for axis in range(3):
+        events += _stuck(t_ns, axes, axis, longest[axis], file)
+        events += _saturated(t_ns, axes, axis, file)
+    return events
+
+
+def _equal_runs(column: Float64) -> tuple[Int64, Int64]:
+    """Return the first and last index of each run of two and more equal values."""
+    equal = column[1:] == column[:-1]
+    if not equal.any():
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    edge = np.diff(equal.astype(np.int8), prepend=0, append=0)
+    return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
+
+
+def _stuck(t_ns: Int64, axes: Axes, axis: int, runs: tuple[Int64, Int64], file: str) -> list[Event]:
+    first, last = runs
+    long = np.flatnonzero(t_ns[last] - t_ns[first] > STUCK_S * NS_PER_S)
+    events = []
+    for run in long:
+        a, b = int(first[run]), int(last[run])
+        others = [axes.columns[other][a : b + 1] for other in range(3) if other != axis]
+        if not any(other.min() < other.max() for other in others):
+            continue
+        seconds = (t_ns[b] - t_ns[a]) / NS_PER_S
+        detail = f"{file}: column '{axes.names[axis]}' holds {axes.columns[axis][a]:g} for {seconds:.3g} s"
+        events.append(Event(int(t_ns[a]), "imu_stuck_axis", detail))
+    if len(events) > MAX_EVENTS_EACH:
+        rest = Event(
+            events[MAX_EVENTS_EACH].t_ns, "imu_stuck_axis", f"{file}: {len(events)} such stretches in all"
+        )
+        events = [*events[:MAX_EVENTS_EACH], rest]
+    return events
+
+
+def _saturated(t_ns: Int64, axes: Axes, axis: int, file: str) -> list[Event]:
+    """Return an event when values lie at the declared range, or are pinned at the largest magnitude of the log."""
+    column = axes.columns[axis]
+    top = float(max(column.max(), -column.min()))
+    known = None if axes.range_si is None else axes.range_si / axes.si_per_unit
+    if known is not None and top >= PINNED_SHARE_OF_RANGE * known:
+        at = np.flatnonzero(np.abs(column) >= PINNED_SHARE_OF_RANGE * known)
+        why = "at or above the sensor's range"
+    elif top * axes.si_per_unit >= MIN_PINNED[axes.kind]:
+        at = np.flatnonzero(np.abs(column) >= PINNED_SHARE_OF_RANGE * top)
+        if len(at) < PINNED_TOTAL or not _pinned(column, at):
+            return []
+        why = "pinned at the largest value of the log"
+    else:
+        return []
+    detail = f"{file}: column '{axes.names[axis]}': {len(at)} sample(s) {why}, {top * axes.si_per_unit:.4g} in SI units"
+    return [Event(int(t_ns[at[0]]), "imu_saturated", detail)]
+
+
+def _pinned(column: Float64, at: Int64) -> bool:
+    """Return whether the samples ``at`` hold runs of equal values that lie many resolution steps out."""
+    in_row = (np.diff(at) == 1) & (column[at[1:]] == column[at[:-1]])
+    if len(in_row) < PINNED_SAMPLES - 1 or not (in_row[:-1] & in_row[1:]).any():
+        return False
+    change = np.abs(np.diff(column))
+    moving = change[change > 0.0]
+    return len(moving) > 0 and float(np.abs(column[at[0]])) > LEVELS * float(moving.min())

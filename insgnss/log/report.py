@@ -1,0 +1,73 @@
+"""What a check of a flight found: facts and findings, each with its severity, printed line by line."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+from insgnss.tables import Event
+
+Severity = Literal["ok", "warning", "error"]
+MARKS: Final[dict[Severity, str]] = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One result of a check."""
+
+    severity: Severity
+    topic: str  # "imu", "gnss", "navigation", "reference", "flight"
+    text: str
+    advice: str = ""
+
+    def line(self) -> str:
+        """Return the finding on one line, the advice after an arrow."""
+        advice = f" -> {self.advice}" if self.advice else ""
+        return f"{MARKS[self.severity]} {self.topic:<10} {self.text}{advice}"
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """All findings of a flight, in the order of its logs."""
+
+    name: str
+    findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def severity(self) -> Severity:
+        """The worst severity among the findings."""
+        found = {finding.severity for finding in self.findings}
+        return "error" if "error" in found else "warning" if "warning" in found else "ok"
+
+    def of(self, severity: Severity) -> tuple[Finding, ...]:
+        """Return the findings of one severity."""
+        return tuple(finding for finding in self.findings if finding.severity == severity)
+
+    def lines(self) -> list[str]:
+        """Return the report as lines of text, the last one a summary."""
+        count = Counter(finding.severity for finding in self.findings)
+        summary = f"{self.name}: {count['error']} error(s), {count['warning']} warning(s), {count['ok']} ok"
+        return [*(finding.line() for finding in self.findings), summary]
+
+
+def from_events(topic: str, events: Sequence[Event], notices: frozenset[str]) -> list[Finding]:
+    """Return one finding for each kind of event, the first event's detail and the number of such.
+
+    Parameters
+    ----------
+    topic : of the findings
+    events : what the readers noticed
+    notices : kinds that are worth telling but no defect
+    """
+    kinds: dict[str, list[Event]] = {}
+    for event in events:
+        kinds.setdefault(event.kind, []).append(event)
+    findings = []
+    for kind, same in kinds.items():
+        more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
+        findings.append(
+            Finding("ok" if kind in notices else "warning", topic, f"{kind}: {same[0].detail}{more}")
+        )
+    return findings

@@ -1,0 +1,144 @@
+"""Time columns become GPS time in integer nanoseconds: unit, origin, time scale, week crossover, offset."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.flight import TimeScale
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import TimeError
+from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
+from insgnss.log.csv_columns import Wanted
+from insgnss.log.csv_table import CsvTable
+from insgnss.tables import Event, Int64
+
+NS_PER_UNIT: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
+CROSSOVER_TOLERANCE_NS: Final = 3600 * NS_PER_S  # a log may pause that long over the week's end
+LATEST_NS: Final = 9_999 * NS_PER_WEEK  # what is later is no date of any log
+MAX_WEEK_SECONDS_NS: Final = 10 * NS_PER_WEEK  # seconds may be counted on over some week ends
+MAX_EVENTS_EACH: Final = 20
+
+
+def is_exact(scale: TimeScale) -> bool:
+    """Return whether the column must be read digit by digit.
+
+    Seconds of the week fit a float64 to 0.1 ns; seconds since 1970 or 1980 only to 0.2 us.
+    """
+    return scale.origin != "gps_week"
+
+
+def wanted_with_time(column: str, scale: TimeScale, wanted: Wanted) -> Wanted:
+    """Return ``wanted`` with the time column added in the way its scale needs."""
+    if is_exact(scale):
+        return Wanted(
+            wanted.numeric, wanted.optional, wanted.text, wanted.optional_text, {column: _DIGITS[scale.unit]}
+        )
+    return Wanted((column, *wanted.numeric), wanted.optional, wanted.text, wanted.optional_text)
+
+
+def gps_times(
+    table: CsvTable, column: str, scale: TimeScale, week: int
+) -> tuple[Int64, npt.NDArray[np.intp] | None, list[Event]]:
+    """Return GPS time [ns] of the rows of a table that was read with ``wanted_with_time``.
+
+    Returns
+    -------
+    The times, the rows they belong to (None: all; a tag that is no date refuses its row), and what was noticed.
+
+    Raises
+    ------
+    TimeError : most times lie outside any GPS date: wrong unit or origin
+    """
+    if is_exact(scale):
+        t_ns = table.exact[column]
+        if scale.origin == "unix_epoch":
+            t_ns = t_ns - UNIX_TO_GPS_S * NS_PER_S
+        possible = (t_ns >= 0) & (t_ns <= LATEST_NS)
+    else:
+        ns = table.columns[column] * NS_PER_UNIT[scale.unit]
+        possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
+        t_ns = np.rint(np.where(possible, ns, 0.0) if not possible.all() else ns).astype(np.int64)
+    rows, events = _possible_rows(table, column, scale, possible)
+    t_ns = t_ns if rows is None else t_ns[rows]
+    if not is_exact(scale):
+        events += _unwrap_week(t_ns, str(table.path), week)
+        t_ns += week * NS_PER_WEEK
+    return _to_gps(t_ns, scale, str(table.path), events), rows, events
+
+
+def _possible_rows(
+    table: CsvTable, column: str, scale: TimeScale, possible: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.intp] | None, list[Event]]:
+    if possible.all():
+        return None, []
+    rows = np.flatnonzero(possible)
+    bad = np.flatnonzero(~possible)
+    if len(bad) > len(rows):
+        meant = "seconds of a GPS week" if scale.origin == "gps_week" else f"times since the {scale.origin}"
+        raise TimeError(
+            f"the time tags are no {meant} in {scale.unit}",
+            file=table.path,
+            line=int(table.line[bad[0]]),
+            column=column,
+            advice="check time.unit and time.origin ('gps_week', 'gps_epoch', 'unix_epoch') in the flight file",
+        )
+    events = [
+        Event(
+            None,
+            "bad_row",
+            f"{table.path}:{table.line[row]}, column '{column}': this is no date; row refused",
+        )
+        for row in bad[:MAX_EVENTS_EACH]
+    ]
+    if len(bad) > MAX_EVENTS_EACH:
+        events.append(Event(None, "bad_row", f"{table.path}: {len(bad)} rows without a date refused in all"))
+    return rows, events
+
+
+def _unwrap_week(t_ns: Int64, file: str, week: int) -> list[Event]:
+    """Add a week, in place, to what follows each fall of the seconds of the week by about 604800."""
+    step = np.diff(t_ns)
+    falls = np.flatnonzero(np.abs(step + NS_PER_WEEK) < CROSSOVER_TOLERANCE_NS)
+    if not len(falls):
+        return []
+    rises = np.flatnonzero(np.abs(step - NS_PER_WEEK) < CROSSOVER_TOLERANCE_NS)  # rows out of order around it
+    weeks = np.zeros(len(t_ns), np.int64)
+    np.add.at(weeks, falls + 1, 1)
+    np.add.at(weeks, rises + 1, -1)
+    t_ns += np.cumsum(weeks) * NS_PER_WEEK
+    when = int(t_ns[falls[0] + 1]) + week * NS_PER_WEEK
+    detail = (
+        f"{file}: the seconds of the week start again at row {falls[0] + 2}; counted on into week {week + 1}"
+    )
+    return [Event(when, "week_crossover", detail)]
+
+
+def _to_gps(t_ns: Int64, scale: TimeScale, file: str, events: list[Event]) -> Int64:
+    """Return the times with leap seconds and the declared offset added."""
+    shift = round(scale.offset_s * NS_PER_S)
+    if scale.scale == "utc":
+        leap = scale.leap_seconds
+        if leap is None:
+            utc = ns_to_datetime(int(t_ns[0]))
+            leap = leap_seconds(dt.datetime(utc.year, utc.month, utc.day))
+            events.append(
+                Event(
+                    None, "leap_seconds_by_date", f"{file}: UTC; {leap} s added by its date, {utc:%Y-%m-%d}"
+                )
+            )
+        shift += leap * NS_PER_S
+    return t_ns + shift if shift else t_ns
+
+
+def continued_week(t_ns: Int64, previous_ns: int | None, file: str) -> tuple[Int64, list[Event]]:
+    """Return the times of a file, a week later when it goes on where the file before it crossed the week's end."""
+    if previous_ns is None or abs(int(t_ns[0]) + NS_PER_WEEK - previous_ns) > CROSSOVER_TOLERANCE_NS:
+        return t_ns, []
+    return t_ns + NS_PER_WEEK, [
+        Event(int(t_ns[0]) + NS_PER_WEEK, "week_crossover", f"{file}: goes on in the next week")
+    ]

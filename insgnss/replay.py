@@ -1,0 +1,229 @@
+"""The main job: a flight and a filter in, a run out."""
+
+from __future__ import annotations
+
+import datetime as dt
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+import numba
+import numpy as np
+import pandas as pd
+
+from insgnss.comparison import errors_against
+from insgnss.library import filter_config
+from insgnss.config.filter import FilterConfig
+from insgnss.constants import NS_PER_S
+from insgnss.errors import StartError
+from insgnss.fusion.loop import Imu, run_to
+from insgnss.fusion.navigator import Navigator
+from insgnss.fusion.output import Output, new_output
+from insgnss.fusion.setup import FilterSetup, clock_groups
+from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.gpstime import week_seconds_to_ns
+from insgnss.log.flight import Flight, FlightLogs
+from insgnss.result_tables import event_table, measurement_table, nav_table, satellite_table
+from insgnss.run import Run
+from insgnss.status import NO_IMU, USED
+from insgnss.tables import Event, ImuTable, Int64
+from insgnss.version import __version__
+
+OutputRate = Literal["gnss", "imu"] | float
+Progress = Callable[[str], None]
+
+
+def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> FilterSetup:
+    """Return the filter's setup for a flight: what the streaming engine must be given to repeat a replay."""
+    gnss, start = flight.config.gnss, flight.config.start
+    given = None if start == "automatic" else start
+    start_ns = None
+    if given is not None and given.time_s is not None:
+        start_ns = int(week_seconds_to_ns(flight.config.gps_week, given.time_s))
+    navigation = logs.navigation
+    in_rows = logs.gnss.sat is not None
+    return FilterSetup(
+        config=config,
+        grade=flight.imu_grade,
+        oscillator=flight.oscillator,
+        lever_arm_m=gnss.lever_arm_m or (0.0, 0.0, 0.0),
+        clock_groups=clock_groups(config.measurements.constellations, logs.gnss.sv_names),
+        start=given,
+        start_ns=start_ns,
+        ephemerides=None if navigation is None or in_rows else navigation.ephemerides,
+        klobuchar=None if navigation is None else navigation.klobuchar,
+    )
+
+
+def rows_of(setup: FilterSetup, logs: FlightLogs) -> Rows:
+    """Return the GNSS log as the filter's rows."""
+    use = setup.config.measurements
+    return prepare_rows(
+        logs.gnss,
+        setup.ephemerides,
+        setup.klobuchar,
+        clock_groups=setup.clock_groups,
+        signals=dict(use.signals),
+        pseudorange=use.pseudorange,
+        range_rate=use.range_rate,
+        max_age_s=use.max_ephemeris_age_s,
+    )
+
+
+def replay(
+    flight: Flight | str | Path,
+    filter: str | Path | FilterConfig = "tight17",
+    *,
+    output: OutputRate = "gnss",
+    progress: Progress | None = None,
+) -> Run:
+    """Run the filter over a flight's logs.
+
+    Parameters
+    ----------
+    flight : the flight or its file
+    filter : a name in the library (``models/filters``), a file, or the settings themselves
+    output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), or at a rate [Hz]
+    progress : is told in words what is being done
+
+    Raises
+    ------
+    InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start
+    """
+    tell = progress or (lambda _: None)
+    began = time.perf_counter()
+    if not isinstance(flight, Flight):
+        flight = Flight.load(flight)
+    config = filter_config(filter)
+    tell("reading the logs")
+    logs = flight.read()
+    tell("computing the satellites")
+    setup = setup_filter(flight, logs, config)
+    rows = rows_of(setup, logs)
+    read = time.perf_counter()
+    tell("running the filter")
+    out, events = run_filter(setup, logs.imu, rows, output)
+    filtered = time.perf_counter()
+    tell("writing the tables")
+    run = _as_run(flight, logs, setup, rows, out, events)
+    took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - filtered}
+    run.settings = {**run.settings, "took": took, "output": output}
+    return run
+
+
+def run_filter(setup: FilterSetup, table: ImuTable, rows: Rows, output: OutputRate) -> tuple[Output, list[Event]]:
+    """Run a filter over samples and rows; return the loop's output and the events.
+
+    The log is cut where inertial samples are missing for longer than the restart limit: each part starts anew.
+    """
+    imu = Imu(table.t_ns, np.ascontiguousarray(table.w_ib_b), np.ascontiguousarray(table.f_b))
+    times = output_times(imu.t_ns, output)
+    out = new_output(rows, max(len(times), len(rows.epoch_ns)), 4 * len(rows.epoch_ns) + 16, times)
+    events: list[Event] = []
+    covered = np.zeros(len(rows.epoch_ns), np.bool_)
+    started = False
+    given = setup.start is not None
+    for first, last in stretches(imu.t_ns, setup.config.gaps.restart_s):
+        part = Imu(imu.t_ns[first:last], imu.w_ib_b[first:last], imu.f_b[first:last])
+        e0, e1 = np.searchsorted(rows.epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
+        covered[e0:e1] = True
+        navigator = Navigator(setup)
+        navigator.starter.given = given and not started
+        navigator.run(part, rows, int(e0), int(e1), out)
+        if navigator.bank is not None and len(times):
+            run_to(
+                navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, navigator.workspace(rows)
+            )
+        events += navigator.events + gap_events(part.t_ns, setup.config.gaps.longest_step_s)
+        if first > 0:
+            events.append(restart_event(int(imu.t_ns[first - 1]), int(imu.t_ns[first])))
+        started = started or navigator.started_ns is not None
+    _mark_without_imu(out, rows, covered)
+    if not started:
+        raise StartError(
+            "no epoch allowed the filter to start",
+            advice="a start needs four satellites with ephemeris, at least a second of inertial samples before them,"
+            " and range rates or two epochs; 'insgnss check' shows satellites and ephemeris per epoch",
+        )
+    return out, events
+
+
+def stretches(t_ns: Int64, restart_s: float) -> list[tuple[int, int]]:
+    """Return (first, last) of the unbroken stretches of samples."""
+    cuts = np.flatnonzero(np.diff(t_ns) > restart_s * NS_PER_S) + 1
+    edges = [0, *cuts.tolist(), len(t_ns)]
+    return [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 2]
+
+
+def gap_events(t_ns: Int64, longest_s: float) -> list[Event]:
+    """Return an event for each gap that the filter bridges."""
+    step = np.diff(t_ns)
+    return [
+        Event(int(t_ns[k]), "imu_gap", f"no inertial sample for {step[k] / NS_PER_S:.3f} s: bridged, sigma grown")
+        for k in np.flatnonzero(step > longest_s * NS_PER_S)
+    ]
+
+
+def restart_event(last_ns: int, next_ns: int) -> Event:
+    """Return the event of a gap too long to bridge."""
+    gap = (next_ns - last_ns) / NS_PER_S
+    return Event(last_ns, "imu_gap", f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew")
+
+
+def output_times(t_ns: Int64, output: OutputRate) -> Int64:
+    """Return the output times: none for one row per epoch, every sample, or whole multiples of the given period."""
+    if output == "gnss":
+        return np.zeros(0, np.int64)
+    if output == "imu":
+        return t_ns
+    period = NS_PER_S / float(output)
+    first = int(np.ceil(t_ns[0] / period))
+    return np.rint(np.arange(first, int(t_ns[-1] / period) + 1) * period).astype(np.int64)
+
+
+def _mark_without_imu(out: Output, rows: Rows, covered: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
+    """Write NO_IMU for the usable rows of epochs outside the inertial log."""
+    outside = ~np.repeat(covered, np.diff(rows.first))
+    status = out.ledger["status"]
+    status[outside] = np.where(status[outside] == USED, NO_IMU, status[outside])
+
+
+def _as_run(
+    flight: Flight, logs: FlightLogs, setup: FilterSetup, rows: Rows, out: Output, events: list[Event]
+) -> Run:
+    week = flight.config.gps_week
+    nav = nav_table(out, week, setup.clock_groups)
+    errors = None
+    if logs.reference is not None:
+        point = flight.config.reference.point if flight.config.reference is not None else "imu"
+        errors = errors_against(nav, logs.reference, week, setup.lever_arm_m if point == "antenna" else None)
+    return Run(
+        nav=nav,
+        measurements=measurement_table(out, rows, logs.gnss, week),
+        satellites=satellite_table(out, rows, logs.gnss, week),
+        events=event_table(logs.events + events, week),
+        errors=errors,
+        settings=_settings(flight, logs, setup),
+    )
+
+
+def _settings(flight: Flight, logs: FlightLogs, setup: FilterSetup) -> dict[str, Any]:
+    """Return all that is needed to repeat the run."""
+    return {
+        "flight": flight.config.model_dump(mode="json"),
+        "filter": setup.config.model_dump(mode="json"),
+        "imu_grade": setup.grade.model_dump(mode="json"),
+        "oscillator": setup.oscillator.model_dump(mode="json"),
+        "clock_groups": list(setup.clock_groups),
+        "input_sha256": logs.input_hashes,
+        "versions": {
+            "insgnss": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "numba": numba.__version__,
+            "pandas": pd.__version__,
+        },
+        "made": dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
+    }

@@ -1,0 +1,144 @@
+"""A run: the result tables of a replay, and how they are saved and loaded.
+
+| table          | one row per | columns |
+|----------------|-------------|---------|
+| nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses |
+| measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
+| satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg state sd_range_m sd_range_rate_mps |
+| events         | event       | time_s kind detail |
+| errors         | nav row inside the reference | time_s and estimate minus reference with its sigma |
+"""  # noqa: E501 - the table is the documentation
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from insgnss.errors import ResultError
+
+TABLES = ("nav", "measurements", "satellites", "events", "errors")
+_SETTINGS = "settings.json"
+
+
+@dataclass
+class Run:
+    """What a replay gives. Tables are DataFrames, ``settings`` is all that is needed to repeat the run."""
+
+    nav: pd.DataFrame
+    measurements: pd.DataFrame
+    satellites: pd.DataFrame
+    events: pd.DataFrame
+    errors: pd.DataFrame | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
+        """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.
+
+        Raises
+        ------
+        ResultError : the folder cannot be written
+        """
+        folder = Path(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in TABLES:
+                table = getattr(self, name)
+                for stale in ("parquet", "csv"):
+                    (folder / f"{name}.{stale}").unlink(missing_ok=True)
+                if table is None:
+                    continue
+                path = folder / f"{name}.{format}"
+                if format == "parquet":
+                    table.to_parquet(path, index=False)
+                else:
+                    table.to_csv(path, index=False, float_format="%.17g")
+            (folder / _SETTINGS).write_text(json.dumps(self.settings, indent=1, default=str), encoding="utf-8")
+        except OSError as error:
+            raise ResultError(
+                f"the run cannot be written: {error.strerror}", file=folder, advice="give another --output folder"
+            ) from error
+        return folder
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Run:
+        """Read a saved run.
+
+        Raises
+        ------
+        ResultError : the folder holds no complete run
+        """
+        folder = Path(folder)
+        tables: dict[str, pd.DataFrame | None] = {}
+        for name in TABLES:
+            parquet, csv = folder / f"{name}.parquet", folder / f"{name}.csv"
+            if parquet.exists():
+                tables[name] = pd.read_parquet(parquet)
+            elif csv.exists():
+                tables[name] = _categories(pd.read_csv(csv, float_precision="round_trip"))
+            elif name == "errors":
+                tables[name] = None
+            else:
+                raise ResultError(f"no table '{name}' in the folder", file=folder, advice="save the run again")
+        settings = folder / _SETTINGS
+        if not settings.exists():
+            raise ResultError(f"no {_SETTINGS} in the folder", file=folder, advice="save the run again")
+        return cls(**tables, settings=json.loads(settings.read_text(encoding="utf-8")))  # type: ignore[arg-type]
+
+    def status_counts(self) -> pd.DataFrame:
+        """Return how many measurements of each kind had each status; the sums are the input's."""
+        counts = self.measurements.groupby(["status", "kind"], observed=True).size().unstack(fill_value=0)
+        return counts.loc[counts.sum(axis=1).sort_values(ascending=False).index]
+
+    def nis_summary(self) -> pd.DataFrame:
+        """Return, per kind, how many were used, the mean NIS (1 is right) and the share below the 95 % bound (0.95)."""
+        used = self.measurements[self.measurements["status"] == "used"]
+        grouped = used.groupby("kind", observed=True)["nis"]
+        chi_square_95 = 3.841458820694124  # one degree of freedom
+        return pd.DataFrame(
+            {
+                "used": grouped.size(),
+                "mean_nis": grouped.mean(),
+                "share_95": grouped.apply(lambda nis: float(np.mean(nis <= chi_square_95))),
+            }
+        )
+
+    def error_summary(self, quality: float | None = None) -> pd.DataFrame:
+        """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
+
+        ``quality`` keeps only the reference rows of at most that quality number.
+        """
+        if self.errors is None:
+            raise ResultError("the run has no reference", advice="name a [reference] in the flight file")
+        table = self.errors
+        if quality is not None:
+            table = table[table["quality"] <= quality]
+        rows = {}
+        for name in [c for c in table.columns if c.startswith("d_")]:
+            values = table[name].dropna()
+            if values.empty:
+                continue
+            size, sigma = values.abs(), table.loc[values.index, f"sd_{name[2:]}"]
+            rows[name[2:]] = {
+                "mean": values.mean(),
+                "rms": float(np.sqrt((values**2).mean())),
+                "p50": size.quantile(0.5),
+                "p95": size.quantile(0.95),
+                "max": size.max(),
+                "mean_sigma": sigma.mean(),
+                "rms_over_sigma": float(np.sqrt(((values / sigma) ** 2).mean())),
+            }
+        return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def _categories(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table read from CSV with its words as categories, as the Parquet form has them."""
+    for name in ("sv", "signal", "kind", "status", "state"):
+        if name in table.columns and "detail" not in table.columns:
+            table[name] = table[name].astype("category")
+    return table

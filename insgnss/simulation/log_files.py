@@ -1,0 +1,69 @@
+"""Simulated tables as the CSV files that a flight file names; the same table gives the same bytes."""
+
+from __future__ import annotations
+
+import gzip
+import io
+from pathlib import Path
+
+import numpy as np
+
+from insgnss.gpstime import ns_to_week_seconds
+from insgnss.tables import Float64, GnssTable, ImuTable, Int64, ReferenceTable
+
+GYRO_DECIMALS = 7  # rad/s: a thousandth of a tactical gyro's noise at 100 Hz
+ACCEL_DECIMALS = 5  # m/s^2: a thousandth of a tactical accelerometer's noise at 100 Hz
+
+
+def write_imu(path: Path, imu: ImuTable, week: int) -> None:
+    """Write mean rates [rad/s] and specific forces [m/s^2], one row per sample; gzipped when the name ends in .gz."""
+    header = "time_s,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
+    formats = [f"%.{_time_decimals(imu.t_ns)}f"] + [f"%.{GYRO_DECIMALS}f"] * 3 + [f"%.{ACCEL_DECIMALS}f"] * 3
+    columns = [
+        ns_to_week_seconds(imu.t_ns, week),
+        *np.round(imu.w_ib_b, GYRO_DECIMALS).T,
+        *np.round(imu.f_b, ACCEL_DECIMALS).T,
+    ]
+    _write(path, header, formats, np.column_stack(columns))
+
+
+def _time_decimals(t_ns: Int64) -> int:
+    """Return how many decimals of a second the tags need to be written exactly, at least two."""
+    return next(d for d in range(2, 10) if not np.any(t_ns % 10 ** (9 - d)))
+
+
+def write_gnss(path: Path, gnss: GnssTable, week: int) -> None:
+    """Write one row per satellite and epoch: pseudorange [m], Doppler [Hz], C/N0 [dBHz]."""
+    lines = ["time_s,sv,signal,pseudorange_m,doppler_hz,cn0_dbhz"]
+    time_s = ns_to_week_seconds(gnss.t_ns, week)
+    for k in range(len(gnss.t_ns)):
+        name, signal = gnss.sv_names[gnss.sv[k]], gnss.signal_names[gnss.signal[k]]
+        numbers = f"{gnss.pseudorange_m[k]:.3f},{gnss.doppler_hz[k]:.3f},{gnss.cn0_dbhz[k]:.1f}"
+        lines.append(f"{time_s[k]:.3f},{name},{signal},{numbers}")
+    path.write_bytes(("\n".join(lines) + "\n").encode("ascii"))
+
+
+def write_reference(path: Path, reference: ReferenceTable, week: int) -> None:
+    """Write the truth: degrees, metres, metres per second."""
+    header = "time_s,lat_deg,lon_deg,h_m,vn,ve,vd,roll_deg,pitch_deg,yaw_deg,quality"
+    decimals = [3, 9, 9, 3, 4, 4, 4, 4, 4, 4, 0]
+    columns = [
+        ns_to_week_seconds(reference.t_ns, week),
+        reference.lat_deg,
+        reference.lon_deg,
+        reference.h_m,
+        *reference.v_n.T,
+        *reference.rpy_deg.T,
+        reference.quality,
+    ]
+    rounded = [np.round(column, d) for column, d in zip(columns, decimals, strict=True)]
+    _write(path, header, [f"%.{d}f" for d in decimals], np.column_stack(rounded))
+
+
+def _write(path: Path, header: str, formats: list[str], rows: Float64) -> None:
+    """Write rounded numbers as CSV; adding zero turns -0 into 0."""
+    text = io.BytesIO()
+    np.savetxt(text, rows + 0.0, fmt=formats, delimiter=",", header=header, comments="")
+    data = text.getvalue()
+    # no time and no name in the gzip header: the same log gives the same bytes
+    path.write_bytes(gzip.compress(data, 9, mtime=0) if path.suffix == ".gz" else data)

@@ -1,0 +1,216 @@
+"""Pseudorange and Doppler as a receiver reports them: light time and Earth's turn solved in the inertial frame.
+
+A receiver tags its measurements with its own clock: at tag T the true time is ``t = T - bias / c``. The pseudorange is
+``c (T - the satellite's clock reading at transmission)`` plus the atmosphere, and the range rate its derivative by T.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.gnss.signals import wavelength_m
+from insgnss.simulation.atmosphere import Atmosphere, vacuum
+from insgnss.simulation.constellation import SatelliteStates, satellite_states
+from insgnss.simulation.local_level import geodetic, ned_axes
+from insgnss.simulation.oscillator import ClockTruth
+from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
+from insgnss.tables import EphemerisTable, Float64, GnssTable
+
+SIGNAL = "C1C"
+WAVELENGTH_M = wavelength_m("G", SIGNAL)
+LIGHT_TIME_STEPS = 4  # each multiplies the error by (satellite velocity) / c = 1e-5, from 20 ms on
+REFERENCE_CN0_DBHZ = 45.0
+LOWEST_ANTENNA_GAIN = 1e-3  # of the field: -60 dB, straight below the antenna
+
+
+@dataclass(frozen=True)
+class NoiseTerms:
+    """One sigma of white noise: ``s^2 = floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)``, one unit."""
+
+    floor: float
+    elevation: float = 0.0
+    cn0: float = 0.0
+
+    def sigma(self, elevation: Float64, cn0_dbhz: Float64) -> Float64:
+        """Return sigma for elevations [rad] and C/N0 [dBHz]."""
+        sine = np.maximum(np.sin(elevation), 0.05)
+        thermal = 10.0 ** (0.1 * (REFERENCE_CN0_DBHZ - cn0_dbhz))
+        return np.asarray(np.sqrt(self.floor**2 + (self.elevation / sine) ** 2 + self.cn0**2 * thermal))
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """The antenna and what the receiver makes of the signals."""
+
+    lever_arm_b: tuple[float, float, float] = (0.0, 0.0, 0.0)  # IMU to antenna, forward-right-down [m]
+    rate_hz: float = 1.0
+    first_tag_s: float = 0.0
+    horizon_mask_deg: float = 5.0  # lowest elevation above the horizon
+    antenna_mask_deg: float | None = (
+        None  # lowest elevation above the antenna's own plane; None: no such mask
+    )
+    boresight_cn0_dbhz: float = 48.0
+    cn0_sigma_db: float = 0.5
+    pseudorange_noise: NoiseTerms = NoiseTerms(2.0)
+    range_rate_noise: NoiseTerms = NoiseTerms(0.1)
+    atmosphere: Atmosphere = vacuum
+
+
+@dataclass(frozen=True)
+class Antenna:
+    """The antenna at given times, in the axes of ECEF."""
+
+    r_e: Float64  # (m, 3) [m]
+    v_e: Float64  # (m, 3) relative to the Earth [m/s]
+    C_eb: Float64  # (m, 3, 3)
+
+
+@dataclass(frozen=True)
+class SignalPaths:
+    """The signals that arrive at given times, by satellite."""
+
+    range_m: Float64  # (m, n)
+    range_rate_mps: Float64  # (m, n) derivative by the time of reception
+    satellite: SatelliteStates  # at transmission
+    azimuth: Float64  # (m, n) [rad]
+    elevation: Float64  # (m, n) above the horizon [rad]
+    antenna_elevation: Float64  # (m, n) above the antenna's plane (body x-y) [rad]
+    geodetic: Float64  # (m, 3) of the antenna: latitude, longitude [rad], height [m]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Observations of all satellites at all tags, tracked or not: the form in which faults are put in."""
+
+    sv_names: tuple[str, ...]
+    tag_s: Float64  # (m,)
+    pseudorange_m: Float64  # (m, n)
+    range_rate_mps: Float64  # (m, n)
+    cn0_dbhz: Float64  # (m, n)
+    tracked: npt.NDArray[np.bool_]  # (m, n)
+
+
+Fault = Callable[[Observations], Observations]
+
+
+def antenna_motion(trajectory: Trajectory, t_s: Float64, lever_arm_b: Sequence[float]) -> Antenna:
+    """Return the antenna's motion: ``r_a = r + C_eb l``, ``v_a = v + C_eb (w_eb_b x l)``."""
+    motion = trajectory.motion(t_s)
+    lever = np.asarray(lever_arm_b, dtype=np.float64)
+    r_e = motion.r_e + motion.C_eb @ lever
+    v_e = motion.v_e + np.einsum("mij,mj->mi", motion.C_eb, np.cross(motion.w_eb_b, lever))
+    return Antenna(r_e, v_e, motion.C_eb)
+
+
+def signal_paths(antenna: Antenna, eph: EphemerisTable, start_ns: int, t_s: Float64) -> SignalPaths:
+    """Return the straight paths in the inertial frame whose axes are those of ECEF at the moment of reception.
+
+    Equation: ``rho = |r_r - R3(w rho/c) r_s(t - rho/c)|``; differentiated with the transmission time's own change,
+    ``rho' = u.(v_r - v_s) / (1 - u.v_s / c)``, u from satellite to receiver, both velocities inertial.
+    Neglects: the bending and slowing of light by gravity, below 2 cm.
+    """
+    tau = np.full((len(t_s), len(eph.sv_names)), 0.07)
+    for _ in range(LIGHT_TIME_STEPS):
+        satellite = satellite_states(eph, start_ns, t_s[:, None] - tau)
+        path = antenna.r_e[:, None] - _turned(satellite.r_e, tau)
+        distance = np.linalg.norm(path, axis=-1)
+        tau = distance / C_MPS
+    u = path / distance[..., None]
+    v_s = _turned(satellite.v_e + np.cross(EARTH_RATE_E, satellite.r_e), tau)
+    v_r = (antenna.v_e + np.cross(EARTH_RATE_E, antenna.r_e))[:, None]
+    rate = np.sum(u * (v_r - v_s), axis=-1) / (1.0 - np.sum(u * v_s, axis=-1) / C_MPS)
+    geodetic, azimuth, elevation = _sky(antenna.r_e, -u)
+    # body z is down: the antenna looks along -z
+    up_b = -np.einsum("mi,mni->mn", antenna.C_eb[:, :, 2], -u)
+    return SignalPaths(distance, rate, satellite, azimuth, elevation, np.arcsin(up_b), geodetic)
+
+
+def _turned(vector: Float64, tau: Float64) -> Float64:
+    """Return R3(w tau) applied to ECEF vectors (m, n, 3) of the moment tau before reception."""
+    sine, cosine = np.sin(WGS84_OMEGA_RADPS * tau), np.cos(WGS84_OMEGA_RADPS * tau)
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=-1)
+
+
+def _sky(r_e: Float64, towards: Float64) -> tuple[Float64, Float64, Float64]:
+    """Return geodetic place (m, 3), azimuth and elevation (m, n) of unit vectors (m, n, 3) [rad, m]."""
+    place = geodetic(r_e)
+    north, east, down = np.moveaxis(np.einsum("mij,mnj->mni", ned_axes(place), towards), -1, 0)
+    return place, np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))
+
+
+def observe(
+    trajectory: Trajectory,
+    eph: EphemerisTable,
+    start_ns: int,
+    clock: ClockTruth,
+    receiver: Receiver,
+    rng: np.random.Generator | None,
+    faults: Sequence[Fault] = (),
+) -> Observations:
+    """Return what the receiver observes at the tags of its clock; without a generator, free of noise.
+
+    Equation: ``P = rho + b - c (dt_s - TGD) + delay``; ``dP/dT = c - c (1 + dt_s') (1 - rho'/c) (1 - b'/c)``.
+    Neglects: the change of the atmosphere's delay in the rate, below 5 mm/s in a climb of 8 m/s.
+
+    Parameters
+    ----------
+    eph : one ephemeris per satellite
+    start_ns : GPS time of the trajectory's t = 0
+    clock : bias and drift at each tag
+    faults : applied in order to the finished observations
+    """
+    t_s = clock.true_s
+    paths = signal_paths(antenna_motion(trajectory, t_s, receiver.lever_arm_b), eph, start_ns, t_s)
+    week_s = start_ns % NS_PER_WEEK / NS_PER_S + t_s
+    delay = receiver.atmosphere(paths.geodetic, paths.azimuth, paths.elevation, week_s)
+    satellite_clock = paths.satellite.clock_s - eph.group_delay_s[:, 0]
+    pseudorange = paths.range_m + clock.bias_m[:, None] - C_MPS * satellite_clock + delay
+    ticks = (1.0 + paths.satellite.clock_rate) * (1.0 - paths.range_rate_mps / C_MPS)
+    range_rate = C_MPS * (1.0 - ticks * (1.0 - clock.drift_mps[:, None] / C_MPS))
+    cn0 = receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation)
+    if rng is not None:
+        white = rng.standard_normal((3, *pseudorange.shape))
+        cn0 = cn0 + receiver.cn0_sigma_db * white[0]
+        pseudorange = pseudorange + receiver.pseudorange_noise.sigma(paths.elevation, cn0) * white[1]
+        range_rate = range_rate + receiver.range_rate_noise.sigma(paths.elevation, cn0) * white[2]
+    tracked = _above_masks(paths, receiver)
+    observations = Observations(eph.sv_names, clock.tag_s, pseudorange, range_rate, cn0, tracked)
+    for fault in faults:
+        observations = fault(observations)
+    return observations
+
+
+def cardioid_gain_db(antenna_elevation: Float64) -> Float64:
+    """Return the gain against boresight of a patch antenna, ``20 log10((1 + sin el) / 2)``."""
+    field = np.maximum(0.5 * (1.0 + np.sin(antenna_elevation)), LOWEST_ANTENNA_GAIN)
+    return np.asarray(20.0 * np.log10(field))
+
+
+def _above_masks(paths: SignalPaths, receiver: Receiver) -> npt.NDArray[np.bool_]:
+    above = paths.elevation >= np.deg2rad(receiver.horizon_mask_deg)
+    if receiver.antenna_mask_deg is not None:
+        above &= paths.antenna_elevation >= np.deg2rad(receiver.antenna_mask_deg)
+    return np.asarray(above)
+
+
+def to_table(observations: Observations, start_ns: int) -> GnssTable:
+    """Return the tracked observations as a log would give them: rows by epoch, Doppler only."""
+    epoch, sv = np.nonzero(observations.tracked)
+    t_ns = start_ns + np.rint(observations.tag_s * NS_PER_S).astype(np.int64)
+    return GnssTable(
+        t_ns=t_ns[epoch],
+        sv=sv.astype(np.int16),
+        signal=np.zeros(len(sv), dtype=np.int16),
+        pseudorange_m=observations.pseudorange_m[epoch, sv],
+        doppler_hz=-observations.range_rate_mps[epoch, sv] / WAVELENGTH_M,
+        range_rate_mps=np.full(len(sv), np.nan),
+        cn0_dbhz=observations.cn0_dbhz[epoch, sv],
+        sv_names=observations.sv_names,
+        signal_names=(SIGNAL,),
+    )

@@ -1,0 +1,119 @@
+"""The tables that flow through the package: frozen records of arrays, time first, component last.
+
+``log`` fills them, ``gnss`` and ``fusion`` read them. Time is GPS time in integer nanoseconds (``insgnss.gpstime``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+Int64 = npt.NDArray[np.int64]
+Int16 = npt.NDArray[np.int16]
+Float64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something worth telling: when (None if it concerns a whole file), what kind, and the details in words."""
+
+    t_ns: int | None
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class ImuTable:
+    """Inertial samples in body axes (forward-right-down), strictly increasing in time, all values finite.
+
+    Sample k holds the mean over the interval (t_ns[k-1], t_ns[k]].
+    """
+
+    t_ns: Int64  # (n,) end of the sample's interval
+    w_ib_b: Float64  # (n, 3) mean angular rate [rad/s]
+    f_b: Float64  # (n, 3) mean specific force [m/s^2]
+
+
+@dataclass(frozen=True)
+class GnssTable:
+    """Raw observations, one row per satellite, signal and epoch, sorted by epoch (stable within an epoch).
+
+    ``sv`` and ``signal`` are indices into ``sv_names`` ("G05") and ``signal_names`` (RINEX codes, "C1C"). An empty cell
+    is NaN. ``sat`` is present when the log itself carries satellite states.
+    """
+
+    t_ns: Int64  # (n,) receiver time tag
+    sv: Int16  # (n,)
+    signal: Int16  # (n,)
+    pseudorange_m: Float64  # (n,)
+    doppler_hz: Float64  # (n,) RINEX sign: positive when the distance shrinks
+    range_rate_mps: Float64  # (n,) positive when the distance grows; NaN where only Doppler was logged
+    cn0_dbhz: Float64  # (n,)
+    sv_names: tuple[str, ...]
+    signal_names: tuple[str, ...]
+    sat: Float64 | None = (
+        None  # (n, 8) x y z [m], vx vy vz [m/s] ECEF at transmit time, clock [m], drift [m/s]
+    )
+    sigma_pseudorange_m: Float64 | None = None  # (n,) where the log states it
+    sigma_range_rate_mps: Float64 | None = None  # (n,)
+    bad_cells: Int64 = field(
+        default_factory=lambda: np.zeros(0, np.int64)
+    )  # rows with an unreadable range or rate
+
+
+@dataclass(frozen=True)
+class EphemerisTable:
+    """Broadcast ephemerides of the Keplerian kind, one row per message, SI units and radians, times in GPS ns."""
+
+    sv_names: tuple[str, ...]  # of each row
+    message: tuple[str, ...]  # of each row: "LNAV", "CNAV", "INAV", "FNAV", "D1", "D2"
+    toe_ns: Int64
+    toc_ns: Int64
+    toe_sow_s: Float64  # seconds of the system's own week, for the node's longitude
+    af0: Float64  # [s]
+    af1: Float64  # [s/s]
+    af2: Float64  # [s/s^2]
+    sqrt_a: Float64  # [sqrt(m)]
+    e: Float64
+    i0: Float64
+    omega0: Float64
+    omega: Float64
+    m0: Float64
+    delta_n: Float64
+    omega_dot: Float64
+    idot: Float64
+    cuc: Float64
+    cus: Float64
+    crc: Float64
+    crs: Float64
+    cic: Float64
+    cis: Float64
+    group_delay_s: Float64  # (n, 2) TGD; BGD E5a/E1, E5b/E1; TGD1 (B1I), TGD2 (B2I)
+    health: Float64  # 0 is healthy
+    accuracy_m: Float64  # URA or SISA [m], NaN when not given
+    issue: Float64  # IODE, IODnav or AODE
+    fit_interval_s: Float64  # the whole interval centred on toe [s], NaN when not given
+
+
+@dataclass(frozen=True)
+class NavigationData:
+    """What navigation files give: ephemerides, ionosphere coefficients, leap seconds."""
+
+    ephemerides: EphemerisTable
+    klobuchar: Float64 | None  # (8,) alpha 0..3, beta 0..3 [s, s/semicircle, ...] of GPS
+    leap_seconds: int | None
+
+
+@dataclass(frozen=True)
+class ReferenceTable:
+    """A reference trajectory; missing attitude is NaN. ``quality``: 1 good, 2 do not score tightly."""
+
+    t_ns: Int64  # (n,)
+    lat_deg: Float64
+    lon_deg: Float64
+    h_m: Float64
+    v_n: Float64  # (n, 3) [m/s]
+    rpy_deg: Float64  # (n, 3) roll, pitch, yaw
+    quality: Float64

@@ -1,0 +1,1 @@
+"""Tests of insgnss. Shared pieces: ``jacobian``, ``statistics_bounds``, ``kernels``."""

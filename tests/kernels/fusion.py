@@ -1,0 +1,184 @@
+"""Sample calls of the kernels in ``insgnss.fusion``: a short log through the whole compiled loop."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.filter import FilterConfig
+from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.fusion.loop import Imu, new_workspace, run_epochs, run_to
+from insgnss.fusion.output import new_output
+from insgnss.fusion.parameters import resolve_parameters
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.geodesy.ellipsoid import geodetic_to_ecef
+from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import matrix_to_quaternion
+from insgnss.gnss.line_of_sight import line_of_sight
+from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.tables import Float64, GnssTable
+from tests.kernels import KernelCase
+
+LAT, LON, H = math.radians(60.0), math.radians(30.0), 120.0
+START_NS = 2268 * NS_PER_WEEK + 200_000 * NS_PER_S
+LEVER_ARM_M = (0.4, -0.2, -1.1)
+CLOCK_M, DRIFT_MPS, OFFSET_M = 1200.0, 3.0, 15.0
+# azimuth and elevation [deg]; the last one stands below the mask
+SKY = {
+    "G01": (20, 30),
+    "G07": (110, 55),
+    "G12": (200, 25),
+    "G19": (290, 70),
+    "E05": (60, 40),
+    "E11": (330, 3),
+}
+EPOCHS = 5
+
+
+def level_state() -> tuple[Float64, Float64, Float64]:
+    """Return position (3,), C_ne (3, 3) and specific force (3,) in n of a user at rest, heading north."""
+    r_e, C_ne, g_e = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+    geodetic_to_ecef(LAT, LON, H, r_e)
+    ecef_to_ned_matrix(LAT, LON, C_ne)
+    normal_gravity_ecef(r_e, g_e)
+    return r_e, C_ne, -C_ne @ g_e
+
+
+def sky() -> Float64:
+    """Return (n, 8) satellite states: 22 000 km away at the angles of ``SKY``, 3 km/s across the line of sight."""
+    r_e, C_ne, _ = level_state()
+    states = np.zeros((len(SKY), 8))
+    for row, (azimuth, elevation) in zip(states, np.radians(list(SKY.values())), strict=True):
+        u_n = [
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            -math.sin(elevation),
+        ]
+        u_e = C_ne.T @ np.array(u_n)
+        row[0:3] = r_e + 22e6 * u_e
+        row[3:6] = 3e3 * np.cross(u_e, [0.3, -0.5, 0.8])
+        row[6:8] = 5000.0, 0.01
+    return states
+
+
+def observed(clock_m: float, offset_m: float) -> GnssTable:
+    """Return the log of an antenna at rest whose receiver clock jumps by 1 ms at the fourth epoch."""
+    r_e, C_ne, _ = level_state()
+    r_a = r_e + C_ne.T @ np.array(LEVER_ARM_M)
+    satellites, names = sky(), tuple(SKY)
+    u, g = np.zeros(3), np.zeros(3)
+    ranges, rates = np.zeros((EPOCHS, len(names))), np.zeros((EPOCHS, len(names)))
+    for k in range(EPOCHS):
+        for s, name in enumerate(names):
+            distance, rate = line_of_sight(satellites, s, r_a, np.zeros(3), u, g)
+            bias = clock_m + DRIFT_MPS * k * 0.2 + (offset_m if name[0] == "E" else 0.0) - satellites[s, 6]
+            ranges[k, s] = distance + bias + (299_792.458 if k >= 3 else 0.0)
+            rates[k, s] = rate + DRIFT_MPS - satellites[s, 7]
+    ranges[0, 1] += 5000.0  # refused by the gate
+    ranges[1, :] = math.nan  # an epoch without measurements
+    rates[1, :] = math.nan
+    satellite_index = np.tile(np.arange(len(names)), EPOCHS).astype(np.int16)
+    states = np.tile(satellites, (EPOCHS, 1))
+    states[2] = math.nan  # one row without a satellite state
+    n = ranges.size
+    return GnssTable(
+        t_ns=START_NS + np.repeat(np.arange(EPOCHS), len(names)) * (NS_PER_S // 5) + NS_PER_S // 8,
+        sv=satellite_index,
+        signal=np.zeros(n, np.int16),
+        pseudorange_m=ranges.ravel(),
+        doppler_hz=np.full(n, math.nan),
+        range_rate_mps=rates.ravel(),
+        cn0_dbhz=np.where(np.arange(n) % 7 == 3, math.nan, 44.0),
+        sv_names=names,
+        signal_names=("C1C",),
+        sat=states,
+        sigma_pseudorange_m=np.where(np.arange(n) % 5 == 1, 2.0, math.nan),
+        sigma_range_rate_mps=np.where(np.arange(n) % 5 == 2, 0.1, math.nan),
+    )
+
+
+def parameters() -> npt.NDArray[Any]:
+    """Return the filter's numbers for a tactical sensor."""
+    grade = ImuGrade(
+        gyro_bias_deg_per_h=1.0,
+        gyro_bias_instability_deg_per_h=0.5,
+        gyro_correlation_time_s=1000.0,
+        gyro_arw_deg_per_sqrt_h=0.1,
+        accel_bias_mg=1.0,
+        accel_bias_instability_mg=0.3,
+        accel_correlation_time_s=1000.0,
+        accel_vrw_mps_per_sqrt_h=0.06,
+    )
+    config = FilterConfig.model_validate(
+        {
+            "pseudorange_noise_m": {"floor": 0.5, "elevation": 0.6, "cn0_at_45_dbhz": 0.7},
+            "range_rate_noise_mps": {"floor": 0.03, "elevation": 0.02, "cn0_at_45_dbhz": 0.03},
+        }
+    )
+    return resolve_parameters(config, grade, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True)
+
+
+def rows() -> Rows:
+    """Return the log as the filter reads it."""
+    klobuchar = np.array([1.2e-8, 7.5e-9, -6e-8, -6e-8, 9e4, 3.3e4, -2e5, -6.5e4])
+    return prepare_rows(
+        observed(CLOCK_M, OFFSET_M),
+        None,
+        klobuchar,
+        clock_groups=("G", "E"),
+        signals={"G": ("C1C",), "E": ("C1C",)},
+    )
+
+
+def imu() -> Imu:
+    """Return 1.2 s of a sensor at rest at 100 Hz, with uneven steps and one gap."""
+    _, C_ne, f_n = level_state()
+    t_ns = START_NS + np.arange(0, 1_200_000_000, 10_000_000) + np.arange(120) % 3 * 1_000_000
+    keep = np.abs(np.arange(120) - 70) > 4
+    w_b = C_ne @ np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
+    ripple = 1e-3 * np.sin(np.arange(120))[:, None]
+    return Imu(t_ns[keep], (w_b + ripple)[keep], (f_n + ripple)[keep])
+
+
+def bank() -> Bank:
+    """Return two hypotheses 2 deg of heading apart, with one inter-system offset."""
+    r_e, C_ne, _ = level_state()
+    made = new_bank(2, 1)
+    sigma = np.zeros(OFFSETS + 1)
+    for at, value in ((DR, 5.0), (DV, 0.5), (PSI, 0.03), (BA, 0.01), (BG, 5e-6)):
+        sigma[at : at + 3] = value
+    sigma[[CLOCK, DRIFT, OFFSETS]] = 50.0, 5.0, 20.0
+    for i, heading in enumerate(np.radians([-1.0, 1.0])):
+        c, s = math.cos(heading), math.sin(heading)
+        made.state["C_eb"][i] = C_ne.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        matrix_to_quaternion(made.state["C_eb"][i], made.state["q_eb"][i])
+        made.state["r_e"][i] = r_e + 1.0
+        made.state["clock"][i] = CLOCK_M - 10.0, DRIFT_MPS
+        made.P[i] = np.diag(sigma**2)
+    made.head["now_ns"], made.head["next"] = START_NS, 1
+    return made
+
+
+def short_log(output_between: bool) -> list[Any]:
+    """Return everything the loop changes or writes for the short log, with output at the epochs or between them."""
+    made, log = bank(), rows()
+    times = START_NS + np.arange(1, 22) * 50_000_000 + 3_000_000 if output_between else np.zeros(0)
+    out = new_output(log, 40, 20, times.astype(np.int64))
+    work = new_workspace(len(SKY), OFFSETS + 1, 1)
+    ended = run_epochs(made, 0, EPOCHS, log, imu(), parameters(), -30.0, out, work)
+    if output_between:
+        run_to(made, int(times[-1]), imu(), parameters(), out, work)
+    return [ended, made, out]
+
+
+# The update adds and subtracts numbers of very different size (a clock variance of 1e7 m^2 after its jump), so a last
+# digit of a sine may grow.
+CASES = [
+    KernelCase("tests.kernels.fusion:short_log", (False,), rtol=1e-10, label="at epochs"),
+    KernelCase("tests.kernels.fusion:short_log", (True,), rtol=1e-10, label="between"),
+]

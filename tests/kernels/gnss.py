@@ -1,0 +1,118 @@
+"""Sample calls of the kernels in ``insgnss.gnss``."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.line_of_sight import line_of_sight
+from insgnss.gnss.point_solution import point_position, point_velocity
+from insgnss.gnss.satellite_state import satellite_states
+from insgnss.tables import EphemerisTable, GnssTable
+from tests.kernels import KernelCase
+
+_SIGHT = "insgnss.gnss.line_of_sight"
+_SAT = np.array(
+    [
+        [15_600e3, 7_540e3, 20_140e3, 1_200.0, -2_900.0, 150.0, 1.2e4, -3e-3],
+        [-2_300e3, 21_800e3, 14_900e3, -1_900.0, -1_100.0, 1_400.0, -8.1e4, 2e-3],
+    ]
+)
+_R_E = np.array([1_744_000.0, 1_116_000.0, 6_008_000.0])
+_V_E = np.array([30.0, -110.0, 12.0])
+_U = np.array([0.6, 0.0, 0.8])
+_C_EN = np.array([[-0.48, -0.64, -0.6], [0.36, 0.48, -0.8], [0.8, -0.6, 0.0]])
+_KLOBUCHAR = np.array([1.2e-8, 7.5e-9, -6e-8, -6e-8, 9e4, 3.3e4, -2e5, -6.5e4])
+_TOE_NS = 2268 * NS_PER_WEEK + 201_600 * NS_PER_S
+
+
+def ephemerides() -> EphemerisTable:
+    """Return four messages: two of a GPS satellite, one of Galileo, one marked unhealthy."""
+    n = 4
+    same: dict[str, Any] = {field.name: np.zeros(n) for field in fields(EphemerisTable)}
+    orbit = {
+        "sqrt_a": 5153.7,
+        "e": 0.012,
+        "i0": 0.96,
+        "omega0": 1.1,
+        "omega": -0.7,
+        "m0": 0.4,
+        "delta_n": 4.5e-9,
+    }
+    rates = {"omega_dot": -8e-9, "idot": 2e-10, "cuc": 1e-6, "cus": 8e-6, "crc": 220.0, "crs": -30.0}
+    clock = {"cic": 1e-7, "cis": -5e-8, "af0": -2e-4, "af1": 3e-12, "af2": 1e-18, "toe_sow_s": 201_600.0}
+    for name, value in (orbit | rates | clock).items():
+        same[name] = np.full(n, value)
+    same |= {
+        "sv_names": ("G07", "G07", "E05", "G09"),
+        "message": ("LNAV", "LNAV", "FNAV", "LNAV"),
+        "toe_ns": _TOE_NS + np.array([0, 7200, 0, 0]) * NS_PER_S,
+        "toc_ns": np.full(n, _TOE_NS),
+        "group_delay_s": np.full((n, 2), 5e-9),
+        "health": np.array([0.0, 0.0, 0.0, 1.0]),
+        "accuracy_m": np.full(n, 2.0),
+        "fit_interval_s": np.full(n, np.nan),
+    }
+    return EphemerisTable(**same)
+
+
+def broadcast_states() -> list[np.ndarray]:
+    """Return the satellite states of nine rows: in use, unhealthy, unknown, without a pseudorange, out of bounds."""
+    n = 9
+    none = np.full(n, np.nan)
+    log = GnssTable(
+        t_ns=_TOE_NS + np.repeat([-1800, 5400, 90_000], 3) * NS_PER_S,
+        sv=np.tile([0, 1, 2], 3).astype(np.int16),
+        signal=np.array([0, 0, 0, 0, 0, 1, 0, 0, 0], np.int16),
+        pseudorange_m=np.array([2.1e7, 2.4e7, 2.2e7, np.nan, 2.4e7, 2.3e7, 2.1e7, 9e9, 2.2e7]),
+        doppler_hz=none,
+        range_rate_mps=none,
+        cn0_dbhz=none,
+        sv_names=("G07", "E05", "G09"),
+        signal_names=("C1C", "C9Z"),
+    )
+    return list(satellite_states(log, ephemerides()))
+
+
+def point_fix(n: int, n_false: int) -> list[Any]:
+    """Return position and velocity from ``n`` satellites of two constellations, the last ``n_false`` wrong."""
+    angle = np.arange(n) * 2.399963  # the golden angle spreads them over the sky
+    height = 0.15 + 0.8 * np.arange(n) / n
+    up = _R_E / np.linalg.norm(_R_E)
+    east = np.cross([0.0, 0.0, 1.0], up) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], up))
+    level = np.outer(np.cos(angle), east) + np.outer(np.sin(angle), np.cross(up, east))
+    u = np.sqrt(1.0 - height**2)[:, None] * level + height[:, None] * up
+    sat = np.hstack([_R_E + 2.2e7 * u, 3e3 * np.cross(u, up)])
+    group = (np.arange(n) % 3 == 1).astype(np.int64)
+    ranges, rates, scratch = np.zeros(n), np.zeros(n), np.zeros((2, 3))
+    for k in range(n):
+        ranges[k], rates[k] = line_of_sight(sat, k, _R_E, _V_E, scratch[0], scratch[1])
+    ranges += 300.0 + 25.0 * group
+    rates[n - n_false :] += 40.0
+    ranges[n - n_false :] += 900.0 + 400.0 * np.arange(n_false)
+    found: list[Any] = []
+    for unknowns, solve in ((5, point_position), (4, point_velocity)):
+        x, P, use = np.zeros(unknowns), np.zeros((unknowns, unknowns)), np.ones(n, np.bool_)
+        if solve is point_position:
+            status = point_position(sat, ranges, np.full(n, 5.0), group, use, np.zeros(3), 30.0, x, P)
+        else:
+            status = point_velocity(sat, rates, np.full(n, 0.1), use, _R_E, 30.0, x, P)
+        found += [status, x, P, use]
+    return found
+
+
+CASES = [
+    KernelCase(f"{_SIGHT}:line_of_sight_range", (_SAT, 1, _R_E, np.zeros(3))),
+    KernelCase(f"{_SIGHT}:line_of_sight", (_SAT, 0, _R_E, _V_E, np.zeros(3), np.zeros(3))),
+    KernelCase(f"{_SIGHT}:azimuth_elevation", (_U, _C_EN)),
+    KernelCase("insgnss.gnss.ionosphere:ionosphere_above", (350_000.0,)),
+    KernelCase("insgnss.gnss.range_model:path_delay", (_KLOBUCHAR, 1.0, 0.5, 300.0, 2.0, 0.6, 2e5, 1.6, 1.0)),
+    KernelCase("tests.kernels.gnss:broadcast_states"),
+    # Gauss-Newton ends when its step is below 1e-5 m, which is 1e-12 of the position
+    KernelCase("tests.kernels.gnss:point_fix", (8, 0), rtol=1e-11, label="all good"),
+    KernelCase("tests.kernels.gnss:point_fix", (8, 1), rtol=1e-11, label="one false, all subsets"),
+    KernelCase("tests.kernels.gnss:point_fix", (15, 4), rtol=1e-11, label="four false, drawn subsets"),
+]

@@ -1,0 +1,262 @@
+"""The CSV reader: clean files of any dialect give the same numbers, and no bad row is dropped silently."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.errors import ColumnError, InputError, MissingFileError
+from insgnss.log.csv_columns import Wanted
+from insgnss.log.csv_table import CsvTable, read_csv_table
+from tests.log.writing import write_lines
+
+WANTED = Wanted(numeric=("time_s", "x"), optional=("y",), text=("name",))
+HEADER = "time_s,x,y,name"
+ROWS = [f"{k}.5,{k * 0.25},{-k},n{k % 3}" for k in range(100)]
+
+
+def read(path: Path, lines: list[str], end: str = "\n") -> CsvTable:
+    return read_csv_table(write_lines(path / "log.csv", lines, end), WANTED)
+
+
+def assert_complete(table: CsvTable, rows: int = 100) -> None:
+    assert table.n == rows
+    assert np.array_equal(table.columns["time_s"], np.arange(rows) + 0.5)
+    assert np.array_equal(table.columns["x"], np.arange(rows) * 0.25)
+    assert np.array_equal(table.columns["y"], -np.arange(rows, dtype=float))
+    names = table.text["name"]
+    assert [names.words[code] for code in names.codes[:4]] == ["n0", "n1", "n2", "n0"]
+
+
+def swapped(delimiter: str) -> list[str]:
+    return [line.replace(",", delimiter) for line in (HEADER, *ROWS)]
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [HEADER, *ROWS],
+        ["# a comment", "", HEADER, *ROWS],
+        [HEADER, *ROWS[:50], "# a comment, in, the, middle", "% another", "// and a third", *ROWS[50:]],
+        [HEADER, "", *ROWS[:50], "   ", *ROWS[50:], "", ""],
+        [" time_s , x , y , name ", *(row.replace(",", " ,  ") for row in ROWS)],
+        ['"time_s","x","y","name"', *ROWS],
+        [HEADER, *(row + "," for row in ROWS)],
+        [HEADER, *(f'"{row.split(",")[0]}",{row.split(",", 1)[1]}' for row in ROWS)],
+        [HEADER, *("+" + row for row in ROWS)],
+        ["# " + HEADER, "# seconds, metres", *ROWS],
+    ],
+    ids=[
+        "plain",
+        "comment_first",
+        "comments",
+        "blank",
+        "spaces",
+        "quoted_names",
+        "trailing",
+        "quoted",
+        "plus",
+        "in_comment",
+    ],
+)
+def test_harmless_variants_read_the_same(tmp_path: Path, lines: list[str]) -> None:
+    table = read(tmp_path, lines)
+    assert_complete(table)
+    assert not [event for event in table.events if event.kind == "bad_row"]
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t", "|", "   "])
+def test_other_delimiters_are_recognised_and_told(tmp_path: Path, delimiter: str) -> None:
+    table = read(tmp_path, swapped(delimiter))
+    assert_complete(table)
+    assert [event.kind for event in table.events] == ["csv_delimiter"]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_line_ends_do_not_matter(tmp_path: Path, end: str) -> None:
+    assert_complete(read(tmp_path, [HEADER, *ROWS], end))
+
+
+def test_mixed_line_ends_do_not_matter(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(
+        "\r\n".join([HEADER, *ROWS[:50]]).encode() + b"\n" + "\n".join(ROWS[50:]).encode() + b"\r\n"
+    )
+    assert_complete(read_csv_table(path, WANTED))
+
+
+def test_byte_order_mark_does_not_matter(tmp_path: Path) -> None:
+    assert_complete(read(tmp_path, ["\ufeff" + HEADER, *ROWS]))
+
+
+def test_gzipped_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress("\n".join([HEADER, *ROWS, ""]).encode()))
+    assert_complete(read_csv_table(path, WANTED))
+
+
+def test_column_order_does_not_matter(tmp_path: Path) -> None:
+    rows = [",".join(reversed([*row.split(","), "9"])) for row in ROWS]
+    assert_complete(read(tmp_path, ["extra,name,y,x,time_s", *rows]))
+
+
+def test_last_line_without_an_end_is_kept_when_it_is_complete(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([HEADER, *ROWS]))
+    assert_complete(read_csv_table(path, WANTED))
+
+
+@pytest.mark.parametrize("cut", ["99.5,24.7", "99.5,24.75,-", "9"])
+def test_truncated_last_line_is_refused_with_an_event(tmp_path: Path, cut: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([HEADER, *ROWS[:99], cut]))
+    table = read_csv_table(path, WANTED)
+    assert_complete(table, 99)
+    assert [event.kind for event in table.events] == ["bad_row"]
+    assert ":101" in table.events[0].detail
+
+
+@pytest.mark.parametrize(
+    "cell", ["abc", "", "nan", "NaN", "inf", "-inf", "1e999", "0x10", "1_0", "--1", "1.2.3", "5 5"]
+)
+def test_bad_cell_of_a_required_column_refuses_its_row_by_line_and_column(tmp_path: Path, cell: str) -> None:
+    lines = [HEADER, *ROWS]
+    lines[40] = f"39.5,{cell},-39,n0"
+    table = read(tmp_path, lines)
+    assert table.n == 99
+    assert 39.5 not in table.columns["time_s"]
+    assert len(table.events) == 1
+    event = table.events[0]
+    assert event.kind == "bad_row"
+    assert "log.csv:41, column 'x'" in event.detail
+    assert (repr(cell) in event.detail) or (cell == "" and "empty cell" in event.detail)
+
+
+def test_bad_row_lines_count_comments_and_blank_lines(tmp_path: Path) -> None:
+    table = read(tmp_path, ["# one", "", HEADER, *ROWS[:10], "# two", "", "x,x,x,x", *ROWS[10:]])
+    assert "log.csv:16" in table.events[0].detail
+    assert table.line[9] == 13 and table.line[10] == 17
+
+
+def test_line_of_each_row_skips_blank_lines_in_the_fast_path(tmp_path: Path) -> None:
+    table = read(tmp_path, ["# one", HEADER, *ROWS[:10], "", *ROWS[10:]])
+    assert table.lines is None
+    assert table.line[0] == 3 and table.line[9] == 12 and table.line[10] == 14
+
+
+@pytest.mark.parametrize("row", ["1,2,3", "1,2,3,4,5", "1,2\0,3,n", "\0\0\0"])
+def test_row_with_a_wrong_number_of_cells_is_refused(tmp_path: Path, row: str) -> None:
+    table = read(tmp_path, [HEADER, *ROWS, row])
+    assert_complete(table)
+    assert [event.kind for event in table.events] == ["bad_row"]
+
+
+def test_optional_column_may_be_empty_absent_or_unreadable(tmp_path: Path) -> None:
+    lines = [HEADER, *ROWS]
+    lines[1] = "0.5,0,,n0"
+    lines[2] = "1.5,0.25,inf,n1"
+    lines[3] = "2.5,0.5,bad,n2"
+    table = read(tmp_path, lines)
+    assert table.n == 100
+    assert np.isnan(table.columns["y"][:3]).all() and np.isfinite(table.columns["y"][3:]).all()
+    assert table.bad_cells["y"].tolist() == [1, 2]
+    assert [event.kind for event in table.events] == ["bad_cell", "bad_cell"]
+    assert "y" not in read(tmp_path, ["time_s,x,name", "1,2,a"]).columns
+
+
+def test_twenty_bad_rows_are_told_each_and_the_rest_counted(tmp_path: Path) -> None:
+    rows = [f"{k}.5,{'?' if k < 30 else k},0,n" for k in range(1000)]
+    table = read(tmp_path, [HEADER, *rows])
+    assert table.n == 970
+    assert len(table.events) == 21
+    assert "30 in all" in table.events[-1].detail
+
+
+def test_too_many_bad_rows_are_an_error_naming_the_first(tmp_path: Path) -> None:
+    rows = [f"{k}.5,{'?' if k < 60 else k},0,n" for k in range(1000)]
+    with pytest.raises(ColumnError, match=r"60 of 1000 rows.*line 2 'x'") as caught:
+        read(tmp_path, [HEADER, *rows])
+    assert (caught.value.line, caught.value.column) == (2, "x")
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [line.replace(",", ";").replace(".", ",") for line in (HEADER, *ROWS)],
+        [HEADER, *ROWS[:5], '5.5,"1,234.5",0,n', *ROWS[6:]],
+        [HEADER.replace(",", ";"), *(row.replace(",", ";") for row in ROWS[:5]), "5.5;1'234.5;0;n"],
+    ],
+)
+def test_decimal_commas_and_thousands_separators_are_an_error_with_advice(
+    tmp_path: Path, lines: list[str]
+) -> None:
+    with pytest.raises(ColumnError, match="decimal point"):
+        read(tmp_path, lines)
+
+
+def test_missing_column_names_the_nearest_and_those_present(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError) as caught:
+        read(tmp_path, ["time,x,y,name", *ROWS])
+    assert caught.value.column == "time_s"
+    assert "nearest: 'time'" in caught.value.advice and "time, x, y, name" in caught.value.advice
+
+
+def test_file_without_a_header_says_so(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError, match="header line"):
+        read(tmp_path, ["1,2,3,4", "5,6,7,8"])
+
+
+def test_column_named_twice_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError, match="twice"):
+        read(tmp_path, ["time_s,x,x,name", *ROWS])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"time_s,x,y,name\n",
+        b"time_s,x,y,name",
+        b"\n\n",
+        b"# only a comment\n",
+        "time_s,x,y,name\n1,2,3,a\n".encode("utf-16"),
+        b"\x00\x01\x02\x03" * 50,
+        gzip.compress(b"time_s,x,y,name\n1,2,3,a\n")[:-6],
+        b"\x1f\x9d\x90abc",
+    ],
+)
+def test_file_without_readable_rows_is_a_typed_error(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    with pytest.raises(InputError):
+        read_csv_table(path, WANTED)
+
+
+def test_missing_file_names_the_nearest(tmp_path: Path) -> None:
+    (tmp_path / "imu_log.csv").write_text("a")
+    with pytest.raises(MissingFileError, match=r"imu_log\.csv"):
+        read_csv_table(tmp_path / "imu_lag.csv", WANTED)
+
+
+def test_exact_column_keeps_each_nanosecond_on_both_paths(tmp_path: Path) -> None:
+    wanted = Wanted(numeric=("x",), exact={"t": 9})
+    rows = [f"1700000000.{k:09d},1" for k in range(1, 200)]
+    expected = 1_700_000_000 * 10**9 + np.arange(1, 200)
+    path = write_lines(tmp_path / "a.csv", ["t,x", *rows])
+    assert np.array_equal(read_csv_table(path, wanted).exact["t"], expected)
+    path = write_lines(tmp_path / "b.csv", ["t,x", *rows, "# exact path", "1.7e9,1"])
+    table = read_csv_table(path, wanted)
+    assert table.lines is not None
+    assert np.array_equal(table.exact["t"], [*expected, 1_700_000_000 * 10**9])
+
+
+def test_large_file_reads_the_same_with_threads(tmp_path: Path, rng: np.random.Generator) -> None:
+    values = rng.normal(0.0, 1e3, (150_000, 3))
+    lines = [f"{a!r},{b!r},{c!r},n" for a, b, c in values.tolist()]
+    path = write_lines(tmp_path / "big.csv", [HEADER, *lines])
+    assert path.stat().st_size > 8 << 20
+    table = read_csv_table(path, WANTED)
+    assert np.array_equal(np.column_stack([table.columns[name] for name in ("time_s", "x", "y")]), values)

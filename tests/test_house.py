@@ -1,0 +1,248 @@
+"""The house's own measures: sizes, names, documentation, versions, and nothing of one particular machine."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import insgnss
+from insgnss.version import __version__
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = sorted((ROOT / "insgnss").rglob("*.py"))
+NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
+TOP_LEVEL_FOLDERS = {".ci", "data", "insgnss", "models", "notebooks", "tests"}
+HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly"}
+MAX_FILE_LINES = 400
+MAX_BODY_LINES = 60
+# absolute paths of somebody's machine, unfinished work
+ABSOLUTE_PATH = re.compile(r"(?<![\w.~$}/:-])(/(home|root|Users|work|mnt|media)/\w|[A-Z]:\\\\?Users)")
+UNFINISHED = re.compile(r"\b(TO" r"DO|FIX" r"ME|XX" r"X)\b")
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def tracked_files() -> list[Path]:
+    """Return the files of the project: what git tracks or would track, or every file outside of a git checkout."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if listing.returncode != 0:
+        pytest.skip("not a git checkout: the files of the project are not known")
+    return [ROOT / name for name in listing.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def text_lines(suffixes: set[str]) -> Iterator[tuple[str, str]]:
+    """Yield place ("file:line") and text of each line in the project's files with these suffixes."""
+    for path in tracked_files():
+        if path.suffix in suffixes and path != Path(__file__):
+            for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+                yield f"{path.relative_to(ROOT)}:{number}", line
+
+
+def functions() -> Iterator[tuple[str, Function, bool]]:
+    """Yield place, node, and whether it is public (no underscore in it or in what it stands in; not nested)."""
+    for path in SOURCES:
+        yield from functions_of(path)
+
+
+def functions_of(path: Path) -> Iterator[tuple[str, Function, bool]]:
+    """Yield the same for the functions of one file."""
+    for node, public in _walk(ast.parse(path.read_text(encoding="utf-8")), public=True):
+        yield f"{path.relative_to(ROOT)}:{node.lineno} {node.name}", node, public
+
+
+def _walk(parent: ast.AST, public: bool) -> Iterator[tuple[Function, bool]]:
+    for node in ast.iter_child_nodes(parent):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node, public and not node.name.startswith("_")
+            yield from _walk(node, public=False)
+        elif isinstance(node, ast.ClassDef):
+            yield from _walk(node, public and not node.name.startswith("_"))
+        else:
+            yield from _walk(node, public)
+
+
+def body_lines(node: Function) -> int:
+    """Return the number of lines from the first statement after the docstring to the last."""
+    body = node.body[1:] if ast.get_docstring(node) is not None else node.body
+    return (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
+
+
+def has_decorator(node: Function, name: str) -> bool:
+    """Return whether a decorator of the function carries ``name``, as ``name``, ``x.name`` or ``name(...)``."""
+    return any(name in ast.unparse(decorator).split("(")[0].split(".") for decorator in node.decorator_list)
+
+
+def test_no_file_is_longer_than_the_limit() -> None:
+    sizes = {path.relative_to(ROOT): len(path.read_text(encoding="utf-8").splitlines()) for path in SOURCES}
+
+    assert {path: size for path, size in sizes.items() if size > MAX_FILE_LINES} == {}
+
+
+def test_no_function_body_is_longer_than_the_limit() -> None:
+    assert [
+        f"{place}: {body_lines(node)} lines"
+        for place, node, _ in functions()
+        if body_lines(node) > MAX_BODY_LINES
+    ] == []
+
+
+def test_no_module_or_folder_has_a_name_that_says_nothing() -> None:
+    parts = {part for path in SOURCES for part in path.relative_to(ROOT).with_suffix("").parts}
+
+    assert parts & NAMES_THAT_SAY_NOTHING == set()
+
+
+def test_every_module_and_public_class_has_a_docstring() -> None:
+    without = []
+    for path in SOURCES:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        nodes = [tree, *(n for n in tree.body if isinstance(n, ast.ClassDef) and not n.name.startswith("_"))]
+        without += [
+            f"{path.relative_to(ROOT)} {getattr(n, 'name', '')}" for n in nodes if not ast.get_docstring(n)
+        ]
+
+    assert without == []
+
+
+def test_every_public_function_has_a_docstring() -> None:
+    assert [
+        place
+        for place, node, public in functions()
+        if public and not ast.get_docstring(node) and not has_decorator(node, "overload")
+    ] == []
+
+
+def test_every_function_is_annotated() -> None:
+    bare = []
+    for place, node, _ in functions():
+        arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+        arguments += [a for a in (node.args.vararg, node.args.kwarg) if a]
+        missing = [a.arg for a in arguments if a.annotation is None and a.arg not in ("self", "cls")]
+        if missing or node.returns is None:
+            bare.append(f"{place}: {', '.join(missing) or 'return value'}")
+
+    assert bare == []
+
+
+def test_every_test_function_asserts_something() -> None:
+    silent = []
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+                text = ast.unparse(node)
+                if not re.search(r"\bassert|pytest\.(raises|warns|fail)|\bcheck_|\bbenchmark\(", text):
+                    silent.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.name}")
+
+    assert silent == []
+
+
+def test_numba_is_used_through_the_one_decorator() -> None:
+    compiled = re.compile(
+        r"^from numba|\bnumba\.(n?jit|vectorize|guvectorize|cfunc|experimental)|^@n?jit", re.MULTILINE
+    )
+    users = {
+        str(path.relative_to(ROOT)) for path in SOURCES if compiled.search(path.read_text(encoding="utf-8"))
+    }
+
+    assert users == {"insgnss/jit.py"}
+
+
+def test_imports_stand_at_the_top_of_a_file() -> None:
+    late = []
+    for path in SOURCES:
+        for place, node, _ in functions_of(path):
+            for inner in ast.walk(node):
+                names = [a.name for a in inner.names] if isinstance(inner, ast.Import) else []
+                names += [inner.module or ""] if isinstance(inner, ast.ImportFrom) else []
+                late += [f"{place}: {n}" for n in names if n.split(".")[0] not in HEAVY_OPTIONAL_LIBRARIES]
+
+    assert late == []
+
+
+def test_no_assert_checks_input_and_only_the_command_line_exits() -> None:
+    found = []
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            exits = isinstance(node, ast.Call) and ast.unparse(node.func) in (
+                "sys.exit",
+                "exit",
+                "quit",
+                "os._exit",
+            )
+            narrows = isinstance(node, ast.Assert) and ast.unparse(node.test).endswith(" is not None")
+            if (isinstance(node, ast.Assert) and not narrows) or (exits and "cli" not in path.parts):
+                found.append(f"{path.relative_to(ROOT)}:{node.lineno}")
+
+    assert found == []
+
+
+def test_no_global_random_numbers() -> None:
+    unseeded = r"np\.random\.(?!Generator|default_rng|SeedSequence|BitGenerator|PCG64)\w+"
+    legacy = re.compile(rf"{unseeded}|default_rng\(\)")
+
+    assert [place for place, line in text_lines({".py"}) if legacy.search(line)] == []
+
+
+def test_no_line_names_a_path_of_one_machine() -> None:
+    kinds = {".py", ".md", ".toml", ".cfg", ".txt", ".ipynb", ""}
+
+    assert [place for place, line in text_lines(kinds) if ABSOLUTE_PATH.search(line)] == []
+
+
+def test_nothing_is_left_unfinished() -> None:
+    assert [place for place, line in text_lines({".py", ".md", ".toml"}) if UNFINISHED.search(line)] == []
+
+
+def test_top_level_has_no_other_folder() -> None:
+    folders = {path.relative_to(ROOT).parts[0] for path in tracked_files() if path.parent != ROOT}
+
+    assert folders <= TOP_LEVEL_FOLDERS
+
+
+def test_no_generated_file_is_tracked() -> None:
+    generated = re.compile(r"(__pycache__|\.egg-info|\.py[co]$|\.nb[ic]$|\.parquet$|^out/|^build/|^dist/)")
+
+    assert [p for p in (str(f.relative_to(ROOT)) for f in tracked_files()) if generated.search(p)] == []
+
+
+def test_version_is_the_same_everywhere() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+    assert project["tool"]["hatch"]["version"]["path"] == "insgnss/version.py"
+    assert insgnss.__version__ == __version__
+    assert re.search(r"^## (\S+)", changes, re.MULTILINE).group(1) == __version__
+    try:
+        installed = metadata.version("insgnss")
+    except metadata.PackageNotFoundError:
+        pytest.skip("the package is not installed: its metadata cannot be compared")
+    assert installed == __version__
+
+
+def test_every_imported_library_is_declared() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {re.split(r"[<>=!~ ]", name)[0] for name in project["dependencies"]}
+    imported = set()
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                imported.add(node.module.split(".")[0])
+
+    part_of = {"pydantic_core": "pydantic"}
+    assert {part_of.get(n, n) for n in imported} - set(sys.stdlib_module_names) - {"insgnss"} <= declared

@@ -1,0 +1,120 @@
+"""What the README shows is what the package does: its flight file, its commands, its tables."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import get_args
+
+import pytest
+from pydantic import BaseModel
+
+from insgnss import errors, status
+from insgnss.config.flight import FlightConfig
+from insgnss.fusion.output import NAV_COLUMNS
+
+README = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
+MAKEFILE = (Path(__file__).resolve().parents[1] / "Makefile").read_text(encoding="utf-8")
+
+
+def flight_example(uncommented: tuple[str, ...] = ()) -> str:
+    """Return the README's flight file, with the commented-out blocks that begin with these headers switched on."""
+    match = re.search(r"```toml\n(.*?)```", README, re.DOTALL)
+    assert match is not None
+    blocks = match.group(1).split("\n\n")
+    for header in uncommented:
+        blocks = [re.sub(r"^# ", "", b, flags=re.M) if b.startswith(f"# {header}") else b for b in blocks]
+    return "\n\n".join(blocks)
+
+
+def models_in(annotation: object) -> list[type[BaseModel]]:
+    """Return the settings classes an annotation names, at any depth."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in models_in(argument)]
+
+
+def keys_of(model: type[BaseModel]) -> set[str]:
+    """Return every key of a settings class and of those inside it, but not the free text of a model's source."""
+    keys = set(model.model_fields) - {"source"}
+    for field in model.model_fields.values():
+        for inner in models_in(field.annotation):
+            keys |= keys_of(inner)
+    return keys
+
+
+def test_flight_example_is_a_valid_flight_file() -> None:
+    config = FlightConfig.model_validate(tomllib.loads(flight_example()))
+
+    assert config.gps_week == 2268
+    assert config.start == "automatic"
+
+
+def test_flight_example_is_valid_with_its_own_start_and_grade() -> None:
+    text = flight_example(("[start]", "[imu.grade]"))
+    text = text.replace('start = "automatic"', "").replace('grade = "tactical"', "")
+
+    config = FlightConfig.model_validate(tomllib.loads(text))
+
+    assert not isinstance(config.start, str)
+    assert config.start.rpy_deg == (0.0, 0.0, 90.0)
+    assert not isinstance(config.imu.grade, str)
+    assert config.imu.grade.accel_vrw_mps_per_sqrt_h == 0.12
+
+
+def test_flight_example_names_every_key_of_the_schema() -> None:
+    words = set(re.findall(r"\w+", flight_example()))
+
+    assert keys_of(FlightConfig) - words == set()
+
+
+def test_flight_example_shows_the_defaults_of_what_may_be_left_out() -> None:
+    shown = FlightConfig.model_validate(tomllib.loads(flight_example()))
+    bare = FlightConfig.model_validate(
+        {
+            "gps_week": 2268,
+            "imu": {"files": ["imu.csv"], "grade": "tactical"},
+            "gnss": {"files": ["gnss.csv"]},
+        }
+    )
+
+    assert shown.imu == bare.imu
+    assert shown.start == bare.start
+    assert shown.gnss.columns == bare.gnss.columns
+    assert shown.gnss.oscillator == bare.gnss.oscillator
+
+
+def test_every_column_of_the_navigation_table_is_explained() -> None:
+    assert [name for name in ("time_s", *NAV_COLUMNS) if f"`{name}`" not in README] == []
+
+
+def test_every_status_the_readme_names_exists() -> None:
+    named = set(
+        re.findall(r"`((?:masked|no|bad|stale|not|too|clock)_\w+|used|gated|unhealthy|duplicate)`", README)
+    )
+
+    assert len(named) > 8
+    assert named - set(status.NAMES.values()) - {"clock_bias_m", "clock_drift_mps"} == set()
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (errors.ConfigError, 2),
+        (errors.ModelError, 2),
+        (errors.InputError, 3),
+        (errors.StartError, 4),
+        (errors.ResultError, 5),
+    ],
+)
+def test_exit_codes_are_those_of_the_readme(error: type[errors.InsGnssError], code: int) -> None:
+    assert error.exit_code == code
+    assert re.search(rf"\b{code} (for|when)", README)
+
+
+def test_every_make_target_that_is_shown_exists() -> None:
+    shown = set(re.findall(r"\bmake ([a-z]+)", README))
+
+    assert {"demo", "test"} <= shown
+    assert all(re.search(rf"^{target}:", MAKEFILE, re.MULTILINE) for target in shown)
