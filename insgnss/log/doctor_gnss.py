@@ -17,13 +17,11 @@ from insgnss.tables import Float64, GnssTable, Int64, NavigationData
 MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
 GAP_STEPS: Final = 2.5
 MIN_PAIRS: Final = 10
-MIN_RATE_MPS: Final = (
-    30.0  # differences of range rate between satellites below this say nothing about sign and unit
-)
+# Differences of range rate between satellites below this say nothing about sign and unit
+MIN_RATE_MPS: Final = 30.0
 SLOPE_TOLERANCE: Final = 0.15
-CLOCK_JUMP_M: Final = (
-    150.0  # a common step of half a microsecond: no receiver clock wanders so far within an epoch
-)
+# A common step of half a microsecond: no receiver clock wanders so far within an epoch
+CLOCK_JUMP_M: Final = 150.0
 MAX_AGE_S: Final = {
     "G": 7200.0,
     "J": 7200.0,

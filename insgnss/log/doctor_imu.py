@@ -18,9 +18,8 @@ REST_RATE_CHANGE_RADPS: Final = np.deg2rad(0.5)  # ... and the mean rate changes
 REST_NEAR_G: Final = 0.1
 MIN_REST_WINDOWS: Final = 3
 SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples
-GRAVITY_TOLERANCE: Final = (
-    0.01  # gravity varies by 0.5 % over the Earth; the rest is accelerometer bias and scale
-)
+# Gravity varies by 0.5 % over the Earth; the rest is accelerometer bias and scale
+GRAVITY_TOLERANCE: Final = 0.01
 LEVEL_TILT_DEG: Final = 20.0  # vehicles park flatter than this
 
 

@@ -26,9 +26,8 @@ from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
 ASSUMED_SIGNAL: Final = {"G": "C1C", "R": "C1C", "E": "C1C", "C": "C2I", "J": "C1C", "I": "C5A", "S": "C1C"}
 OTHER_UNITS_M: Final = {"kilometres": 1e3, "seconds": C_MPS, "milliseconds": 1e-3 * C_MPS}
 NEAREST_M: Final = 1.5e7  # between the nearest GNSS satellite seen from 2000 km height ...
-FARTHEST_M: Final = (
-    6e7  # ... and the farthest in geosynchronous orbit, with a clock off by tens of milliseconds
-)
+# ... and the farthest in geosynchronous orbit, with a clock off by tens of milliseconds
+FARTHEST_M: Final = 6e7
 _CODE: Final = re.compile(r"[CLDS]?(\d[A-Z])")
 
 

@@ -10,9 +10,8 @@ from insgnss.config.flight import Imu
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64
 
-ORTHONORMAL_TOLERANCE: Final = (
-    1e-3  # a matrix written with four digits passes, one of misalignments of 0.1 deg too
-)
+# A matrix written with four digits passes, one of misalignments of 0.1 deg too
+ORTHONORMAL_TOLERANCE: Final = 1e-3
 
 
 def mounting_matrix(config: Imu) -> Float64:

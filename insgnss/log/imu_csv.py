@@ -25,9 +25,8 @@ from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
-LONG_STEP: Final = (
-    1.5  # an increment whose step is longer than so many median steps covers one nominal step only
-)
+# An increment whose step is longer than so many median steps covers one nominal step only
+LONG_STEP: Final = 1.5
 
 
 @dataclass

@@ -11,15 +11,13 @@ from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.tables import Event, Float64, Int64
 from insgnss.units import RAD_PER_DEG
 
-STUCK_S: Final = (
-    1.0  # equal to the last digit for this long, with the other axes moving: no sensor at rest does that
-)
+# Equal to the last digit for this long, with the other axes moving: no sensor at rest does that
+STUCK_S: Final = 1.0
 PINNED_SAMPLES: Final = 3  # in a row at the largest magnitude of the log
 PINNED_TOTAL: Final = 5
 PINNED_SHARE_OF_RANGE: Final = 0.999  # of the declared range, or of the largest magnitude
-LEVELS: Final = (
-    100.0  # a pinned value lies this many resolution steps out: coarse numbers at rest repeat themselves too
-)
+# A pinned value lies this many resolution steps out: coarse numbers at rest repeat themselves too
+LEVELS: Final = 100.0
 # Smaller magnitudes are no end of any sensor's range
 MIN_PINNED: Final = {"gyro": 100.0 * RAD_PER_DEG, "accel": 1.5 * STANDARD_GRAVITY_MPS2}
 MAX_EVENTS_EACH: Final = 20

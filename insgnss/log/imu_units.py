@@ -14,16 +14,14 @@ from insgnss.config.flight import Imu, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import UnitsError
 from insgnss.log.imu_windows import Bool, ImuWindows, imu_windows
-from insgnss.tables import Event, ImuTable
+from insgnss.tables import Event, Float64, ImuTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
 MIN_QUIET_WINDOWS: Final = 4
-REST_TOLERANCE: Final = (
-    0.10  # |f| / g at rest: consumer sensors are off by 2 to 3 %, gravity itself varies by 0.5 %
-)
-UNIT_TOLERANCE: Final = (
-    0.07  # how well a wrong unit must explain |f|; increments, being free of drift, to half of it
-)
+# Of |f| / g at rest: consumer sensors are off by 2 to 3 %, gravity itself varies by 0.5 %
+REST_TOLERANCE: Final = 0.10
+UNIT_TOLERANCE: Final = 0.07  # how well a wrong unit must explain |f| in one window; the median to half of it
+TRUSTED_SHARE: Final = 0.2  # so many quiet windows at g prove the unit: a rocket rests before its flight
 AGREEING_SHARE: Final = 0.5  # of the quiet windows must show what the wrong unit would
 MIN_TURN_PAIRS: Final = 10
 TURN_NEAR_G: Final = 0.05  # |f| within this share of g: acceleration alone tilts f by at most 18 deg there
@@ -35,6 +33,7 @@ REST_RATE_RADPS: Final = 0.1  # twice the bias of the worst consumer gyro
 REST_DIRECTION_RAD: Final = 1.5 * RAD_PER_DEG  # f's direction from window to window
 REST_NEAR_G: Final = 0.03  # in a steady turn or on a rate table the rate lies within 15 deg of f there ...
 REST_ACROSS: Final = 0.5  # ... so a rate that lies more than 30 deg off f contradicts a steady f
+REST_STEADY: Final = 0.2  # share by which a bias changes from window to window: rolls about f vary more
 OVER_RANGE: Final = 2.0  # no sensor shows twice its range
 OVER_RANGE_SHARE: Final = 0.01
 
@@ -80,14 +79,15 @@ def _check_accelerometer(
     at_rest = int(quiet.sum()) >= MIN_QUIET_WINDOWS
     seen = size[quiet] if at_rest else size
     middle = float(np.median(seen))
-    if abs(middle - 1.0) <= REST_TOLERANCE:
+    right = float(np.mean(np.abs(seen - 1.0) <= REST_TOLERANCE))
+    if abs(middle - 1.0) <= REST_TOLERANCE or right > TRUSTED_SHARE:
         return []
     shown = middle * STANDARD_GRAVITY_MPS2 / SI_PER_UNIT[config.accel_unit]
     if config.values == "increments":
         shown *= median_ns / NS_PER_S
     where = "while the sensor is at rest or steady" if at_rest else "in the middle of the log"
     found = f"|f| is {shown:.4g} {config.accel_unit} {where}, which as declared is {middle:.3g} g"
-    fitting = [text for text, ratio in _other_units(config, median_ns) if _fits(seen, ratio)]
+    fitting = [text for text, ratio in _other_units(config, median_ns) if _fits(seen, ratio, at_rest)]
     if not fitting:
         return [Event(None, "units_suspicion", f"{file}: {found}")] if at_rest else []
     advice = " or ".join(fitting) + (" fits" if len(fitting) == 1 else " would fit")
@@ -117,10 +117,13 @@ def _other_units(config: Imu, median_ns: float) -> list[tuple[str, float]]:
 _ACCEL_UNITS: Final = ("m/s^2", "g", "mg", "m/s", "g*s")
 
 
-def _fits(size_g: np.ndarray[tuple[int], np.dtype[np.float64]], ratio: float) -> bool:
-    """Return whether |f| would be g in most windows if it were ``ratio`` times larger."""
-    tolerance = UNIT_TOLERANCE if ratio < 20.0 else 0.5 * UNIT_TOLERANCE
-    return float(np.mean(np.abs(size_g * ratio - 1.0) < tolerance)) > AGREEING_SHARE
+def _fits(size_g: Float64, ratio: float, at_rest: bool) -> bool:
+    """Return whether |f| would be g if it were ``ratio`` times larger; at rest, in most windows."""
+    middle = abs(float(np.median(size_g)) * ratio - 1.0)
+    if not at_rest:
+        return middle < REST_TOLERANCE
+    agreeing = float(np.mean(np.abs(size_g * ratio - 1.0) < UNIT_TOLERANCE))
+    return middle < 0.5 * UNIT_TOLERANCE and agreeing > AGREEING_SHARE
 
 
 # ------------------------------------------------------------------------------------------------------------- gyros
@@ -158,7 +161,13 @@ def _check_rest(windows: ImuWindows, near_g: Bool, config: Imu, file: str) -> li
     w = np.linalg.norm(windows.mid_rate(), axis=1)
     across_rate = np.linalg.norm(across, axis=1) / windows.length_s
     resting = windows.pairs & near_g[:-1] & near_g[1:] & (np.linalg.norm(turn, axis=1) < REST_DIRECTION_RAD)
-    contrary = resting & (across_rate > REST_RATE_RADPS) & (across_rate > REST_ACROSS * w)
+    change = np.linalg.norm(np.diff(windows.w_ib_b, axis=0), axis=1)
+    contrary = (
+        resting
+        & (across_rate > REST_RATE_RADPS)
+        & (across_rate > REST_ACROSS * w)
+        & (change < REST_STEADY * w)
+    )
     if contrary.sum() < max(MIN_QUIET_WINDOWS, AGREEING_SHARE * resting.sum()):
         return []
     rate = float(np.median(across_rate[contrary]))

@@ -41,7 +41,8 @@ def navigation_text(satellites: Iterable[str] = tuple(ORBITS)) -> str:
     ]
     for sv in satellites:
         values = _message(sv)
-        lines.append(f"{sv} 2023 06 29 {_hour(sv)} 00 {_second(sv):02d}" + "".join(map(_number, values[:3])))
+        clock = "10 59 46" if sv[0] == "C" else "11 00 00"  # BeiDou time is 14 s behind
+        lines.append(f"{sv} 2023 06 29 {clock}" + "".join(map(_number, values[:3])))
         lines += ["    " + "".join(map(_number, values[i : i + 4])) for i in range(3, len(values), 4)]
     return "\n".join(lines) + "\n"
 
@@ -56,14 +57,6 @@ def navigation_table(folder: Path, satellites: Iterable[str] = tuple(ORBITS)) ->
 
 def _number(value: float) -> str:
     return f"{value:19.12E}"
-
-
-def _hour(sv: str) -> str:
-    return "10" if sv[0] == "C" else "11"  # BeiDou time is 14 s behind
-
-
-def _second(sv: str) -> int:
-    return 46 if sv[0] == "C" else 0
 
 
 def _message(sv: str) -> list[float]:

@@ -1,0 +1,138 @@
+"""The table of signals: every RINEX code is answered or has a reason; carriers and group delays."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import sidereon
+
+from insgnss.constants import C_MPS
+from insgnss.gnss.signals import (
+    L1_HZ,
+    SIGNALS,
+    UNSUPPORTED,
+    Signal,
+    default_rank,
+    ionosphere_factor,
+    reason_unsupported,
+    signal_of,
+    wavelength_m,
+)
+
+# RINEX 3.05, tables 4 to 10: band digit and attributes of the pseudorange codes (codeless and semi-codeless included)
+RINEX_CODES = {
+    "G": {"1": "CSLXPWYM", "2": "CDSLXPWYM", "5": "IQX"},
+    "R": {"1": "CP", "4": "ABX", "2": "CP", "6": "ABX", "3": "IQX"},
+    "E": {"1": "ABCXZ", "5": "IQX", "7": "IQX", "8": "IQX", "6": "ABCXZ"},
+    "S": {"1": "C", "5": "IQX"},
+    "J": {"1": "CESLXZ", "2": "SLX", "5": "IQXDPZ", "6": "SLXEZ"},
+    "C": {"2": "IQX", "1": "DPXSLZ", "5": "DPX", "7": "IQXDPZ", "8": "DPX", "6": "IQXDPZ"},
+    "I": {"1": "DPX", "5": "ABCX", "9": "ABCX"},
+}
+ALL_CODES = [
+    (system, f"C{band}{attribute}")
+    for system, bands in RINEX_CODES.items()
+    for band, attributes in bands.items()
+    for attribute in attributes
+]
+SYSTEMS = {
+    "G": sidereon.GnssSystem.GPS,
+    "E": sidereon.GnssSystem.GALILEO,
+    "C": sidereon.GnssSystem.BEIDOU,
+    "J": sidereon.GnssSystem.QZSS,
+    "I": sidereon.GnssSystem.NAVIC,
+    "S": sidereon.GnssSystem.SBAS,
+}
+
+
+@pytest.mark.parametrize(("system", "code"), ALL_CODES)
+def test_every_rinex_code_is_answered_or_has_a_reason(system: str, code: str) -> None:
+    signal = signal_of(system, code)
+    if signal is None:
+        assert any(e.system == system and code in e.codes for e in UNSUPPORTED)
+        assert reason_unsupported(system, code)
+        assert math.isnan(wavelength_m(system, code))
+    else:
+        assert reason_unsupported(system, code) == ""
+
+
+@pytest.mark.parametrize("signal", SIGNALS, ids=lambda s: f"{s.system} {s.name}")
+def test_every_signal_answers_everything(signal: Signal) -> None:
+    assert signal.system in RINEX_CODES
+    assert signal.name and signal.band and signal.source and signal.codes
+    assert len(signal.group_delay) == 2
+    assert (signal.group_delay_fnav is not None) == (signal.system == "E")
+    for code in signal.codes:
+        assert signal_of(signal.system, code) is signal
+        assert wavelength_m(signal.system, code) == C_MPS / signal.carrier_hz
+        assert ionosphere_factor(signal.system, code) == pytest.approx((L1_HZ / signal.carrier_hz) ** 2)
+        assert (default_rank(signal.system, code) >= 0) == signal.default_used
+
+
+@pytest.mark.parametrize("signal", SIGNALS, ids=lambda s: f"{s.system} {s.name}")
+def test_carrier_equals_an_independent_table(signal: Signal) -> None:
+    band = signal.codes[0][1]
+    assert sidereon.rinex_band_frequency_hz(SYSTEMS[signal.system], band) == pytest.approx(signal.carrier_hz)
+
+
+def test_no_code_stands_twice() -> None:
+    known = [(s.system, code) for s in SIGNALS for code in s.codes]
+    refused = [(e.system, code) for e in UNSUPPORTED for code in e.codes]
+    assert len(set(known + refused)) == len(known) + len(refused)
+
+
+def test_unknown_code_has_a_reason_that_names_it() -> None:
+    assert signal_of("G", "C9Z") is None
+    assert "C9Z" in reason_unsupported("G", "C9Z")
+
+
+def test_glonass_is_refused_because_its_carrier_needs_the_channel() -> None:
+    assert reason_unsupported("R", "C1C") == "FDMA: carrier needs the channel"
+
+
+def test_default_signals_are_one_band_per_satellite_in_a_fixed_order() -> None:
+    assert [default_rank("E", code) for code in ("C1C", "C1X", "C1B")] == sorted(
+        default_rank("E", code) for code in ("C1C", "C1X", "C1B")
+    )
+    assert 0 <= default_rank("C", "C2I") < default_rank("C", "C1P")
+    assert default_rank("G", "C1C") >= 0 and default_rank("J", "C1C") >= 0
+    assert default_rank("G", "C5Q") == default_rank("G", "C1W") == -1
+
+
+def _ionosphere_free(system: str, first: str, second: str, fnav: bool = False) -> tuple[float, float]:
+    """Return the factors of the group delay that is left in the ionosphere-free combination of two signals."""
+    a, b = signal_of(system, first), signal_of(system, second)
+    assert a is not None and b is not None
+    gamma = (a.carrier_hz / b.carrier_hz) ** 2
+    of_a = (a.group_delay_fnav if fnav else a.group_delay) or a.group_delay
+    of_b = (b.group_delay_fnav if fnav else b.group_delay) or b.group_delay
+    return tuple((gamma * x - y) / (gamma - 1.0) for x, y in zip(of_a, of_b, strict=True))  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("system", "first", "second", "fnav"),
+    [("G", "C1W", "C2W", False), ("E", "C1C", "C7Q", False), ("E", "C1C", "C5Q", True), ("I", "C9A", "C5A", False)],
+)
+def test_group_delay_vanishes_for_the_pair_that_the_clock_holds_for(
+    system: str, first: str, second: str, fnav: bool
+) -> None:
+    assert _ionosphere_free(system, first, second, fnav) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_the_two_galileo_clocks_differ_by_the_same_delay_on_every_signal() -> None:
+    """I/NAV and F/NAV clocks differ by one number, so a signal's delay must differ by that number as well."""
+    differences = [
+        (s.group_delay[0] - s.group_delay_fnav[0], s.group_delay[1] - s.group_delay_fnav[1])
+        for s in SIGNALS
+        if s.group_delay_fnav is not None
+    ]
+    assert len(differences) == 5
+    for difference in differences:
+        assert difference == pytest.approx((-1.0, 1.0))
+
+
+def test_beidou_clock_holds_for_b3i_alone() -> None:
+    b3i, b1i, b2i = (signal_of("C", code) for code in ("C6I", "C2I", "C7I"))
+    assert b3i is not None and b1i is not None and b2i is not None
+    assert (b3i.group_delay, b1i.group_delay, b2i.group_delay) == ((0, 0), (1, 0), (0, 1))
