@@ -39,6 +39,9 @@ class Noise(StrictModel):
     floor: Positive
     elevation: NotNegative
     cn0_at_45_dbhz: NotNegative
+    correlation_time_s: NotNegative = Field(
+        0.0, description="epochs nearer than this share their errors: each weighs less by the ratio"
+    )
     missing_cn0_dbhz: Positive = Field(42.0, description="assumed where the log gives none")
 
 
@@ -119,6 +122,7 @@ class Adaptation(StrictModel):
     on: bool = True
     memory_s: Positive = Field(30.0, description="over which the levels follow")
     least_factor: Positive = Field(0.02, description="on a variance")
+    least_factor_at_rest: Positive = Field(0.25, description="on a pseudorange's variance while the vehicle stands")
     most_factor: Positive = Field(25.0, description="on a variance")
 
 

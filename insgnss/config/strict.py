@@ -114,9 +114,9 @@ def _describe(
     error: ErrorDetails, data: Mapping[str, Any], model: type[BaseModel], lines: dict[tuple[str, ...], int]
 ) -> _Problem:
     path = _path_in_file(error["loc"], data)
-    keys = tuple(part for part in path if not part.isdigit())
+    keys = tuple(part for part in path if isinstance(part, str))
     key = ".".join(keys) or "the file"
-    entry = f"entry {path[-1]}: " if path and path[-1].isdigit() else ""
+    entry = f"entry {path[-1] + 1}: " if path and isinstance(path[-1], int) else ""
     line = line_of(keys, lines)
     kind = error["type"]
     if kind == "extra_forbidden":
@@ -132,9 +132,9 @@ def _describe(
     return _Problem(key, line, message, f"change {key}{_purpose(keys, model)}")
 
 
-def _path_in_file(location: Sequence[int | str], data: Any) -> tuple[str, ...]:
-    """Return the keys that lead to an error, without the names of union branches that pydantic puts between them."""
-    path: list[str] = []
+def _path_in_file(location: Sequence[int | str], data: Any) -> tuple[str | int, ...]:
+    """Return the keys and indices that lead to an error, without the union branches that pydantic puts between them."""
+    path: list[str | int] = []
     for position, part in enumerate(location):
         last = position == len(location) - 1
         if isinstance(data, Mapping):
@@ -144,7 +144,7 @@ def _path_in_file(location: Sequence[int | str], data: Any) -> tuple[str, ...]:
                 continue
             path.append(str(part))
         elif isinstance(data, list) and isinstance(part, int):
-            path.append(str(part + 1))
+            path.append(part)
             data = data[part] if part < len(data) else None
     return tuple(path)
 

@@ -20,6 +20,7 @@ from insgnss.tables import Float64
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough: the levels move over minutes
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas
+_REST_SPEED_MPS: Final = 0.7  # slower than a walk
 _LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
 
 
@@ -59,6 +60,7 @@ def adapt_noise(
 ) -> None:
     """Move the three factors of a hypothesis towards what an epoch's update shows.
 
+    At rest the pseudoranges' factor does not fall far: multipath stands still then and does not show in what is left.
     The clock's: the drift's correction has the variance P- minus P+, in the steady state the noise of one interval.
 
     Parameters
@@ -73,9 +75,13 @@ def adapt_noise(
     m.adapted_count += 1
     gain = max(par.adapt_gain, 1.0 / (m.adapted_count + 5.0))
     correction = s.vectors[0]
+    v2 = m.v_e[0] * m.v_e[0] + m.v_e[1] * m.v_e[1] + m.v_e[2] * m.v_e[2]
+    at_rest = v2 < _REST_SPEED_MPS**2
     for kind in range(2):
         factor = m.noise_factor[kind]
         wanted = residual_ratio(P, s, kind, n_rows, correction, factor)
+        if kind == 0 and at_rest:
+            wanted = max(wanted, min(factor, par.adapt_least_at_rest))
         m.noise_factor[kind] = bounded(factor + gain * (wanted - factor), par)
     expected = drift_variance - P[DRIFT, DRIFT]
     if expected > 0.0 and m.adapted_count > 5:

@@ -43,8 +43,11 @@ def update_epoch(
     w_ib_b: Float64,
     s: Epoch,
     scratch: Scratch,
+    since_last: float,
 ) -> Outcome:
     """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
+
+    ``since_last`` is the time since the epoch before [s].
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's and
     the order of the rows matters only by rounding; the gates are all judged on the prior.
@@ -64,8 +67,8 @@ def update_epoch(
     correction = s.vectors[0]
     for i in range(P.shape[0]):
         correction[i] = 0.0
-    log_likelihood = use_rows(P, s, 0, n, par.range_gate2)
-    log_likelihood += use_rows(P, s, 1, n, par.rate_gate2)
+    log_likelihood = use_rows(P, s, 0, n, par.range_gate2, max(1.0, par.range_correlation / since_last))
+    log_likelihood += use_rows(P, s, 1, n, par.rate_gate2, max(1.0, par.rate_correlation / since_last))
     if clock_step == 0.0 and drift_step == 0.0:
         adapt_noise(m, P, par, s, n, rows.epoch_ns[epoch], drift_variance)
     close_loop(m, correction, P.shape[0])
@@ -75,8 +78,12 @@ def update_epoch(
 
 
 @kernel
-def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> float:
-    """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant)."""
+def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread: float) -> float:
+    """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
+
+    ``spread`` is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
+    of n errors that are alike over n epochs has the variance of one, not of one n-th.
+    """
     total = 0.0
     for j in range(n_rows):
         line = s.lines[j]
@@ -84,11 +91,11 @@ def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> floa
             if kind == 0:
                 extra = OFFSETS + line.group - 1 if line.group > 0 else -1
                 y, S = scalar_update(
-                    P, line.h_range, RANGE_COLUMNS, extra, line.innovation[0], line.variance[0], s.vectors
+                    P, line.h_range, RANGE_COLUMNS, extra, line.innovation[0], spread * line.variance[0], s.vectors
                 )
             else:
                 y, S = scalar_update(
-                    P, line.h_rate, RATE_COLUMNS, -1, line.innovation[1], line.variance[1], s.vectors
+                    P, line.h_rate, RATE_COLUMNS, -1, line.innovation[1], spread * line.variance[1], s.vectors
                 )
             total -= 0.5 * (y * y / S + math.log(S))
         elif line.status[kind] == GATED:

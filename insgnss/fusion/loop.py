@@ -171,6 +171,7 @@ def run_epochs(
         advance(bank, t_ns, imu, par, out, work)
         w = imu.w_ib_b[current_sample(bank, imu)]
         done = update_bank(bank, epoch, rows, w, par, out, work)
+        head.epoch_ns = t_ns
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
         if at_time:
             count.time += 1
@@ -269,11 +270,12 @@ def update_bank(
     """
     n = bank.state.shape[0]
     lead = bank.head[0].leader
+    since_last = (rows.epoch_ns[epoch] - bank.head[0].epoch_ns) * 1e-9
     for turn in range(n):
         i = turn if turn < lead else turn + 1
         if turn == n - 1:
             i = lead
-        done = update_epoch(bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, work.epoch, work.scratch)
+        done = update_epoch(bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, work.epoch, work.scratch, since_last)
         if n > 1:
             bank.state[i].log_weight += done.log_likelihood
     normalise_weights(bank)

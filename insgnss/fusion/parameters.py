@@ -46,6 +46,8 @@ PARAMETERS_DTYPE = np.dtype(
             ("rate_elevation2", np.float64),
             ("rate_cn02", np.float64),
             ("rate_missing_cn0", np.float64),
+            ("range_correlation", np.float64),  # [s]
+            ("rate_correlation", np.float64),  # [s]
             ("range_gate2", np.float64),  # squared gate [-]
             ("rate_gate2", np.float64),
             ("clock_jump_min", np.float64),  # [m]
@@ -54,6 +56,7 @@ PARAMETERS_DTYPE = np.dtype(
             ("adapt_gain", np.float64),  # 0: off
             ("adapt_least", np.float64),
             ("adapt_most", np.float64),
+            ("adapt_least_at_rest", np.float64),
             ("lever_b", np.float64, (3,)),  # IMU to antenna, body [m]
         ],
     )
@@ -99,6 +102,8 @@ def resolve_parameters(
         float(use.troposphere == "saastamoinen"),
         *_noise(config.pseudorange_noise_m),
         *_noise(config.range_rate_noise_mps),
+        config.pseudorange_noise_m.correlation_time_s,
+        config.range_rate_noise_mps.correlation_time_s,
         gates.pseudorange_sigma**2,
         gates.range_rate_sigma**2,
         gates.clock_jump_min_m,
@@ -107,6 +112,7 @@ def resolve_parameters(
         1.0 / config.adaptation.memory_s if config.adaptation.on else 0.0,
         config.adaptation.least_factor,
         config.adaptation.most_factor,
+        config.adaptation.least_factor_at_rest,
         lever_arm_m,
     )
     return np.array([values], PARAMETERS_DTYPE)

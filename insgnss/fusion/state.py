@@ -64,6 +64,7 @@ HEAD_DTYPE: Final = np.dtype(
             ("now_ns", np.int64),  # time of the state
             ("next", np.int64),  # index of the inertial sample whose interval the state stands in
             ("leader", np.int64),  # the hypothesis of the largest weight
+            ("epoch_ns", np.int64),  # time of the last epoch; 0 before the first
             ("locked_out", np.int64),  # consecutive epochs with most rows of a kind refused
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
         ],

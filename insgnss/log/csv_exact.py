@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from dataclasses import dataclass
-from decimal import ROUND_HALF_EVEN, Decimal, InvalidOperation
+from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 from typing import Final
 
@@ -64,7 +64,7 @@ def last_line_is_cut(data: memoryview) -> bool:
 
     A recorder that lost power leaves such a line; its last number may lack digits, so the row cannot be trusted.
     """
-    if data[-1] in b"\r\n":
+    if bytes(data[-1:]) in (b"\r", b"\n"):
         return False
     tail = [line.strip() for line in bytes(data[-(1 << 16) :]).splitlines()]
     before = [len(line) for line in tail[-_CUT_LINES - 1 : -1] if line]
@@ -287,12 +287,13 @@ def _floats(cells: pa.Array) -> tuple[Float64, Bool]:
 def _integers(cells: pa.Array, digits: int) -> tuple[Int64, Bool]:
     """Return the cells in units of 10^-digits, rounded half to even, and which are numbers that fit."""
     values = np.zeros(len(cells), np.int64)
-    readable = np.zeros(len(cells), np.bool_)
-    for i, text in enumerate(cells.to_pylist()):
+    readable = pc.match_substring_regex(cells, NUMBER).to_numpy(zero_copy_only=False)
+    for i in np.flatnonzero(readable):
         try:
-            scaled = Decimal(text).scaleb(digits).to_integral_value(ROUND_HALF_EVEN)
-        except InvalidOperation:
+            scaled = Decimal(cells[int(i)].as_py()).scaleb(digits).to_integral_value(ROUND_HALF_EVEN)
+        except ArithmeticError:  # an exponent beyond any date
+            readable[i] = False
             continue
-        if scaled.is_finite() and abs(scaled) <= _INT64_MAX:
-            values[i], readable[i] = int(scaled), True
+        readable[i] = abs(scaled) <= _INT64_MAX
+        values[i] = int(scaled) if readable[i] else 0
     return values, readable

@@ -101,7 +101,7 @@ def _observation_text(path: Path) -> str:
     """Return the file's text, Hatanaka compression undone."""
     text = file_text(path)
     try:
-        if "COMPACT RINEX" in text[:200]:
+        if "CRINEX VERS" in text[:200]:
             text = sidereon.decode_crinex(text)
     except sidereon.SidereonError as error:
         raise InputError(f"the Hatanaka compression cannot be undone: {error}", file=path) from error

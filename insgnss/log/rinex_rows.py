@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -14,6 +15,7 @@ from insgnss.tables import Float64, GnssTable, Int64
 
 # RINEX 2 names one Doppler and one signal strength for each band, whatever the code
 SHARED_BAND_BELOW_VERSION: Final = 3.0
+_CODE: Final = re.compile(r"[CDS]\d[A-Z]?")
 
 
 @dataclass
@@ -45,14 +47,14 @@ def observation_rows(observed: ObservationValues) -> GnssTable:
     code, codes = _encoded(observed.codes)
     epoch = np.repeat(np.arange(len(observed.t_ns)), observed.counts)
     value = np.concatenate(observed.values) if observed.values else np.zeros(0)
-    signal_names = tuple(sorted({"C" + name[1:] for name in codes if name[0] in "CD"}))
     shared = observed.version < SHARED_BAND_BELOW_VERSION
-    if shared:
-        signal_names = tuple(sorted(name for name in codes if name[0] == "C"))
+    kinds_of_rows = "C" if shared else "CD"
+    measured = [name for name in codes if _CODE.fullmatch(name)]
+    signal_names = tuple(sorted({"C" + name[1:] for name in measured if name[0] in kinds_of_rows}))
     kinds = {"C": _Kind(), "D": _Kind(), "S": _Kind()}
     present = ~np.isnan(value)
     for index, name in enumerate(codes):
-        if name[0] not in kinds:
+        if name not in measured:
             continue
         rows = np.flatnonzero((code == index) & present & ((value != 0.0) | (name[0] != "C")))
         for target in _signals_of(name, signal_names, shared):

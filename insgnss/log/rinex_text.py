@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, TypeVar
 
 Parsed = TypeVar("Parsed")
@@ -42,7 +43,7 @@ def split_epochs(text: str) -> ObservationText:
     header, body = text[:end], text[end:]
     pattern = _EPOCH_3 if version_of(text) >= 3.0 else _EPOCH_2
     starts = [match.start() for match in pattern.finditer(body)]
-    epochs = [body[a:b] for a, b in zip(starts, [*starts[1:], len(body)], strict=True)]
+    epochs = [body[a:b] for a, b in pairwise([*starts, len(body)])]
     line = header.count("\n") + body[: starts[0] if starts else 0].count("\n") + 1
     lines = []
     for epoch in epochs:

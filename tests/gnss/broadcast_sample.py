@@ -89,7 +89,9 @@ def copies(table: EphemerisTable, row: int, **changes: Iterable[Any]) -> Ephemer
     """Return as many copies of one message as the changed columns have values."""
     n = len(list(next(iter(changes.values()))))
     repeated = {
-        name: np.repeat(value[row : row + 1], n, axis=0) if isinstance(value, np.ndarray) else (value[row],) * n
+        name: np.repeat(value[row : row + 1], n, axis=0)
+        if isinstance(value, np.ndarray)
+        else (value[row],) * n
         for name, value in vars(table).items()
     }
     given = {

@@ -44,7 +44,9 @@ def state_at(rows: Float64, k: int, t: float) -> Float64:
 @example(0.0, 1.0 - 1e-16, 0.0)
 @example(math.pi, 0.99, 0.0)
 @example(1e-9, 0.9999999, 3.0)
-def test_kepler_equation_holds_to_machine_precision_for_any_ellipse(mean: float, e: float, start: float) -> None:
+def test_kepler_equation_holds_to_machine_precision_for_any_ellipse(
+    mean: float, e: float, start: float
+) -> None:
     anomaly, sine, cosine = eccentric_anomaly(mean, e, start)
     # the terms of E - e sin E = M are each rounded once or twice
     assert abs(anomaly - e * math.sin(anomaly) - mean) <= 4.0 * EPSILON * (1.0 + abs(mean))

@@ -112,7 +112,12 @@ def _ionosphere_free(system: str, first: str, second: str, fnav: bool = False) -
 
 @pytest.mark.parametrize(
     ("system", "first", "second", "fnav"),
-    [("G", "C1W", "C2W", False), ("E", "C1C", "C7Q", False), ("E", "C1C", "C5Q", True), ("I", "C9A", "C5A", False)],
+    [
+        ("G", "C1W", "C2W", False),
+        ("E", "C1C", "C7Q", False),
+        ("E", "C1C", "C5Q", True),
+        ("I", "C9A", "C5A", False),
+    ],
 )
 def test_group_delay_vanishes_for_the_pair_that_the_clock_holds_for(
     system: str, first: str, second: str, fnav: bool

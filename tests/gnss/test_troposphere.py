@@ -1,0 +1,91 @@
+"""Zenith delays, mapping and the atmosphere's upper end."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import sidereon
+
+from insgnss.gnss.troposphere import mapping_factors, standard_atmosphere, tropospheric_delay, zenith_delays
+
+# Niell's season has its zero crossing a quarter of a year after day 28
+NO_SEASON_US = int((1_672_531_200 + (28 - 1 + 365.25 / 4) * 86_400) * 1e6)
+
+
+@pytest.mark.parametrize(
+    ("h", "pressure", "temperature"),
+    [  # ICAO standard atmosphere, doc 7488, by geopotential height
+        (-500.0, 1074.78, 291.40),
+        (0.0, 1013.25, 288.15),
+        (5_000.0, 540.20, 255.65),
+        (11_000.0, 226.32, 216.65),
+        (20_000.0, 54.75, 216.65),
+    ],
+)
+def test_standard_atmosphere_equals_its_table(h: float, pressure: float, temperature: float) -> None:
+    p, T, _ = standard_atmosphere(h)
+    assert p == pytest.approx(pressure, abs=0.02)
+    assert T == pytest.approx(temperature, abs=0.01)
+
+
+def test_zenith_delays_agree_with_an_independent_implementation(rng: np.random.Generator) -> None:
+    for _ in range(200):
+        lat, h = rng.uniform(-1.57, 1.57), rng.uniform(0.0, 8000.0)
+        p, T, e = standard_atmosphere(h)
+        dry, wet = sidereon.tropo_zenith_delay(lat, h, p, T, 0.7)
+        assert zenith_delays(lat, h, p, T, e) == pytest.approx((dry, wet), abs=2e-5)
+
+
+def test_hydrostatic_zenith_delay_is_2_31_m_at_the_sea() -> None:
+    """0.0022768 * 1013.25 at 45 deg, height 0 (Davis et al. 1985): 2.3070 m."""
+    assert zenith_delays(math.radians(45.0), 0.0, 1013.25, 288.15, 0.0)[0] == pytest.approx(2.3070, abs=1e-4)
+
+
+def test_mapping_agrees_with_an_independent_implementation(rng: np.random.Generator) -> None:
+    for _ in range(300):
+        lat, h, el = rng.uniform(-1.57, 1.57), rng.uniform(0.0, 8000.0), math.radians(rng.uniform(3.0, 90.0))
+        theirs = sidereon.tropo_mapping_factors(el, lat, h, NO_SEASON_US)
+        # theirs takes the day with its fraction: 1e-7 of the season is left
+        assert mapping_factors(lat, h, el) == pytest.approx(theirs, rel=1e-6)
+
+
+def test_neglected_season_is_as_small_as_stated() -> None:
+    def slant_change_m(elevation_deg: float) -> float:
+        el, lat = math.radians(elevation_deg), math.radians(60.0)
+        ours, _ = mapping_factors(lat, 0.0, el)
+        winter, _ = sidereon.tropo_mapping_factors(el, lat, 0.0, int((1_672_531_200 + 27 * 86_400) * 1e6))
+        return 2.3 * abs(winter - ours)
+
+    assert slant_change_m(5.0) < 0.07
+    assert slant_change_m(10.0) < 0.013
+
+
+def test_mapping_is_one_at_the_zenith_and_grows_towards_the_horizon() -> None:
+    assert mapping_factors(0.7, 0.0, math.pi / 2) == pytest.approx((1.0, 1.0), abs=1e-12)
+    factors = np.array([mapping_factors(0.7, 300.0, el) for el in np.radians(np.arange(90.0, 1.9, -0.5))])
+    assert np.all(np.diff(factors, axis=0) > 0.0)
+
+
+def test_delay_below_two_degrees_stays_at_its_value_there() -> None:
+    floor = tropospheric_delay(0.7, 100.0, math.radians(2.0))
+    for elevation in (0.03, 0.0, -0.5, -math.pi / 2):
+        assert tropospheric_delay(0.7, 100.0, elevation) == floor
+    assert 40.0 < floor < 60.0
+
+
+def test_delay_goes_smoothly_to_nothing_with_height() -> None:
+    heights = np.concatenate([np.arange(-500.0, 60_000.0, 20.0), np.linspace(60e3, 2e6, 500), [4.2e7, 1e12]])
+    for elevation in (math.pi / 2, math.radians(5.0)):
+        delay = np.array([tropospheric_delay(0.9, h, elevation) for h in heights])
+        assert np.all(np.isfinite(delay)) and np.all(delay >= 0.0) and np.all(np.diff(delay) <= 0.0)
+        # 20 m of air make 6e-3 m at the zenith near the ground; no step anywhere, the tropopause included
+        assert np.abs(np.diff(delay)).max() < 0.008 * tropospheric_delay(0.9, 0.0, elevation)
+        assert delay[heights > 1e5].max() < 1e-4
+        assert tropospheric_delay(0.9, 2e6, elevation) < 1e-12
+
+
+def test_wild_height_makes_no_wild_delay() -> None:
+    for h in (-6.4e6, -1e12, 1e12):
+        assert 0.0 <= tropospheric_delay(0.3, h, 0.5) < 6.0

@@ -1,0 +1,162 @@
+"""A flight file and its logs: paths, names, hashes, and what the logs must agree on."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.errors import ConfigError, MissingFileError, ModelError, NavigationDataError, TimeError
+from insgnss.log.flight import Flight, FlightLogs
+from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
+from tests.log.test_rinex_navigation import message
+from tests.log.writing import WEEK, gnss_lines, rest, write_gnss, write_imu
+
+FLIGHTS = Path(__file__).parents[1] / "flights"
+FLIGHT = f"""\
+gps_week = {WEEK}
+
+[imu]
+files = ["imu.csv"]
+grade = "tactical"
+
+[gnss]
+files = ["gnss.csv"]
+navigation = ["nav.rnx"]
+lever_arm_m = [0.0, 0.0, 0.0]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
+    write_imu(tmp_path / "imu.csv", rest(rng, n=2000))
+    write_gnss(tmp_path / "gnss.csv", gnss_lines())
+    (tmp_path / "nav.rnx").write_text(NAV_HEADER + message())
+    (tmp_path / "flight.toml").write_text(FLIGHT)
+    return tmp_path
+
+
+def read(folder: Path, old: str = "", new: str = "") -> FlightLogs:
+    (folder / "flight.toml").write_text(FLIGHT.replace(old, new) if old else FLIGHT)
+    return Flight.load(folder / "flight.toml").read()
+
+
+def test_logs_are_read_from_paths_beside_the_flight_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir("/")
+    flight = Flight.load(folder / "flight.toml")
+    logs = flight.read()
+    assert flight.name == "flight"
+    assert len(logs.imu.t_ns) == 2000 and len(logs.gnss.t_ns) == 80
+    assert logs.navigation is not None and logs.reference is None
+    assert logs.events == []
+
+
+def test_flight_file_may_be_named_relative_to_the_working_folder(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    assert len(Flight.load("flight.toml").read().gnss.t_ns) == 80
+
+
+def test_hash_of_every_input_is_kept(folder: Path) -> None:
+    hashes = read(folder).input_hashes
+    names = {Path(name).name: digest for name, digest in hashes.items()}
+    assert set(names) == {"flight.toml", "imu.csv", "gnss.csv", "nav.rnx"}
+    assert names["imu.csv"] == hashlib.sha256((folder / "imu.csv").read_bytes()).hexdigest()
+
+
+def test_same_files_give_the_same_tables(folder: Path) -> None:
+    a, b = read(folder), read(folder)
+    assert a.imu.f_b.tobytes() == b.imu.f_b.tobytes() and a.gnss.t_ns.tobytes() == b.gnss.t_ns.tobytes()
+
+
+def test_lever_arm_left_out_is_told_and_zero_is_not(folder: Path) -> None:
+    assert [event.kind for event in read(folder).events] == []
+    events = read(folder, "lever_arm_m = [0.0, 0.0, 0.0]", "").events
+    assert [event.kind for event in events] == ["lever_arm_not_given"]
+
+
+def test_no_satellite_positions_at_all_is_an_error(folder: Path) -> None:
+    with pytest.raises(NavigationDataError, match=r"sat_x_m"):
+        read(folder, 'navigation = ["nav.rnx"]', "")
+
+
+@pytest.mark.parametrize(
+    ("start_s", "words"), [(1030.0, "time.scale"), (900_000.0, "week"), (5000.0, "3981.0 s apart")]
+)
+def test_logs_without_overlap_print_both_spans_and_a_hint(
+    folder: Path, rng: np.random.Generator, start_s: float, words: str
+) -> None:
+    write_imu(folder / "imu.csv", rest(rng, start_s=start_s))
+    with pytest.raises(TimeError) as caught:
+        read(folder)
+    assert "1000.000 to 1019.000 s of week 2268" in caught.value.message
+    assert f"{start_s:.3f} to" in caught.value.message
+    assert words in caught.value.advice
+
+
+def test_imu_that_ends_before_the_gnss_is_no_error(folder: Path, rng: np.random.Generator) -> None:
+    write_imu(folder / "imu.csv", rest(rng, n=500))
+    assert len(read(folder).imu.t_ns) == 500
+
+
+@pytest.mark.parametrize("name", ["imu.csv", "gnss.csv", "nav.rnx"])
+def test_missing_log_is_named_with_the_nearest(folder: Path, name: str) -> None:
+    (folder / name).rename(folder / ("old_" + name))
+    with pytest.raises(MissingFileError) as caught:
+        read(folder)
+    assert caught.value.file is not None and caught.value.file.endswith(name)
+    assert "old_" + name in caught.value.advice
+
+
+def test_unknown_grade_is_an_error_when_loaded(folder: Path) -> None:
+    with pytest.raises(ModelError, match="tactical"):
+        read(folder, '"tactical"', '"tactcal"')
+
+
+def test_grade_beside_the_flight_file_is_found(folder: Path) -> None:
+    own = 'h0_s = 1e-20\nh_minus2_per_s = 1e-24\nsource = "here"\n'
+    (folder / "house_clock.toml").write_text(own)
+    (folder / "flight.toml").write_text(FLIGHT + 'oscillator = "house_clock"\n')
+    assert Flight.load(folder / "flight.toml").oscillator.source == "here"
+
+
+def test_unknown_key_is_an_error_with_its_line(folder: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        read(folder, "lever_arm_m", "lever_arm")
+    assert caught.value.line == 10 and "'gnss.lever_arm_m'" in caught.value.advice
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    ("name", "imu_rows", "gnss_rows", "epochs", "messages"),
+    [
+        ("xian", 27_280, 2_895, 427, 10),
+        ("walk", 20_455, 36_271, 536, 11),
+        ("instinct", 1_638, 5_857, 166, 34),
+    ],
+)
+def test_real_flights_are_read_completely(
+    name: str, imu_rows: int, gnss_rows: int, epochs: int, messages: int, data_root: Path
+) -> None:
+    logs = Flight.load(_placed(name, data_root)).read()
+    assert len(logs.imu.t_ns) == imu_rows and len(logs.gnss.t_ns) == gnss_rows
+    assert len(np.unique(logs.gnss.t_ns)) == epochs
+    assert logs.navigation is not None and len(logs.navigation.ephemerides.sv_names) == messages
+    assert (np.diff(logs.imu.t_ns) > 0).all() and np.isfinite(logs.imu.f_b).all()
+    assert logs.imu.f_b[:, 2].mean() == pytest.approx(-9.8, abs=0.2)
+    assert not {event.kind for event in logs.events} - {"imu_gap", "navigation_not_used"}
+
+
+def _placed(name: str, data_root: Path) -> Path:
+    """Return the flight file; skip where its relative paths do not lead to the real logs."""
+    path = FLIGHTS / f"{name}.toml"
+    if not Flight.load(path).config.imu.files[0].is_file():
+        pytest.skip(
+            f"{path.name} looks for its logs in shared/data beside the checkout, they lie in {data_root}"
+        )
+    return path

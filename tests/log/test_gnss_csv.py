@@ -1,0 +1,207 @@
+"""GNSS logs of both forms: each row reaches the table or is accounted for by an event."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.errors import ColumnError, MissingFileError, UnitsError
+from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.gnss_rows import epochs
+from insgnss.log.satellites import normalised_name
+from insgnss.tables import GnssTable
+from tests.log.writing import GNSS_HEADER, WEEK, gnss_config, gnss_lines, write_gnss, write_lines
+
+WEEK_NS = WEEK * 604_800 * 10**9
+STATES = "sat_x_m,sat_y_m,sat_z_m,sat_vx_mps,sat_vy_mps,sat_vz_mps,sat_clock_m,sat_clock_drift_mps"
+
+
+def read(folder: Path, lines: list[str], **settings: object) -> tuple[GnssTable, list[str]]:
+    table, events = read_gnss(gnss_config(write_gnss(folder / "gnss.csv", lines), **settings), WEEK)
+    return table, [event.kind for event in events]
+
+
+def names(table: GnssTable) -> list[str]:
+    return [table.sv_names[index] for index in table.sv]
+
+
+def test_plain_log_is_read_row_by_row(tmp_path: Path) -> None:
+    table, events = read(tmp_path, gnss_lines())
+    assert events == []
+    assert names(table)[:5] == ["G05", "G07", "G13", "G30", "G05"]
+    assert table.signal_names == ("C1C",)
+    assert table.t_ns[4] - table.t_ns[0] == 10**9 and table.t_ns[0] == WEEK_NS + 1000 * 10**9
+    assert table.pseudorange_m[1] == 2.21e7
+    assert table.doppler_hz[0] == pytest.approx(600.0 / 0.190293672798365, abs=1e-4)
+    assert np.isnan(table.range_rate_mps).all() and (table.cn0_dbhz == 45.0).all()
+    assert table.sat is None and not len(table.bad_cells)
+
+
+@pytest.mark.parametrize(
+    ("written", "name"),
+    [
+        ("G5", "G05"),
+        ("g05", "G05"),
+        ("G 5", "G05"),
+        (" E11 ", "E11"),
+        ("G-5", "G05"),
+        ("S120", "S20"),
+        ("R24", "R24"),
+    ],
+)
+def test_satellites_are_named_as_in_rinex_3(written: str, name: str) -> None:
+    assert normalised_name(written) == name
+
+
+@pytest.mark.parametrize("written", ["", "5", "G", "G0", "G99", "X05", "G5a", "GPS5", "nan", "é5"])
+def test_what_names_no_satellite_is_not_guessed(written: str) -> None:
+    assert normalised_name(written) is None
+
+
+def test_rows_of_unknown_satellites_are_refused_with_one_event_each_name(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    lines[3] = lines[3].replace("G30", "Q30")
+    lines[7] = lines[7].replace("G30", "Q30")
+    lines[11] = lines[11].replace("G30", "??")
+    table, events = read(tmp_path, lines)
+    assert len(table.t_ns) == len(lines) - 3
+    assert events == ["bad_row", "bad_row"]
+
+
+def test_column_without_any_satellite_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError, match="G05, E11"):
+        read(tmp_path, [line.replace(",G", ",") for line in gnss_lines()])
+
+
+def test_empty_pseudorange_or_doppler_is_no_defect(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    lines[0] = "1000.000,G05,C1C,,123.0,45.0"
+    lines[1] = "1000.000,G07,C1C,2.2e7,,"
+    table, events = read(tmp_path, lines)
+    assert len(table.t_ns) == len(lines) and events == []
+    assert np.isnan(table.pseudorange_m[0]) and table.doppler_hz[0] == 123.0
+    assert np.isnan(table.doppler_hz[1]) and np.isnan(table.cn0_dbhz[1])
+    assert not len(table.bad_cells)
+
+
+def test_unreadable_range_keeps_its_row_and_is_listed(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    lines[2] = "1000.000,G13,C1C,abc,123.0,45.0"
+    lines[5] = "1001.000,G07,C1C,2.2e7,inf,45.0"
+    lines[6] = "1001.000,G13,C1C,2.2e7,1.0,loud"
+    table, events = read(tmp_path, lines)
+    assert len(table.t_ns) == len(lines)
+    assert table.bad_cells.tolist() == [2, 5]
+    assert np.isnan(table.pseudorange_m[2]) and np.isnan(table.doppler_hz[5]) and np.isnan(table.cn0_dbhz[6])
+    assert events == ["bad_cell"] * 3
+
+
+def test_rows_out_of_order_are_sorted_and_bad_cells_follow(tmp_path: Path) -> None:
+    lines = gnss_lines(6)
+    lines[8] = "1002.000,G05,C1C,bad,0.0,45.0"
+    shuffled = lines[12:] + lines[:12]
+    table, events = read(tmp_path, shuffled)
+    assert (np.diff(table.t_ns) >= 0).all()
+    assert sorted(events) == ["bad_cell", "gnss_time_order"]
+    assert table.bad_cells.tolist() == [8] and names(table)[8] == "G05"
+    assert names(table)[:4] == ["G05", "G07", "G13", "G30"]
+
+
+def test_satellite_twice_in_an_epoch_stays_for_the_ledger(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    table, _ = read(tmp_path, [lines[0], *lines])
+    assert len(table.t_ns) == len(lines) + 1
+
+
+def test_missing_signal_column_is_assumed_and_told(tmp_path: Path) -> None:
+    rows = ["1000.0,G05,2.2e7", "1000.0,E11,2.3e7", "1000.0,C21,2.4e7"]
+    path = write_lines(tmp_path / "gnss.csv", ["time_s,sv,pseudorange_m", *rows])
+    table, events = read_gnss(gnss_config(path), WEEK)
+    assert [table.signal_names[index] for index in table.signal] == ["C1C", "C1C", "C2I"]
+    assert sorted(event.kind for event in events) == ["no_range_rate", "signal_assumed"]
+
+
+@pytest.mark.parametrize(
+    ("written", "code"), [("C1C", "C1C"), ("L1C", "C1C"), ("1c", "C1C"), ("L1 C/A", "L1 C/A")]
+)
+def test_signals_are_named_by_their_pseudorange_code(tmp_path: Path, written: str, code: str) -> None:
+    table, _ = read(tmp_path, [line.replace("C1C", written) for line in gnss_lines()])
+    assert table.signal_names[table.signal[0]] == code
+
+
+def test_empty_signal_cells_are_assumed(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    lines[0] = lines[0].replace("C1C", "")
+    table, events = read(tmp_path, lines)
+    assert table.signal_names[table.signal[0]] == "C1C" and events == ["signal_assumed"]
+
+
+def with_states(lines: list[str], columns: str = STATES) -> list[str]:
+    values = ",".join(str(1e6 + i) for i in range(len(columns.split(","))))
+    return [f"{GNSS_HEADER},{columns}", *(f"{line},{values}" for line in lines)]
+
+
+def test_satellite_states_in_the_row_are_read(tmp_path: Path) -> None:
+    path = write_lines(tmp_path / "gnss.csv", with_states(gnss_lines()))
+    table, _ = read_gnss(gnss_config(path), WEEK)
+    assert table.sat is not None and table.sat.shape == (80, 8)
+    assert table.sat[3].tolist() == [1e6 + i for i in range(8)]
+
+
+def test_a_part_of_the_satellite_states_is_an_error_without_navigation(tmp_path: Path) -> None:
+    path = write_lines(tmp_path / "gnss.csv", with_states(gnss_lines(), STATES.rsplit(",", 1)[0]))
+    with pytest.raises(ColumnError) as caught:
+        read_gnss(gnss_config(path), WEEK)
+    assert caught.value.column == "sat_clock_drift_mps"
+    table, _ = read_gnss(gnss_config(path, navigation=["nav.rnx"]), WEEK)
+    assert table.sat is None
+
+
+def test_sigmas_and_range_rates_are_read_where_logged(tmp_path: Path) -> None:
+    header = "time_s,sv,pseudorange_m,range_rate_mps,sigma_pseudorange_m,sigma_range_rate_mps"
+    path = write_lines(tmp_path / "gnss.csv", [header, "1000,G05,2.2e7,-5.5,0,-1"])
+    table, events = read_gnss(gnss_config(path), WEEK)
+    assert table.range_rate_mps[0] == -5.5 and np.isnan(table.doppler_hz[0])
+    assert table.sigma_pseudorange_m is not None and table.sigma_pseudorange_m[0] == 0.0
+    assert table.sigma_range_rate_mps is not None and table.sigma_range_rate_mps[0] == -1.0
+    assert [event.kind for event in events] == ["signal_assumed"]
+
+
+def test_several_files_share_one_list_of_satellites(tmp_path: Path) -> None:
+    lines = gnss_lines()
+    a = write_gnss(tmp_path / "a.csv", lines[40:])
+    b = write_gnss(tmp_path / "b.csv", [line.replace("G05", "E05") for line in lines[:40]])
+    table, events = read_gnss(gnss_config(a, b), WEEK)
+    assert [event.kind for event in events] == ["gnss_time_order"]
+    assert names(table)[:2] == ["E05", "G07"] and names(table)[40] == "G05"
+    t_ns, starts = epochs(table)
+    assert len(t_ns) == 20 and np.array_equal(starts, np.arange(0, 81, 4))
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1.0 / 299_792_458.0, 1e3 / 299_792_458.0])
+def test_pseudoranges_in_another_unit_are_an_error(tmp_path: Path, factor: float) -> None:
+    lines = []
+    for line in gnss_lines():
+        cells = line.split(",")
+        cells[3] = repr(float(cells[3]) * factor)
+        lines.append(",".join(cells))
+    with pytest.raises(UnitsError, match="look like"):
+        read(tmp_path, lines)
+
+
+def test_pseudorange_column_of_words_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError, match="no number at all"):
+        read(tmp_path, gnss_lines(), columns={"pseudorange": "signal", "signal": "none"})
+
+
+def test_missing_pseudorange_column_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError) as caught:
+        read(tmp_path, gnss_lines(), columns={"pseudorange": "psr"})
+    assert caught.value.column == "psr" and "pseudorange_m" in caught.value.advice
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError):
+        read_gnss(gnss_config(tmp_path / "gnss.csv"), WEEK)

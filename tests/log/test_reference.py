@@ -1,0 +1,49 @@
+"""Reference trajectories: sorted, one row a time, and missing columns as NaN."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.config.flight import Reference
+from insgnss.errors import ColumnError
+from insgnss.log.reference import read_reference
+from tests.log.writing import WEEK, write_lines
+
+
+def config(folder: Path, lines: list[str]) -> Reference:
+    return Reference(file=write_lines(folder / "reference.csv", lines))
+
+
+def test_full_reference_is_read(tmp_path: Path) -> None:
+    header = "time_s,lat_deg,lon_deg,h_m,vn,ve,vd,roll_deg,pitch_deg,yaw_deg,quality"
+    rows = ["1.5,48.0,9.0,300.0,1,2,3,10,20,30,2", "1.0,48.1,9.1,301.0,,,,,,,"]
+    table, events = read_reference(config(tmp_path, [header, *rows]), WEEK)
+    assert np.diff(table.t_ns).tolist() == [500_000_000]
+    assert table.lat_deg.tolist() == [48.1, 48.0] and table.h_m.tolist() == [301.0, 300.0]
+    assert table.v_n[1].tolist() == [1.0, 2.0, 3.0] and np.isnan(table.v_n[0]).all()
+    assert table.rpy_deg[1].tolist() == [10.0, 20.0, 30.0] and np.isnan(table.rpy_deg[0]).all()
+    assert table.quality.tolist() == [1.0, 2.0]
+    assert [event.kind for event in events] == ["reference_time_order"]
+
+
+def test_position_alone_is_enough(tmp_path: Path) -> None:
+    table, events = read_reference(
+        config(tmp_path, ["time_s,lat_deg,lon_deg,h_m", "1,48,9,300", "2,48,9,300"]), WEEK
+    )
+    assert np.isnan(table.v_n).all() and np.isnan(table.rpy_deg).all() and (table.quality == 1.0).all()
+    assert events == []
+
+
+def test_repeated_time_keeps_the_first_row(tmp_path: Path) -> None:
+    table, events = read_reference(
+        config(tmp_path, ["time_s,lat_deg,lon_deg,h_m", "1,48,9,300", "1,49,9,300"]), WEEK
+    )
+    assert table.lat_deg.tolist() == [48.0] and len(events) == 1
+
+
+def test_missing_position_column_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ColumnError, match="'h_m'"):
+        read_reference(config(tmp_path, ["time_s,lat_deg,lon_deg,height", "1,48,9,300"]), WEEK)
