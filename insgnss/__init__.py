@@ -29,9 +29,10 @@ The main job is two calls::
 from __future__ import annotations
 
 from insgnss.errors import InsGnssError
+from insgnss.fusion.engine import Engine, NavState
 from insgnss.log.flight import Flight
 from insgnss.replay import replay
 from insgnss.run import Run
 from insgnss.version import __version__
 
-__all__ = ["Flight", "InsGnssError", "Run", "__version__", "replay"]
+__all__ = ["Engine", "Flight", "InsGnssError", "NavState", "Run", "__version__", "replay"]

@@ -232,9 +232,15 @@ def _place_covariance(
 
 
 def given_kinematics(
-    start: GivenStart, t_ns: int, fix_clocks: Float64, drift: float, par: Parameters
+    start: GivenStart, t_ns: int, clocks: Float64, drift: float, w_ib_b: Float64, par: Parameters
 ) -> Kinematics:
-    """Return the start values of a given state: the antenna's, as ``open_bank`` expects them (lever arm at rest)."""
+    """Return the start values of a given state: the antenna's, as ``open_bank`` expects them.
+
+    Parameters
+    ----------
+    clocks, drift : of the receiver as the first epoch shows them from there, (g,) [m], NaN where not known; [m/s]
+    w_ib_b : (3,) the body's rate at the start [rad/s]
+    """
     r_e, C_ne, C_nb = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     lat, lon = math.radians(start.lat_deg), math.radians(start.lon_deg)
     geodetic_to_ecef(lat, lon, start.h_m, r_e)
@@ -246,6 +252,7 @@ def given_kinematics(
     turning = C_eb @ np.cross(w_ib_b, par.lever_b) - WGS84_OMEGA_RADPS * np.array([-l_e[1], l_e[0], 0.0])
     known = np.flatnonzero(np.isfinite(clocks))
     clock = float(clocks[known[0]]) if len(known) else 0.0
+    from_reference = len(known) > 0 and known[0] == 0
     return Kinematics(
         t_ns=t_ns,
         r_a=r_e + l_e,
@@ -256,9 +263,7 @@ def given_kinematics(
         drift=drift,
         sd_clock=2.0 * start.sd_position_m + 30.0,
         sd_drift=2.0 * start.sd_velocity_mps + 3.0,
-        offsets=fix_clocks[1:] - clock
-        if len(known) and known[0] == 0
-        else np.full(len(fix_clocks) - 1, math.nan),
+        offsets=clocks[1:] - clock if from_reference else np.full(len(clocks) - 1, math.nan),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.gnss.ephemeris_choice import BroadcastMessages
 from insgnss.gnss.satellite_state import range_rates, satellite_states
 from insgnss.gnss.signals import signal_of
 from insgnss.jit import kernel
@@ -65,7 +66,7 @@ class Rows(NamedTuple):
 
 def prepare_rows(
     gnss: GnssTable,
-    ephemerides: EphemerisTable | None,
+    ephemerides: EphemerisTable | BroadcastMessages | None,
     klobuchar: Float64 | None,
     *,
     clock_groups: tuple[str, ...],

@@ -1,0 +1,313 @@
+"""The streaming engine: the same filter as ``replay``, fed sample by sample, with GNSS epochs that may arrive late.
+
+It keeps the filter as it stood after each recent epoch. An epoch that arrives late is put in its place: the filter goes
+back to the state before it and runs forward again over the samples and epochs since. So what the engine says of an epoch
+in the end is, bit for bit, what ``replay`` says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.fusion.loop import carry_bank, write_between
+from insgnss.fusion.navigator import Navigator
+from insgnss.fusion.output import NAV_COLUMNS, Output, new_output
+from insgnss.fusion.samples import SampleBuffer
+from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.state import copy_bank
+from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.status import TOO_LATE, USED
+from insgnss.tables import Event, Float64, GnssTable
+
+_LONG_AGO_NS = -(2**62)
+_HISTORY_S = 6.0  # of samples behind the oldest state kept: what a start looks back on
+
+
+@dataclass(frozen=True)
+class NavState:
+    """The filter's answer at the time of the newest inertial sample; ``values`` has the columns of ``run.nav``."""
+
+    t_ns: int
+    started: bool
+    values: dict[str, float]
+
+
+@dataclass
+class EpochResult:
+    """What became of one epoch: its rows and the loop's output for them."""
+
+    t_ns: int
+    gnss: GnssTable
+    rows: Rows
+    out: Output
+
+
+@dataclass
+class _Kept:
+    """The filter after an epoch (or at a settled time)."""
+
+    t_ns: int
+    saved: tuple[Any, ...]
+
+
+class Engine:
+    """A live filter.
+
+    ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a setting
+    of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()`` what has
+    become final since the last call, ``engine.events`` all that happened.
+    """
+
+    def __init__(self, setup: FilterSetup) -> None:
+        """Make an engine for a filter's setup (``insgnss.replay.setup_filter`` makes one from a flight)."""
+        self._setup = setup
+        self._messages: BroadcastMessages | None = None
+        if setup.ephemerides is not None:
+            self._messages = broadcast_messages(
+                setup.ephemerides, max_age_s=setup.config.measurements.max_ephemeris_age_s
+            )
+        self._samples = SampleBuffer()
+        self._latency_ns = int(setup.config.latency_s * NS_PER_S)
+        self._done: list[Event] = []  # events of stretches that have ended, and of refusals
+        self._final: list[EpochResult] = []
+        self._waiting: list[EpochResult] = []  # epochs ahead of the samples
+        self._begin(given=setup.start is not None)
+
+    def _begin(self, *, given: bool) -> None:
+        """Start over with an empty filter: at first, and after a gap too long to bridge."""
+        self._navigator = Navigator(self._setup)
+        self._navigator.starter.given = given
+        self._kept: list[_Kept] = []
+        self._recent: list[EpochResult] = []  # processed, but still within the latency
+        self._live: Any = None
+        self._keep(_LONG_AGO_NS)
+
+    def imu(self, t_ns: int, gyro_radps: npt.ArrayLike, accel_mps2: npt.ArrayLike) -> None:
+        """Take one inertial sample: the mean over the interval since the sample before, body axes.
+
+        A sample that is not later than the one before, or not finite, is refused with an event.
+        """
+        w, f = np.asarray(gyro_radps, np.float64), np.asarray(accel_mps2, np.float64)
+        if not (np.isfinite(w).all() and np.isfinite(f).all()):
+            self._done.append(Event(t_ns, "imu_refused", "an inertial sample is not finite"))
+            return
+        last_ns = self._samples.last_ns
+        if last_ns is not None and t_ns <= last_ns:
+            detail = f"an inertial sample {(last_ns - t_ns) / NS_PER_S:.6f} s behind the one before it"
+            self._done.append(Event(t_ns, "imu_refused", detail))
+            return
+        if last_ns is not None:
+            self._note_gap(last_ns, t_ns)
+        self._samples.append(t_ns, w, f)
+        while self._waiting and self._waiting[0].t_ns <= t_ns:
+            self._insert(self._waiting.pop(0))
+        self._carry_live()
+        self._settle()
+
+    def gnss(self, epoch: GnssTable) -> None:
+        """Take one or more GNSS epochs. What is older than the latency is refused with an event."""
+        for part in _split(epoch):
+            rows = self._rows(part)
+            result = EpochResult(int(part.t_ns[0]), part, rows, new_output(rows, 1, 32, np.zeros(0, np.int64)))
+            newest = self._samples.last_ns
+            if newest is not None and result.t_ns < max(newest - self._latency_ns, self._kept[0].t_ns):
+                self._refuse(result, newest)
+            elif newest is None or result.t_ns > newest:
+                self._waiting.append(result)
+                self._waiting.sort(key=lambda r: r.t_ns)
+            elif self._samples.first_ns is not None and result.t_ns >= self._samples.first_ns:
+                self._insert(result)
+                self._carry_live()
+            else:
+                self._refuse(result, newest)
+
+    @property
+    def state(self) -> NavState:
+        """The navigation state at the newest inertial sample."""
+        newest = self._samples.last_ns
+        if self._live is None or newest is None:
+            return NavState(newest or 0, False, {})
+        rows = self._rows(_empty_epoch())
+        out = new_output(rows, 1, 1, np.zeros(0, np.int64))
+        work = self._navigator.workspace(rows)
+        par = self._navigator.parameters[0]
+        write_between(self._live, newest, self._samples.view(), par, out, work)
+        values = out.nav["value"][0]
+        return NavState(newest, True, {name: float(v) for name, v in zip(NAV_COLUMNS, values, strict=True)})
+
+    @property
+    def events(self) -> list[Event]:
+        """All events so far, in the order of their time."""
+        both = self._done + self._navigator.events
+        return sorted(both, key=lambda e: -1 if e.t_ns is None else e.t_ns)
+
+    def take_results(self, *, all_of_them: bool = False) -> list[EpochResult]:
+        """Return the epochs that have become final (older than the latency), each once; or all, at the end of a log."""
+        if all_of_them:
+            self._final += self._recent
+            self._recent = []
+        taken, self._final = self._final, []
+        return taken
+
+    def _rows(self, gnss: GnssTable) -> Rows:
+        use = self._setup.config.measurements
+        return prepare_rows(
+            gnss,
+            self._messages,
+            self._setup.klobuchar,
+            clock_groups=self._setup.clock_groups,
+            signals=dict(use.signals),
+            pseudorange=use.pseudorange,
+            range_rate=use.range_rate,
+            max_age_s=use.max_ephemeris_age_s,
+        )
+
+    def _note_gap(self, last_ns: int, t_ns: int) -> None:
+        """Tell a gap in the samples; begin anew after one too long to bridge."""
+        gap = (t_ns - last_ns) / NS_PER_S
+        gaps = self._setup.config.gaps
+        if gap > gaps.restart_s:
+            started = self._navigator.started_ns is not None
+            given = self._navigator.starter.given and not started
+            self._done += self._navigator.events
+            detail = f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew"
+            self._done.append(Event(last_ns, "imu_gap", detail))
+            self._final += self._recent
+            self._samples.clear()
+            self._begin(given=given)
+        elif gap > gaps.longest_step_s:
+            detail = f"no inertial sample for {gap:.3f} s: bridged, sigma grown"
+            self._done.append(Event(last_ns, "imu_gap", detail))
+
+    def _insert(self, result: EpochResult) -> None:
+        """Put an epoch in its place: go back to the state before it, run forward over it and those after it."""
+        later = [r for r in self._recent if r.t_ns >= result.t_ns]
+        self._recent = [r for r in self._recent if r.t_ns < result.t_ns]
+        while len(self._kept) > 1 and self._kept[-1].t_ns >= result.t_ns:
+            self._kept.pop()
+        if later:
+            self._navigator.restore(self._kept[-1].saved)
+        imu = self._samples.view()
+        for r in [result, *later]:
+            r.out = new_output(r.rows, 1, 32, np.zeros(0, np.int64))
+            self._navigator.run(imu, r.rows, 0, 1, r.out)
+            self._recent.append(r)
+            self._keep(r.t_ns)
+        self._live = None
+
+    def _keep(self, t_ns: int) -> None:
+        self._kept.append(_Kept(t_ns, self._navigator.snapshot()))
+
+    def _carry_live(self) -> None:
+        """Bring the copy that answers ``state`` to the newest sample."""
+        bank = self._navigator.bank
+        newest = self._samples.last_ns
+        if bank is None or newest is None:
+            self._live = None
+            return
+        if self._live is None:
+            self._live = copy_bank(bank)
+        work = self._navigator.workspace(self._rows_for_size())
+        carry_bank(self._live, newest, self._samples.view(), self._navigator.parameters[0], work.scratch)
+
+    def _rows_for_size(self) -> Rows:
+        return self._recent[-1].rows if self._recent else self._rows(_empty_epoch())
+
+    def _settle(self) -> None:
+        """Let go of what no late epoch can reach any more: states, epochs and samples."""
+        newest = self._samples.last_ns
+        if newest is None:
+            return
+        horizon = newest - self._latency_ns
+        while len(self._kept) > 1 and self._kept[1].t_ns < horizon:
+            self._kept.pop(0)
+        while self._recent and self._recent[0].t_ns < horizon:
+            self._final.append(self._recent.pop(0))
+        bank = self._navigator.bank
+        if len(self._kept) == 1 and bank is not None and horizon - bank.head[0].now_ns > NS_PER_S:
+            # a long outage: carry the filter itself on, at whole samples, which changes no bit
+            stop = self._samples.last_before(horizon)
+            work = self._navigator.workspace(self._rows_for_size())
+            carry_bank(bank, stop, self._samples.view(), self._navigator.parameters[0], work.scratch)
+            self._kept = []
+            self._keep(stop)
+        if bank is None and self._navigator.starter.given:
+            return  # the given state's own time is still to be reached
+        oldest = horizon if bank is None else min(horizon, int(bank.head[0].now_ns), self._oldest_state_ns())
+        dropped = self._samples.drop_before(oldest - int(_HISTORY_S * NS_PER_S))
+        if dropped:
+            self._shift(dropped)
+
+    def _oldest_state_ns(self) -> int:
+        bank = self._kept[0].saved[0]
+        return 2**62 if bank is None else int(bank.head[0].now_ns)
+
+    def _shift(self, dropped: int) -> None:
+        """Let every kept state count its samples from the buffer's new first one."""
+        banks = [self._navigator.bank, self._live, *(kept.saved[0] for kept in self._kept)]
+        for bank in banks:
+            if bank is not None:
+                bank.head["next"] -= dropped
+
+    def _refuse(self, result: EpochResult, newest: int | None) -> None:
+        status = result.out.ledger["status"]
+        status[status == USED] = TOO_LATE
+        late = ((newest or result.t_ns) - result.t_ns) / NS_PER_S
+        limit = self._latency_ns / NS_PER_S
+        detail = f"a GNSS epoch {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"
+        self._done.append(Event(result.t_ns, "too_late", detail))
+        self._final.append(result)
+
+
+def _split(table: GnssTable) -> Iterator[GnssTable]:
+    """Yield a table's epochs one by one, in the order of time."""
+    times = np.unique(table.t_ns)
+    for t_ns in times:
+        rows = np.flatnonzero(table.t_ns == t_ns)
+        yield take_rows(table, rows)
+
+
+def take_rows(table: GnssTable, rows: npt.NDArray[np.intp]) -> GnssTable:
+    """Return the given rows of a GNSS table."""
+
+    def part(values: Float64 | None) -> Float64 | None:
+        return None if values is None else values[rows]
+
+    place = {int(r): i for i, r in enumerate(rows)}
+    return GnssTable(
+        t_ns=table.t_ns[rows],
+        sv=table.sv[rows],
+        signal=table.signal[rows],
+        pseudorange_m=table.pseudorange_m[rows],
+        doppler_hz=table.doppler_hz[rows],
+        range_rate_mps=table.range_rate_mps[rows],
+        cn0_dbhz=table.cn0_dbhz[rows],
+        sv_names=table.sv_names,
+        signal_names=table.signal_names,
+        sat=part(table.sat),
+        sigma_pseudorange_m=part(table.sigma_pseudorange_m),
+        sigma_range_rate_mps=part(table.sigma_range_rate_mps),
+        bad_cells=np.array([place[int(b)] for b in table.bad_cells if int(b) in place], np.int64),
+    )
+
+
+def _empty_epoch() -> GnssTable:
+    """Return a table without rows."""
+    nothing = np.zeros(0)
+    return GnssTable(
+        np.zeros(0, np.int64),
+        np.zeros(0, np.int16),
+        np.zeros(0, np.int16),
+        *(nothing for _ in range(4)),
+        sv_names=(),
+        signal_names=(),
+        sat=np.zeros((0, 8)),
+    )
+

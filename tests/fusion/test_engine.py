@@ -1,0 +1,146 @@
+"""The streaming engine against replay: the same bits, also when epochs arrive late."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.fusion.engine import Engine, EpochResult, take_rows
+from insgnss.library import filter_config
+from insgnss.log.flight import Flight, FlightLogs
+from insgnss.replay import rows_of, run_filter, setup_filter
+from insgnss.status import NAMES, TOO_LATE
+from insgnss.tables import GnssTable
+
+SAMPLE = Path(__file__).parents[2] / "data" / "sample_flight" / "flight.toml"
+SECONDS = 150  # of the sample flight: rest, run-up, take-off, the heading found
+
+
+@pytest.fixture(scope="module")
+def part() -> tuple[Flight, FlightLogs]:
+    """The first minutes of the sample flight."""
+    flight = Flight.load(SAMPLE)
+    return flight, shortened(flight.read(), SECONDS)
+
+
+def shortened(logs: FlightLogs, seconds: float) -> FlightLogs:
+    """Return the first seconds of the logs."""
+    stop = int(logs.imu.t_ns[0]) + int(seconds * 1e9)
+    n = int(np.searchsorted(logs.imu.t_ns, stop))
+    imu = type(logs.imu)(logs.imu.t_ns[:n], logs.imu.w_ib_b[:n], logs.imu.f_b[:n])
+    gnss = take_rows(logs.gnss, np.flatnonzero(logs.gnss.t_ns < stop))
+    return FlightLogs(imu, gnss, logs.navigation, None, [], {})
+
+
+def epochs(gnss: GnssTable) -> list[GnssTable]:
+    """Return the table epoch by epoch."""
+    return [take_rows(gnss, np.flatnonzero(gnss.t_ns == t)) for t in np.unique(gnss.t_ns)]
+
+
+def stream(engine: Engine, logs: FlightLogs, delays_ns: Iterator[int]) -> None:
+    """Feed samples and epochs in the order in which they arrive, each epoch late by its delay."""
+    arriving = sorted(((int(e.t_ns[0]) + next(delays_ns), i) for i, e in enumerate(epochs(logs.gnss))))
+    tables = epochs(logs.gnss)
+    waiting = iter(arriving)
+    due = next(waiting, None)
+    for t_ns, w, f in zip(logs.imu.t_ns, logs.imu.w_ib_b, logs.imu.f_b, strict=True):
+        engine.imu(int(t_ns), w, f)
+        while due is not None and due[0] <= t_ns:
+            engine.gnss(tables[due[1]])
+            due = next(waiting, None)
+
+
+def no_delay() -> Iterator[int]:
+    """Yield zero for every epoch."""
+    while True:
+        yield 0
+
+
+def assert_same_bits(results: list[EpochResult], logs: FlightLogs, flight: Flight) -> None:
+    """Hold every epoch of a stream against the replay of the same logs."""
+    setup = setup_filter(flight, logs, filter_config("tight17"))
+    rows = rows_of(setup, logs)
+    out, _ = run_filter(setup, logs.imu, rows, "gnss")
+    nav = out.nav[: out.count[0].nav]
+    by_time = {int(r.t_ns): r for r in results}
+    written = [r for r in results if r.out.count[0].nav == 1]
+    assert len(written) == len(nav) > 60
+    for row in nav:
+        assert by_time[int(row["t_ns"])].out.nav[0].tobytes() == row.tobytes()
+    for epoch, t_ns in enumerate(rows.epoch_ns):
+        if int(t_ns) not in by_time:
+            continue
+        entries = out.ledger[rows.first[epoch] : rows.first[epoch + 1]]
+        assert by_time[int(t_ns)].out.ledger.tobytes() == entries.tobytes()
+
+
+def test_stream_in_order_gives_the_bits_of_replay(part: tuple[Flight, FlightLogs]) -> None:
+    flight, logs = part
+    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    stream(engine, logs, no_delay())
+    assert_same_bits(engine.take_results(all_of_them=True), logs, flight)
+    kinds = {event.kind for event in engine.events}
+    assert {"start", "heading_known"} <= kinds
+
+
+def test_epochs_late_within_the_latency_give_the_bits_of_replay(
+    part: tuple[Flight, FlightLogs], rng: np.random.Generator
+) -> None:
+    flight, logs = part
+    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    delays = iter(rng.integers(0, 990_000_000, 10_000).tolist())
+    stream(engine, logs, delays)
+    results = engine.take_results(all_of_them=True)
+    assert all(TOO_LATE not in r.out.ledger["status"] for r in results)
+    last = max(r.t_ns for r in results)
+    kept = logs.gnss.t_ns <= last
+    cut = FlightLogs(logs.imu, take_rows(logs.gnss, np.flatnonzero(kept)), logs.navigation, None, [], {})
+    assert_same_bits(results, cut, flight)
+
+
+def test_epoch_later_than_the_latency_is_refused_with_an_event(part: tuple[Flight, FlightLogs]) -> None:
+    flight, logs = part
+    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    delays = iter([1_500_000_000 if i == 100 else 0 for i in range(1000)])
+    stream(engine, logs, delays)
+    refused = [r for r in engine.take_results(all_of_them=True) if (r.out.ledger["status"] == TOO_LATE).any()]
+    assert len(refused) == 1
+    assert NAMES[TOO_LATE] in {event.kind for event in engine.events}
+
+
+def test_state_between_epochs_is_the_replay_at_the_imu_rate(part: tuple[Flight, FlightLogs]) -> None:
+    flight, logs = part
+    setup = setup_filter(flight, logs, filter_config("tight17"))
+    out, _ = run_filter(setup, logs.imu, rows_of(setup, logs), "imu")
+    nav = {int(row["t_ns"]): row["value"] for row in out.nav[: out.count[0].nav]}
+    engine = Engine(setup)
+    tables = {int(e.t_ns[0]): e for e in epochs(logs.gnss)}
+    compared = 0
+    for t_ns, w, f in zip(logs.imu.t_ns, logs.imu.w_ib_b, logs.imu.f_b, strict=True):
+        engine.imu(int(t_ns), w, f)
+        if int(t_ns) in tables:
+            engine.gnss(tables[int(t_ns)])
+        elif int(t_ns) in nav and int(t_ns) % 370_000_000 == 0:
+            state = engine.state
+            assert state.started
+            wanted = nav[int(t_ns)]
+            same = np.array(list(state.values.values()))
+            assert np.array_equal(same, wanted), (t_ns, same - wanted)
+            compared += 1
+    assert compared > 20
+
+
+def test_sample_behind_the_newest_or_not_finite_is_refused_with_an_event(part: tuple[Flight, FlightLogs]) -> None:
+    flight, logs = part
+    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    t = int(logs.imu.t_ns[0])
+    still = np.array([0.0, 0.0, -9.8])
+    engine.imu(t, np.zeros(3), still)
+    engine.imu(t, np.zeros(3), still)
+    engine.imu(t - 5_000_000, np.zeros(3), still)
+    engine.imu(t + 5_000_000, np.array([np.nan, 0.0, 0.0]), still)
+    assert [event.kind for event in engine.events] == ["imu_refused"] * 3
+    assert not engine.state.started
