@@ -56,25 +56,52 @@ def update_epoch(
     drift_variance = P[DRIFT, DRIFT]
     observe(m, P, par, rows, epoch, w_ib_b, s)
     n = rows.first[epoch + 1] - rows.first[epoch]
-    clock_step = common_step(s, 0, n, par.clock_jump_min, P[CLOCK, CLOCK])
-    if clock_step != 0.0:
-        absorb_clock_step(m.clock, P, s, 0, n, CLOCK, clock_step)
-    drift_step = common_step(s, 1, n, _SMALLEST_DRIFT_STEP_MPS, P[DRIFT, DRIFT])
-    if drift_step != 0.0:
-        absorb_clock_step(m.clock, P, s, 1, n, DRIFT, drift_step)
-    ranges_used, ranges_refused = gate_rows(s, 0, n, par.range_gate2)
-    rates_used, rates_refused = gate_rows(s, 1, n, par.rate_gate2)
+    done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0)
+    for kind in range(2):
+        step = common_step(s, kind, n, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind])
+        if step != 0.0:
+            absorb_clock_step(m.clock, P, s, kind, n, CLOCK + kind, step)
+        used, refused = gate_rows(s, kind, n, gate2_of(par, kind))
+        done = noted(done, kind, used, refused, step)
     correction = s.vectors[0]
     for i in range(P.shape[0]):
         correction[i] = 0.0
-    log_likelihood = use_rows(P, s, 0, n, par.range_gate2, max(1.0, par.range_correlation / since_last))
-    log_likelihood += use_rows(P, s, 1, n, par.rate_gate2, max(1.0, par.rate_correlation / since_last))
-    if clock_step == 0.0 and drift_step == 0.0:
+    log_likelihood = 0.0
+    for kind in range(2):
+        spread = max(1.0, (par.range_correlation if kind == 0 else par.rate_correlation) / since_last)
+        log_likelihood += use_rows(P, s, kind, n, gate2_of(par, kind), spread)
+    if done.clock_step == 0.0 and done.drift_step == 0.0:
         adapt_noise(m, P, par, s, n, rows.epoch_ns[epoch], drift_variance)
     close_loop(m, correction, P.shape[0])
     return Outcome(
-        log_likelihood, ranges_used, ranges_refused, rates_used, rates_refused, clock_step, drift_step
+        log_likelihood,
+        done.ranges_used,
+        done.ranges_refused,
+        done.rates_used,
+        done.rates_refused,
+        done.clock_step,
+        done.drift_step,
     )
+
+
+@kernel
+def gate2_of(par: Parameters, kind: int) -> float:
+    """Return the squared gate of a kind."""
+    return float(par.range_gate2 if kind == 0 else par.rate_gate2)
+
+
+@kernel
+def smallest_step(par: Parameters, kind: int) -> float:
+    """Return the smallest common step that counts as the clock's: of the bias [m] or of the drift [m/s]."""
+    return float(par.clock_jump_min if kind == 0 else _SMALLEST_DRIFT_STEP_MPS)
+
+
+@kernel
+def noted(done: Outcome, kind: int, used: int, refused: int, step: float) -> Outcome:
+    """Return the outcome with the numbers of one kind in it."""
+    if kind == 0:
+        return Outcome(0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step)
+    return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step)
 
 
 @kernel
@@ -88,15 +115,10 @@ def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread:
     for j in range(n_rows):
         line = s.lines[j]
         if line.status[kind] == USED:
-            if kind == 0:
-                extra = OFFSETS + line.group - 1 if line.group > 0 else -1
-                y, S = scalar_update(
-                    P, line.h_range, RANGE_COLUMNS, extra, line.innovation[0], spread * line.variance[0], s.vectors
-                )
-            else:
-                y, S = scalar_update(
-                    P, line.h_rate, RATE_COLUMNS, -1, line.innovation[1], spread * line.variance[1], s.vectors
-                )
+            extra = OFFSETS + line.group - 1 if kind == 0 and line.group > 0 else -1
+            h = line.h_range if kind == 0 else line.h_rate
+            columns = RANGE_COLUMNS if kind == 0 else RATE_COLUMNS
+            y, S = scalar_update(P, h, columns, extra, line.innovation[kind], spread * line.variance[kind], s.vectors)
             total -= 0.5 * (y * y / S + math.log(S))
         elif line.status[kind] == GATED:
             total -= 0.5 * (gate2 + math.log(line.predicted[kind] + line.variance[kind]))

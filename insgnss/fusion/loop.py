@@ -282,9 +282,9 @@ def update_bank(
     write_ledger(out.ledger, rows, epoch, work.epoch)
     t_ns = rows.epoch_ns[epoch]
     if done.clock_step != 0.0:
-        log_event(out, t_ns, CLOCK_STEP, done.clock_step)
+        log_event(out, t_ns, np.int64(CLOCK_STEP), done.clock_step)
     if done.drift_step != 0.0:
-        log_event(out, t_ns, DRIFT_STEP, done.drift_step)
+        log_event(out, t_ns, np.int64(DRIFT_STEP), done.drift_step)
     note_outage(out, t_ns, done.ranges_used + done.rates_used)
     return done
 
@@ -295,10 +295,10 @@ def note_outage(out: Output, t_ns: int, used: int) -> None:
     since = out.count[0].silent_since
     if used == 0 and since == 0:
         out.count[0].silent_since = t_ns
-        log_event(out, t_ns, NO_MEASUREMENTS, 0.0)
+        log_event(out, t_ns, np.int64(NO_MEASUREMENTS), 0.0)
     elif used > 0 and since != 0:
         out.count[0].silent_since = 0
-        log_event(out, t_ns, MEASUREMENTS_BACK, (t_ns - since) * 1e-9)
+        log_event(out, t_ns, np.int64(MEASUREMENTS_BACK), (t_ns - since) * 1e-9)
 
 
 @kernel

@@ -47,7 +47,7 @@ LINE_DTYPE: Final = np.dtype(
             ("innovation", np.float64, (2,)),  # at the prior
             ("variance", np.float64, (2,)),  # r of the measurement
             ("predicted", np.float64, (2,)),  # D = h P h^T at the prior
-            ("h_range", np.float64, (N_RANGE + 1,)),
+            ("h_range", np.float64, (N_RATE,)),  # as long as the other, so that one compiled update serves both
             ("h_rate", np.float64, (N_RATE,)),
             ("group", np.int64),
             ("azimuth", np.float64),  # [rad]
@@ -122,14 +122,13 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) 
 
 @kernel
 def range_row(a: Antenna, h: Float64) -> None:
-    """Write the row of H of a pseudorange: -u, (u x l_e), clock 1, offset 1."""
+    """Write the row of H of a pseudorange: -u, (u x l_e), clock 1."""
     u, l_e = a.u, a.l_e
     h[0], h[1], h[2] = -u[0], -u[1], -u[2]
     h[3] = u[1] * l_e[2] - u[2] * l_e[1]
     h[4] = u[2] * l_e[0] - u[0] * l_e[2]
     h[5] = u[0] * l_e[1] - u[1] * l_e[0]
     h[6] = 1.0
-    h[7] = 1.0
 
 
 @kernel

@@ -200,8 +200,8 @@ def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n
     roll, pitch, yaw = matrix_to_euler(C_nb)
     v[0], v[1], v[2] = math.degrees(lat), math.degrees(lon), h
     v[6], v[7], v[8] = math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
-    rotated_variances(P, DR, C_ne, v, 9)
-    rotated_variances(P, DV, C_ne, v, 12)
+    for at in range(DR, DV + 3, 3):
+        rotated_variances(P, at, C_ne, v, 9 + at)
     attitude_deviations(P, C_ne, pitch, yaw, v, 15)
     for i in range(3):
         v[18 + i] = m.b_a[i]

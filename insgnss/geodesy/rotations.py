@@ -91,12 +91,14 @@ def euler_to_matrix(roll: float, pitch: float, yaw: float, C: Float64) -> None:
 def matrix_to_euler(C: Float64) -> tuple[float, float, float]:
     """Return roll, pitch, yaw [rad] of C_nb (3, 3).
 
-    At pitch +-90 deg only yaw minus (plus) roll is defined: roll is then zero by convention.
+    At pitch +-90 deg only yaw minus (plus) roll is defined: roll is then zero by convention. Near it the three angles
+    together stay right to rounding: pitch by its tangent, and yaw as what is left after the roll that was found.
     """
-    pitch = math.asin(min(1.0, max(-1.0, -C[2, 0])))
-    if math.hypot(C[2, 1], C[2, 2]) < 1e-9:
-        return 0.0, pitch, math.atan2(-C[0, 1], C[1, 1])
-    return math.atan2(C[2, 1], C[2, 2]), pitch, math.atan2(C[1, 0], C[0, 0])
+    level = math.hypot(C[2, 1], C[2, 2])
+    roll = math.atan2(C[2, 1], C[2, 2]) if level > 1e-9 else 0.0
+    sr, cr = math.sin(roll), math.cos(roll)
+    yaw = math.atan2(sr * C[0, 2] - cr * C[0, 1], cr * C[1, 1] - sr * C[1, 2])
+    return roll, math.atan2(-C[2, 0], level), yaw
 
 
 @kernel

@@ -128,8 +128,6 @@ def search(
 ) -> float:
     """Replace ``use`` by the largest agreeing set, ``x`` and ``P`` by its fit; return its chi-square, NaN when none.
 
-    Rows that are the only ones of their clock say nothing but that clock: they join after the search.
-
     Parameters
     ----------
     rows, candidates : the observations, and which of them may be used
@@ -137,26 +135,23 @@ def search(
     work : scratch
     x, P, use : output
     """
-    rows_of = rows_per_clock(rows, candidates, len(x) - 3)
-    several, near = np.zeros(len(use), np.bool_), np.zeros(len(use), np.bool_)
-    for k in range(len(use)):
-        several[k] = candidates[k] and rows_of[rows.group[k]] > 1
-    unknowns = n_unknowns(rows_per_clock(rows, several, len(x) - 3))
-    members, trial = _places(several), np.zeros(len(use), np.bool_)
+    unknowns = n_unknowns(rows_per_clock(rows, candidates, len(x) - 3))
+    members = _places(candidates)
+    trial, near = np.zeros(len(use), np.bool_), np.zeros(len(use), np.bool_)
     best, state = math.inf, len(members)  # any positive seed will do
-    for _ in range(_TRIALS if len(members) >= unknowns else 0):
+    for _ in range(_TRIALS):
         state = _draw(unknowns, members, state, trial)
         copy(start, x)
         # the subset alone; then, of a better candidate, all its supporters together, which are better still
         while not math.isnan(fit(rows, trial, x, work)):
-            score = _score(rows, several, x, work, near)
+            score = _score(rows, candidates, x, work, near)
             if not score < best:
                 break
             best = score
             for k in range(len(use)):
                 trial[k] = near[k]
-                use[k] = near[k] or (candidates[k] and not several[k])
-    copy(start, x)
+                use[k] = near[k]
     if best == math.inf:
         return math.nan
+    copy(start, x)
     return polish(rows, candidates, x, P, work, use)

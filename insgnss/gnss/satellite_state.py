@@ -99,8 +99,11 @@ def satellite_states(
     known, factors = _signal_factors(gnss)
     states = _no_states(len(gnss.t_ns))
     tau = np.empty(len(gnss.t_ns))
-    flight_times(gnss.t_ns, gnss.pseudorange_m, tau)
-    _broadcast_states(gnss.t_ns, gnss.sv, gnss.signal, tau, of_sv, known, factors, nav.index, states)
+    # one kind of array, writable, so that the kernels are compiled once whatever reader made the table
+    t_ns = np.require(gnss.t_ns, np.int64, ("C", "W"))
+    sv, signal = np.require(gnss.sv, np.int16, ("C", "W")), np.require(gnss.signal, np.int16, ("C", "W"))
+    flight_times(t_ns, np.require(gnss.pseudorange_m, np.float64, ("C", "W")), tau)
+    _broadcast_states(t_ns, sv, signal, tau, of_sv, known, factors, nav.index, states)
     return states
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insgnss.constants import WGS84_OMEGA_RADPS
-from insgnss.geodesy.rotations import euler_to_matrix, quaternion_to_matrix, rotation_vector_quaternion
-from insgnss.jit import kernel
+from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.tables import Float64, Int64
 
 
@@ -24,29 +23,17 @@ class Window:
     spread_w: float  # [rad/s]
 
 
-@kernel
-def _mean_in_last_axes(t_ns: Int64, w: Float64, f: Float64, first: int, last: int, mean_f: Float64) -> None:
-    """Write the mean specific force of samples first .. last - 1, each turned into the body axes at the end."""
+def _mean_in_last_axes(step_s: Float64, w: Float64, f: Float64) -> Float64:
+    """Return the mean specific force of samples (k, 3), each turned into the body axes at the end of the last one."""
     C = np.eye(3)
-    step = np.zeros((3, 3))
-    q = np.zeros(4)
-    turned = np.zeros((3, 3))
-    total = 0.0
-    mean_f[:] = 0.0
-    for k in range(last - 1, first - 1, -1):
-        dt = (t_ns[k] - t_ns[k - 1]) * 1e-9
-        for i in range(3):
-            mean_f[i] += dt * (C[i, 0] * f[k, 0] + C[i, 1] * f[k, 1] + C[i, 2] * f[k, 2])
-        total += dt
-        # C takes the axes before sample k to the last ones: transposed step, from the left of it
-        q[0], q[1], q[2], q[3] = rotation_vector_quaternion(-w[k, 0] * dt, -w[k, 1] * dt, -w[k, 2] * dt)
-        quaternion_to_matrix(q, step)
-        for i in range(3):
-            for j in range(3):
-                turned[i, j] = C[i, 0] * step[0, j] + C[i, 1] * step[1, j] + C[i, 2] * step[2, j]
-        C[:, :] = turned
-    for i in range(3):
-        mean_f[i] /= total
+    total = np.zeros(3)
+    for dt, w_k, f_k in zip(step_s[::-1], w[::-1], f[::-1], strict=True):
+        total += dt * (C @ f_k)
+        # C takes the axes before the sample to the last ones: exp(-[phi x]) to second order, enough to level coarsely
+        x, y, z = dt * w_k
+        phi = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        C = C @ (np.eye(3) - phi + 0.5 * phi @ phi)
+    return np.asarray(total / step_s.sum())
 
 
 def inertial_window(t_ns: Int64, w_ib_b: Float64, f_b: Float64, from_ns: int, to_ns: int) -> Window | None:
@@ -55,9 +42,8 @@ def inertial_window(t_ns: Int64, w_ib_b: Float64, f_b: Float64, from_ns: int, to
     first = max(int(first), 1)
     if last - first < 4 or t_ns[first - 1] > from_ns:
         return None
-    mean_f = np.zeros(3)
-    _mean_in_last_axes(t_ns, w_ib_b, f_b, first, int(last), mean_f)
     w, f = w_ib_b[first:last], f_b[first:last]
+    mean_f = _mean_in_last_axes(np.diff(t_ns[first - 1 : last]) * 1e-9, w, f)
     return Window(
         length_s=(int(t_ns[last - 1]) - int(t_ns[first - 1])) * 1e-9,
         f_b=mean_f,

@@ -106,8 +106,10 @@ def mechanize(
     r_e[1] += half * vy
     r_e[2] += half * vz
     normal_gravity_ecef(r_e, g_e)
-    mx = vx + 0.5 * (dv_e[0] + g_e[0] * dt)
-    my = vy + 0.5 * (dv_e[1] + g_e[1] * dt)
+    # mid-interval velocity for Coriolis, itself turned by it: without that a drift of 2 w^2 v dt remains
+    turn = 2.0 * half_turn
+    mx = vx + 0.5 * (dv_e[0] + g_e[0] * dt) + turn * vy
+    my = vy + 0.5 * (dv_e[1] + g_e[1] * dt) - turn * vx
     v_e[0] = vx + dv_e[0] + (g_e[0] + 2.0 * WGS84_OMEGA_RADPS * my) * dt
     v_e[1] = vy + dv_e[1] + (g_e[1] - 2.0 * WGS84_OMEGA_RADPS * mx) * dt
     v_e[2] = vz + dv_e[2] + g_e[2] * dt

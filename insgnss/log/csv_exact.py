@@ -234,8 +234,6 @@ def _split_lines(data: bytes, dialect: Dialect) -> tuple[list[bytes], Int64, lis
             complaints.append(_Complaint(number, None, "the file ends in the middle of this line"))
         elif count != expected:
             complaints.append(_Complaint(number, None, f"{count} cells where the header names {expected}"))
-        elif b"\0" in cells:
-            complaints.append(_Complaint(number, None, "the line holds NUL bytes"))
         else:
             rows.append(cells)
             numbers.append(number)

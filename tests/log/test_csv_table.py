@@ -39,7 +39,7 @@ def swapped(delimiter: str) -> list[str]:
     "lines",
     [
         [HEADER, *ROWS],
-        ["# a comment", "", HEADER, *ROWS],
+        ["# a comment", "% another", "// and a third", "", HEADER, *ROWS],
         [HEADER, *ROWS[:50], "# a comment, in, the, middle", "% another", "// and a third", *ROWS[50:]],
         [HEADER, "", *ROWS[:50], "   ", *ROWS[50:], "", ""],
         [" time_s , x , y , name ", *(row.replace(",", " ,  ") for row in ROWS)],
@@ -119,6 +119,15 @@ def test_truncated_last_line_is_refused_with_an_event(tmp_path: Path, cut: str) 
     assert ":101" in table.events[0].detail
 
 
+@pytest.mark.parametrize(("end", "kept"), [("", 99), ("\n", 100)])
+def test_last_number_that_may_be_cut_is_refused(tmp_path: Path, end: str, kept: int) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,x", *(f"{k}.5,{k + 1000}.25" for k in range(99)), "99.5,1"]) + end)
+    table = read_csv_table(path, Wanted(numeric=("t", "x")))
+    assert table.n == kept
+    assert [event.kind for event in table.events] == ["bad_row"] * (100 - kept)
+
+
 @pytest.mark.parametrize(
     "cell", ["abc", "", "nan", "NaN", "inf", "-inf", "1e999", "0x10", "1_0", "--1", "1.2.3", "5 5"]
 )
@@ -165,6 +174,18 @@ def test_optional_column_may_be_empty_absent_or_unreadable(tmp_path: Path) -> No
     assert table.bad_cells["y"].tolist() == [1, 2]
     assert [event.kind for event in table.events] == ["bad_cell", "bad_cell"]
     assert "y" not in read(tmp_path, ["time_s,x,name", "1,2,a"]).columns
+
+
+def test_infinite_optional_cell_alone_is_found(tmp_path: Path) -> None:
+    table = read(tmp_path, [HEADER, *ROWS[:50], "50.5,0,inf,n0", *ROWS[51:]])
+    assert np.isnan(table.columns["y"][50])
+    assert table.bad_cells["y"].tolist() == [50]
+
+
+def test_empty_and_odd_words_stay_words(tmp_path: Path) -> None:
+    table = read(tmp_path, [HEADER, "1,2,3,", "2,2,3,nan", "3,2,3, a b ", "4,2,3,a b"])
+    assert [table.text["name"].words[code] for code in table.text["name"].codes] == ["", "nan", "a b", "a b"]
+    assert len(table.text["name"].words) == 3
 
 
 def test_twenty_bad_rows_are_told_each_and_the_rest_counted(tmp_path: Path) -> None:
@@ -225,13 +246,19 @@ def test_column_named_twice_is_an_error(tmp_path: Path) -> None:
         "time_s,x,y,name\n1,2,3,a\n".encode("utf-16"),
         b"\x00\x01\x02\x03" * 50,
         gzip.compress(b"time_s,x,y,name\n1,2,3,a\n")[:-6],
-        b"\x1f\x9d\x90abc",
     ],
 )
 def test_file_without_readable_rows_is_a_typed_error(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     with pytest.raises(InputError):
+        read_csv_table(path, WANTED)
+
+
+def test_file_packed_by_compress_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv.Z"
+    path.write_bytes(b"\x1f\x9d\x90abc")
+    with pytest.raises(InputError, match="unpack it first"):
         read_csv_table(path, WANTED)
 
 
@@ -247,6 +274,8 @@ def test_exact_column_keeps_each_nanosecond_on_both_paths(tmp_path: Path) -> Non
     expected = 1_700_000_000 * 10**9 + np.arange(1, 200)
     path = write_lines(tmp_path / "a.csv", ["t,x", *rows])
     assert np.array_equal(read_csv_table(path, wanted).exact["t"], expected)
+    rows[0] = "1700000000.0000000009,1"  # more digits than are kept: rounded
+    assert np.array_equal(read_csv_table(write_lines(path, ["t,x", *rows]), wanted).exact["t"], expected)
     path = write_lines(tmp_path / "b.csv", ["t,x", *rows, "# exact path", "1.7e9,1"])
     table = read_csv_table(path, wanted)
     assert table.lines is not None

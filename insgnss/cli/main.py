@@ -1,0 +1,35 @@
+"""The command line: ``insgnss check`` and ``insgnss replay``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from insgnss.cli.check import check
+from insgnss.cli.replay import replay
+from insgnss.version import __version__
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Tightly coupled INS/GNSS navigation: logs in, a navigation solution out.",
+)
+app.command()(check)
+app.command()(replay)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"insgnss {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and end.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Tightly coupled INS/GNSS navigation: logs in, a navigation solution out."""

@@ -1,0 +1,150 @@
+"""``insgnss replay``: runs the filter over a flight, prints the summary, writes the run folder."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pandas as pd
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.errors import ConfigError
+from insgnss.log.flight import Flight
+from insgnss.replay import OutputRate
+from insgnss.replay import replay as run_replay
+from insgnss.run import Run
+
+_UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}
+
+
+def replay(
+    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
+    ] = None,
+    filter: Annotated[
+        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
+    ] = "tight17",
+    rate: Annotated[
+        str, typer.Option("--rate", help="Navigation rows: 'gnss' (each epoch), 'imu' (each sample) or a rate in Hz.")
+    ] = "gnss",
+    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+) -> None:
+    """Run the filter over a flight's logs, print a summary, write the result tables."""
+    began = time.perf_counter()
+    console = Console(stderr=True)
+    with own_errors_told():
+        form = _form(format)
+        wanted = _rate(rate)
+        loaded = Flight.load(flight)
+        with console.status("starting") as status:
+            run = run_replay(loaded, filter, output=wanted, progress=lambda text: status.update(f"{text} ..."))
+            if output is not None:
+                status.update("saving the run ...")
+                run.save(output, form)
+    _print_summary(loaded, run)
+    where = f"; wrote {output}" if output is not None else "; nothing was written (no --output)"
+    typer.echo(f"read {len(loaded.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _form(text: str) -> Literal["parquet", "csv"]:
+    if text == "parquet":
+        return "parquet"
+    if text == "csv":
+        return "csv"
+    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
+
+
+def _rate(text: str) -> OutputRate:
+    """Return the output rate an option names."""
+    if text == "gnss":
+        return "gnss"
+    if text == "imu":
+        return "imu"
+    advice = "write 'gnss', 'imu' or a rate in Hz, as in --rate 10"
+    try:
+        rate = float(text)
+    except ValueError:
+        raise ConfigError(f"'{text}' is no output rate", key="--rate", advice=advice) from None
+    if not 0.0 < rate <= 1e5:
+        raise ConfigError(f"a rate of {text} Hz cannot be written", key="--rate", advice=advice)
+    return rate
+
+
+def _print_summary(flight: Flight, run: Run) -> None:
+    """Print what the run gave: times, errors and sigmas, satellites, refusals, NIS, events."""
+    console = Console(file=sys.stdout, width=120)
+    nav = run.nav
+    took = run.settings["took"]
+    span = nav["time_s"].iloc[-1] - nav["time_s"].iloc[0]
+    console.print(f"[bold]{flight.name}[/bold]: {len(nav)} navigation rows over {span:.1f} s", highlight=False)
+    console.print(_accuracy_table(run))
+    console.print(_measurement_table(run))
+    used = run.nav["n_used"]
+    console.print(
+        f"satellites used per row: {used.min()} to {used.max()}, mean {used.mean():.1f}", highlight=False
+    )
+    for event in run.events.itertuples():
+        when = "         " if pd.isna(event.time_s) else f"{event.time_s:9.2f}"
+        console.print(f"  {when}  {event.kind}: {event.detail}", highlight=False, markup=False, soft_wrap=True)
+        if event.Index >= 24:
+            console.print(f"  ... {len(run.events) - 25} further events in the table 'events'", highlight=False)
+            break
+    console.print(
+        f"reading {took['read_s']:.2f} s, filter {took['filter_s']:.2f} s, tables {took['tables_s']:.2f} s",
+        highlight=False,
+    )
+
+
+def _accuracy_table(run: Run) -> Table:
+    """Return errors beside sigmas where there is a reference, sigmas alone elsewhere."""
+    table = Table(title="estimate against reference" if run.errors is not None else "sigma (no reference)")
+    table.add_column("")
+    if run.errors is None or run.errors.empty:
+        for name in ("at start", "median", "at end"):
+            table.add_column(name, justify="right")
+        for name in [c for c in run.nav.columns if c.startswith("sd_") and "bias" not in c and "clock" not in c]:
+            values = run.nav[name]
+            table.add_row(
+                _label(name[3:]), f"{values.iloc[0]:.3f}", f"{values.median():.3f}", f"{values.iloc[-1]:.3f}"
+            )
+        return table
+    summary = run.error_summary()
+    for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma"):
+        table.add_column(name, justify="right")
+    for name, row in summary.iterrows():
+        numbers = (row["mean"], row["rms"], row["p95"], row["max"], row["mean_sigma"], row["rms_over_sigma"])
+        table.add_row(_label(str(name)), *(f"{value:.3f}" for value in numbers))
+    return table
+
+
+def _measurement_table(run: Run) -> Table:
+    """Return the ledger's totals and the normalised innovations of each kind."""
+    table = Table(title="measurements")
+    kinds = list(run.measurements["kind"].cat.categories)
+    table.add_column("status")
+    for kind in kinds:
+        table.add_column(kind, justify="right")
+    counts = run.status_counts()
+    for status, row in counts.iterrows():
+        table.add_row(str(status), *(str(row.get(kind, 0)) for kind in kinds))
+    table.add_row("in the log", *(str(int(counts[kind].sum())) if kind in counts else "0" for kind in kinds))
+    nis = run.nis_summary()
+    table.add_row("mean NIS of the used (1)", *_nis(nis, kinds, "mean_nis"))
+    table.add_row("share below the 95 % bound", *_nis(nis, kinds, "share_95"))
+    return table
+
+
+def _nis(nis: pd.DataFrame, kinds: list[str], column: str) -> list[str]:
+    return [f"{nis.loc[kind, column]:.3f}" if kind in nis.index else "-" for kind in kinds]
+
+
+def _label(name: str) -> str:
+    """Return 'vn, m/s' of a column's 'vn_mps'."""
+    stem, _, unit = name.rpartition("_")
+    return f"{stem}, {_UNITS.get(unit, unit)}"
