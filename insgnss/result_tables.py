@@ -61,7 +61,7 @@ def satellite_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.D
     """
     ledger = out.ledger
     epoch = np.repeat(np.arange(len(rows.epoch_ns)), np.diff(rows.first))
-    seen = np.isfinite(ledger["azimuth"])
+    seen = np.isfinite(ledger["u_n"][:, 0])
     tracked = (ledger["status"] == USED).any(axis=1)
     chosen = _one_per_satellite(epoch, gnss.sv, seen, tracked, len(gnss.sv_names))
     entry = ledger[chosen]
@@ -74,16 +74,22 @@ def satellite_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.D
         {
             "time_s": ns_to_week_seconds(gnss.t_ns[chosen], week),
             "sv": _words(gnss.sv[chosen], gnss.sv_names),
-            "az_deg": np.degrees(entry["azimuth"]) % 360.0,
-            "el_deg": np.degrees(entry["elevation"]),
-            "body_az_deg": np.degrees(entry["body_azimuth"]) % 360.0,
-            "body_el_deg": np.degrees(entry["body_elevation"]),
+            **_angles(entry["u_n"], ""),
+            **_angles(entry["u_b"], "body_"),
             "state": _words(state.astype(np.int8), names),
             "sd_range_m": np.sqrt(entry["predicted"][:, 0]),
             "sd_range_rate_mps": np.sqrt(entry["predicted"][:, 1]),
         },
         copy=False,
     )
+
+
+def _angles(u: Float64, prefix: str) -> dict[str, Float64]:
+    """Return azimuth (from the first axis towards the second) and elevation (against the third) of directions (n, 3)."""
+    return {
+        f"{prefix}az_deg": np.degrees(np.arctan2(u[:, 1], u[:, 0])) % 360.0,
+        f"{prefix}el_deg": np.degrees(np.arcsin(np.clip(-u[:, 2], -1.0, 1.0))),
+    }
 
 
 def _one_per_satellite(

@@ -58,7 +58,7 @@ class Gates(StrictModel):
 class Process(StrictModel):
     """Process noise that is not in the sensor's grade, and the rate of the covariance."""
 
-    covariance_step_s: Positive = Field(0.02, description="the covariance is carried on at least this often")
+    covariance_step_s: Positive = Field(0.025, description="the covariance is carried on at least this often")
     scale_factor_time_s: NotNegative = Field(
         10.0, description="how long one manoeuvre keeps its scale-factor error"
     )

@@ -61,7 +61,7 @@ def fix_epoch(rows: Rows, epoch: int, par: Parameters, n_groups: int, max_gdop: 
     corrected = row["value"][:, PSEUDORANGE] + sat[:, 6]
     use = tried[PSEUDORANGE].copy()
     sigma = np.full(len(index), _UNCORRECTED_SIGMA_M)
-    group = np.ascontiguousarray(row["group"])
+    group = row["group"].astype(np.int64)
     status = point_position(sat, corrected, sigma, group, use, np.zeros(3), 2.0 * max_gdop, x, P)
     radius = float(np.linalg.norm(x[:3]))
     if status not in (SOLVED, UNCHECKED, INCONSISTENT) or not _CLOSEST_RADIUS_M < radius < _FARTHEST_RADIUS_M:
@@ -115,7 +115,7 @@ def _corrections(
             continue
         line_of_sight_range(rows.sat, i, r_a, u)
         azimuth, elevation = azimuth_elevation(u, C_en)
-        visible[j] = elevation >= par.elevation_mask and not row.cn0 < par.cn0_mask
+        visible[j] = math.sin(elevation) >= par.sine_mask and not row.cn0 < par.cn0_mask
         ionosphere = row.ionosphere_factor * par.use_ionosphere
         delay[j] = path_delay(
             rows.klobuchar, lat, lon, h, azimuth, elevation, week_s, ionosphere, par.use_troposphere
@@ -125,23 +125,11 @@ def _corrections(
 
 
 def _variances(row: np.record, elevation: float, par: Parameters) -> tuple[float, float]:
+    """Return the variances of a row's pseudorange and range rate."""
+    sine = math.sin(elevation)
+    of_range = (par.range_floor2, par.range_elevation2, par.range_cn02, par.range_missing_thermal)
+    of_rate = (par.rate_floor2, par.rate_elevation2, par.rate_cn02, par.rate_missing_thermal)
     return (
-        kind_variance(
-            row.sigma[0],
-            elevation,
-            row.cn0,
-            par.range_floor2,
-            par.range_elevation2,
-            par.range_cn02,
-            par.range_missing_cn0,
-        ),
-        kind_variance(
-            row.sigma[1],
-            elevation,
-            row.cn0,
-            par.rate_floor2,
-            par.rate_elevation2,
-            par.rate_cn02,
-            par.rate_missing_cn0,
-        ),
+        kind_variance(row.sigma[0], sine, row.thermal, *of_range),
+        kind_variance(row.sigma[1], sine, row.thermal, *of_rate),
     )

@@ -19,10 +19,10 @@ from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight
+from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
 from insgnss.gnss.observation_rows import Observation, Rows
-from insgnss.gnss.range_model import path_delay
+from insgnss.gnss.range_model import AIR_DTYPE, place_air, slant_delay
 from insgnss.jit import kernel
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, USED
 from insgnss.tables import Float64
@@ -50,10 +50,8 @@ LINE_DTYPE: Final = np.dtype(
             ("h_range", np.float64, (N_RATE,)),  # as long as the other, so that one compiled update serves both
             ("h_rate", np.float64, (N_RATE,)),
             ("group", np.int64),
-            ("azimuth", np.float64),  # [rad]
-            ("elevation", np.float64),  # [rad]
-            ("body_azimuth", np.float64),  # from forward, towards right [rad]
-            ("body_elevation", np.float64),  # above the body's horizontal plane [rad]
+            ("u_n", np.float64, (3,)),  # line of sight, north-east-down
+            ("u_b", np.float64, (3,)),  # line of sight in body axes
         ],
     )
 )
@@ -66,13 +64,8 @@ ANTENNA_DTYPE: Final = np.dtype(
             ("l_e", np.float64, (3,)),  # lever arm, ECEF
             ("a_e", np.float64, (3,)),  # C_eb (w_ib x l)
             ("C_ne", np.float64, (3, 3)),
-            ("C_en", np.float64, (3, 3)),
             ("u", np.float64, (3,)),  # line of sight
             ("dr", np.float64, (3,)),  # derivative of the range rate by position
-            ("lat", np.float64),
-            ("lon", np.float64),
-            ("h", np.float64),
-            ("week_s", np.float64),
         ],
     )
 )
@@ -85,12 +78,13 @@ class Epoch(NamedTuple):
 
     lines: npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row
     antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
+    air: npt.NDArray[Any]  # (1,) of AIR_DTYPE
     vectors: Float64  # (4, n or k): correction, two of scratch, one to sort
 
 
 def new_epoch(k: int, n: int) -> Epoch:
     """Return work space for epochs of at most ``k`` rows and ``n`` error states."""
-    return Epoch(np.zeros(k, LINE_DTYPE), np.zeros(1, ANTENNA_DTYPE), np.zeros((4, max(k, n))))
+    return Epoch(np.zeros(k, LINE_DTYPE), np.zeros(1, ANTENNA_DTYPE), np.zeros(1, AIR_DTYPE), np.zeros((4, max(k, n))))
 
 
 @kernel
@@ -113,11 +107,6 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) 
     late = m.clock[0] / C_MPS
     for i in range(3):
         a.r_a[i] = m.r_e[i] + a.l_e[i] - a.v_a[i] * late
-    a.lat, a.lon, a.h = ecef_to_geodetic(a.r_a)
-    ecef_to_ned_matrix(a.lat, a.lon, a.C_ne)
-    for i in range(3):
-        for j in range(3):
-            a.C_en[i, j] = a.C_ne[j, i]
 
 
 @kernel
@@ -163,7 +152,10 @@ def observe(
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
     a = s.antenna[0]
     place_antenna(m, par, w_ib_b, a)
-    a.week_s = (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S
+    lat, lon, h = ecef_to_geodetic(a.r_a)
+    ecef_to_ned_matrix(lat, lon, a.C_ne)
+    week_s = (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S
+    place_air(s.air[0], lat, lon, h, week_s, par.use_troposphere)
     first = rows.first[epoch]
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
@@ -173,12 +165,9 @@ def observe(
         for kind in range(2):
             line.status[kind] = row.status[kind]
             line.innovation[kind] = math.nan
-        line.azimuth = math.nan
-        line.elevation = math.nan
-        line.body_azimuth = math.nan
-        line.body_elevation = math.nan
+        line.u_n[0] = math.nan
         if row.no_satellite == 0:
-            observe_row(m, par, rows, i, row, a, line)
+            observe_row(m, par, rows, i, row, s, line)
             if line.status[0] == USED:
                 line.predicted[0] = predicted_range_variance(P, line)
             if line.status[1] == USED:
@@ -187,47 +176,41 @@ def observe(
 
 @kernel
 def observe_row(
-    m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, a: Antenna, line: Line
+    m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, s: Epoch, line: Line
 ) -> None:
     """Write direction, masks, innovations, rows of H and measurement variances of one row."""
+    a = s.antenna[0]
     distance, rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
-    line.azimuth, line.elevation = azimuth_elevation(a.u, a.C_en)
-    # the body's axes in the place of north, east, down
-    line.body_azimuth, line.body_elevation = azimuth_elevation(a.u, m.C_eb)
-    mask_row(par, row.cn0, line)
+    u, C_ne, C = a.u, a.C_ne, m.C_eb
+    for k in range(3):
+        line.u_n[k] = C_ne[k, 0] * u[0] + C_ne[k, 1] * u[1] + C_ne[k, 2] * u[2]
+        line.u_b[k] = C[0, k] * u[0] + C[1, k] * u[1] + C[2, k] * u[2]
+    sine = -line.u_n[2]
+    mask_row(par, sine, row.cn0, line)
     if line.status[0] == USED:
         offset = m.offsets[row.group - 1] if row.group > 0 else 0.0
-        delay = row_delay(par, rows.klobuchar, row, a, line)
+        delay = slant_delay(s.air[0], rows.klobuchar, line.u_n, row.ionosphere_factor * par.use_ionosphere)
         predicted = distance + m.clock[0] + offset - rows.sat[i, 6] + delay
         line.innovation[0] = row.value[0] - predicted
         line.variance[0] = m.noise_factor[0] * kind_variance(
-            row.sigma[0], line.elevation, row.cn0, par.range_floor2, par.range_elevation2, par.range_cn02,
-            par.range_missing_cn0,
+            row.sigma[0], sine, row.thermal, par.range_floor2, par.range_elevation2, par.range_cn02,
+            par.range_missing_thermal,
         )  # fmt: skip
         range_row(a, line.h_range)
     if line.status[1] == USED:
         line.innovation[1] = row.value[1] - (rate + m.clock[1] - rows.sat[i, 7])
         line.variance[1] = m.noise_factor[1] * kind_variance(
-            row.sigma[1], line.elevation, row.cn0, par.rate_floor2, par.rate_elevation2, par.rate_cn02,
-            par.rate_missing_cn0,
+            row.sigma[1], sine, row.thermal, par.rate_floor2, par.rate_elevation2, par.rate_cn02,
+            par.rate_missing_thermal,
         )  # fmt: skip
         rate_row(m, par, a, line.h_rate)
 
 
 @kernel
-def row_delay(par: Parameters, klobuchar: Float64, row: Observation, a: Antenna, line: Line) -> float:
-    """Return the atmosphere's delay of a row [m]."""
-    ionosphere = row.ionosphere_factor * par.use_ionosphere
-    return path_delay(
-        klobuchar, a.lat, a.lon, a.h, line.azimuth, line.elevation, a.week_s, ionosphere, par.use_troposphere
-    )
-
-
-@kernel
-def mask_row(par: Parameters, cn0: float, line: Line) -> None:
+def mask_row(par: Parameters, sine: float, cn0: float, line: Line) -> None:
     """Refuse both kinds of a row that stands too low or is too weak."""
     refused = USED
-    if not line.elevation >= par.elevation_mask:
+    if not sine >= par.sine_mask:
         refused = MASKED_ELEVATION
     elif cn0 < par.cn0_mask:
         refused = MASKED_CN0
@@ -239,18 +222,12 @@ def mask_row(par: Parameters, cn0: float, line: Line) -> None:
 
 @kernel
 def kind_variance(
-    stated: float,
-    elevation: float,
-    cn0: float,
-    floor2: float,
-    elevation2: float,
-    cn02: float,
-    missing_cn0: float,
+    stated: float, sine: float, thermal: float, floor2: float, elevation2: float, cn02: float, missing: float
 ) -> float:
     """Return a row's variance: from the log's own sigma where it states one, from the model elsewhere."""
     if stated > 0.0:
         return stated_variance(stated, _STATED_FLOOR2 * floor2)
-    return measurement_variance(elevation, cn0, floor2, elevation2, cn02, missing_cn0)
+    return measurement_variance(sine, thermal, floor2, elevation2, cn02, missing)
 
 
 @kernel

@@ -63,16 +63,17 @@ NAV_DTYPE: Final = np.dtype(
 LEDGER_DTYPE: Final = np.dtype(
     (
         np.record,
-        [  # pairs: 0 pseudorange, 1 range rate
-            ("status", np.int64, (2,)),
-            ("innovation", np.float64, (2,)),
-            ("variance", np.float64, (2,)),  # of the innovation: D + r
-            ("predicted", np.float64, (2,)),  # D = h P h^T
-            ("azimuth", np.float64),  # [rad]
-            ("elevation", np.float64),  # [rad]
-            ("body_azimuth", np.float64),  # from forward, towards right [rad]
-            ("body_elevation", np.float64),  # above the body's horizontal plane [rad]
-        ],
+        np.dtype(
+            [  # pairs: 0 pseudorange, 1 range rate; narrow types: a log has millions of entries
+                ("innovation", np.float64, (2,)),
+                ("variance", np.float64, (2,)),  # of the innovation: D + r
+                ("predicted", np.float64, (2,)),  # D = h P h^T
+                ("u_n", np.float32, (3,)),  # line of sight, north-east-down
+                ("u_b", np.float32, (3,)),  # line of sight in body axes
+                ("status", np.int8, (2,)),
+            ],
+            align=True,
+        ),
     )
 )
 EVENT_DTYPE: Final = np.dtype((np.record, [("t_ns", np.int64), ("kind", np.int64), ("a", np.float64)]))
@@ -104,7 +105,7 @@ def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64) -> Output
     """Return room for ``n_nav`` navigation rows, a ledger of ``rows`` as known before the filter, and events."""
     ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
     ledger["status"] = rows.observation["status"]
-    for name in ("innovation", "variance", "predicted", "azimuth", "elevation", "body_azimuth", "body_elevation"):
+    for name in ("innovation", "variance", "predicted", "u_n", "u_b"):
         ledger[name] = math.nan
     return Output(
         np.zeros(n_nav, NAV_DTYPE),
@@ -134,10 +135,9 @@ def write_ledger(ledger: Table, rows: Rows, epoch: int, s: Epoch) -> None:
     for j in range(rows.first[epoch + 1] - first):
         line = s.lines[j]
         entry = ledger[first + j]
-        entry.azimuth = line.azimuth
-        entry.elevation = line.elevation
-        entry.body_azimuth = line.body_azimuth
-        entry.body_elevation = line.body_elevation
+        for k in range(3):
+            entry.u_n[k] = line.u_n[k]
+            entry.u_b[k] = line.u_b[k]
         for kind in range(2):
             entry.status[kind] = line.status[kind]
             if not math.isnan(line.innovation[kind]):

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from insgnss.config.filter import FilterConfig, Noise
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.gnss.noise_model import thermal_factor
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 
@@ -34,18 +35,18 @@ PARAMETERS_DTYPE = np.dtype(
             ("gap_accel_sigma", np.float64),  # [m/s^2]
             ("gap_rate_sigma", np.float64),  # [rad/s]
             ("restart_gap", np.float64),  # [s]
-            ("elevation_mask", np.float64),  # [rad]
+            ("sine_mask", np.float64),  # sine of the elevation mask
             ("cn0_mask", np.float64),  # [dBHz]
             ("use_ionosphere", np.float64),  # 1 or 0
             ("use_troposphere", np.float64),  # 1 or 0
             ("range_floor2", np.float64),  # [m^2]
             ("range_elevation2", np.float64),
             ("range_cn02", np.float64),
-            ("range_missing_cn0", np.float64),
+            ("range_missing_thermal", np.float64),
             ("rate_floor2", np.float64),  # [m^2/s^2]
             ("rate_elevation2", np.float64),
             ("rate_cn02", np.float64),
-            ("rate_missing_cn0", np.float64),
+            ("rate_missing_thermal", np.float64),
             ("range_correlation", np.float64),  # [s]
             ("rate_correlation", np.float64),  # [s]
             ("range_gate2", np.float64),  # squared gate [-]
@@ -65,7 +66,7 @@ Parameters: TypeAlias = Any  # one element of PARAMETERS_DTYPE: SI units and rad
 
 
 def _noise(noise: Noise) -> tuple[float, float, float, float]:
-    return noise.floor**2, noise.elevation**2, noise.cn0_at_45_dbhz**2, noise.missing_cn0_dbhz
+    return noise.floor**2, noise.elevation**2, noise.cn0_at_45_dbhz**2, float(thermal_factor(noise.missing_cn0_dbhz))
 
 
 def resolve_parameters(
@@ -96,7 +97,7 @@ def resolve_parameters(
         gaps.acceleration_sigma_mps2,
         math.radians(gaps.rate_sigma_degps),
         gaps.restart_s,
-        math.radians(use.elevation_mask_deg),
+        math.sin(math.radians(use.elevation_mask_deg)),
         use.cn0_mask_dbhz,
         float(klobuchar_known and use.ionosphere == "klobuchar"),
         float(use.troposphere == "saastamoinen"),

@@ -44,31 +44,30 @@ def scalar_update(
     v : (>= 3, >= n): v[0] is the correction (truth minus prior estimate as far as known), v[1], v[2] are scratch
     """
     n = P.shape[0]
-    x, g, w = v[0], v[1], v[2]
     for c in range(n):
-        g[c] = P[extra, c] if extra >= 0 else 0.0
+        v[1, c] = P[extra, c] if extra >= 0 else 0.0  # g
     for a in range(columns.shape[0]):
         ha = h[a]
         row = columns[a]
         for c in range(n):
-            g[c] += ha * P[row, c]
+            v[1, c] += ha * P[row, c]
     S = variance
     y = innovation
     if extra >= 0:
-        S += g[extra]
-        y -= x[extra]
+        S += v[1, extra]
+        y -= v[0, extra]
     for a in range(columns.shape[0]):
-        S += h[a] * g[columns[a]]
-        y -= h[a] * x[columns[a]]
+        S += h[a] * v[1, columns[a]]
+        y -= h[a] * v[0, columns[a]]
     inv_S = 1.0 / S
     for c in range(n):
-        gain = g[c] * inv_S
-        x[c] += gain * y
-        w[c] = g[c] - 0.5 * S * gain
-        g[c] = gain
+        gain = v[1, c] * inv_S
+        v[0, c] += gain * y
+        v[2, c] = v[1, c] - 0.5 * S * gain  # w
+        v[1, c] = gain  # K
     for b in range(n):
-        gain = g[b]
-        wb = w[b]
+        gain = v[1, b]
+        wb = v[2, b]
         for c in range(n):
-            P[b, c] -= gain * w[c] + wb * g[c]
+            P[b, c] -= gain * v[2, c] + wb * v[1, c]
     return y, S

@@ -34,7 +34,8 @@ def somigliana(lat: float, h: float) -> float:
 
     Equation: gamma = ge (1 + k s^2) / sqrt(1 - e^2 s^2),  s = sin lat          [NGA.STND.0036, 4-1]
               gamma(h) = gamma (1 - 2/a (1 + f + m - 2 f s^2) h + 3 h^2 / a^2)  [NGA.STND.0036, 4-3]
-    Neglects: third order in h/a: 1.5e-7 m/s^2 at 10 km, 0.9 m/s^2 at 2000 km.
+    Neglects: the flattening squared in the gradient, 1e-10 m/s^2 per metre, and third order in h/a: 7e-7 m/s^2 at
+    10 km, 0.9 m/s^2 at 2000 km.
     """
     s2 = math.sin(lat) ** 2
     on_ellipsoid = WGS84_GAMMA_E_MPS2 * (1.0 + WGS84_SOMIGLIANA_K * s2) / math.sqrt(1.0 - WGS84_E2 * s2)

@@ -27,6 +27,20 @@ _SCALE_HEIGHT_M: Final = 80_000.0  # of the ionised gas above the peak, about 70
 def klobuchar_delay(
     coefficients: Float64, lat: float, lon: float, azimuth: float, elevation: float, week_s: float
 ) -> float:
+    """Return the ionospheric delay of a code on L1 [m] towards an azimuth [rad]; see ``klobuchar_towards``."""
+    return klobuchar_towards(coefficients, lat, lon, math.cos(azimuth), math.sin(azimuth), elevation, week_s)
+
+
+@kernel
+def klobuchar_towards(
+    coefficients: Float64,
+    lat: float,
+    lon: float,
+    cos_azimuth: float,
+    sin_azimuth: float,
+    elevation: float,
+    week_s: float,
+) -> float:
     """Return the ionospheric delay of a code on L1 [m]; on another carrier times (f_L1 / f)^2.
 
     Equation: F [5 ns + A (1 - x^2/2 + x^4/24)], x = 2 pi (t - 50400 s) / P    [IS-GPS-200N, figure 20-4]
@@ -37,15 +51,16 @@ def klobuchar_delay(
     ----------
     coefficients : (8,) alpha 0..3 [s, s/semicircle, ...], beta 0..3 [s, s/semicircle, ...]
     lat, lon : geodetic, of the antenna [rad]
-    azimuth, elevation : of the satellite [rad]
+    cos_azimuth, sin_azimuth : of the satellite's azimuth
+    elevation : of the satellite [rad]
     week_s : GPS time, seconds of the week (or of the day) [s]
     """
     elevation_sc = max(elevation, 0.0) / math.pi
     # earth-centred angle to the pierce point, its latitude and longitude, its geomagnetic latitude [semicircles]
     psi = 0.0137 / (elevation_sc + 0.11) - 0.022
-    phi = lat / math.pi + psi * math.cos(azimuth)
+    phi = lat / math.pi + psi * cos_azimuth
     phi = min(max(phi, -_NORTHERNMOST_SC), _NORTHERNMOST_SC)
-    lam = lon / math.pi + psi * math.sin(azimuth) / math.cos(phi * math.pi)
+    lam = lon / math.pi + psi * sin_azimuth / math.cos(phi * math.pi)
     phi_m = phi + _POLE_LATITUDE_SC * math.cos((lam - _POLE_LONGITUDE_SC) * math.pi)
     local_s = (43_200.0 * lam + week_s) % S_PER_DAY
     a, b = coefficients[0:4], coefficients[4:8]

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import math
+from typing import Final
+
+import numpy as np
 
 from insgnss.jit import kernel
+from insgnss.tables import Float64
 
-_REFERENCE_CN0_DBHZ = 45.0
-_LOWEST_SINE = 0.05  # below 3 deg of elevation the 1/sin law has no meaning any more
+_REFERENCE_CN0_DBHZ: Final = 45.0
+_LOWEST_SINE: Final = 0.05  # below 3 deg of elevation the 1/sin law has no meaning any more
+
+
+def thermal_factor(cn0_dbhz: Float64 | float) -> Float64:
+    """Return the thermal variance relative to that at 45 dBHz: 10^((45 - C/N0) / 10), NaN where C/N0 is NaN."""
+    return np.asarray(10.0 ** (0.1 * (_REFERENCE_CN0_DBHZ - np.asarray(cn0_dbhz, dtype=np.float64))))
 
 
 @kernel
 def measurement_variance(
-    elevation: float, cn0_dbhz: float, floor2: float, elevation2: float, cn02: float, missing_cn0_dbhz: float
+    sine: float, thermal: float, floor2: float, elevation2: float, cn02: float, missing_thermal: float
 ) -> float:
     """Return the variance of a pseudorange [m^2] or range rate [m^2/s^2].
 
@@ -21,14 +30,13 @@ def measurement_variance(
 
     Parameters
     ----------
-    elevation : of the satellite [rad]
-    cn0_dbhz : NaN where the log gives none; then ``missing_cn0_dbhz`` stands for it
+    sine : of the satellite's elevation
+    thermal : ``thermal_factor`` of its C/N0, NaN where the log gives none; then ``missing_thermal`` stands for it
     floor2, elevation2, cn02 : squares of the three sigmas
     """
-    cn0 = missing_cn0_dbhz if math.isnan(cn0_dbhz) else cn0_dbhz
-    sine = max(math.sin(elevation), _LOWEST_SINE)
-    thermal: float = 10.0 ** (0.1 * (_REFERENCE_CN0_DBHZ - cn0))
-    return floor2 + elevation2 / (sine * sine) + cn02 * thermal
+    s = max(sine, _LOWEST_SINE)
+    factor = missing_thermal if math.isnan(thermal) else thermal
+    return floor2 + elevation2 / (s * s) + cn02 * factor
 
 
 @kernel

@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.gnss.ephemeris_choice import BroadcastMessages
+from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.satellite_state import range_rates, satellite_states
-from insgnss.gnss.signals import signal_of
+from insgnss.gnss.signals import ionosphere_factor, signal_of
 from insgnss.jit import kernel
 from insgnss.status import (
     BAD_SIGMA,
@@ -39,16 +40,20 @@ L1_HZ = 1575.42e6
 OBSERVATION_DTYPE: Final = np.dtype(
     (
         np.record,
-        [
-            ("sv", np.int64),  # index into the log's satellite names
-            ("group", np.int64),  # clock: 0 reference constellation, 1.. the others
-            ("status", np.int64, (2,)),  # per kind: USED when the filter may try it, ABSENT, or why not
-            ("no_satellite", np.int64),  # 1: no satellite state, nothing can be predicted
-            ("value", np.float64, (2,)),  # pseudorange [m], range rate [m/s]
-            ("sigma", np.float64, (2,)),  # stated by the log, NaN elsewhere
-            ("cn0", np.float64),  # [dBHz], NaN where not logged
-            ("ionosphere_factor", np.float64),  # (f_L1 / f)^2
-        ],
+        np.dtype(
+            [
+                ("value", np.float64, (2,)),  # pseudorange [m], range rate [m/s]
+                ("sigma", np.float64, (2,)),  # stated by the log, NaN elsewhere
+                ("cn0", np.float64),  # [dBHz], NaN where not logged
+                ("thermal", np.float64),  # thermal variance relative to 45 dBHz
+                ("ionosphere_factor", np.float64),  # (f_L1 / f)^2
+                ("sv", np.int16),  # index into the log's satellite names
+                ("group", np.int8),  # clock: 0 reference constellation, 1.. the others
+                ("status", np.int8, (2,)),  # per kind: USED when the filter may try it, ABSENT, or why not
+                ("no_satellite", np.int8),  # 1: no satellite state, nothing can be predicted
+            ],
+            align=True,
+        ),
     )
 )
 Observation: TypeAlias = Any  # one element of OBSERVATION_DTYPE
@@ -111,6 +116,7 @@ def prepare_rows(
     observation["value"] = values.T
     observation["sigma"] = sigma.T
     observation["cn0"] = gnss.cn0_dbhz
+    observation["thermal"] = thermal_factor(gnss.cn0_dbhz)
     observation["ionosphere_factor"] = _ionosphere_factors(gnss)
     return Rows(
         epoch_ns=epoch_ns,

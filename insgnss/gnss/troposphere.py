@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.jit import kernel
+from insgnss.tables import Float64
 
 # Standard atmosphere (ICAO doc 7488; ISO 2533)
 _P0_HPA: Final = 1013.25
@@ -49,6 +50,7 @@ _WET: Final = np.array(
     ]
 )
 _HEIGHT: Final = (2.53e-5, 5.49e-3, 1.14e-3)
+_HEIGHT_AT_ZENITH: Final = 1.0 + _HEIGHT[0] / (1.0 + _HEIGHT[1] / (1.0 + _HEIGHT[2]))
 
 
 @kernel
@@ -85,9 +87,40 @@ def zenith_delays(
 
 
 @kernel
-def _fraction(sine: float, a: float, b: float, c: float) -> float:
-    """Return Herring's continued fraction, one at the zenith: (1 + a/(1 + b/(1 + c))) / (s + a/(s + b/(s + c)))."""
-    return (1.0 + a / (1.0 + b / (1.0 + c))) / (sine + a / (sine + b / (sine + c)))
+def _at_zenith(a: float, b: float, c: float) -> float:
+    """Return the numerator of Herring's continued fraction, which makes it one at the zenith."""
+    return 1.0 + a / (1.0 + b / (1.0 + c))
+
+
+@kernel
+def mapping_coefficients(lat: float, h: float, m: Float64) -> None:
+    """Write what the mapping needs of a place into ``m`` (9,): a, b, c hydrostatic, a, b, c wet, both numerators, km.
+
+    Equation: Niell (1996), eq. 5, at the mean of the year, linear in latitude between the table's columns.
+    """
+    place = min(max(abs(lat) * (12.0 / math.pi) - 1.0, 0.0), 4.0)  # 15 deg steps
+    i = min(int(place), 3)
+    w = place - i
+    for k in range(3):
+        m[k] = _HYDROSTATIC[k, i] + w * (_HYDROSTATIC[k, i + 1] - _HYDROSTATIC[k, i])
+        m[3 + k] = _WET[k, i] + w * (_WET[k, i + 1] - _WET[k, i])
+    m[6] = _at_zenith(m[0], m[1], m[2])
+    m[7] = _at_zenith(m[3], m[4], m[5])
+    m[8] = 1e-3 * min(max(h, _LOWEST_H_M), _HIGHEST_MAPPING_H_M)
+
+
+@kernel
+def mapped(m: Float64, sine: float) -> tuple[float, float]:
+    """Return slant delay over zenith delay, hydrostatic and wet, at the sine of an elevation; ``m`` of the place.
+
+    Equation: Herring's continued fraction (1 + a/(1 + b/(1 + c))) / (s + a/(s + b/(s + c))), and Niell's height term
+    h (1/s - f_height(s)), eq. 6
+    """
+    s = max(sine, _LOWEST_SINE)
+    hydrostatic = m[6] / (s + m[0] / (s + m[1] / (s + m[2])))
+    wet = m[7] / (s + m[3] / (s + m[4] / (s + m[5])))
+    height = _HEIGHT_AT_ZENITH / (s + _HEIGHT[0] / (s + _HEIGHT[1] / (s + _HEIGHT[2])))
+    return hydrostatic + m[8] * (1.0 / s - height), wet
 
 
 @kernel
@@ -103,26 +136,9 @@ def mapping_factors(lat: float, h: float, elevation: float) -> tuple[float, floa
     lat, h : of the antenna [rad, m]
     elevation : of the satellite [rad]
     """
-    sine = max(math.sin(elevation), _LOWEST_SINE)
-    place = min(max(abs(lat) * (12.0 / math.pi) - 1.0, 0.0), 4.0)  # 15 deg steps
-    i = min(int(place), 3)
-    w = place - i
-    H, W = _HYDROSTATIC, _WET
-    hydrostatic = _fraction(
-        sine,
-        H[0, i] + w * (H[0, i + 1] - H[0, i]),
-        H[1, i] + w * (H[1, i + 1] - H[1, i]),
-        H[2, i] + w * (H[2, i + 1] - H[2, i]),
-    )
-    wet = _fraction(
-        sine,
-        W[0, i] + w * (W[0, i + 1] - W[0, i]),
-        W[1, i] + w * (W[1, i + 1] - W[1, i]),
-        W[2, i] + w * (W[2, i + 1] - W[2, i]),
-    )
-    height_km = 1e-3 * min(max(h, _LOWEST_H_M), _HIGHEST_MAPPING_H_M)
-    hydrostatic += height_km * (1.0 / sine - _fraction(sine, _HEIGHT[0], _HEIGHT[1], _HEIGHT[2]))
-    return hydrostatic, wet
+    m = np.empty(9)
+    mapping_coefficients(lat, h, m)
+    return mapped(m, math.sin(elevation))
 
 
 @kernel

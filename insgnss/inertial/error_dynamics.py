@@ -72,7 +72,7 @@ def transition_step(
 def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
     """Write ``B = Phi A`` for the step ``s``, row by row of the error state; ``A`` and ``B`` are (n, n), not the same.
 
-    Each line below is one line of the dynamics; psi and v are taken at mid-step (trapezoid), which makes Phi right to
+    Each block below is one line of the dynamics; psi and v are taken at mid-step (trapezoid), which makes Phi right to
     second order: dr gets f x psi dt^2/2 and C b_a dt^2/2, dv gets f x (C b_g) dt^2/2.
 
     Parameters
@@ -81,35 +81,64 @@ def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
     C_dt : (3, 3) integral of C_eb over the step [s]
     A, B : (n, n) input and output; rows are error states in the order of ``fusion.state``
     """
+    attitude_rows(s, C_dt, A, B)
+    gravity = ((s.g00, s.g01, s.g02), (s.g01, s.g11, s.g12), (s.g02, s.g12, s.g22))
+    f = (s.f0, s.f1, s.f2)
+    coriolis = (2.0 * s.w, -2.0 * s.w, 0.0)
+    for i in range(3):
+        # i, a, b run cyclically: (f x psi)_i = f_a psi_b - f_b psi_a
+        a, b = (i + 1) % 3, (i + 2) % 3
+        velocity_row(i, 1 - i if i < 2 else 2, coriolis[i], gravity[i], C_dt, A, B)
+        add_specific_force(i, a, b, f[a], f[b], A, B)
+    position_and_bias_rows(s, A, B)
+
+
+@kernel
+def attitude_rows(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
+    """Write psi - w_ie dt x psi - C db_g dt."""
+    turn = (s.w, -s.w, 0.0)
+    for i in range(3):
+        other = 7 - i if i < 2 else 8
+        w, c0, c1, c2 = turn[i], C_dt[i, 0], C_dt[i, 1], C_dt[i, 2]
+        for j in range(A.shape[0]):
+            B[6 + i, j] = A[6 + i, j] + w * A[other, j] - (c0 * A[12, j] + c1 * A[13, j] + c2 * A[14, j])
+
+
+@kernel
+def velocity_row(
+    i: int, other: int, coriolis: float, g: tuple[float, float, float], C_dt: Float64, A: Float64, B: Float64
+) -> None:
+    """Write row ``i`` of dv + dg/dr dt dr - 2 w_ie dt x dv - C db_a dt."""
+    c0, c1, c2 = C_dt[i, 0], C_dt[i, 1], C_dt[i, 2]
+    g0, g1, g2 = g
+    for j in range(A.shape[0]):
+        B[3 + i, j] = A[3 + i, j] + coriolis * A[3 + other, j] + g0 * A[0, j] + g1 * A[1, j] + g2 * A[2, j]
+    for j in range(A.shape[0]):
+        B[3 + i, j] -= c0 * A[9, j] + c1 * A[10, j] + c2 * A[11, j]
+
+
+@kernel
+def add_specific_force(i: int, a: int, b: int, f_a: float, f_b: float, A: Float64, B: Float64) -> None:
+    """Subtract f dt x psi at mid-step from velocity row ``i``."""
+    half_a, half_b = 0.5 * f_a, 0.5 * f_b
+    for j in range(A.shape[0]):
+        B[3 + i, j] -= half_a * (A[6 + b, j] + B[6 + b, j]) - half_b * (A[6 + a, j] + B[6 + a, j])
+
+
+@kernel
+def position_and_bias_rows(s: Step, A: Float64, B: Float64) -> None:
+    """Write dr + dv dt with the velocity at mid-step, the decaying biases and the clock."""
     n = A.shape[0]
-    c00, c01, c02 = C_dt[0, 0], C_dt[0, 1], C_dt[0, 2]
-    c10, c11, c12 = C_dt[1, 0], C_dt[1, 1], C_dt[1, 2]
-    c20, c21, c22 = C_dt[2, 0], C_dt[2, 1], C_dt[2, 2]
     half = 0.5 * s.dt
+    for i in range(3):
+        for j in range(n):
+            B[i, j] = A[i, j] + half * (A[3 + i, j] + B[3 + i, j])
+    for i in range(9, 15):
+        keep = s.keep_a if i < 12 else s.keep_g
+        for j in range(n):
+            B[i, j] = keep * A[i, j]
     for j in range(n):
-        r0, r1, r2 = A[0, j], A[1, j], A[2, j]
-        v0, v1, v2 = A[3, j], A[4, j], A[5, j]
-        p0, p1, p2 = A[6, j], A[7, j], A[8, j]
-        a0, a1, a2 = A[9, j], A[10, j], A[11, j]
-        b0, b1, b2 = A[12, j], A[13, j], A[14, j]
-        # psi - w_ie dt x psi - C db_g dt
-        q0 = p0 + s.w * p1 - (c00 * b0 + c01 * b1 + c02 * b2)
-        q1 = p1 - s.w * p0 - (c10 * b0 + c11 * b1 + c12 * b2)
-        q2 = p2 - (c20 * b0 + c21 * b1 + c22 * b2)
-        m0, m1, m2 = 0.5 * (p0 + q0), 0.5 * (p1 + q1), 0.5 * (p2 + q2)
-        # dv - f dt x psi_mid - C db_a dt + dg/dr dt dr - 2 w_ie dt x dv
-        u0 = v0 - s.f1 * m2 + s.f2 * m1 - (c00 * a0 + c01 * a1 + c02 * a2)
-        u1 = v1 - s.f2 * m0 + s.f0 * m2 - (c10 * a0 + c11 * a1 + c12 * a2)
-        u2 = v2 - s.f0 * m1 + s.f1 * m0 - (c20 * a0 + c21 * a1 + c22 * a2)
-        u0 += s.g00 * r0 + s.g01 * r1 + s.g02 * r2 + 2.0 * s.w * v1
-        u1 += s.g01 * r0 + s.g11 * r1 + s.g12 * r2 - 2.0 * s.w * v0
-        u2 += s.g02 * r0 + s.g12 * r1 + s.g22 * r2
-        # dr + dv_mid dt
-        B[0, j], B[1, j], B[2, j] = r0 + half * (v0 + u0), r1 + half * (v1 + u1), r2 + half * (v2 + u2)
-        B[3, j], B[4, j], B[5, j] = u0, u1, u2
-        B[6, j], B[7, j], B[8, j] = q0, q1, q2
-        B[9, j], B[10, j], B[11, j] = s.keep_a * a0, s.keep_a * a1, s.keep_a * a2
-        B[12, j], B[13, j], B[14, j] = s.keep_g * b0, s.keep_g * b1, s.keep_g * b2
         B[15, j] = A[15, j] + s.dt * A[16, j]
-        for i in range(16, n):
+    for i in range(16, n):
+        for j in range(n):
             B[i, j] = A[i, j]

@@ -19,8 +19,8 @@ def effective_rates(
 ) -> None:
     """Write the constant rates that give the interval's true rotation vector and velocity increment.
 
-    Equation: phi = a2 + k dt^2 (w1 x w2) / dt ..., with k = T2^2 T1 / (6 T1 (T1 + T2)); for equal steps
-              phi = a2 + (a1 x a2)/12,  dv = d2 + (a1 x d2 + d1 x a2)/12       [Savage 1998, two-sample, eq. 47, 58]
+    Equation: phi = T2 (w2 + k w1 x w2),  dv = T2 (f2 + k (w1 x f2 + f1 x w2)),  k = T2^2 / (6 (T1 + T2)); for equal
+              steps phi = a2 + (a1 x a2)/12,  dv = d2 + (a1 x d2 + d1 x a2)/12  [Savage 1998, two-sample, eq. 47, 58]
     The rates are taken linear in time over both intervals, which may differ in length. The rotation of the interval
     itself (a2 x d2 / 2) is not in ``f_c``: the mechanization applies it to whatever part of the interval it steps over.
     Neglects: curvature of the rates, third order in the step.
@@ -31,7 +31,6 @@ def effective_rates(
     w_before, f_before : (3,) the same over the interval before it, of ``dt_before`` [s]
     w_c, f_c : (3,) outputs, effective rate [rad/s] and specific force [m/s^2] of the last interval
     """
-    # a1 x a2 T2^2 / (6 T1 (T1 + T2)) with a1 = w1 T1, a2 = w2 T2, then divided by T2 to be a rate
     k = dt * dt / (6.0 * (dt_before + dt))
     w_c[0] = w[0] + k * (w_before[1] * w[2] - w_before[2] * w[1])
     w_c[1] = w[1] + k * (w_before[2] * w[0] - w_before[0] * w[2])

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.flight import Gnss, GnssColumns
+from insgnss.config.flight import Gnss, GnssColumns, TimeScale
 from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
 from insgnss.log.csv_columns import Wanted
@@ -44,7 +44,7 @@ def read_gnss(config: Gnss, week: int) -> tuple[GnssTable, list[Event]]:
     InputError and its kin : a file or column is missing, or too many rows cannot be read
     """
     if config.format == "rinex":
-        return read_rinex_obs(config.files, config.time.offset_s)
+        return _read_rinex(config)
     parts: list[GnssTable] = []
     events: list[Event] = []
     for path in config.files:
@@ -54,6 +54,14 @@ def read_gnss(config: Gnss, week: int) -> tuple[GnssTable, list[Event]]:
         events += found
     table, reordered = in_time_order(joined(parts), str(config.files[0]))
     return table, events + reordered
+
+
+def _read_rinex(config: Gnss) -> tuple[GnssTable, list[Event]]:
+    table, events = read_rinex_obs(config.files, config.time.offset_s)
+    if config.time != TimeScale(offset_s=config.time.offset_s):
+        detail = "RINEX states its own time scale: of gnss.time only offset_s is used"
+        events.append(Event(None, "time_settings_not_used", detail))
+    return table, events
 
 
 def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> tuple[GnssTable, list[Event]]:

@@ -18,7 +18,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.fusion.loop import Imu, Workspace, new_workspace, run_epochs
-from insgnss.fusion.measurements import Epoch, new_epoch, observe
+from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS, Epoch, new_epoch, observe
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.parameters import resolve_parameters
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
@@ -140,7 +140,7 @@ def rows_of(
 ) -> Rows:
     """Return rows of ``sat`` (k, 8), or (m, k, 8), and values (m, k, 2), NaN where the log has none; zeros if left out."""
     m = len(epoch_ns)
-    sat = np.broadcast_to(sat, (m, *sat.shape[-2:]))
+    sat = np.array(np.broadcast_to(sat, (m, *sat.shape[-2:])))
     k = sat.shape[1]
     value = np.zeros((m, k, 2)) if value is None else value
     row = np.zeros(m * k, OBSERVATION_DTYPE)
@@ -151,7 +151,7 @@ def rows_of(
     row["sigma"] = math.nan
     row["cn0"], row["ionosphere_factor"] = 45.0, 1.0
     first = np.arange(0, m * k + 1, max(k, 1), dtype=np.int64) if k else np.zeros(m + 1, np.int64)
-    return Rows(np.array(epoch_ns, np.int64), first, row, np.ascontiguousarray(sat.reshape(m * k, 8)), np.zeros(8))
+    return Rows(np.array(epoch_ns, np.int64), first, row, sat.reshape(m * k, 8), np.zeros(8))
 
 
 def observed(
@@ -162,6 +162,17 @@ def observed(
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
     observe(bank.state[0], bank.P[0], par[0], log, epoch, rate, work)
     return work
+
+
+def dense_rows(work: Epoch, n: int) -> Float64:
+    """Return (2, k, n) rows of H over all states, pseudoranges first, of a work space that ``observed`` filled."""
+    lines = work.lines
+    H = np.zeros((2, len(lines), n))
+    H[0][:, RANGE_COLUMNS] = lines["h_range"][:, : len(RANGE_COLUMNS)]
+    H[1][:, RATE_COLUMNS] = lines["h_rate"][:, : len(RATE_COLUMNS)]
+    for line in np.flatnonzero(lines["group"]):
+        H[0, line, OFFSETS + lines["group"][line] - 1] = 1.0
+    return H
 
 
 def perfect_rows(

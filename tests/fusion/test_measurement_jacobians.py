@@ -9,12 +9,11 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.constants import C_MPS
-from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.geodesy.rotations import matrix_to_quaternion, turn_left
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64
-from tests.fusion.scene import START_NS, attitude, new_filter, observed, parameters, place, rows_of, sky
+from tests.fusion.scene import (START_NS, attitude, dense_rows, new_filter, observed, parameters, place, rows_of, sky)
 from tests.jacobian import finite_difference_jacobian
 
 N = OFFSETS + 1
@@ -82,12 +81,7 @@ def predictions(case: Case, d: Float64) -> Float64:
 
 def rows_of_H(case: Case) -> Float64:
     """Return (24, n) rows of H as the filter forms them, dense."""
-    lines = observed(case.bank, case.par, case.log, w_ib_b=case.w_ib_b).lines
-    H = np.zeros((24, N))
-    H[:12, RANGE_COLUMNS] = lines["h_range"][:, : len(RANGE_COLUMNS)]
-    H[:12, OFFSETS] = lines["h_range"][:, len(RANGE_COLUMNS)] * GROUP
-    H[12:, RATE_COLUMNS] = lines["h_rate"]
-    return H
+    return dense_rows(observed(case.bank, case.par, case.log, w_ib_b=case.w_ib_b), N).reshape(24, N)
 
 
 def differences(case: Case) -> Float64:

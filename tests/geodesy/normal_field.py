@@ -17,28 +17,29 @@ J = {
 }
 
 
-def _series(s: float, ratio: float, degrees_factor: bool) -> np.ndarray:
-    """Return the Legendre coefficients of sum J_n ratio^n (n + 1 or 1) P_n(s)."""
-    c = np.zeros(max(J) + 1)
+def _coefficients(ratio: np.ndarray, degree_factor: bool) -> np.ndarray:
+    """Return (11, ...) Legendre coefficients of sum J_n ratio^n (n + 1 or 1) P_n(s)."""
+    c = np.zeros((max(J) + 1, *np.shape(ratio)))
     for n, j in J.items():
-        c[n] = j * ratio**n * ((n + 1) if degrees_factor else 1)
+        c[n] = j * ratio**n * ((n + 1) if degree_factor else 1)
     return c
 
 
-def potential(r_e: np.ndarray) -> float:
-    """Return gravitational and centrifugal potential at ``r_e`` (3,) [m^2/s^2], rising towards the centre."""
-    r = float(np.linalg.norm(r_e))
-    gravitation = -GM / r * legendre.legval(r_e[2] / r, _series(r_e[2] / r, A / r, False))
-    return float(gravitation + 0.5 * OMEGA**2 * (r_e[0] ** 2 + r_e[1] ** 2))
+def potential(r_e: np.ndarray) -> np.ndarray:
+    """Return gravitational and centrifugal potential at ``r_e`` (..., 3) [m^2/s^2], rising towards the centre."""
+    r = np.linalg.norm(r_e, axis=-1)
+    series = legendre.legval(r_e[..., 2] / r, _coefficients(A / r, False), tensor=False)
+    return np.asarray(-GM / r * series + 0.5 * OMEGA**2 * (r_e[..., 0] ** 2 + r_e[..., 1] ** 2))
 
 
-def gravitation(r_i: np.ndarray) -> np.ndarray:
-    """Return gravitation at ``r_i`` (3,) [m/s^2], in ECEF or inertial axes: the field does not depend on longitude.
+def gravitation(r: np.ndarray) -> np.ndarray:
+    """Return gravitation at ``r`` (..., 3) [m/s^2], in ECEF or inertial axes: the field does not depend on longitude.
 
     Equation: V = -GM/r sum J_n (a/r)^n P_n(s), s = z/r; grad V = dV/dr u + dV/ds (k - s u) / r
     """
-    r = float(np.linalg.norm(r_i))
-    u, s = r_i / r, r_i[2] / r
-    radial = GM / r**2 * legendre.legval(s, _series(s, A / r, True))
-    across = -GM / r**2 * legendre.legval(s, legendre.legder(_series(s, A / r, False)))
-    return np.asarray(radial * u + across * (np.array([0.0, 0.0, 1.0]) - s * u))
+    size = np.linalg.norm(r, axis=-1)
+    u, s = r / size[..., None], r[..., 2] / size
+    derivative = legendre.legder(_coefficients(A / size, False))
+    radial = GM / size**2 * legendre.legval(s, _coefficients(A / size, True), tensor=False)
+    across = -GM / size**2 * legendre.legval(s, derivative, tensor=False)
+    return np.asarray(radial[..., None] * u + across[..., None] * (np.eye(3)[2] - s[..., None] * u))

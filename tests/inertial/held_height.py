@@ -13,7 +13,7 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
 from insgnss.inertial.mechanization import mechanize
 from insgnss.jit import kernel
-from tests.inertial.strapdown import EARTH
+from tests.inertial.strapdown import EARTH, skew
 
 
 @kernel
@@ -83,7 +83,7 @@ def stay(
     v = np.zeros(3) if velocity_n is None else place.C_ne.T @ velocity_n
     C = place.C_eb
     if tilt_e is not None:
-        C = (np.eye(3) + np.cross(np.eye(3), tilt_e)) @ C
+        C = (np.eye(3) + skew(tilt_e)) @ C
     matrix_to_quaternion(C, q)
     count, every = round(duration_s / dt), round(every_s / dt)
     out = np.zeros((count // every, 3))

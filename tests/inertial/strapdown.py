@@ -14,6 +14,30 @@ from insgnss.inertial.mechanization import mechanize
 from insgnss.jit import kernel
 
 EARTH = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
+Function = Callable[[np.ndarray], np.ndarray]  # times (n,) [s] -> vectors (n, 3)
+
+
+def even_edges(duration_s: float, rate_hz: float) -> np.ndarray:
+    """Return the ends of equal sampling intervals from zero on."""
+    return np.arange(round(duration_s * rate_hz) + 1) / rate_hz
+
+
+def means(function: Function, edges_s: np.ndarray) -> np.ndarray:
+    """Return what an ideal integrating sensor reports: means between edges, by Gauss quadrature of degree 11."""
+    node, weight = np.polynomial.legendre.leggauss(6)
+    half = 0.5 * np.diff(edges_s)
+    t = edges_s[:-1, None] + half[:, None] * (1.0 + node)
+    return np.asarray(np.einsum("j,kjc->kc", 0.5 * weight, function(t.ravel()).reshape(len(half), 6, 3)))
+
+
+def skew(x: np.ndarray) -> np.ndarray:
+    """Return [x x], the matrix of the cross product."""
+    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+
+
+def angle_of(R: np.ndarray) -> float:
+    """Return the angle of a rotation matrix near unity [rad]: arc cosine of its trace would see nothing below 1e-8."""
+    return float(np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0)
 
 
 @kernel

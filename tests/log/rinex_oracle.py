@@ -37,7 +37,7 @@ def navigation_messages(text: str) -> list[Message]:
         if count != 8:
             continue
         head = block[0]
-        toc = dt.datetime(*(int(part) for part in head[4:23].split()))
+        toc = dt.datetime.strptime(" ".join(head[4:23].split()), "%Y %m %d %H %M %S")
         numbers = [_number(head[23 + 19 * k : 42 + 19 * k]) for k in range(3)]
         for line in block[1:]:
             numbers += [_number(line[4 + 19 * k : 23 + 19 * k]) for k in range(4)]
@@ -58,10 +58,8 @@ def observations(text: str) -> dict[tuple[dt.datetime, str, str], float]:
     epoch = dt.datetime.min
     for line in body.splitlines()[1:]:
         if line.startswith(">"):
-            whole = [int(part) for part in line[2:18].split()]
-            second = line[18:29].strip()
-            micro = round(float("0." + second.split(".")[1]) * 1e6)
-            epoch = dt.datetime(*whole, int(second.split(".")[0]), micro)
+            minute = dt.datetime.strptime(" ".join(line[2:18].split()), "%Y %m %d %H %M")
+            epoch = minute + dt.timedelta(microseconds=round(float(line[18:29]) * 1e6))
             continue
         sv = f"{line[0]}{int(line[1:3]):02d}"
         for k, code in enumerate(codes[line[0]]):

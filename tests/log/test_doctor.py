@@ -74,7 +74,9 @@ def test_sound_flight_is_called_sound(case: Case) -> None:
 
 def test_reversed_range_rate_sign_is_an_error(case: Case) -> None:
     case.change(4, -1.0)
-    assert "range-rate sign reversed" in texts(case.check(), "error")
+    report = case.check()
+    assert report.severity == "error"
+    assert "range-rate sign reversed" in texts(report, "error")
 
 
 def test_doppler_in_metres_per_second_is_an_error(case: Case) -> None:
@@ -113,6 +115,7 @@ def test_clock_jumps_are_counted_and_do_not_disturb_the_sign(case: Case, drift_m
 
 def test_satellite_twice_in_an_epoch_is_told(case: Case) -> None:
     case.gnss.insert(1, case.gnss[0])
+    assert case.check().severity == "warning"
     assert "1 row(s) repeat a satellite and signal within an epoch, first G05 C1C" in texts(
         case.check(), "warning"
     )

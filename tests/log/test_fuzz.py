@@ -151,9 +151,10 @@ def test_rinex_observations(path: Path, damages: list[tuple[str, float, bytes]])
 def test_flight_file(path: Path, damages: list[tuple[str, float, bytes]]) -> None:
     path.write_bytes(damaged(GOOD, damages))
     try:
-        load_toml(path, FlightConfig)
+        config = load_toml(path, FlightConfig)
     except InsGnssError:
         return
+    assert config.gps_week >= 0 and config.imu.files
 
 
 @settings(max_examples=300)

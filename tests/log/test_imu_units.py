@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from insgnss.log.imu_units import check_units
 from insgnss.tables import Event, ImuTable
 from tests.log.writing import G_MPS2, GRADE, Float64, imu_config
 
+LOG = Path("imu.csv")
 RATE_HZ = 100.0
 DEG = np.pi / 180.0
 DOWN = np.array([0.0, 0.0, G_MPS2])
@@ -36,7 +38,7 @@ def attitudes(w: Float64, start: Rotation | None = None) -> Rotation:
 
 
 def force(C_nb: Rotation, a_n: Float64) -> Float64:
-    return C_nb.inv().apply(a_n - DOWN)
+    return np.asarray(C_nb.inv().apply(a_n - DOWN), dtype=np.float64)
 
 
 def noisy(rng: np.random.Generator, w: Float64, f: Float64) -> tuple[Float64, Float64]:
@@ -65,7 +67,7 @@ def rocket(rng: np.random.Generator) -> tuple[Float64, Float64]:
 
 
 def spin_about_level_axis(rng: np.random.Generator) -> tuple[Float64, Float64]:
-    w = np.tile([20.0, 0.0, 0.0], (len(seconds(60.0)), 1))
+    w = np.tile([8.0 * np.pi, 0.0, 0.0], (len(seconds(60.0)), 1))  # whole turns in each window
     tilt = Rotation.from_euler("y", 6.0 * DEG)  # the axial part of g is 1.02 m/s^2
     return noisy(rng, w, force(attitudes(w, tilt), np.zeros_like(w)))
 
@@ -108,13 +110,26 @@ def stiff_car(rng: np.random.Generator) -> tuple[Float64, Float64]:
     return noisy(rng, w, f)
 
 
+def stiff_car_straight_on(rng: np.random.Generator) -> tuple[Float64, Float64]:
+    w, f = stiff_car(rng)
+    w[:, 2] = 0.0  # what is left: f tilts 58 times as far as the body
+    return w, f
+
+
 def handheld(rng: np.random.Generator) -> tuple[Float64, Float64]:
     t = seconds(120.0)
     w = np.column_stack([0.25 * np.sin(0.21 * t), 0.25 * np.cos(0.17 * t), 0.2 * np.sin(0.4 * t)])
     return noisy(rng, w, force(attitudes(w), 0.3 * rng.standard_normal((1, 3)) * np.sin(3.0 * t)[:, None]))
 
 
+def growing_thrust(rng: np.random.Generator) -> tuple[Float64, Float64]:
+    t = seconds(200.0)
+    zero = np.zeros_like(t)
+    return np.column_stack([zero, zero, zero]), np.column_stack([np.linspace(0.6, 1.4, len(t)), zero, zero])
+
+
 MOTIONS: list[Motion] = [
+    growing_thrust,
     at_rest,
     free_fall,
     rocket,
@@ -124,6 +139,7 @@ MOTIONS: list[Motion] = [
     coordinated_rolls,
     aerobatics,
     stiff_car,
+    stiff_car_straight_on,
     handheld,
 ]
 
@@ -134,17 +150,20 @@ def check(w: Float64, f: Float64, config: Imu, range_deg_per_s: float | None = N
     return check_units(ImuTable(t_ns, w, f), config, grade, 1e9 / RATE_HZ, "imu.csv")
 
 
+@pytest.mark.parametrize("gyro_unit", ["rad/s", "deg/s"])
+@pytest.mark.parametrize("accel_unit", ["m/s^2", "g"])
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_legitimate_motion_is_no_units_error(
-    motion: Motion, rng: np.random.Generator, tmp_path: object
+    motion: Motion, gyro_unit: str, accel_unit: str, rng: np.random.Generator
 ) -> None:
     w, f = motion(rng)
-    check(w, f, imu_config("imu.csv"))
+    events = check(w, f, imu_config(LOG, gyro_unit=gyro_unit, accel_unit=accel_unit))
+    assert {event.kind for event in events} <= {"units_suspicion"}
 
 
 @pytest.mark.parametrize("motion", [at_rest, stiff_car, handheld])
 def test_everyday_motion_gives_no_suspicion_either(motion: Motion, rng: np.random.Generator) -> None:
-    assert check(*motion(rng), imu_config("imu.csv")) == []
+    assert check(*motion(rng), imu_config(LOG)) == []
 
 
 @pytest.mark.parametrize("motion", [at_rest, stiff_car, handheld, coordinated_rolls])
@@ -168,7 +187,7 @@ def test_wrong_accelerometer_unit_is_an_error_that_names_the_right_one(
 ) -> None:
     w, f = motion(rng)
     with pytest.raises(UnitsError) as caught:
-        check(w, f * factor, imu_config("imu.csv", **declared))
+        check(w, f * factor, imu_config(LOG, **declared))
     assert fits in caught.value.advice
     assert caught.value.key == "imu.accel_unit"
 
@@ -176,7 +195,7 @@ def test_wrong_accelerometer_unit_is_an_error_that_names_the_right_one(
 def test_gyros_in_degrees_declared_as_radians_are_seen_at_rest(rng: np.random.Generator) -> None:
     w, f = at_rest(rng)
     with pytest.raises(UnitsError, match="gyro_unit = 'deg/s' fits"):
-        check(w / DEG, f, imu_config("imu.csv"))
+        check(w / DEG, f, imu_config(LOG))
 
 
 @pytest.mark.parametrize(
@@ -189,24 +208,24 @@ def test_wrong_gyro_unit_is_seen_when_the_sensor_tilts(
 ) -> None:
     w, f = handheld(rng)
     with pytest.raises(UnitsError, match=f"gyro_unit = '{fits}' fits"):
-        check(w * factor, f, imu_config("imu.csv", gyro_unit=declared))
+        check(w * factor, f, imu_config(LOG, gyro_unit=declared))
 
 
 def test_rates_beyond_twice_the_range_are_a_units_error(rng: np.random.Generator) -> None:
     w, f = coordinated_rolls(rng)
-    check(w, f, imu_config("imu.csv"), range_deg_per_s=450.0)
+    check(w, f, imu_config(LOG), range_deg_per_s=450.0)
     with pytest.raises(UnitsError, match="range"):
-        check(w / DEG, f, imu_config("imu.csv"), range_deg_per_s=450.0)
+        check(w / DEG, f, imu_config(LOG), range_deg_per_s=450.0)
 
 
 def test_strange_magnitude_at_rest_that_no_unit_explains_is_only_told(rng: np.random.Generator) -> None:
     w, f = at_rest(rng)
-    events = check(w, 0.7 * f, imu_config("imu.csv"))
+    events = check(w, 0.7 * f, imu_config(LOG))
     assert [event.kind for event in events] == ["units_suspicion"]
 
 
 def test_restless_log_in_the_wrong_unit_is_only_told(rng: np.random.Generator) -> None:
     w, f = at_rest(rng)
     f = f + 8.0 * np.repeat(rng.standard_normal((60, 3)), 100, axis=0)
-    events = check(w, f / np.median(np.linalg.norm(f, axis=1)), imu_config("imu.csv"))
+    events = check(w, f / np.median(np.linalg.norm(f, axis=1)), imu_config(LOG))
     assert [event.kind for event in events] == ["units_suspicion"]

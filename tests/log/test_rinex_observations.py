@@ -12,9 +12,11 @@ import sidereon
 
 from insgnss.errors import InputError
 from insgnss.gpstime import datetime_to_ns
+from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.rinex import read_rinex_obs
 from insgnss.tables import GnssTable
 from tests.log.rinex_oracle import observations
+from tests.log.writing import WEEK, gnss_config
 
 HEADER = """\
      3.04           OBSERVATION DATA    M: MIXED            RINEX VERSION / TYPE
@@ -159,3 +161,11 @@ def test_damaged_hatanaka_file_is_a_typed_error(tmp_path: Path) -> None:
     packed = sidereon.encode_crinex(HEADER + epoch() + epoch("43.0000000", shift=5.0))
     with pytest.raises(InputError):
         read_rinex_obs([write(tmp_path, packed[:400], "log.crx")])
+
+
+def test_flight_files_time_settings_are_told_to_be_without_use(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER + epoch())
+    plain, none = read_gnss(gnss_config(path, format="rinex", time={"offset_s": 0.5}), WEEK)
+    same, told = read_gnss(gnss_config(path, format="rinex", time={"offset_s": 0.5, "scale": "utc"}), WEEK)
+    assert np.array_equal(plain.t_ns, same.t_ns) and none == []
+    assert [event.kind for event in told] == ["time_settings_not_used"]

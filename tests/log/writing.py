@@ -16,6 +16,7 @@ WEEK = 2268
 G_MPS2 = 9.80665
 IMU_HEADER = "time_s,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
 GNSS_HEADER = "time_s,sv,signal,pseudorange_m,doppler_hz,cn0_dbhz"
+RANGE_RATES_MPS = (-600.0, -250.0, 350.0, 500.0)
 GRADE = ImuGrade(
     gyro_bias_deg_per_h=10.0,
     gyro_bias_instability_deg_per_h=3.0,
@@ -68,7 +69,7 @@ def gnss_lines(n_epochs: int = 20, satellites: Sequence[str] = ("G05", "G07", "G
     lines = []
     for k in range(n_epochs):
         for i, name in enumerate(satellites):
-            rate = -600.0 + 400.0 * i
+            rate = RANGE_RATES_MPS[i % 4]
             doppler = -rate / 0.190293672798365
             lines.append(f"{1000 + k:.3f},{name},C1C,{2.2e7 + 1e5 * i + rate * k:.3f},{doppler:.4f},45.0")
     return lines

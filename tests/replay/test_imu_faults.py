@@ -1,0 +1,177 @@
+"""Faults of the inertial log and motion beyond the ordinary: the state is right or honestly wide, and comes back."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import insgnss
+from insgnss.run import Run
+from insgnss.simulation.course import Course, smoothstep
+from insgnss.simulation.journeys import AIRFIELD
+from insgnss.simulation.simulated_log import SimulatedLog
+from insgnss.simulation.trajectory import Trajectory
+from insgnss.tables import ImuTable
+from tests.replay.scenes import (
+    START_NS,
+    START_S,
+    FlightInMemory,
+    after,
+    assert_honest,
+    assert_sound,
+    flight,
+    kinds,
+    position_error_m,
+    simulator,
+    turns,
+    without_samples,
+)
+
+
+@pytest.fixture(scope="module")
+def log() -> SimulatedLog:
+    return turns().draw(np.random.default_rng(1))
+
+
+def replayed(flown: FlightInMemory) -> Run:
+    """Return the run after the checks that hold whatever was wrong."""
+    run = insgnss.replay(flown)
+    assert_sound(run, flown)
+    return run
+
+
+# ------------------------------------------------------------------------------------------------ gaps
+
+
+@pytest.mark.parametrize("gap_s", [0.1, 1.0])
+@pytest.mark.parametrize("from_s", [25.0, 60.0])
+def test_short_gap_is_bridged_with_a_grown_sigma(log: SimulatedLog, from_s: float, gap_s: float) -> None:
+    """At 25 s the aircraft turns at 4 deg/s, at 60 s it rolls: neither is known inside the gap."""
+    run = replayed(flight(turns(), log, imu=without_samples(log.imu, from_s, from_s + gap_s)))
+    whole = replayed(flight(turns(), log))
+    assert kinds(run).count("imu_gap") == 1 and "restart" not in kinds(run)
+    at = int(np.searchsorted(run.nav["time_s"], START_S + from_s + 1.0 - 1e-6))
+    assert run.nav["sd_roll_deg"][at] > 1.5 * whole.nav["sd_roll_deg"][at]
+    assert len(run.nav) == len(whole.nav)
+    assert_honest(run, 0.0)
+
+
+def test_long_gap_starts_the_filter_anew(log: SimulatedLog) -> None:
+    run = replayed(flight(turns(), log, imu=without_samples(log.imu, 60.0, 70.0)))
+    assert kinds(run).count("start") == 2 and kinds(run).count("imu_gap") == 1
+    seconds = run.nav["time_s"] - START_S
+    assert not ((seconds > 60.5) & (seconds < 69.5)).any()
+    missing = run.measurements["time_s"].between(START_S + 60.5, START_S + 69.5)
+    assert set(run.measurements.loc[missing, "status"]) == {"no_imu"}
+    assert_honest(run, 0.0)
+
+
+def test_every_restart_finds_the_state_again(log: SimulatedLog) -> None:
+    imu = log.imu
+    for from_s in (20.0, 45.0, 70.0, 95.0):
+        imu = without_samples(imu, from_s, from_s + 6.0)
+    run = replayed(flight(turns(), log, imu=imu))
+    assert kinds(run).count("start") == 5
+    assert_honest(run, 0.0)
+    assert position_error_m(after(run, 115.0)).max() < 3.0
+
+
+def test_gnss_outside_the_inertial_log_stands_in_the_ledger(log: SimulatedLog) -> None:
+    imu = without_samples(without_samples(log.imu, -1.0, 20.0), 90.0, 999.0)
+    run = replayed(flight(turns(), log, imu=imu))
+    outside = ~run.measurements["time_s"].between(START_S + 19.5, START_S + 90.5)
+    assert set(run.measurements.loc[outside, "status"]) == {"no_imu"}
+    assert run.nav["time_s"].iloc[-1] == pytest.approx(START_S + 90.0)
+    assert_honest(run, 0.0)
+
+
+def test_rate_of_the_inertial_log_may_change_in_flight(log: SimulatedLog) -> None:
+    """From 60 s on every two samples are one: increments add, so their means are the mean."""
+    half = np.searchsorted(log.imu.t_ns, START_NS + 60 * 10**9, side="right")
+
+    def thinned(values: np.ndarray) -> np.ndarray:
+        rest = values[half:]
+        return np.concatenate([values[:half], 0.5 * (rest[0::2] + rest[1::2])])
+
+    t_ns = np.concatenate([log.imu.t_ns[:half], log.imu.t_ns[half + 1 :: 2]])
+    run = replayed(flight(turns(), log, imu=ImuTable(t_ns, thinned(log.imu.w_ib_b), thinned(log.imu.f_b))))
+    assert_honest(run, 0.0)
+
+
+# ------------------------------------------------------------------------------------------------ damaged axes
+
+
+def with_axis(log: SimulatedLog, sensor: str, axis: int, from_s: float, to_s: float) -> ImuTable:
+    """Return the inertial log with one axis stuck at the value it has at ``from_s``."""
+    values = getattr(log.imu, sensor).copy()
+    t = (log.imu.t_ns - START_NS) / 1e9
+    stuck = np.flatnonzero((t >= from_s) & (t < to_s))
+    values[stuck, axis] = values[stuck[0], axis]
+    return dataclasses.replace(log.imu, **{sensor: values})
+
+
+@pytest.mark.parametrize(
+    ("sensor", "axis"), [("w_ib_b", 0), ("w_ib_b", 2), ("f_b", 0), ("f_b", 2)], ids=["p", "r", "f_x", "f_z"]
+)
+def test_filter_recovers_from_an_axis_stuck_for_ten_seconds(log: SimulatedLog, sensor: str, axis: int) -> None:
+    """The state may be wrong while the axis lies; 45 s after, with all satellites in view, it must be right again."""
+    run = replayed(flight(turns(), log, imu=with_axis(log, sensor, axis, 50.0, 60.0)))
+    assert_honest(run, 105.0)
+    assert position_error_m(after(run, 105.0)).max() < 3.0
+
+
+@pytest.mark.parametrize("sensor", ["w_ib_b", "f_b"])
+def test_single_sample_spike_is_recovered_from(log: SimulatedLog, sensor: str) -> None:
+    """500 m/s^2 for 10 ms are 5 m/s, 20 rad/s are 11 deg: far outside any sigma."""
+    values = getattr(log.imu, sensor).copy()
+    values[6000, 0] += 500.0 if sensor == "f_b" else 20.0
+    run = replayed(flight(turns(), log, imu=dataclasses.replace(log.imu, **{sensor: values})))
+    assert "reset" in kinds(run) or "restart" in kinds(run)
+    assert_honest(run, 105.0)
+
+
+@pytest.mark.parametrize(("sensor", "limit"), [("w_ib_b", 0.05), ("f_b", 10.5)])
+def test_saturated_sensor_keeps_the_position_within_reach_of_the_satellites(
+    log: SimulatedLog, sensor: str, limit: float
+) -> None:
+    """Clipped in every turn for two minutes no attitude can be right; the satellites still bound the position."""
+    clipped = np.clip(getattr(log.imu, sensor), -limit, limit)
+    run = replayed(flight(turns(), log, imu=dataclasses.replace(log.imu, **{sensor: clipped})))
+    assert "reset" in kinds(run)
+    assert position_error_m(after(run, 0.0)).max() < 300.0
+
+
+# ------------------------------------------------------------------------------------------------ violent motion
+
+
+def test_launch_of_100_g_is_followed() -> None:
+    """1850 m/s within 3.5 s: scale factors of 100 ppm alone make 0.2 m/s, which the process noise must cover."""
+    course = Course(50.0).hold(10.0).change_speed(1900.0, 3.5).hold(5.0).change_speed(400.0, 10.0)
+    course.hold(20.0).turn(60.0, 45.0).hold(10.0)
+    base = simulator(course.lay(*AIRFIELD, 10.0, knot_s=0.02), course.clock_s, imu_rate_hz=200.0)
+    drawn = base.draw(np.random.default_rng(1))
+    assert np.abs(drawn.imu.f_b).max() > 980.0
+    run = replayed(flight(base, drawn))
+    assert "reset" not in kinds(run)
+    assert_honest(run, 0.0)
+
+
+def spinning(rate_degps: float, duration_s: float) -> Trajectory:
+    """Return a straight flight that begins to roll at 20 s and rolls at the full rate from 30 s on."""
+    straight = Course(200.0).hold(duration_s).lay(*AIRFIELD, 10.0, knot_s=0.1)
+    t = np.arange(straight.first_s, straight.last_s, 0.005)
+    rate = np.radians(rate_degps) * smoothstep((t - 20.0) / 10.0)
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    motion = straight.motion(t)
+    roll = Rotation.from_rotvec(np.outer(angle, [1.0, 0.0, 0.0]))
+    return Trajectory.from_knots(t, motion.r_e, Rotation.from_matrix(motion.C_eb) * roll)
+
+
+@pytest.mark.parametrize("rate_degps", [360.0, 1000.0])
+def test_spin_is_followed(rate_degps: float) -> None:
+    run = replayed(flight(simulator(spinning(rate_degps, 60.0), 60.0, imu_rate_hz=400.0)))
+    assert "reset" not in kinds(run)
+    assert_honest(run, 0.0)
