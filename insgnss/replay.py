@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 import platform
 import time
 from collections.abc import Callable
@@ -16,8 +17,8 @@ import pandas as pd
 from insgnss.comparison import errors_against
 from insgnss.library import filter_config
 from insgnss.config.filter import FilterConfig
-from insgnss.constants import NS_PER_S
-from insgnss.errors import StartError
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import ConfigError, StartError
 from insgnss.fusion.loop import Imu, run_to
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, new_output
@@ -173,14 +174,23 @@ def restart_event(last_ns: int, next_ns: int) -> Event:
 
 
 def output_times(t_ns: Int64, output: OutputRate) -> Int64:
-    """Return the output times: none for one row per epoch, every sample, or whole multiples of the given period."""
+    """Return the output times: none for one row per epoch, every sample, or whole multiples of the given period.
+
+    Raises
+    ------
+    ConfigError : ``output`` is neither "gnss" nor "imu" nor a positive rate [Hz]
+    """
     if output == "gnss":
         return np.zeros(0, np.int64)
     if output == "imu":
         return t_ns
-    period = NS_PER_S / float(output)
-    first = int(np.ceil(t_ns[0] / period))
-    return np.rint(np.arange(first, int(t_ns[-1] / period) + 1) * period).astype(np.int64)
+    if isinstance(output, str) or not 0.0 < output < math.inf:
+        raise ConfigError(f"{output!r} is no output rate", advice="give 'gnss', 'imu' or a rate in Hz")
+    period = NS_PER_S / output
+    # counted from the start of the GPS week: of all GPS time a double would hold only 256 ns
+    origin = int(t_ns[0]) // NS_PER_WEEK * NS_PER_WEEK
+    first, last = math.ceil((int(t_ns[0]) - origin) / period), math.floor((int(t_ns[-1]) - origin) / period)
+    return origin + np.rint(np.arange(first, last + 1) * period).astype(np.int64)
 
 
 def _mark_without_imu(out: Output, rows: Rows, covered: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:

@@ -3,6 +3,8 @@
 A plain weighted fit is tested by its chi-square (false alarm 1e-4). If it fails, ``robust_fit`` searches for the
 largest agreeing set. With n rows and p unknowns up to (n - p) / 2 rows are given up, and one redundant row must
 remain, else the epoch is inconsistent: five satellites and four unknowns show a fault without telling which.
+
+The steps are compiled, the decisions between them are not: the search's compilation waits for the first bad epoch.
 """
 
 from __future__ import annotations
@@ -29,7 +31,6 @@ from insgnss.gnss.least_squares import (
     workspace,
 )
 from insgnss.gnss.robust_fit import search
-from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 SOLVED: Final = 0  # and tested: there is redundancy
@@ -39,7 +40,6 @@ BAD_GEOMETRY: Final = 3  # singular, or dilution of precision beyond the limit
 INCONSISTENT: Final = 4  # rows contradict each other and no agreeing set is large enough
 
 
-@kernel
 def _drop_unusable(rows: FitRows, use: Bool) -> None:
     """Clear ``use`` where a row cannot be computed with."""
     columns = 6 if rows.kind == RANGE_RATE else 3
@@ -50,7 +50,6 @@ def _drop_unusable(rows: FitRows, use: Bool) -> None:
         use[k] = use[k] and good
 
 
-@kernel
 def _forget_clocks(rows_of: Int64, x: Float64, P: Float64) -> None:
     """Make the clocks without a row, and their covariances, NaN."""
     for j in range(3, len(x)):
@@ -61,7 +60,6 @@ def _forget_clocks(rows_of: Int64, x: Float64, P: Float64) -> None:
                 P[j, i] = math.nan
 
 
-@kernel
 def _agreeing(
     rows: FitRows, use: Bool, start: Float64, work: Workspace, x: Float64, P: Float64
 ) -> tuple[int, float]:
@@ -87,7 +85,6 @@ def _agreeing(
     return SOLVED if enough and total <= chi_square_limit(kept - left) else INCONSISTENT, total
 
 
-@kernel
 def _dilution(rows: FitRows, use: Bool, P: Float64) -> float:
     """Return the dilution of precision of the three components and the first clock in use.
 
@@ -102,7 +99,6 @@ def _dilution(rows: FitRows, use: Bool, P: Float64) -> float:
     return math.sqrt((P[0, 0] + P[1, 1] + P[2, 2] + P[clock, clock]) * weight / count(use))
 
 
-@kernel
 def _finish(
     rows: FitRows, use: Bool, gdop_limit: float, status: int, total: float, x: Float64, P: Float64
 ) -> int:
@@ -123,7 +119,6 @@ def _finish(
     return status
 
 
-@kernel
 def point_position(
     sat: Float64,
     pseudorange: Float64,
@@ -160,7 +155,6 @@ def point_position(
     return _finish(rows, use, gdop_limit, status, total, x, P)
 
 
-@kernel
 def point_velocity(
     sat: Float64,
     range_rate: Float64,

@@ -71,7 +71,6 @@ def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.
         sigma = np.sqrt(np.diag(dense.P[0]))
         of_P.append(np.max(np.abs(bank.P[0] - dense.P[0]) / np.outer(sigma, sigma)))
     summed = np.abs(np.cumsum(apart, axis=0))
-    print(np.max(np.abs(apart), axis=0), np.max(summed, axis=0), max(of_P))
     assert np.all(out.ledger["status"] == USED)
     assert np.max(summed[:, DR : DR + 3]) < 1e-9
     assert np.max(summed[:, [CLOCK]]) < 1e-9
@@ -89,7 +88,6 @@ def test_covariance_of_a_ten_hour_run_is_symmetric_and_positive_throughout(rng: 
         assert code == DONE
         assert np.array_equal(t.bank.P[0], t.bank.P[0].T)
         smallest.append(smallest_eigenvalue(t.bank.P[0]))
-    print(min(smallest), smallest[0], smallest[-1], np.sqrt(np.diag(t.bank.P[0])))
     assert min(smallest) > 0
     assert np.mean(out.ledger["status"] == USED) > 0.999
     assert np.linalg.norm(t.bank.state["r_e"][0] - truth) < 4.0 * np.sqrt(np.trace(t.bank.P[0, :3, :3]))
@@ -128,7 +126,6 @@ def test_biases_without_process_noise_are_learnt_without_end(rng: np.random.Gene
 
     assert np.all(np.diff(sigmas, axis=0) < 0.0)
     errors = np.concatenate([t.bank.state["b_a"][0], t.bank.state["b_g"][0]])
-    print(sigmas[-1], errors)
     assert np.all(np.abs(errors) < 4.0 * sigmas[-1])
 
 
