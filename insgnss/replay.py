@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import itertools
 import math
 import platform
 import time
@@ -15,7 +16,6 @@ import numpy as np
 import pandas as pd
 
 from insgnss.comparison import errors_against
-from insgnss.library import filter_config
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, StartError
@@ -25,6 +25,7 @@ from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.setup import FilterSetup, clock_groups
 from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import event_table, measurement_table, nav_table, satellite_table
 from insgnss.run import Run
@@ -155,7 +156,7 @@ def stretches(t_ns: Int64, restart_s: float) -> list[tuple[int, int]]:
     """Return (first, last) of the unbroken stretches of samples."""
     cuts = np.flatnonzero(np.diff(t_ns) > restart_s * NS_PER_S) + 1
     edges = [0, *cuts.tolist(), len(t_ns)]
-    return [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 2]
+    return [(a, b) for a, b in itertools.pairwise(edges) if b - a >= 2]
 
 
 def gap_events(t_ns: Int64, longest_s: float) -> list[Event]:
@@ -184,13 +185,17 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
         return np.zeros(0, np.int64)
     if output == "imu":
         return t_ns
-    if isinstance(output, str) or not 0.0 < output < math.inf:
+    try:
+        rate_hz = float(output)
+    except (TypeError, ValueError):
+        rate_hz = math.nan
+    if not 0.0 < rate_hz < math.inf:
         raise ConfigError(f"{output!r} is no output rate", advice="give 'gnss', 'imu' or a rate in Hz")
-    period = NS_PER_S / output
+    period = NS_PER_S / rate_hz
     # counted from the start of the GPS week: of all GPS time a double would hold only 256 ns
     origin = int(t_ns[0]) // NS_PER_WEEK * NS_PER_WEEK
     first, last = math.ceil((int(t_ns[0]) - origin) / period), math.floor((int(t_ns[-1]) - origin) / period)
-    return origin + np.rint(np.arange(first, last + 1) * period).astype(np.int64)
+    return np.asarray(origin + np.rint(np.arange(first, last + 1) * period).astype(np.int64))
 
 
 def _mark_without_imu(out: Output, rows: Rows, covered: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+import pyarrow.csv
 
 from insgnss.errors import ResultError
 
@@ -80,7 +81,7 @@ class Run:
             if parquet.exists():
                 tables[name] = pd.read_parquet(parquet)
             elif csv.exists():
-                tables[name] = _categories(pd.read_csv(csv, float_precision="round_trip"))
+                tables[name] = _from_csv(csv)
             elif name == "errors":
                 tables[name] = None
             else:
@@ -136,9 +137,14 @@ class Run:
         return pd.DataFrame.from_dict(rows, orient="index")
 
 
-def _categories(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table read from CSV with its words as categories, as the Parquet form has them."""
-    for name in ("sv", "signal", "kind", "status", "state"):
-        if name in table.columns and "detail" not in table.columns:
-            table[name] = table[name].astype("category")
+def _from_csv(path: Path) -> pd.DataFrame:
+    """Return a table that was saved as CSV: numbers to the last bit, words as the Parquet form has them."""
+    options = pyarrow.csv.ParseOptions(newlines_in_values=True)
+    table: pd.DataFrame = pyarrow.csv.read_csv(path, parse_options=options).to_pandas()
+    words = ("kind", "detail") if "detail" in table.columns else ("sv", "signal", "kind", "status", "state")
+    for name in table.columns:
+        if name in words:
+            table[name] = table[name].astype("str" if "detail" in words else "category")
+        else:  # whole numbers are counts only where the name says so
+            table[name] = table[name].astype("int64" if name.startswith("n_") else "float64")
     return table

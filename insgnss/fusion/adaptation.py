@@ -14,7 +14,7 @@ from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS, Epoch, pred
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import DRIFT, OFFSETS, StateRecord
-from insgnss.jit import kernel
+from insgnss.jit import inlined
 from insgnss.status import USED
 from insgnss.tables import Float64
 
@@ -24,7 +24,7 @@ _REST_SPEED_MPS: Final = 0.7  # slower than a walk
 _LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
 
 
-@kernel
+@inlined
 def residual_ratio(P: Float64, s: Epoch, kind: int, n_rows: int, correction: Float64, factor: float) -> float:
     """Return the mean of (residual^2 + h P+ h^T) / r over the used rows of one kind; ``factor`` when they are too few.
 
@@ -54,7 +54,7 @@ def residual_ratio(P: Float64, s: Epoch, kind: int, n_rows: int, correction: Flo
     return factor * total / used if used >= _LEAST_ROWS else factor
 
 
-@kernel
+@inlined
 def adapt_noise(
     m: StateRecord, P: Float64, par: Parameters, s: Epoch, n_rows: int, t_ns: int, drift_variance: float
 ) -> None:
@@ -89,7 +89,7 @@ def adapt_noise(
         m.noise_factor[2] = bounded(m.noise_factor[2] * (1.0 + gain * (ratio - 1.0)), par)
 
 
-@kernel
+@inlined
 def bounded(factor: float, par: Parameters) -> float:
     """Return the factor within the bounds of the settings."""
     return float(min(max(factor, par.adapt_least), par.adapt_most))

@@ -14,7 +14,7 @@ from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.gnss.observation_rows import Rows
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
@@ -84,19 +84,19 @@ def update_epoch(
     )
 
 
-@kernel
+@inlined
 def gate2_of(par: Parameters, kind: int) -> float:
     """Return the squared gate of a kind."""
     return float(par.range_gate2 if kind == 0 else par.rate_gate2)
 
 
-@kernel
+@inlined
 def smallest_step(par: Parameters, kind: int) -> float:
     """Return the smallest common step that counts as the clock's: of the bias [m] or of the drift [m/s]."""
     return float(par.clock_jump_min if kind == 0 else _SMALLEST_DRIFT_STEP_MPS)
 
 
-@kernel
+@inlined
 def noted(done: Outcome, kind: int, used: int, refused: int, step: float) -> Outcome:
     """Return the outcome with the numbers of one kind in it."""
     if kind == 0:
@@ -104,7 +104,7 @@ def noted(done: Outcome, kind: int, used: int, refused: int, step: float) -> Out
     return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step)
 
 
-@kernel
+@inlined
 def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread: float) -> float:
     """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
 
@@ -125,7 +125,7 @@ def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread:
     return total
 
 
-@kernel
+@inlined
 def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
 

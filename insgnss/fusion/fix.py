@@ -13,10 +13,10 @@ from insgnss.fusion.measurements import kind_variance
 from insgnss.fusion.parameters import Parameters
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight_range
+from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.point_solution import INCONSISTENT, SOLVED, UNCHECKED, point_position, point_velocity
-from insgnss.gnss.range_model import path_delay
+from insgnss.gnss.range_model import AIR_DTYPE, place_air, slant_delay
 from insgnss.status import USED
 from insgnss.tables import Float64, Int64
 
@@ -104,8 +104,9 @@ def _corrections(
     lat, lon, h = ecef_to_geodetic(r_a)
     C_ne = np.zeros((3, 3))
     ecef_to_ned_matrix(lat, lon, C_ne)
-    C_en = np.ascontiguousarray(C_ne.T)
     week_s = (t_ns % NS_PER_WEEK) / NS_PER_S
+    air = np.zeros(1, AIR_DTYPE)
+    place_air(air[0], lat, lon, h, week_s, par.use_troposphere)
     k = len(index)
     delay, variance, visible = np.zeros(k), np.ones((2, k)), np.zeros(k, np.bool_)
     u = np.zeros(3)
@@ -114,19 +115,16 @@ def _corrections(
         if row.no_satellite:
             continue
         line_of_sight_range(rows.sat, i, r_a, u)
-        azimuth, elevation = azimuth_elevation(u, C_en)
-        visible[j] = math.sin(elevation) >= par.sine_mask and not row.cn0 < par.cn0_mask
-        ionosphere = row.ionosphere_factor * par.use_ionosphere
-        delay[j] = path_delay(
-            rows.klobuchar, lat, lon, h, azimuth, elevation, week_s, ionosphere, par.use_troposphere
-        )
-        variance[:, j] = _variances(row, elevation, par)
+        u_n = C_ne @ u
+        sine = float(-u_n[2])
+        visible[j] = sine >= par.sine_mask and not row.cn0 < par.cn0_mask
+        delay[j] = slant_delay(air[0], rows.klobuchar, u_n, row.ionosphere_factor * par.use_ionosphere)
+        variance[:, j] = _variances(row, sine, par)
     return delay, variance, visible
 
 
-def _variances(row: np.record, elevation: float, par: Parameters) -> tuple[float, float]:
+def _variances(row: np.record, sine: float, par: Parameters) -> tuple[float, float]:
     """Return the variances of a row's pseudorange and range rate."""
-    sine = math.sin(elevation)
     of_range = (par.range_floor2, par.range_elevation2, par.range_cn02, par.range_missing_thermal)
     of_rate = (par.rate_floor2, par.rate_elevation2, par.rate_cn02, par.rate_missing_thermal)
     return (

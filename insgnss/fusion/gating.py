@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from insgnss.fusion.measurements import Epoch
-from insgnss.jit import kernel
+from insgnss.jit import inlined
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
@@ -17,7 +17,7 @@ _AGREEMENT = 2.0 / 3.0  # share of the rows that must show the same step before 
 _STEP_SPREAD_SIGMA = 5.0
 
 
-@kernel
+@inlined
 def median_of(values: Float64, n: int) -> float:
     """Return the median of the first ``n`` entries, which are sorted in place (by insertion: an epoch is short)."""
     for i in range(1, n):
@@ -30,7 +30,7 @@ def median_of(values: Float64, n: int) -> float:
     return float(0.5 * (values[(n - 1) // 2] + values[n // 2]))
 
 
-@kernel
+@inlined
 def common_step(s: Epoch, kind: int, n_rows: int, smallest: float, clock_variance: float) -> float:
     """Return the step [m or m/s] that the innovations of an epoch share and only a clock can make; 0 if there is none.
 
@@ -63,7 +63,7 @@ def common_step(s: Epoch, kind: int, n_rows: int, smallest: float, clock_varianc
     return step if agree >= max(2, _AGREEMENT * n) else 0.0
 
 
-@kernel
+@inlined
 def absorb_clock_step(
     clock: Float64, P: Float64, s: Epoch, kind: int, n_rows: int, column: int, step: float
 ) -> None:
@@ -86,7 +86,7 @@ def absorb_clock_step(
     P[column, column] = new
 
 
-@kernel
+@inlined
 def gate_rows(s: Epoch, kind: int, n_rows: int, gate2: float) -> tuple[int, int]:
     """Mark the rows whose normalised innovation squared is above ``gate2``; return how many passed and how many not.
 

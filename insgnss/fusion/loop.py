@@ -28,7 +28,7 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, carry, new_scratch, predict_covariance
 from insgnss.fusion.state import PSI, Bank, StateRecord, new_bank
 from insgnss.gnss.observation_rows import Rows
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
 
 # why the loop stopped
@@ -103,7 +103,7 @@ def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scr
     head.next = k_end
 
 
-@kernel
+@inlined
 def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
     """Write a navigation row at ``t_ns`` from a copy of the leader."""
     head = bank.head[0]
@@ -135,7 +135,7 @@ def copy_matrix(source: Float64, target: Float64) -> None:
             target[i, j] = source[i, j]
 
 
-@kernel
+@inlined
 def current_sample(bank: Bank, imu: Imu) -> int:
     """Return the index of the inertial sample whose rate holds at the bank's time."""
     k = bank.head[0].next
@@ -191,7 +191,7 @@ def run_epochs(
     return DONE, last
 
 
-@kernel
+@inlined
 def mostly(used: int, refused: int) -> bool:
     """Return whether most rows of a kind, and at least three, were refused by the gate."""
     return refused > used and refused >= 3
@@ -229,7 +229,7 @@ def superfluous(bank: Bank, i: int, drop: float) -> bool:
     return False
 
 
-@kernel
+@inlined
 def thins_out(bank: Bank, drop: float) -> bool:
     """Return whether the bank holds a hypothesis that can go."""
     n = bank.state.shape[0]
@@ -251,7 +251,7 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
         write_between(bank, stop_ns, imu, par, out, work)
 
 
-@kernel
+@inlined
 def positive(m: StateRecord, P: Float64) -> bool:
     """Return whether every variance is a positive finite number and the state is finite."""
     for i in range(P.shape[0]):
@@ -260,7 +260,7 @@ def positive(m: StateRecord, P: Float64) -> bool:
     return math.isfinite(m.r_e[0] + m.r_e[1] + m.r_e[2] + m.v_e[0] + m.q_eb[0])
 
 
-@kernel
+@inlined
 def update_bank(
     bank: Bank, epoch: int, rows: Rows, w_ib_b: Float64, par: Parameters, out: Output, work: Workspace
 ) -> Outcome:
@@ -289,7 +289,7 @@ def update_bank(
     return done
 
 
-@kernel
+@inlined
 def note_outage(out: Output, t_ns: int, used: int) -> None:
     """Write an event when the measurements stop and when they are back."""
     since = out.count[0].silent_since
@@ -301,7 +301,7 @@ def note_outage(out: Output, t_ns: int, used: int) -> None:
         log_event(out, t_ns, np.int64(MEASUREMENTS_BACK), (t_ns - since) * 1e-9)
 
 
-@kernel
+@inlined
 def normalise_weights(bank: Bank) -> None:
     """Make the weights sum to one and name the heaviest hypothesis the leader."""
     state = bank.state

@@ -23,7 +23,7 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
 from insgnss.gnss.observation_rows import Observation, Rows
 from insgnss.gnss.range_model import AIR_DTYPE, place_air, slant_delay
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, USED
 from insgnss.tables import Float64
 
@@ -87,7 +87,7 @@ def new_epoch(k: int, n: int) -> Epoch:
     return Epoch(np.zeros(k, LINE_DTYPE), np.zeros(1, ANTENNA_DTYPE), np.zeros(1, AIR_DTYPE), np.zeros((4, max(k, n))))
 
 
-@kernel
+@inlined
 def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) -> None:
     """Write antenna position and velocity at the instant of reception, and where that is.
 
@@ -109,7 +109,7 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) 
         a.r_a[i] = m.r_e[i] + a.l_e[i] - a.v_a[i] * late
 
 
-@kernel
+@inlined
 def range_row(a: Antenna, h: Float64) -> None:
     """Write the row of H of a pseudorange: -u, (u x l_e), clock 1."""
     u, l_e = a.u, a.l_e
@@ -120,7 +120,7 @@ def range_row(a: Antenna, h: Float64) -> None:
     h[6] = 1.0
 
 
-@kernel
+@inlined
 def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
     """Write the row of H of a range rate.
 
@@ -174,7 +174,7 @@ def observe(
                 line.predicted[1] = predicted_variance(P, line.h_rate, RATE_COLUMNS)
 
 
-@kernel
+@inlined
 def observe_row(
     m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, s: Epoch, line: Line
 ) -> None:
@@ -206,7 +206,7 @@ def observe_row(
         rate_row(m, par, a, line.h_rate)
 
 
-@kernel
+@inlined
 def mask_row(par: Parameters, sine: float, cn0: float, line: Line) -> None:
     """Refuse both kinds of a row that stands too low or is too weak."""
     refused = USED
@@ -220,7 +220,7 @@ def mask_row(par: Parameters, sine: float, cn0: float, line: Line) -> None:
                 line.status[kind] = refused
 
 
-@kernel
+@inlined
 def kind_variance(
     stated: float, sine: float, thermal: float, floor2: float, elevation2: float, cn02: float, missing: float
 ) -> float:

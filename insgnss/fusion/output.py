@@ -14,7 +14,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import Rows
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
 
 _AXES = ("x", "y", "z")
@@ -128,7 +128,7 @@ def log_event(out: Output, t_ns: int, kind: int, a: float) -> None:
     out.count[0].events = i + 1
 
 
-@kernel
+@inlined
 def write_ledger(ledger: Table, rows: Rows, epoch: int, s: Epoch) -> None:
     """Write an epoch's entries from the work space."""
     first = rows.first[epoch]
@@ -146,7 +146,7 @@ def write_ledger(ledger: Table, rows: Rows, epoch: int, s: Epoch) -> None:
                 entry.variance[kind] = line.predicted[kind] + line.variance[kind]
 
 
-@kernel
+@inlined
 def rotated_variances(P: Float64, at: int, C: Float64, out: Float64, to: int) -> None:
     """Write the three standard deviations of the block at ``at``, turned by ``C``, from ``to`` on."""
     for i in range(3):
@@ -157,7 +157,7 @@ def rotated_variances(P: Float64, at: int, C: Float64, out: Float64, to: int) ->
         out[to + i] = math.sqrt(max(total, 0.0))
 
 
-@kernel
+@inlined
 def attitude_deviations(P: Float64, C_ne: Float64, pitch: float, yaw: float, out: Float64, to: int) -> None:
     """Write the standard deviations of roll, pitch and yaw [deg] from ``to`` on.
 
@@ -216,7 +216,7 @@ def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n
         row.offsets[i] = m.offsets[i]
 
 
-@kernel
+@inlined
 def mixture_covariance(bank: Bank, P: Float64) -> None:
     """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).
 
@@ -240,7 +240,7 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
                 P[a, b] += weight * (bank.P[i, a, b] + d[a] * d[b])
 
 
-@kernel
+@inlined
 def attitude_difference(q: Float64, q_lead: Float64, d: Float64) -> None:
     """Write the rotation vector [rad] that turns the leader's attitude into ``q`` at PSI of ``d``."""
     # q (x) conj(q_lead)

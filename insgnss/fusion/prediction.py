@@ -27,7 +27,7 @@ from insgnss.fusion.state import (
 from insgnss.inertial.error_dynamics import apply_transition, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
 
 
@@ -100,7 +100,7 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
     clear_sums(m)
 
 
-@kernel
+@inlined
 def clear_sums(m: StateRecord) -> None:
     """Set the sums of the covariance's step to zero."""
     m.sum_dt = 0.0
@@ -112,7 +112,7 @@ def clear_sums(m: StateRecord) -> None:
             m.sum_C[i, j] = 0.0
 
 
-@kernel
+@inlined
 def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float) -> None:
     """Add half of the step's process noise to the diagonal of the covariance."""
     half = 0.5 * dt
@@ -127,7 +127,7 @@ def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float) -> No
         P[i, i] += half * par.offset_density
 
 
-@kernel
+@inlined
 def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Rates) -> None:
     """Move the state by ``dt`` [s] with the effective ``rates`` and add to the sums of the covariance.
 
@@ -159,7 +159,7 @@ def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Ra
     m.sum_dt += dt
 
 
-@kernel
+@inlined
 def load_rates(
     m: StateRecord, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, par: Parameters, s: Rates
 ) -> float:

@@ -1,7 +1,7 @@
 """Normal gravity of WGS-84: Somigliana on the ellipsoid, and the same field at any height in ECEF.
 
-The compiled field is the normal field's even zonal series: on the ellipsoid it is Somigliana's formula to 1e-8 m/s^2, and
-unlike the usual second-order height term (wrong by 0.9 m/s^2 at 2000 km) it stays right at any height.
+The compiled field is the normal field's even zonal series: on the ellipsoid it is Somigliana's formula to 2e-9 m/s^2,
+and unlike the usual second-order height term (wrong by 0.9 m/s^2 at 2000 km) it stays right at any height.
 """
 
 from __future__ import annotations

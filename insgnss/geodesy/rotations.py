@@ -103,7 +103,7 @@ def matrix_to_euler(C: Float64) -> tuple[float, float, float]:
 
 @kernel
 def turn_left(q: Float64, x: float, y: float, z: float) -> None:
-    """Turn ``q`` (4,) in place by the rotation vector (x, y, z) [rad] in its target frame: q <- dq (x) q, renormalised."""
+    """Turn ``q`` (4,) by the rotation vector (x, y, z) [rad] of its target frame: q <- dq (x) q, of length one."""
     a0, a1, a2, a3 = rotation_vector_quaternion(x, y, z)
     p0, p1, p2, p3 = q[0], q[1], q[2], q[3]
     r0 = a0 * p0 - a1 * p1 - a2 * p2 - a3 * p3

@@ -28,10 +28,11 @@ def _mean_in_last_axes(step_s: Float64, w: Float64, f: Float64) -> Float64:
     C = np.eye(3)
     total = np.zeros(3)
     for dt, w_k, f_k in zip(step_s[::-1], w[::-1], f[::-1], strict=True):
-        total += dt * (C @ f_k)
-        # C takes the axes before the sample to the last ones: exp(-[phi x]) to second order, enough to level coarsely
         x, y, z = dt * w_k
         phi = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        # a mean stands in the axes of mid-interval: half of the turn on to those of its end
+        total += dt * (C @ (f_k - 0.5 * phi @ f_k))
+        # C takes the axes before the sample to the last ones: exp(-[phi x]) to second order, enough to level coarsely
         C = C @ (np.eye(3) - phi + 0.5 * phi @ phi)
     return np.asarray(total / step_s.sum())
 

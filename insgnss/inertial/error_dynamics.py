@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64
 
 
@@ -37,14 +37,15 @@ class Step(NamedTuple):
     keep_g: float  # of the gyro bias
 
 
-@kernel
+@inlined
 def transition_step(
     dt: float, f0: float, f1: float, f2: float, r_e: Float64, time_a: float, time_g: float
 ) -> Step:
     """Return the numbers of a step of ``dt`` [s] in which the specific force adds (f0, f1, f2) [m/s] in ECEF.
 
     Equation: dg/dr = -GM/r^3 (I - 3 u u^T) + w_ie^2 diag(1, 1, 0), u = r/|r|
-    Neglects: the gradient of J2, 0.3 % of the gradient, which itself adds 1e-6 of the position error per s^2.
+    Neglects: the gradient of J2, at most 0.7 % (poles) of the gradient, which itself adds 3e-6 of the position error
+    per s^2.
     """
     x, y, z = r_e[0], r_e[1], r_e[2]
     inv_r2 = 1.0 / (x * x + y * y + z * z)
@@ -93,7 +94,7 @@ def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
     position_and_bias_rows(s, A, B)
 
 
-@kernel
+@inlined
 def attitude_rows(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
     """Write psi - w_ie dt x psi - C db_g dt."""
     turn = (s.w, -s.w, 0.0)
@@ -104,7 +105,7 @@ def attitude_rows(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
             B[6 + i, j] = A[6 + i, j] + w * A[other, j] - (c0 * A[12, j] + c1 * A[13, j] + c2 * A[14, j])
 
 
-@kernel
+@inlined
 def velocity_row(
     i: int, other: int, coriolis: float, g: tuple[float, float, float], C_dt: Float64, A: Float64, B: Float64
 ) -> None:
@@ -117,7 +118,7 @@ def velocity_row(
         B[3 + i, j] -= c0 * A[9, j] + c1 * A[10, j] + c2 * A[11, j]
 
 
-@kernel
+@inlined
 def add_specific_force(i: int, a: int, b: int, f_a: float, f_b: float, A: Float64, B: Float64) -> None:
     """Subtract f dt x psi at mid-step from velocity row ``i``."""
     half_a, half_b = 0.5 * f_a, 0.5 * f_b
@@ -125,7 +126,7 @@ def add_specific_force(i: int, a: int, b: int, f_a: float, f_b: float, A: Float6
         B[3 + i, j] -= half_a * (A[6 + b, j] + B[6 + b, j]) - half_b * (A[6 + a, j] + B[6 + a, j])
 
 
-@kernel
+@inlined
 def position_and_bias_rows(s: Step, A: Float64, B: Float64) -> None:
     """Write dr + dv dt with the velocity at mid-step, the decaying biases and the clock."""
     n = A.shape[0]

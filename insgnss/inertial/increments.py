@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from insgnss.jit import kernel
+from insgnss.jit import inlined
 from insgnss.tables import Float64
 
 
-@kernel
+@inlined
 def effective_rates(
     w: Float64,
     f: Float64,

@@ -1,4 +1,4 @@
-"""Strapdown mechanization in ECEF: attitude, velocity and position over one interval of constant effective rates, compiled."""
+"""Strapdown mechanization in ECEF: attitude, velocity, position over an interval of constant rates, compiled."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import math
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_vector_quaternion
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64
 
 
-@kernel
+@inlined
 def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, float]:
     """Return a = (1 - cos phi)/phi^2 and b = (phi - sin phi)/phi^3 of the rotation vector's length phi [rad].
 
-    They turn a specific force that is constant in a turning body into the velocity increment in the starting body frame:
+    They turn a specific force that is constant in a turning body into the velocity increment in its starting frame:
     dv = (I + a [phi x] + b [phi x]^2) f dt.
     """
     p2 = phi_x * phi_x + phi_y * phi_y + phi_z * phi_z
@@ -27,9 +27,9 @@ def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, 
     return (1.0 - math.cos(p)) / p2, (p - math.sin(p)) / (p2 * p)
 
 
-@kernel
+@inlined
 def turn_attitude(q_eb: Float64, C_eb: Float64, w: Float64, dt: float) -> None:
-    """Turn ``q_eb`` (4,) and ``C_eb`` (3, 3) over ``dt`` [s] with the body's rate ``w`` = w_ib_b [rad/s] and the Earth's.
+    """Turn ``q_eb`` (4,) and ``C_eb`` (3, 3) over ``dt`` [s] by the body's rate ``w`` = w_ib_b [rad/s] and the Earth's.
 
     Equation: q_eb <- dq(-w_ie dt) (x) q_eb (x) dq(w_ib dt), exact for constant rates.
     """
@@ -69,9 +69,10 @@ def mechanize(
 ) -> None:
     """Carry attitude, velocity and position over ``dt`` with constant effective body rates.
 
-    Equation: v' = C_eb f_b + g(r_e) - 2 w_ie x v_e,  r' = v_e  [Groves 2013, 5.2]; gravity and Coriolis at mid-interval,
-              position by the mean velocity
-    Neglects: third order in dt of the gravity and Coriolis change, 1e-9 m per step at 8 km/s and 10 ms.
+    Equation: v' = C_eb f_b + g(r_e) - 2 w_ie x v_e,  r' = v_e  [Groves 2013, 5.2]; gravity and Coriolis at
+              mid-interval, position by the mean velocity
+    Neglects: third order in dt: |w x f| dt^3 / 12 of position per step, bounded in sum; 0.3 mm in an hour of an orbit
+              at 7 km/s and 10 ms.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The 17-state filter once more, dense: filterpy's EKF over matrices written down from the equations of the error state.
+"""The 17-state filter once more, dense: filterpy's EKF over matrices written down from the error state's equations.
 
-Only the strapdown mechanization and the coning terms are the package's own; dynamics, process noise, measurements, their
-rows and the closed loop are built here, from the docstring of ``inertial.error_dynamics`` and the corrected paper.
+Only the strapdown mechanization and the coning terms are the package's own; dynamics, process noise, measurements,
+their rows and the closed loop are built here, from the docstring of ``inertial.error_dynamics`` and the paper.
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ class DenseFilter:
         p = {name: float(self.par[name]) for name in self.par.dtype.names if name != "lever_b"}
         names = ("accel_density", "gyro_density", "accel_bias_density", "gyro_bias_density")
         three = np.repeat([0.0, *(p[name] for name in names)], 3)
-        return np.diag(np.concatenate([three, [p["clock_bias_density"], p["clock_drift_density"]]]) * self._dt)
+        return np.diag(
+            np.concatenate([three, [p["clock_bias_density"], p["clock_drift_density"]]]) * self._dt
+        )
 
     def predict(self) -> None:
         """Carry the covariance on: P <- Phi (P + Q/2) Phi^T + Q/2."""
@@ -115,7 +117,9 @@ class DenseFilter:
             for (prediction, H), z in zip(rows, value, strict=True):
                 innovation = np.array([[z[kind] - prediction[kind]]])
                 row = H[kind : kind + 1]
-                self.ekf.update(innovation, lambda _, row=row: row, lambda x, row=row: row @ x, sigma[kind] ** 2)
+                self.ekf.update(
+                    innovation, lambda _, row=row: row, lambda x, row=row: row @ x, sigma[kind] ** 2
+                )
         x = self.ekf.x[:, 0]
         self.r, self.v, self.b_a, self.b_g = self.r + x[R], self.v + x[V], self.b_a + x[BA], self.b_g + x[BG]
         self.clock += x[CLOCK:]

@@ -138,7 +138,7 @@ def sky(at: Place, angles_deg: Sequence[tuple[float, float]] = SKY_DEG) -> Float
 def rows_of(
     epoch_ns: Sequence[int] | Int64, sat: Float64, value: Float64 | None = None, group: Sequence[int] = ()
 ) -> Rows:
-    """Return rows of ``sat`` (k, 8), or (m, k, 8), and values (m, k, 2), NaN where the log has none; zeros if left out."""
+    """Return rows of ``sat`` (k, 8), or (m, k, 8), and values (m, k, 2), NaN where the log has none, else zeros."""
     m = len(epoch_ns)
     sat = np.array(np.broadcast_to(sat, (m, *sat.shape[-2:])))
     k = sat.shape[1]
@@ -188,7 +188,9 @@ def perfect_rows(
     log = rows_of(epoch_ns, sat, group=group)
     for epoch, t_ns in enumerate(epoch_ns):
         moved = Bank(*(array.copy() for array in truth))
-        moved.state["clock"][0, 0] += truth.state["clock"][0, 1] * (t_ns - int(truth.head["now_ns"][0])) * 1e-9
+        moved.state["clock"][0, 0] += (
+            truth.state["clock"][0, 1] * (t_ns - int(truth.head["now_ns"][0])) * 1e-9
+        )
         work = observed(moved, par, log, epoch, w_ib_b)
         log.observation["value"][log.first[epoch] : log.first[epoch + 1]] = -work.lines["innovation"]
     return log
@@ -220,7 +222,7 @@ def run(bank: Bank, log: Rows, imu: Imu, par: npt.NDArray[Any]) -> Result:
 
 
 def update(bank: Bank, log: Rows, par: npt.NDArray[Any], w_ib_b: Float64 | None = None) -> Result:
-    """Run the first epoch alone, which must stand at the filter's time; the correction is in ``work.epoch.vectors[0]``."""
+    """Run the first epoch alone, at the filter's own time; the correction is left in ``work.epoch.vectors[0]``."""
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
     now_ns = int(bank.head["now_ns"][0])
     imu = Imu(np.array([now_ns - 10_000_000, now_ns]), np.tile(rate, (2, 1)), np.zeros((2, 3)))

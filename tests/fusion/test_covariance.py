@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from insgnss.fusion.loop import DONE, carry_bank, new_workspace, run_epochs
@@ -16,7 +13,16 @@ from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, copy_bank
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.fusion.scene import (
-    START_NS, dense_rows, new_filter, observed, parameters, perfect_rows, place, run, sky, update,
+    START_NS,
+    dense_rows,
+    new_filter,
+    observed,
+    parameters,
+    perfect_rows,
+    place,
+    run,
+    sky,
+    update,
 )
 from tests.fusion.turntable import Turning, turning
 
@@ -98,10 +104,17 @@ def test_covariance_of_a_ten_hour_run_is_symmetric_and_positive_throughout(rng: 
     [(BA, 3), (BG, 3), (DRIFT, 1), (CLOCK, 2), (DR, 3)],
     ids=["accelerometer bias", "gyro bias", "clock drift", "clock", "position"],
 )
-def test_filter_runs_on_when_a_state_is_known_perfectly(without: tuple[int, int], rng: np.random.Generator) -> None:
+def test_filter_runs_on_when_a_state_is_known_perfectly(
+    without: tuple[int, int], rng: np.random.Generator
+) -> None:
     """No variance and no process noise: the state is left as it is, and the others go on as usual."""
     first, count = without
-    still = {"accel_bias_density": 0.0, "gyro_bias_density": 0.0, "clock_bias_density": 0.0, "clock_drift_density": 0.0}
+    still = {
+        "accel_bias_density": 0.0,
+        "gyro_bias_density": 0.0,
+        "clock_bias_density": 0.0,
+        "clock_drift_density": 0.0,
+    }
     par = parameters(LEVER_B, longest_step=1.0, covariance_step=0.1, **still)
     t = turning(par, 60, 10, rng)
     t.bank.P[0, range(first, first + count), range(first, first + count)] = 0.0

@@ -1,4 +1,4 @@
-"""Gates and clock steps: what is wrong is refused, what the receiver's clock did is absorbed, nothing else is touched."""
+"""Gates and clock steps: what is wrong is refused, what the receiver's clock did is absorbed, the rest is untouched."""
 
 from __future__ import annotations
 
@@ -256,7 +256,9 @@ def test_gate_stands_at_five_sigmas_of_the_innovation(
     bank = new_filter(at, sigmas={CLOCK: 3.0})
     log = perfect_rows(bank, par, [START_NS], sky(at)[:1])
     line = observed(bank, par, log).lines[0]
-    log.observation["value"][0, kind] += sign * 5.0 * share * np.sqrt(line.predicted[kind] + line.variance[kind])
+    log.observation["value"][0, kind] += (
+        sign * 5.0 * share * np.sqrt(line.predicted[kind] + line.variance[kind])
+    )
 
     status = update(bank, log, par).out.ledger["status"][0]
 
@@ -283,7 +285,9 @@ def test_what_is_not_a_number_never_passes_a_gate(bad: float, where: str) -> Non
     assert status[4, kind] == GATED
     assert np.sum(status != USED) == 1
     assert np.all(np.isfinite(bank.P))
-    assert np.all(np.isfinite(np.concatenate([bank.state[name].ravel() for name in ("r_e", "v_e", "q_eb", "clock")])))
+    assert np.all(
+        np.isfinite(np.concatenate([bank.state[name].ravel() for name in ("r_e", "v_e", "q_eb", "clock")]))
+    )
 
 
 def test_common_step_of_a_single_satellite_is_not_taken_for_the_clocks(rng: np.random.Generator) -> None:

@@ -13,7 +13,17 @@ from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Ban
 from insgnss.geodesy.rotations import matrix_to_quaternion, turn_left
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64
-from tests.fusion.scene import (START_NS, attitude, dense_rows, new_filter, observed, parameters, place, rows_of, sky)
+from tests.fusion.scene import (
+    START_NS,
+    attitude,
+    dense_rows,
+    new_filter,
+    observed,
+    parameters,
+    place,
+    rows_of,
+    sky,
+)
 from tests.jacobian import finite_difference_jacobian
 
 N = OFFSETS + 1

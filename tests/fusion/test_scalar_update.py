@@ -78,9 +78,7 @@ def test_scalar_update_equals_the_dense_joseph_form(
 
 
 @pytest.mark.parametrize("columns", [RANGE_COLUMNS, RATE_COLUMNS], ids=["range", "rate"])
-def test_predicted_variance_is_h_P_h_transposed(
-    rng: np.random.Generator, columns: Int64
-) -> None:
+def test_predicted_variance_is_h_P_h_transposed(rng: np.random.Generator, columns: Int64) -> None:
     P, h = random_covariance(rng), rng.normal(size=len(columns))
     H = dense_row(h, columns, -1)
 

@@ -114,7 +114,9 @@ def test_order_of_the_rows_matters_by_rounding_only(rng: np.random.Generator) ->
     sigma = np.sqrt(np.diag(first.P[0]))
     for _ in range(10):
         order, bank = rng.permutation(12), copy_bank(second)
-        other = update(bank, log._replace(observation=log.observation[order], sat=log.sat[order]), par, W_IB_B)
+        other = update(
+            bank, log._replace(observation=log.observation[order], sat=log.sat[order]), par, W_IB_B
+        )
 
         assert np.array_equal(other.out.ledger["status"], one.out.ledger["status"][order])
         # reached 1e-12 sigma

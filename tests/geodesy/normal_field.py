@@ -6,7 +6,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 GM, A, OMEGA = 3.986004418e14, 6_378_137.0, 7.292115e-5  # NGA.STND.0036, table 3.1
-# J2 ... J10 of the normal field as published with EGM96 (program F477, constants of WGS-84 (G873)), J0 = -1 for the centre
+# J2 ... J10 of the normal field as published with EGM96 (program F477, constants of WGS-84 (G873)); J0 is the centre
 J = {
     0: -1.0,
     2: 0.108262982131e-2,

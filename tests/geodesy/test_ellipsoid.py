@@ -1,4 +1,4 @@
-"""ECEF and geodetic coordinates against pymap3d, and there and back, from the sea floor to the navigation satellites."""
+"""ECEF and geodetic coordinates against pymap3d, and there and back, from the sea floor to the GNSS satellites."""
 
 from __future__ import annotations
 

@@ -115,9 +115,7 @@ def test_quaternion_of_a_half_turn_loses_no_digit(axis: int) -> None:
 
 
 @given(st.floats(1e-9, 6.0), vectors.filter(lambda v: math.hypot(*v) > 1e-3))
-def test_quaternion_of_a_rotation_vector_equals_scipy(
-    angle: float, axis: tuple[float, float, float]
-) -> None:
+def test_quaternion_of_a_rotation_vector_equals_scipy(angle: float, axis: tuple[float, float, float]) -> None:
     phi = angle * np.array(axis) / math.hypot(*axis)
 
     q = np.array(rotation_vector_quaternion(*phi))

@@ -45,7 +45,10 @@ def on_the_turning_earth(x_n: np.ndarray, lat_deg: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("dt", "limit_m"),
     [
-        (1.0, 0.02),  # (w dt)^2 / 12 of gravity, 4e-9 m/s^2, bends the level by 4e-10 rad of 6.4e6 m; reached 9 mm
+        (
+            1.0,
+            0.02,
+        ),  # (w dt)^2 / 12 of gravity, 4e-9 m/s^2, bends the level by 4e-10 rad of 6.4e6 m; reached 9 mm
         (0.1, 0.001),  # reached 0.2 mm
     ],
 )
@@ -137,7 +140,7 @@ def test_height_error_grows_as_a_hyperbolic_cosine() -> None:
         np.zeros(3),
     )
 
-    # d'' = gradient d, gradient 2 g / a (1 + f + m - 2 f sin^2 lat), in which f and -2 f / 2 cancel [NGA.STND.0036, 4-3]
+    # d'' = gradient d; gradient 2 g / a (1 + f + m - 2 f sin^2 lat), f cancels at 45 deg   [NGA.STND.0036, 4-3]
     gradient = 2.0 * somigliana(math.pi / 4.0, 0.0) / WGS84_A_M * (1.0 + WGS84_M)
     risen = -(flown.r_e - place.r_e) @ place.C_ne[2]
     # Coriolis bends the way up: (w t)^2 = 2 % of what has grown in 1800 s, turned aside by less; reached 2e-3

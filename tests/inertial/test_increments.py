@@ -53,9 +53,7 @@ def coning_drift(pattern_s: np.ndarray, corrected: bool) -> float:
     edges = edges_of(pattern_s, 21.0)
     w = means(cone_rate, edges)
     C_eb = cone_attitude(edges[:1]).as_matrix()[0]
-    flown = fly(
-        np.diff(edges), w, np.zeros_like(w), C_eb, PLACE_E, np.zeros(3), corrected=corrected
-    ).C_eb
+    flown = fly(np.diff(edges), w, np.zeros_like(w), C_eb, PLACE_E, np.zeros(3), corrected=corrected).C_eb
     errors = []
     for k in (round((len(w)) / 21), len(w)):
         C_ib = cone_attitude(edges[k : k + 1]).as_matrix()[0]

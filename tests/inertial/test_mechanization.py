@@ -108,9 +108,7 @@ def test_launch_with_100_g_reaches_the_place_of_the_inertial_frame() -> None:
     force = 100.0 * STANDARD_GRAVITY_MPS2 * np.array([0.8, 0.36, 0.48])
     r_e, v_e = np.array([6_378_137.0, 0.0, 0.0]), np.array([0.0, 5.0, -3.0])
 
-    place, velocity, C = landed(
-        np.zeros((1000, 3)), np.tile(force, (1000, 1)), 0.01, np.eye(3), r_e, v_e
-    )
+    place, velocity, C = landed(np.zeros((1000, 3)), np.tile(force, (1000, 1)), 0.01, np.eye(3), r_e, v_e)
 
     r, v = travel(r_e, v_e, lambda _: force, 10.0)
     assert np.linalg.norm(place - r) < 1e-4  # after 49 km; reached 0.02 mm
@@ -156,7 +154,7 @@ def test_tumbling_under_a_force_fixed_in_space_leaves_the_third_order_of_two_sam
 
     errors = tumbled(means(force_b, even_edges(10.0, rate_hz)), lambda _: TUMBLE_FORCE, rate_hz)
 
-    # 5 and 2.5 deg per sample. Sculling takes the force's slope half a sample late: x^3 / 24 of the part across the axis
+    # 5 and 2.5 deg per sample. Sculling takes the slopes half a sample late: x^3 / 24 of the part across the axis
     x = float(np.linalg.norm(SPIN)) / rate_hz
     across = float(np.linalg.norm(np.cross(SPIN, TUMBLE_FORCE)) / np.linalg.norm(SPIN))
     assert errors[1] == pytest.approx(x**3 / 24.0 * across * 10.0, rel=0.02)  # 5.2 and 0.65 mm/s
@@ -218,7 +216,11 @@ def test_turned_attitude_is_the_product_of_the_earths_and_the_bodys_rotation(
 
     turn_attitude(q, C, np.array(w), dt)
 
-    turned = Rotation.from_rotvec(-EARTH * dt).as_matrix() @ C_eb @ Rotation.from_rotvec(np.array(w) * dt).as_matrix()
+    turned = (
+        Rotation.from_rotvec(-EARTH * dt).as_matrix()
+        @ C_eb
+        @ Rotation.from_rotvec(np.array(w) * dt).as_matrix()
+    )
     # the series of the Earth's turn ends at (w dt / 2)^3 / 6 = 8e-15 rad for a second
     assert pytest.approx(turned, abs=2e-14) == C
 

@@ -63,7 +63,9 @@ SD_CLOCK_M, SD_DRIFT_MPS = 10.0, 1.0
 
 def matched_simulator() -> Simulator:
     """Return the scenario with its truth computed."""
-    receiver = Receiver(LEVER_ARM_B, first_tag_s=1.0, pseudorange_noise=RANGE_NOISE, range_rate_noise=RATE_NOISE)
+    receiver = Receiver(
+        LEVER_ARM_B, first_tag_s=1.0, pseudorange_noise=RANGE_NOISE, range_rate_noise=RATE_NOISE
+    )
     clock = ClockStart(bias_m=30.0, drift_mps=5.0)
     flight = airborne_turns(DURATION_S)
     return Simulator(
@@ -96,8 +98,10 @@ class MatchedRun:
     predicted_share: Float64  # (2, m, n) of the innovation's variance that the state's covariance makes
 
 
-def matched_run(log: SimulatedLog, setup: FilterSetup, epochs: tuple[int, ...], rng: np.random.Generator) -> MatchedRun:
-    """Open a filter at the first epoch and run it to the last of ``epochs`` (the first epoch is spent on the opening)."""
+def matched_run(
+    log: SimulatedLog, setup: FilterSetup, epochs: tuple[int, ...], rng: np.random.Generator
+) -> MatchedRun:
+    """Open a filter at the first epoch, which is spent on that, and run it through the log, looking at ``epochs``."""
     use = setup.config.measurements
     rows = prepare_rows(
         log.gnss, setup.ephemerides, None, clock_groups=setup.clock_groups, signals=dict(use.signals)
@@ -136,7 +140,7 @@ def innovations(rows: Rows, out: Output) -> tuple[Float64, Float64]:
 
 
 def opened_bank(log: SimulatedLog, rng: np.random.Generator) -> Bank:
-    """Return a filter at the first epoch whose error is a draw from its covariance; the biases are estimated as zero."""
+    """Return a filter at the first epoch, its error a draw from its covariance; the biases are estimated as zero."""
     truth, P = log.at_gnss, first_covariance(log)
     e = np.linalg.cholesky(P) @ rng.standard_normal(N_STATES)
     bank = new_bank(1, 0)

@@ -1,4 +1,4 @@
-"""Simulated flights in memory, ready to be replayed, and what every replay must show whatever was wrong with its logs."""
+"""Simulated flights in memory, ready to be replayed, and what a replay must show whatever was wrong with its logs."""
 
 from __future__ import annotations
 
@@ -213,12 +213,21 @@ def assert_sound(run: Run, flown: FlightInMemory) -> None:
     assert run.events["detail"].str.len().min() > 0
 
 
+def row_at(run: Run, seconds: float) -> pd.Series:
+    """Return the navigation row ``seconds`` after the simulation's start."""
+    found = run.nav[(run.nav["time_s"] - START_S - seconds).abs() < 1e-6]
+    assert len(found) == 1, f"{len(found)} rows at {seconds} s"
+    return found.iloc[0]
+
+
 def kinds(run: Run) -> list[str]:
     """Return the kinds of the events in their order."""
     return list(run.events["kind"])
 
 
-HONEST_SIGMAS = 5.0  # one in two million for one component of one row; what a broken filter shows is ten and more
+HONEST_SIGMAS = (
+    5.0  # one in two million for one component of one row; what a broken filter shows is ten and more
+)
 
 
 def assert_honest(run: Run, from_s: float, to_s: float = np.inf, sigmas: float = HONEST_SIGMAS) -> None:

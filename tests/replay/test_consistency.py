@@ -18,7 +18,15 @@ from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import Float64
-from tests.replay.matched_runs import BLOCKS, CLOCK_TYPE, GRADE, MatchedRun, matched_run, matched_setup, matched_simulator
+from tests.replay.matched_runs import (
+    BLOCKS,
+    CLOCK_TYPE,
+    GRADE,
+    MatchedRun,
+    matched_run,
+    matched_setup,
+    matched_simulator,
+)
 from tests.statistics_bounds import CONFIDENCE, assert_mean_chi_square, mean_chi_square_bounds, nees
 
 RUNS = 500
@@ -71,8 +79,9 @@ def test_errors_have_no_mean(runs: list[MatchedRun]) -> None:
 def worse(grade: ImuGrade = GRADE, clock: Oscillator = CLOCK_TYPE, noise: float = 1.0) -> FilterSetup:
     """Return the filter that takes a sensor, the clock or both kinds of measurement for better than they are."""
     setup = matched_setup()
+    kinds = ("pseudorange_noise_m", "range_rate_noise_mps")
     config = setup.config.model_copy(
-        update={kind: scaled(getattr(setup.config, kind), noise) for kind in ("pseudorange_noise_m", "range_rate_noise_mps")}
+        update={kind: scaled(getattr(setup.config, kind), noise) for kind in kinds}
     )
     return dataclasses.replace(setup, config=config, grade=grade, oscillator=clock)
 
@@ -108,7 +117,9 @@ def test_nees_of_a_filter_that_believes_too_much_is_above_its_bound(
 
 def innovations_of(runs: list[MatchedRun], kind: int) -> tuple[Float64, Float64]:
     """Return the scaled innovations (runs, epochs, satellites) of a kind and the predicted shares of their variance."""
-    return np.array([run.innovation[kind] for run in runs]), np.array([run.predicted_share[kind] for run in runs])
+    return np.array([run.innovation[kind] for run in runs]), np.array(
+        [run.predicted_share[kind] for run in runs]
+    )
 
 
 def independent_share(share: Float64) -> float:

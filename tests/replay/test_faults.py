@@ -1,4 +1,4 @@
-"""Faults of the receiver, its clock and the satellites: no NaN, no lost row, an event, and a state right or honestly wide.
+"""Faults of the receiver, its clock and the satellites: no NaN, no lost row, an event, a state right or honestly wide.
 
 The flight is an aircraft over the airfield at 100 m/s, 10 s straight and then turns of 35 deg of bank.
 """
@@ -12,6 +12,8 @@ import pytest
 
 import insgnss
 from insgnss.errors import StartError
+from insgnss.gpstime import week_seconds_to_ns
+from insgnss.log.gnss_rows import selected
 from insgnss.run import Run
 from insgnss.simulation.faults import outage, range_ramp, range_step, reversed_range_rate
 from insgnss.simulation.journeys import airborne_turns
@@ -21,6 +23,7 @@ from insgnss.tables import EphemerisTable, GnssTable, NavigationData
 from tests.replay.scenes import (
     START_NS,
     START_S,
+    WEEK,
     FlightInMemory,
     after,
     assert_honest,
@@ -30,6 +33,7 @@ from tests.replay.scenes import (
     kinds,
     paper_sky,
     position_error_m,
+    row_at,
     simulator,
     true_start,
     turns,
@@ -57,7 +61,9 @@ def replayed(flown: FlightInMemory) -> Run:
     return run
 
 
-def statuses(run: Run, sv: str, from_s: float = 0.0, to_s: float = np.inf, kind: str = "pseudorange") -> set[str]:
+def statuses(
+    run: Run, sv: str, from_s: float = 0.0, to_s: float = np.inf, kind: str = "pseudorange"
+) -> set[str]:
     rows = run.measurements
     t = rows["time_s"] - START_S
     mine = (rows["sv"] == sv) & (rows["kind"] == kind) & (t >= from_s - 1e-6) & (t < to_s - 1e-6)
@@ -116,9 +122,9 @@ def test_minute_with_few_satellites_is_bridged_with_an_honest_sigma(clean: Run, 
     kept = ("G13", "G20", "G04")[:count]
     hidden = [sv for sv in paper_sky().ephemerides.sv_names if sv not in kept]
     run = replayed(flight(with_faults(turns(), [outage(hidden, 50.0, 110.0)])))
-    nav = run.nav.set_index(run.nav["time_s"] - START_S)
-    assert (nav.loc[50.0:109.0, "n_used"] == count).all()
-    assert nav.loc[109.0, "sd_n_m"] > 1.5 * clean.nav["sd_n_m"].iloc[107]
+    few = run.nav["time_s"].between(START_S + 49.5, START_S + 109.5)
+    assert few.sum() == 60 and (run.nav.loc[few, "n_used"] == count).all()
+    assert row_at(run, 109.0)["sd_n_m"] > 1.5 * row_at(clean, 109.0)["sd_n_m"]
     assert_honest(run, 0.0)
 
 
@@ -126,8 +132,8 @@ def test_fewer_satellites_mean_a_larger_sigma() -> None:
     sigma = []
     for count in (3, 2, 1):
         hidden = [sv for sv in paper_sky().ephemerides.sv_names if sv not in ("G13", "G20", "G04")[:count]]
-        nav = replayed(flight(with_faults(turns(), [outage(hidden, 50.0, 110.0)]))).nav
-        row = nav[np.isclose(nav["time_s"], START_S + 109.0)]
+        run = replayed(flight(with_faults(turns(), [outage(hidden, 50.0, 110.0)])))
+        row = row_at(run, 109.0)
         sigma.append(float(np.linalg.norm(row[["sd_n_m", "sd_e_m", "sd_d_m"]])))
     assert sigma[0] < sigma[1] < sigma[2]
 
@@ -135,9 +141,8 @@ def test_fewer_satellites_mean_a_larger_sigma() -> None:
 def test_whole_outage_of_a_minute_is_told_and_bridged() -> None:
     """No row of any satellite for 60 s, as a receiver writes it that lost everything."""
     run = insgnss.replay(flight(with_faults(turns(), [outage(None, 50.0, 110.0)])), output=1.0)
-    nav = run.nav.set_index(run.nav["time_s"] - START_S)
-    assert nav.loc[109.0, "sd_n_m"] > 3.0 * nav.loc[49.0, "sd_n_m"]
-    assert nav.loc[112.0, "sd_n_m"] < 3.0 * nav.loc[49.0, "sd_n_m"]
+    before, during, afterwards = (row_at(run, s)["sd_n_m"] for s in (49.0, 109.0, 112.0))
+    assert during > 3.0 * before > afterwards
     assert_honest(run, 0.0)
     assert {"no_measurements", "measurements_back"} <= set(kinds(run))
 
@@ -147,8 +152,7 @@ def test_epoch_of_empty_cells_is_coasted_over(log: SimulatedLog) -> None:
     empty = gnss.t_ns == START_NS + 60 * 10**9
     nothing = {name: np.where(empty, np.nan, getattr(gnss, name)) for name in ("pseudorange_m", "doppler_hz")}
     run = replayed(flight(turns(), log, gnss=replace(gnss, **nothing)))
-    row = run.nav[np.isclose(run.nav["time_s"], START_S + 60.0)]
-    assert row["n_used"].item() == 0
+    assert row_at(run, 60.0)["n_used"] == 0
     assert {"no_measurements", "measurements_back"} <= set(kinds(run))
     assert_honest(run, 0.0)
 
@@ -208,8 +212,6 @@ def test_receiver_clock_that_is_off_does_not_change_the_solution(late_s: float) 
 
 def doubled(gnss: GnssTable, sv: str) -> GnssTable:
     """Return the log with every row of a satellite written twice."""
-    from insgnss.log.gnss_rows import selected
-
     twice = np.flatnonzero(gnss.sv == gnss.sv_names.index(sv))
     return selected(gnss, np.sort(np.concatenate([np.arange(len(gnss.t_ns)), twice]), kind="stable"))
 
@@ -236,7 +238,9 @@ def test_sigmas_that_are_far_too_small_do_not_stop_the_filter(log: SimulatedLog,
     """A receiver that states a sigma 160 times too small, as has been seen, still has a position to give."""
     gnss, count = log.gnss, len(log.gnss.t_ns)
     small = replace(
-        gnss, sigma_pseudorange_m=np.full(count, 2.0 * share), sigma_range_rate_mps=np.full(count, 0.08 * share)
+        gnss,
+        sigma_pseudorange_m=np.full(count, 2.0 * share),
+        sigma_range_rate_mps=np.full(count, 0.08 * share),
     )
     run = replayed(flight(turns(), log, gnss=small))
     assert position_error_m(after(run, 30.0)).max() < 10.0
@@ -279,7 +283,9 @@ def test_satellite_with_an_ephemeris_of_yesterday_is_named_and_left_out(log: Sim
     old = np.where(is_victim(), 24 * 3600 * 10**9, 0)
     table = paper_sky().ephemerides
     run = replayed(
-        flight(turns(), log, navigation=sky_with({"toe_ns": table.toe_ns - old, "toc_ns": table.toc_ns - old}))
+        flight(
+            turns(), log, navigation=sky_with({"toe_ns": table.toe_ns - old, "toc_ns": table.toc_ns - old})
+        )
     )
     assert statuses(run, VICTIM) == {"stale_ephemeris"}
     assert_honest(run, 0.0)
@@ -311,9 +317,6 @@ def test_epochs_on_and_off_the_inertial_grid_are_equally_right(first_tag_s: floa
 
 
 def test_week_may_end_inside_the_log() -> None:
-    from insgnss.gpstime import week_seconds_to_ns
-    from tests.replay.scenes import WEEK
-
     start_ns, toe_ns = (int(week_seconds_to_ns(WEEK, 604_800.0 + s)) for s in (-50.0, 900.0))
     base = simulator(airborne_turns(120.0), 120.0, navigation=even_sky(toe_ns), start_ns=start_ns)
     run = replayed(flight(base))

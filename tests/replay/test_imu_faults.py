@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +14,10 @@ import insgnss
 from insgnss.run import Run
 from insgnss.simulation.course import Course, smoothstep
 from insgnss.simulation.journeys import AIRFIELD
-from insgnss.simulation.simulated_log import SimulatedLog
+from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import ImuTable
+from tests.replay.files import write_flight
 from tests.replay.scenes import (
     START_NS,
     START_S,
@@ -26,6 +29,7 @@ from tests.replay.scenes import (
     kinds,
     position_error_m,
     simulator,
+    true_start,
     turns,
     without_samples,
 )
@@ -116,7 +120,9 @@ def with_axis(log: SimulatedLog, sensor: str, axis: int, from_s: float, to_s: fl
 @pytest.mark.parametrize(
     ("sensor", "axis"), [("w_ib_b", 0), ("w_ib_b", 2), ("f_b", 0), ("f_b", 2)], ids=["p", "r", "f_x", "f_z"]
 )
-def test_filter_recovers_from_an_axis_stuck_for_ten_seconds(log: SimulatedLog, sensor: str, axis: int) -> None:
+def test_filter_recovers_from_an_axis_stuck_for_ten_seconds(
+    log: SimulatedLog, sensor: str, axis: int
+) -> None:
     """The state may be wrong while the axis lies; 45 s after, with all satellites in view, it must be right again."""
     run = replayed(flight(turns(), log, imu=with_axis(log, sensor, axis, 50.0, 60.0)))
     assert_honest(run, 105.0)
@@ -147,16 +153,28 @@ def test_saturated_sensor_keeps_the_position_within_reach_of_the_satellites(
 # ------------------------------------------------------------------------------------------------ violent motion
 
 
-def test_launch_of_100_g_is_followed() -> None:
-    """1850 m/s within 3.5 s: scale factors of 100 ppm alone make 0.2 m/s, which the process noise must cover."""
+@cache
+def launch() -> Simulator:
+    """Return 10 s of straight flight, then 1850 m/s more within 3.5 s, and a turn at the end."""
     course = Course(50.0).hold(10.0).change_speed(1900.0, 3.5).hold(5.0).change_speed(400.0, 10.0)
     course.hold(20.0).turn(60.0, 45.0).hold(10.0)
-    base = simulator(course.lay(*AIRFIELD, 10.0, knot_s=0.02), course.clock_s, imu_rate_hz=200.0)
-    drawn = base.draw(np.random.default_rng(1))
+    return simulator(course.lay(*AIRFIELD, 10.0, knot_s=0.02), course.clock_s, imu_rate_hz=200.0)
+
+
+def test_launch_of_100_g_is_followed() -> None:
+    """Scale factors of 100 ppm alone make 0.2 m/s, which the process noise must cover."""
+    drawn = launch().draw(np.random.default_rng(1))
     assert np.abs(drawn.imu.f_b).max() > 980.0
-    run = replayed(flight(base, drawn))
-    assert "reset" not in kinds(run)
+    start = true_start(launch(), 2.0).model_copy(update={"sd_position_m": 5.0, "sd_yaw_deg": 2.0})
+    run = replayed(flight(launch(), drawn, start=start))
+    assert not {"reset", "clock_jump", "clock_drift_jump"} & set(kinds(run))
     assert_honest(run, 0.0)
+
+
+def test_launch_of_100_g_with_an_open_heading_is_not_taken_for_a_step_of_the_clock() -> None:
+    run = replayed(flight(launch()))
+    assert not {"clock_jump", "clock_drift_jump"} & set(kinds(run))
+    assert_honest(run, 60.0)
 
 
 def spinning(rate_degps: float, duration_s: float) -> Trajectory:
@@ -175,3 +193,25 @@ def test_spin_is_followed(rate_degps: float) -> None:
     run = replayed(flight(simulator(spinning(rate_degps, 60.0), 60.0, imu_rate_hz=400.0)))
     assert "reset" not in kinds(run)
     assert_honest(run, 0.0)
+
+
+# ------------------------------------------------------------------------------------------------ from files
+
+
+def test_stuck_axis_in_a_file_is_named_in_the_events(log: SimulatedLog, tmp_path: Path) -> None:
+    path = write_flight(tmp_path, turns(), imu=with_axis(log, "w_ib_b", 2, 50.0, 60.0))
+    run = insgnss.replay(path)
+    told = run.events[run.events["kind"] == "imu_stuck_axis"]
+    assert len(told) == 1 and told["time_s"].item() == pytest.approx(START_S + 50.0)
+    assert "gyro_z" in told["detail"].item()
+
+
+def test_saturated_axis_in_a_file_is_named_in_the_events(log: SimulatedLog, tmp_path: Path) -> None:
+    base = simulator(spinning(360.0, 60.0), 60.0)
+    drawn = base.draw(np.random.default_rng(1))
+    limit = np.radians(300.0)
+    imu = dataclasses.replace(drawn.imu, w_ib_b=np.clip(drawn.imu.w_ib_b, -limit, limit))
+    run = insgnss.replay(write_flight(tmp_path, base, imu=imu))
+    assert np.isfinite(run.nav.to_numpy(dtype=np.float64)).all()
+    told = run.events[run.events["kind"] == "imu_saturated"]
+    assert len(told) == 1 and "gyro_x" in told["detail"].item()

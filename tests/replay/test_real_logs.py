@@ -50,7 +50,9 @@ def replayed(data_root: Path) -> dict[str, Replayed]:
     for name in NAMES:
         flight = insgnss.Flight.load(REPOSITORY / "tests" / "flights" / f"{name}.toml")
         if not flight.config.imu.files[0].is_file():
-            pytest.skip(f"{flight.config.imu.files[0]} does not exist: the flight files look beside the checkout")
+            pytest.skip(
+                f"{flight.config.imu.files[0]} does not exist: the flight files look beside the checkout"
+            )
         logs = flight.read()
         setup = setup_filter(flight, logs, filter_config("tight17"))
         found[name] = Replayed(logs, setup, flight.config.gps_week, insgnss.replay(flight))
@@ -116,13 +118,17 @@ def antenna_against_fixes(found: Replayed) -> tuple[Float64, Float64]:
     times = ns_to_week_seconds(rows.epoch_ns, found.week)
     position, velocity = [], []
     for row in nav.itertuples():
-        fix = fix_epoch(rows, int(np.argmin(np.abs(times - row.time_s))), par, len(found.setup.clock_groups), 20.0)
+        fix = fix_epoch(
+            rows, int(np.argmin(np.abs(times - row.time_s))), par, len(found.setup.clock_groups), 20.0
+        )
         if fix is None or fix.v_a is None:
             continue
         lever_n = body_to_ned(row) @ np.array(found.setup.lever_arm_m)
         here = row.lat_deg, row.lon_deg, row.h_m
         position.append(lever_n - np.array(pymap3d.ecef2ned(*fix.r_a, *here)))
-        velocity.append([row.vn_mps, row.ve_mps, row.vd_mps] - np.array(pymap3d.ecef2nedv(*fix.v_a, *here[:2])))
+        velocity.append(
+            [row.vn_mps, row.ve_mps, row.vd_mps] - np.array(pymap3d.ecef2nedv(*fix.v_a, *here[:2]))
+        )
     return np.array(position), np.array(velocity)
 
 
@@ -132,7 +138,9 @@ def body_to_ned(row: object) -> Float64:
     return C_nb
 
 
-def test_car_stays_as_near_to_the_single_point_solution_as_a_plain_filter(replayed: dict[str, Replayed]) -> None:
+def test_car_stays_as_near_to_the_single_point_solution_as_a_plain_filter(
+    replayed: dict[str, Replayed],
+) -> None:
     """The note: 0.24/0.32/0.55 m and 0.12/0.09/0.17 m/s, north, east, down."""
     position, velocity = antenna_against_fixes(replayed["xian"])
     assert len(position) >= 130
@@ -140,7 +148,9 @@ def test_car_stays_as_near_to_the_single_point_solution_as_a_plain_filter(replay
     assert np.all(rms(velocity) <= [0.12, 0.09, 0.17])
 
 
-def test_car_drifts_less_than_a_metre_in_twenty_seconds_without_satellites(replayed: dict[str, Replayed]) -> None:
+def test_car_drifts_less_than_a_metre_in_twenty_seconds_without_satellites(
+    replayed: dict[str, Replayed],
+) -> None:
     """The note: 0.9 m over 185608 to 185628 s, against the solution that had all satellites."""
     found = replayed["xian"]
     seconds = found.seconds()
@@ -167,7 +177,7 @@ def solution(found: Replayed, logs: FlightLogs) -> pd.DataFrame:
 
 
 def test_car_finds_the_heading_of_its_note(replayed: dict[str, Replayed]) -> None:
-    """The note: about -58 deg where the drive begins and +1.7 deg at its end, by a filter with a lever arm of its own."""
+    """The note: about -58 deg where the drive begins and +1.7 deg at its end, by a filter of its own."""
     run = replayed["xian"].run
     assert (run.events["kind"] == "heading_known").sum() == 1
     nav = run.nav.set_index("time_s")
@@ -182,7 +192,7 @@ def test_car_finds_the_heading_of_its_note(replayed: dict[str, Replayed]) -> Non
 
 
 def test_walk_is_as_near_to_its_reference_as_a_plain_filter(replayed: dict[str, Replayed]) -> None:
-    """The note, after 20 s, the reference's constant offset removed: 0.26 and 0.46 m, 0.12 m/s (two digits: < 0.125)."""
+    """The note, after 20 s, the reference's constant offset removed: 0.26 and 0.46 m, 0.12 m/s (to two digits)."""
     errors = replayed["walk"].run.errors
     assert errors is not None
     errors = errors[errors["time_s"] > errors["time_s"].iloc[0] + 20.0]
@@ -196,13 +206,15 @@ def test_walk_is_as_near_to_its_reference_as_a_plain_filter(replayed: dict[str, 
 
 
 def test_walk_finds_its_heading(replayed: dict[str, Replayed]) -> None:
-    """It stands for the first seconds, then turns many ways. The pole sways by 40 deg, but on the whole it points ahead."""
+    """It stands at first, then turns many ways. The pole sways by 40 deg, but on the whole it points ahead."""
     run = replayed["walk"].run
     known = run.events.query("kind == 'heading_known'")["time_s"]
     assert len(known) == 1
     assert known.item() - run.nav["time_s"].iloc[0] < 60.0
     assert run.nav["sd_yaw_deg"].iloc[-1] < 6.0
-    walking = run.nav[(run.nav["time_s"] > known.item()) & (np.hypot(run.nav["vn_mps"], run.nav["ve_mps"]) > 1.0)]
+    walking = run.nav[
+        (run.nav["time_s"] > known.item()) & (np.hypot(run.nav["vn_mps"], run.nav["ve_mps"]) > 1.0)
+    ]
     course = np.degrees(np.arctan2(walking["ve_mps"], walking["vn_mps"]))
     off = (walking["yaw_deg"] - course + 180.0) % 360.0 - 180.0
     assert len(off) > 200 and abs(off.median()) < 30.0
@@ -219,7 +231,9 @@ def test_static_antenna_is_where_its_receiver_says(replayed: dict[str, Replayed]
     assert rms(errors[["d_vn_mps", "d_ve_mps", "d_vd_mps"]].to_numpy()).max() <= 0.01
 
 
-def test_static_antenna_tells_its_gap_and_admits_that_its_heading_is_open(replayed: dict[str, Replayed]) -> None:
+def test_static_antenna_tells_its_gap_and_admits_that_its_heading_is_open(
+    replayed: dict[str, Replayed],
+) -> None:
     run = replayed["instinct"].run
     assert "imu_gap" in set(run.events["kind"])
     assert "heading_known" not in set(run.events["kind"])
