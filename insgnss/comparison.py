@@ -33,7 +33,9 @@ def errors_against(
     position = np.column_stack([n, e, d])
     if lever_arm_m is not None:
         position += _lever_in_ned(nav, lever_arm_m)
-    velocity = nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy() - interpolated(reference.t_ns, t_ns, reference.v_n)
+    velocity = nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy() - interpolated(
+        reference.t_ns, t_ns, reference.v_n
+    )
     rpy = np.degrees(np.unwrap(np.radians(reference.rpy_deg), axis=0))
     attitude = nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy() - interpolated(reference.t_ns, t_ns, rpy)
     attitude = (attitude + 180.0) % 360.0 - 180.0
@@ -66,8 +68,17 @@ def _reference_positions(reference: ReferenceTable, t_ns: Int64) -> Float64:
 def _lever_in_ned(nav: pd.DataFrame, lever_arm_m: tuple[float, float, float]) -> Float64:
     """Return the lever arm in north, east, down (n, 3) at each navigation row."""
     roll, pitch, yaw = (np.radians(nav[c].to_numpy()) for c in ("roll_deg", "pitch_deg", "yaw_deg"))
-    sr, cr, sp, cp, sy, cy = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch), np.sin(yaw), np.cos(yaw)
+    sr, cr, sp, cp, sy, cy = (
+        np.sin(roll),
+        np.cos(roll),
+        np.sin(pitch),
+        np.cos(pitch),
+        np.sin(yaw),
+        np.cos(yaw),
+    )
     x, y, z = lever_arm_m
     ahead = cp * x + sp * (sr * y + cr * z)
     right = cr * y - sr * z
-    return np.column_stack([cy * ahead - sy * right, sy * ahead + cy * right, -sp * x + cp * (sr * y + cr * z)])
+    return np.column_stack(
+        [cy * ahead - sy * right, sy * ahead + cy * right, -sp * x + cp * (sr * y + cr * z)]
+    )

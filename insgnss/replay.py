@@ -67,7 +67,7 @@ def rows_of(setup: FilterSetup, logs: FlightLogs) -> Rows:
         setup.ephemerides,
         setup.klobuchar,
         clock_groups=setup.clock_groups,
-        signals=dict(use.signals),
+        signals=use.signals_of(),
         pseudorange=use.pseudorange,
         range_rate=use.range_rate,
         max_age_s=use.max_ephemeris_age_s,
@@ -115,7 +115,9 @@ def replay(
     return run
 
 
-def run_filter(setup: FilterSetup, table: ImuTable, rows: Rows, output: OutputRate) -> tuple[Output, list[Event]]:
+def run_filter(
+    setup: FilterSetup, table: ImuTable, rows: Rows, output: OutputRate
+) -> tuple[Output, list[Event]]:
     """Run a filter over samples and rows; return the loop's output and the events.
 
     The log is cut where inertial samples are missing for longer than the restart limit: each part starts anew.
@@ -163,7 +165,11 @@ def gap_events(t_ns: Int64, longest_s: float) -> list[Event]:
     """Return an event for each gap that the filter bridges."""
     step = np.diff(t_ns)
     return [
-        Event(int(t_ns[k]), "imu_gap", f"no inertial sample for {step[k] / NS_PER_S:.3f} s: bridged, sigma grown")
+        Event(
+            int(t_ns[k]),
+            "imu_gap",
+            f"no inertial sample for {step[k] / NS_PER_S:.3f} s: bridged, sigma grown",
+        )
         for k in np.flatnonzero(step > longest_s * NS_PER_S)
     ]
 
@@ -171,7 +177,9 @@ def gap_events(t_ns: Int64, longest_s: float) -> list[Event]:
 def restart_event(last_ns: int, next_ns: int) -> Event:
     """Return the event of a gap too long to bridge."""
     gap = (next_ns - last_ns) / NS_PER_S
-    return Event(last_ns, "imu_gap", f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew")
+    return Event(
+        last_ns, "imu_gap", f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew"
+    )
 
 
 def output_times(t_ns: Int64, output: OutputRate) -> Int64:

@@ -19,7 +19,7 @@ KINDS = ("pseudorange", "range_rate")
 
 def nav_table(out: Output, week: int, clock_groups: tuple[str, ...]) -> pd.DataFrame:
     """Return the navigation table, one row per output time."""
-    rows = out.nav[: out.count[0].nav]
+    rows = out.nav[: out.counts[0].nav]
     columns: dict[str, Any] = {"time_s": ns_to_week_seconds(rows["t_ns"], week)}
     columns.update({name: rows["value"][:, i] for i, name in enumerate(NAV_COLUMNS)})
     for i, letter in enumerate(clock_groups[1:]):
@@ -69,7 +69,9 @@ def satellite_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.D
     place = np.zeros(max(NAMES) + 1, np.int8)
     place[sorted(NAMES)[1:]] = np.arange(1, len(NAMES))
     status = entry["status"][:, PSEUDORANGE]
-    state = np.where(tracked[chosen], 0, np.where(status == ABSENT, len(names) - 1, place[np.maximum(status, 0)]))
+    state = np.where(
+        tracked[chosen], 0, np.where(status == ABSENT, len(names) - 1, place[np.maximum(status, 0)])
+    )
     return pd.DataFrame(
         {
             "time_s": ns_to_week_seconds(gnss.t_ns[chosen], week),
@@ -85,7 +87,7 @@ def satellite_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.D
 
 
 def _angles(u: Float64, prefix: str) -> dict[str, Float64]:
-    """Return azimuth (from the first axis towards the second) and elevation (against the third) of directions (n, 3)."""
+    """Return azimuth (first axis towards second) and elevation (against the third) of directions (n, 3)."""
     return {
         f"{prefix}az_deg": np.degrees(np.arctan2(u[:, 1], u[:, 0])) % 360.0,
         f"{prefix}el_deg": np.degrees(np.arcsin(np.clip(-u[:, 2], -1.0, 1.0))),
@@ -93,7 +95,11 @@ def _angles(u: Float64, prefix: str) -> dict[str, Float64]:
 
 
 def _one_per_satellite(
-    epoch: Int64, sv: npt.NDArray[np.int16], seen: npt.NDArray[np.bool_], tracked: npt.NDArray[np.bool_], n_sv: int
+    epoch: Int64,
+    sv: npt.NDArray[np.int16],
+    seen: npt.NDArray[np.bool_],
+    tracked: npt.NDArray[np.bool_],
+    n_sv: int,
 ) -> Int64:
     """Return one row of each satellite and epoch among ``seen``: a tracked one before the others, else the first."""
     index = np.flatnonzero(seen)

@@ -59,10 +59,14 @@ class Run:
                     table.to_parquet(path, index=False)
                 else:
                     table.to_csv(path, index=False, float_format="%.17g")
-            (folder / _SETTINGS).write_text(json.dumps(self.settings, indent=1, default=str), encoding="utf-8")
+            (folder / _SETTINGS).write_text(
+                json.dumps(self.settings, indent=1, default=str), encoding="utf-8"
+            )
         except OSError as error:
             raise ResultError(
-                f"the run cannot be written: {error.strerror}", file=folder, advice="give another --output folder"
+                f"the run cannot be written: {error.strerror}",
+                file=folder,
+                advice="give another --output folder",
             ) from error
         return folder
 
@@ -85,7 +89,9 @@ class Run:
             elif name == "errors":
                 tables[name] = None
             else:
-                raise ResultError(f"no table '{name}' in the folder", file=folder, advice="save the run again")
+                raise ResultError(
+                    f"no table '{name}' in the folder", file=folder, advice="save the run again"
+                )
         settings = folder / _SETTINGS
         if not settings.exists():
             raise ResultError(f"no {_SETTINGS} in the folder", file=folder, advice="save the run again")

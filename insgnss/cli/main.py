@@ -29,7 +29,8 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", help="Show the version and end.", callback=_show_version, is_eager=True)
+        bool,
+        typer.Option("--version", help="Show the version and end.", callback=_show_version, is_eager=True),
     ] = False,
 ) -> None:
     """Tightly coupled INS/GNSS navigation: logs in, a navigation solution out."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from pathlib import Path
@@ -19,6 +20,7 @@ from insgnss.replay import OutputRate
 from insgnss.replay import replay as run_replay
 from insgnss.run import Run
 
+_EVENTS_SHOWN = 25
 _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}
 
 
@@ -31,7 +33,10 @@ def replay(
         str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
     ] = "tight17",
     rate: Annotated[
-        str, typer.Option("--rate", help="Navigation rows: 'gnss' (each epoch), 'imu' (each sample) or a rate in Hz.")
+        str,
+        typer.Option(
+            "--rate", help="Navigation rows: 'gnss' (each epoch), 'imu' (each sample) or a rate in Hz."
+        ),
     ] = "gnss",
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
 ) -> None:
@@ -43,7 +48,9 @@ def replay(
         wanted = _rate(rate)
         loaded = Flight.load(flight)
         with console.status("starting") as status:
-            run = run_replay(loaded, filter, output=wanted, progress=lambda text: status.update(f"{text} ..."))
+            run = run_replay(
+                loaded, filter, output=wanted, progress=lambda text: status.update(f"{text} ...")
+            )
             if output is not None:
                 status.update("saving the run ...")
                 run.save(output, form)
@@ -82,23 +89,33 @@ def _print_summary(flight: Flight, run: Run) -> None:
     nav = run.nav
     took = run.settings["took"]
     span = nav["time_s"].iloc[-1] - nav["time_s"].iloc[0]
-    console.print(f"[bold]{flight.name}[/bold]: {len(nav)} navigation rows over {span:.1f} s", highlight=False)
+    console.print(
+        f"[bold]{flight.name}[/bold]: {len(nav)} navigation rows over {span:.1f} s", highlight=False
+    )
     console.print(_accuracy_table(run))
     console.print(_measurement_table(run))
     used = run.nav["n_used"]
     console.print(
         f"satellites used per row: {used.min()} to {used.max()}, mean {used.mean():.1f}", highlight=False
     )
-    for event in run.events.itertuples():
-        when = "         " if pd.isna(event.time_s) else f"{event.time_s:9.2f}"
-        console.print(f"  {when}  {event.kind}: {event.detail}", highlight=False, markup=False, soft_wrap=True)
-        if event.Index >= 24:
-            console.print(f"  ... {len(run.events) - 25} further events in the table 'events'", highlight=False)
-            break
+    _print_events(console, run)
     console.print(
         f"reading {took['read_s']:.2f} s, filter {took['filter_s']:.2f} s, tables {took['tables_s']:.2f} s",
         highlight=False,
     )
+
+
+def _print_events(console: Console, run: Run) -> None:
+    """Print the first events; the others are in the table."""
+    events = run.events
+    rows = zip(events["time_s"].tolist(), events["kind"].tolist(), events["detail"].tolist(), strict=True)
+    for time_s, kind, detail in list(rows)[:_EVENTS_SHOWN]:
+        when = "         " if math.isnan(time_s) else f"{time_s:9.2f}"
+        console.print(f"  {when}  {kind}: {detail}", highlight=False, markup=False, soft_wrap=True)
+    if len(events) > _EVENTS_SHOWN:
+        console.print(
+            f"  ... {len(events) - _EVENTS_SHOWN} further events in the table 'events'", highlight=False
+        )
 
 
 def _accuracy_table(run: Run) -> Table:
@@ -108,7 +125,9 @@ def _accuracy_table(run: Run) -> Table:
     if run.errors is None or run.errors.empty:
         for name in ("at start", "median", "at end"):
             table.add_column(name, justify="right")
-        for name in [c for c in run.nav.columns if c.startswith("sd_") and "bias" not in c and "clock" not in c]:
+        for name in [
+            c for c in run.nav.columns if c.startswith("sd_") and "bias" not in c and "clock" not in c
+        ]:
             values = run.nav[name]
             table.add_row(
                 _label(name[3:]), f"{values.iloc[0]:.3f}", f"{values.median():.3f}", f"{values.iloc[-1]:.3f}"
@@ -117,9 +136,9 @@ def _accuracy_table(run: Run) -> Table:
     summary = run.error_summary()
     for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma"):
         table.add_column(name, justify="right")
-    for name, row in summary.iterrows():
+    for label, row in summary.iterrows():
         numbers = (row["mean"], row["rms"], row["p95"], row["max"], row["mean_sigma"], row["rms_over_sigma"])
-        table.add_row(_label(str(name)), *(f"{value:.3f}" for value in numbers))
+        table.add_row(_label(str(label)), *(f"{value:.3f}" for value in numbers))
     return table
 
 
@@ -141,7 +160,7 @@ def _measurement_table(run: Run) -> Table:
 
 
 def _nis(nis: pd.DataFrame, kinds: list[str], column: str) -> list[str]:
-    return [f"{nis.loc[kind, column]:.3f}" if kind in nis.index else "-" for kind in kinds]
+    return [f"{float(nis[column][kind]):.3f}" if kind in nis.index else "-" for kind in kinds]
 
 
 def _label(name: str) -> str:

@@ -1,4 +1,4 @@
-"""The schema of a filter file: which measurements are used, how good they are taken to be, and what happens when they fail."""
+"""The schema of a filter file: which measurements are used, how good they are, and what happens when they fail."""
 
 from __future__ import annotations
 
@@ -31,6 +31,10 @@ class Measurements(StrictModel):
     ionosphere: Literal["klobuchar", "none"] = "klobuchar"
     troposphere: Literal["saastamoinen", "none"] = "saastamoinen"
     max_ephemeris_age_s: Positive | None = None
+
+    def signals_of(self) -> dict[str, tuple[str, ...]]:
+        """Return the codes that may be used, per constellation letter."""
+        return {str(letter): codes for letter, codes in self.signals.items()}
 
 
 class Noise(StrictModel):
@@ -122,7 +126,9 @@ class Adaptation(StrictModel):
     on: bool = True
     memory_s: Positive = Field(30.0, description="over which the levels follow")
     least_factor: Positive = Field(0.02, description="on a variance")
-    least_factor_at_rest: Positive = Field(0.25, description="on a pseudorange's variance while the vehicle stands")
+    least_factor_at_rest: Positive = Field(
+        0.25, description="on a pseudorange's variance while the vehicle stands"
+    )
     most_factor: Positive = Field(25.0, description="on a variance")
 
 

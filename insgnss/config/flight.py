@@ -99,7 +99,8 @@ class Imu(StrictModel):
         increments = self.gyro_unit in ("rad", "deg"), self.accel_unit in ("m/s", "g*s")
         if increments != ((self.values == "increments"),) * 2:
             raise ValueError(
-                f"values = '{self.values}' does not go with gyro_unit = '{self.gyro_unit}', accel_unit = '{self.accel_unit}':"
+                f"values = '{self.values}' does not go with gyro_unit = '{self.gyro_unit}',"
+                f" accel_unit = '{self.accel_unit}':"
                 " rates are in rad/s or deg/s and m/s^2, g or mg; increments in rad or deg and m/s or g*s"
             )
         return self

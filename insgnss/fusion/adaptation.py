@@ -1,9 +1,9 @@
 """The filter finds its own noise levels: three factors, on pseudoranges, range rates and the receiver clock, compiled.
 
-No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what is left after each update the
-filter corrects its assumed variances within bounds, so that normalised innovations are near one and sigma means
-something. Slow errors that are alike for many epochs (atmosphere, orbits, multipath at rest) do not show in what is left:
-they are in no sigma.
+No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what is left after each update
+the filter corrects its assumed variances within bounds, so that normalised innovations are near one and sigma means
+something. Slow errors that are alike for many epochs (atmosphere, orbits, multipath at rest) do not show in what is
+left: they are in no sigma.
 """
 
 from __future__ import annotations

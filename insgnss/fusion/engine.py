@@ -1,8 +1,8 @@
 """The streaming engine: the same filter as ``replay``, fed sample by sample, with GNSS epochs that may arrive late.
 
 It keeps the filter as it stood after each recent epoch. An epoch that arrives late is put in its place: the filter goes
-back to the state before it and runs forward again over the samples and epochs since. So what the engine says of an epoch
-in the end is, bit for bit, what ``replay`` says.
+back to the state before it and runs forward again over the samples and epochs since. So what the engine says of an
+epoch in the end is, bit for bit, what ``replay`` says.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ class _Kept:
 class Engine:
     """A live filter.
 
-    ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a setting
-    of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()`` what has
-    become final since the last call, ``engine.events`` all that happened.
+    ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
+    setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
+    what has become final since the last call, ``engine.events`` all that happened.
     """
 
     def __init__(self, setup: FilterSetup) -> None:
@@ -115,7 +115,9 @@ class Engine:
         """Take one or more GNSS epochs. What is older than the latency is refused with an event."""
         for part in _split(epoch):
             rows = self._rows(part)
-            result = EpochResult(int(part.t_ns[0]), part, rows, new_output(rows, 1, 32, np.zeros(0, np.int64)))
+            result = EpochResult(
+                int(part.t_ns[0]), part, rows, new_output(rows, 1, 32, np.zeros(0, np.int64))
+            )
             newest = self._samples.last_ns
             if newest is not None and result.t_ns < max(newest - self._latency_ns, self._kept[0].t_ns):
                 self._refuse(result, newest)
@@ -163,7 +165,7 @@ class Engine:
             self._messages,
             self._setup.klobuchar,
             clock_groups=self._setup.clock_groups,
-            signals=dict(use.signals),
+            signals=use.signals_of(),
             pseudorange=use.pseudorange,
             range_rate=use.range_rate,
             max_age_s=use.max_ephemeris_age_s,
@@ -301,13 +303,16 @@ def take_rows(table: GnssTable, rows: npt.NDArray[np.intp]) -> GnssTable:
 def _empty_epoch() -> GnssTable:
     """Return a table without rows."""
     nothing = np.zeros(0)
+    no_index = np.zeros(0, np.int16)
     return GnssTable(
-        np.zeros(0, np.int64),
-        np.zeros(0, np.int16),
-        np.zeros(0, np.int16),
-        *(nothing for _ in range(4)),
+        t_ns=np.zeros(0, np.int64),
+        sv=no_index,
+        signal=no_index,
+        pseudorange_m=nothing,
+        doppler_hz=nothing,
+        range_rate_mps=nothing,
+        cn0_dbhz=nothing,
         sv_names=(),
         signal_names=(),
         sat=np.zeros((0, 8)),
     )
-

@@ -1,4 +1,4 @@
-"""One GNSS epoch: first its pseudoranges, then its range rates, one scalar after the other, then the closed loop, compiled."""
+"""One GNSS epoch, compiled: its pseudoranges, then its range rates, one scalar at a time, then the closed loop."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def update_epoch(
 
     ``since_last`` is the time since the epoch before [s].
 
-    Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's and
-    the order of the rows matters only by rounding; the gates are all judged on the prior.
+    Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
+    and the order of the rows matters only by rounding; the gates are all judged on the prior.
     """
     predict_covariance(m, P, par, scratch)
     drift_variance = P[DRIFT, DRIFT]
@@ -118,7 +118,9 @@ def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread:
             extra = OFFSETS + line.group - 1 if kind == 0 and line.group > 0 else -1
             h = line.h_range if kind == 0 else line.h_rate
             columns = RANGE_COLUMNS if kind == 0 else RATE_COLUMNS
-            y, S = scalar_update(P, h, columns, extra, line.innovation[kind], spread * line.variance[kind], s.vectors)
+            y, S = scalar_update(
+                P, h, columns, extra, line.innovation[kind], spread * line.variance[kind], s.vectors
+            )
             total -= 0.5 * (y * y / S + math.log(S))
         elif line.status[kind] == GATED:
             total -= 0.5 * (gate2 + math.log(line.predicted[kind] + line.variance[kind]))
@@ -129,8 +131,8 @@ def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread:
 def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
 
-    Equation: C_eb <- exp([delta psi x]) C_eb. Neglects: the turn of the covariance's attitude axes by half the correction,
-    second order in it.
+    Equation: C_eb <- exp([delta psi x]) C_eb. Neglects: the turn of the covariance's attitude axes by half the
+    correction, second order in it.
     """
     for i in range(3):
         m.r_e[i] += correction[DR + i]

@@ -1,4 +1,4 @@
-"""A position, clock and velocity from one epoch alone, with the filter's own corrections and noise: for start and recovery."""
+"""Position, clock and velocity from one epoch alone, with the filter's own corrections: for start and recovery."""
 
 from __future__ import annotations
 

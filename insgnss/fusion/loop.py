@@ -70,7 +70,7 @@ def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, wo
 
     An output between samples is made on a copy of the leader, so asking for output does not change a bit of the filter.
     """
-    count = out.count[0]
+    count = out.counts[0]
     head = bank.head[0]
     while count.time < out.times_ns.shape[0] and out.times_ns[count.time] < stop_ns:
         t_ns = out.times_ns[count.time]
@@ -118,7 +118,7 @@ def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output,
 
 @kernel
 def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Output, work: Workspace) -> None:
-    """Write a navigation row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
+    """Write a row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
     n_hypotheses = bank.state.shape[0]
     if n_hypotheses > 1:
         mixture_covariance(bank, work.P_out)
@@ -138,7 +138,7 @@ def copy_matrix(source: Float64, target: Float64) -> None:
 @inlined
 def current_sample(bank: Bank, imu: Imu) -> int:
     """Return the index of the inertial sample whose rate holds at the bank's time."""
-    k = bank.head[0].next
+    k: int = bank.head[0].next
     if k >= imu.t_ns.shape[0] or imu.t_ns[k - 1] == bank.head[0].now_ns:
         return k - 1
     return k
@@ -165,7 +165,7 @@ def run_epochs(
     """
     par = parameters[0]
     head = bank.head[0]
-    count = out.count[0]
+    count = out.counts[0]
     for epoch in range(first, last):
         t_ns = rows.epoch_ns[epoch]
         advance(bank, t_ns, imu, par, out, work)
@@ -245,7 +245,7 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
     """Carry the bank to ``stop_ns``, writing output times on the way, that one too."""
     par = parameters[0]
     advance(bank, stop_ns, imu, par, out, work)
-    count = out.count[0]
+    count = out.counts[0]
     if count.time < out.times_ns.shape[0] and out.times_ns[count.time] == stop_ns:
         count.time += 1
         write_between(bank, stop_ns, imu, par, out, work)
@@ -275,16 +275,18 @@ def update_bank(
         i = turn if turn < lead else turn + 1
         if turn == n - 1:
             i = lead
-        done = update_epoch(bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, work.epoch, work.scratch, since_last)
+        done = update_epoch(
+            bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, work.epoch, work.scratch, since_last
+        )
         if n > 1:
             bank.state[i].log_weight += done.log_likelihood
     normalise_weights(bank)
     write_ledger(out.ledger, rows, epoch, work.epoch)
     t_ns = rows.epoch_ns[epoch]
     if done.clock_step != 0.0:
-        log_event(out, t_ns, np.int64(CLOCK_STEP), done.clock_step)
+        log_event(out, t_ns, CLOCK_STEP, done.clock_step)
     if done.drift_step != 0.0:
-        log_event(out, t_ns, np.int64(DRIFT_STEP), done.drift_step)
+        log_event(out, t_ns, DRIFT_STEP, done.drift_step)
     note_outage(out, t_ns, done.ranges_used + done.rates_used)
     return done
 
@@ -292,13 +294,13 @@ def update_bank(
 @inlined
 def note_outage(out: Output, t_ns: int, used: int) -> None:
     """Write an event when the measurements stop and when they are back."""
-    since = out.count[0].silent_since
+    since = out.counts[0].silent_since
     if used == 0 and since == 0:
-        out.count[0].silent_since = t_ns
-        log_event(out, t_ns, np.int64(NO_MEASUREMENTS), 0.0)
+        out.counts[0].silent_since = t_ns
+        log_event(out, t_ns, NO_MEASUREMENTS, 0.0)
     elif used > 0 and since != 0:
-        out.count[0].silent_since = 0
-        log_event(out, t_ns, np.int64(MEASUREMENTS_BACK), (t_ns - since) * 1e-9)
+        out.counts[0].silent_since = 0
+        log_event(out, t_ns, MEASUREMENTS_BACK, (t_ns - since) * 1e-9)
 
 
 @inlined

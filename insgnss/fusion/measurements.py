@@ -47,7 +47,11 @@ LINE_DTYPE: Final = np.dtype(
             ("innovation", np.float64, (2,)),  # at the prior
             ("variance", np.float64, (2,)),  # r of the measurement
             ("predicted", np.float64, (2,)),  # D = h P h^T at the prior
-            ("h_range", np.float64, (N_RATE,)),  # as long as the other, so that one compiled update serves both
+            (
+                "h_range",
+                np.float64,
+                (N_RATE,),
+            ),  # as long as the other, so that one compiled update serves both
             ("h_rate", np.float64, (N_RATE,)),
             ("group", np.int64),
             ("u_n", np.float64, (3,)),  # line of sight, north-east-down
@@ -84,14 +88,16 @@ class Epoch(NamedTuple):
 
 def new_epoch(k: int, n: int) -> Epoch:
     """Return work space for epochs of at most ``k`` rows and ``n`` error states."""
-    return Epoch(np.zeros(k, LINE_DTYPE), np.zeros(1, ANTENNA_DTYPE), np.zeros(1, AIR_DTYPE), np.zeros((4, max(k, n))))
+    return Epoch(
+        np.zeros(k, LINE_DTYPE), np.zeros(1, ANTENNA_DTYPE), np.zeros(1, AIR_DTYPE), np.zeros((4, max(k, n)))
+    )
 
 
 @inlined
 def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) -> None:
     """Write antenna position and velocity at the instant of reception, and where that is.
 
-    The state stands at the receiver's time tag, reception was ``clock / c`` earlier: r_a is carried back by v clock / c.
+    The state stands at the receiver's time tag, reception was ``clock / c`` earlier: r_a goes back by v clock / c.
     Neglects: the acceleration over that time, 5e-6 m for 10 m/s^2 and 1 ms.
     """
     l0, l1, l2 = par.lever_b[0], par.lever_b[1], par.lever_b[2]

@@ -125,7 +125,7 @@ class Navigator:
     def _write_start(self, bank: Bank, rows: Rows, epoch: int, fix: Fix | None, out: Output) -> None:
         """Write the navigation row of an automatic start."""
         t_ns = int(rows.epoch_ns[epoch])
-        count = out.count[0]
+        count = out.counts[0]
         while count.time < len(out.times_ns) and out.times_ns[count.time] < t_ns:
             count.time += 1
         at_time = count.time < len(out.times_ns) and out.times_ns[count.time] == t_ns
@@ -207,7 +207,9 @@ class Navigator:
             rows, epoch, self._parameters[0], self.setup.n_offsets + 1, self.setup.config.start.max_gdop
         )
         if fix is None or not fix.checked:
-            detail = f"most measurements refused for {health.lockout_epochs} epochs, and no fix to recover with"
+            detail = (
+                f"most measurements refused for {health.lockout_epochs} epochs, and no fix to recover with"
+            )
             self.events.append(Event(t_ns, "lockout", detail))
             return
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
@@ -237,7 +239,7 @@ class Navigator:
 
     def _collect_events(self, out: Output) -> None:
         """Turn the compiled loop's events into words."""
-        count = out.count[0]
+        count = out.counts[0]
         for row in out.events[: min(count.events, len(out.events))]:
             self.events.append(_in_words(int(row["t_ns"]), int(row["kind"]), float(row["a"])))
         if count.events > len(out.events):
@@ -247,7 +249,9 @@ class Navigator:
 
 def _in_words(t_ns: int, kind: int, a: float) -> Event:
     if kind == CLOCK_STEP:
-        return Event(t_ns, "clock_jump", f"the receiver clock stepped by {a:.1f} m ({a / 299792.458:.4f} ms); absorbed")
+        return Event(
+            t_ns, "clock_jump", f"the receiver clock stepped by {a:.1f} m ({a / 299792.458:.4f} ms); absorbed"
+        )
     if kind == DRIFT_STEP:
         return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {a:.2f} m/s; absorbed")
     if kind == NO_MEASUREMENTS:

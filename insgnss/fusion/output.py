@@ -44,10 +44,10 @@ _SMALLEST_COSINE = (
 )
 
 # kinds of event the compiled loop writes; the numbers a, b behind each
-CLOCK_STEP: Final = 1  # a: step [m]
-DRIFT_STEP: Final = 2  # a: step [m/s]
-NO_MEASUREMENTS: Final = 3
-MEASUREMENTS_BACK: Final = 4  # a: seconds without
+CLOCK_STEP: Final = np.int64(1)  # a: step [m]
+DRIFT_STEP: Final = np.int64(2)  # a: step [m/s]
+NO_MEASUREMENTS: Final = np.int64(3)
+MEASUREMENTS_BACK: Final = np.int64(4)  # a: seconds without
 
 
 NAV_DTYPE: Final = np.dtype(
@@ -98,7 +98,7 @@ class Output(NamedTuple):
     ledger: Table  # (n,) of LEDGER_DTYPE, one entry per observation
     events: Table  # of EVENT_DTYPE, filled from the front
     times_ns: Int64  # (k,) output times; empty for one row per epoch
-    count: Table  # (1,) of COUNT_DTYPE
+    counts: Table  # (1,) of COUNT_DTYPE
 
 
 def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64) -> Output:
@@ -117,15 +117,15 @@ def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64) -> Output
 
 
 @kernel
-def log_event(out: Output, t_ns: int, kind: int, a: float) -> None:
+def log_event(out: Output, t_ns: int, kind: np.int64, a: float) -> None:
     """Write one event while there is room, and count it in any case."""
-    i = out.count[0].events
+    i = out.counts[0].events
     if i < out.events.shape[0]:
         event = out.events[i]
         event.t_ns = t_ns
         event.kind = kind
         event.a = a
-    out.count[0].events = i + 1
+    out.counts[0].events = i + 1
 
 
 @inlined
@@ -182,7 +182,7 @@ def attitude_deviations(P: Float64, C_ne: Float64, pitch: float, yaw: float, out
 @kernel
 def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n_hypotheses: int) -> None:
     """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``."""
-    count = out.count[0]
+    count = out.counts[0]
     if count.nav >= out.nav.shape[0]:
         return
     row = out.nav[count.nav]

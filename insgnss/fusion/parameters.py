@@ -14,7 +14,6 @@ from insgnss.gnss.noise_model import thermal_factor
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 
-
 PARAMETERS_DTYPE = np.dtype(
     (
         np.record,
@@ -66,7 +65,12 @@ Parameters: TypeAlias = Any  # one element of PARAMETERS_DTYPE: SI units and rad
 
 
 def _noise(noise: Noise) -> tuple[float, float, float, float]:
-    return noise.floor**2, noise.elevation**2, noise.cn0_at_45_dbhz**2, float(thermal_factor(noise.missing_cn0_dbhz))
+    return (
+        noise.floor**2,
+        noise.elevation**2,
+        noise.cn0_at_45_dbhz**2,
+        float(thermal_factor(noise.missing_cn0_dbhz)),
+    )
 
 
 def resolve_parameters(
@@ -76,7 +80,7 @@ def resolve_parameters(
     lever_arm_m: tuple[float, float, float],
     klobuchar_known: bool,
 ) -> npt.NDArray[Any]:
-    """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; the ionosphere is corrected only where coefficients are known."""
+    """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
     sensor = sensor_model(grade)
     clock = clock_model(oscillator)
     use, gaps, gates = config.measurements, config.gaps, config.gates

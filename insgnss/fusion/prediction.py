@@ -30,7 +30,6 @@ from insgnss.inertial.mechanization import mechanize
 from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
 
-
 RATES_DTYPE: Final = np.dtype(
     (
         np.record,
@@ -164,7 +163,7 @@ def load_rates(
     m: StateRecord, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, par: Parameters, s: Rates
 ) -> float:
     """Write sample ``k``'s effective rates, biases removed, ; return the gap's length, zero without one."""
-    dt = (t_ns[k] - t_ns[k - 1]) * 1e-9
+    dt: float = (t_ns[k] - t_ns[k - 1]) * 1e-9
     before = k - 1 if k > 1 else k
     dt_before = (t_ns[before] - t_ns[before - 1]) * 1e-9
     for i in range(3):
@@ -215,7 +214,7 @@ def carry(
         gap = load_rates(m, w_ib_b, f_b, t_ns, k, par, rates)
         end_ns = min(t_ns[k], stop_ns)
         dt = (end_ns - now_ns) * 1e-9
-        pieces = 1 if gap == 0.0 else int(math.ceil(dt / par.longest_step))
+        pieces = 1 if gap == 0.0 else math.ceil(dt / par.longest_step)
         for _ in range(pieces):
             step_state(m, par, dt / pieces, gap, rates)
             if m.sum_dt > par.covariance_step - 1e-6:

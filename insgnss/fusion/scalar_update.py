@@ -28,9 +28,9 @@ def scalar_update(
 ) -> tuple[float, float]:
     """Correct ``P`` (n, n) and the correction in ``v`` by one scalar; return its innovation and that one's variance.
 
-    Equation: K = P h^T / S, S = h P h^T + r                                      [Sokolov & Yurchenko 2015, (9), corrected]
-              x += K (z - h x)                                                      [(7), (8), corrected: running estimate]
-              P = (I - K h) P (I - K h)^T + K r K^T = P - K g^T - g K^T + S K K^T,  g = P h^T           [(10), Joseph form]
+    Equation: K = P h^T / S, S = h P h^T + r                              [Sokolov & Yurchenko 2015, (9), corrected]
+              x += K (z - h x)                                              [(7), (8), corrected: running estimate]
+              P = (I - K h) P (I - K h)^T + K r K^T = P - K g^T - g K^T + S K K^T,  g = P h^T   [(10), Joseph form]
     The last form is Joseph's for any gain K, so an error of K enters squared. It is computed as
     P -= K w^T + w K^T with w = g - S K / 2, whose products commute: P stays symmetric bit for bit.
 

@@ -118,7 +118,9 @@ class Starter:
         """Return whether gyros, accelerometers and GNSS all say that the vehicle stands."""
         start = self.setup.config.start
         slow = float(np.linalg.norm(v_a)) < start.rest_speed_mps + 3.0 * math.sqrt(float(np.trace(P_v)))
-        steady = window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
+        steady = (
+            window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
+        )
         prior = self.setup.grade.gyro_bias_deg_per_h / 3600.0
         turning = np.degrees(np.abs(window.w_ib_b)).max() > start.rest_rate_degps + 3.0 * prior
         return slow and steady and not turning

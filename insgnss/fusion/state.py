@@ -1,7 +1,7 @@
 """The filter's state: its layout, with names for every index, and the arrays that hold it.
 
-A bank holds one filter for each heading that is still possible (one filter when the heading is known): one record and one
-covariance per hypothesis. Copying the three arrays of a bank copies the filter.
+A bank holds one filter for each heading that is still possible (one filter when the heading is known): one record and
+one covariance per hypothesis. Copying the three arrays of a bank copies the filter.
 """
 
 from __future__ import annotations

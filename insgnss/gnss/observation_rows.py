@@ -14,7 +14,7 @@ import numpy.typing as npt
 from insgnss.gnss.ephemeris_choice import BroadcastMessages
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.satellite_state import range_rates, satellite_states
-from insgnss.gnss.signals import ionosphere_factor, signal_of
+from insgnss.gnss.signals import L1_HZ, signal_of
 from insgnss.jit import kernel
 from insgnss.status import (
     BAD_SIGMA,
@@ -34,7 +34,6 @@ _CLOSEST_M, _FARTHEST_M = (
     1.0e9,
 )  # pseudoranges outside are no ranges to a satellite, whatever the clock
 _FASTEST_MPS = 2.0e4
-L1_HZ = 1575.42e6
 
 
 OBSERVATION_DTYPE: Final = np.dtype(

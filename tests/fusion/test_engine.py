@@ -64,9 +64,9 @@ def assert_same_bits(results: list[EpochResult], logs: FlightLogs, flight: Fligh
     setup = setup_filter(flight, logs, filter_config("tight17"))
     rows = rows_of(setup, logs)
     out, _ = run_filter(setup, logs.imu, rows, "gnss")
-    nav = out.nav[: out.count[0].nav]
+    nav = out.nav[: out.counts[0].nav]
     by_time = {int(r.t_ns): r for r in results}
-    written = [r for r in results if r.out.count[0].nav == 1]
+    written = [r for r in results if r.out.counts[0].nav == 1]
     assert len(written) == len(nav) > 60
     for row in nav:
         assert by_time[int(row["t_ns"])].out.nav[0].tobytes() == row.tobytes()
@@ -115,7 +115,7 @@ def test_state_between_epochs_is_the_replay_at_the_imu_rate(part: tuple[Flight, 
     flight, logs = part
     setup = setup_filter(flight, logs, filter_config("tight17"))
     out, _ = run_filter(setup, logs.imu, rows_of(setup, logs), "imu")
-    nav = {int(row["t_ns"]): row["value"] for row in out.nav[: out.count[0].nav]}
+    nav = {int(row["t_ns"]): row["value"] for row in out.nav[: out.counts[0].nav]}
     engine = Engine(setup)
     tables = {int(e.t_ns[0]): e for e in epochs(logs.gnss)}
     compared = 0
@@ -133,7 +133,9 @@ def test_state_between_epochs_is_the_replay_at_the_imu_rate(part: tuple[Flight, 
     assert compared > 20
 
 
-def test_sample_behind_the_newest_or_not_finite_is_refused_with_an_event(part: tuple[Flight, FlightLogs]) -> None:
+def test_sample_behind_the_newest_or_not_finite_is_refused_with_an_event(
+    part: tuple[Flight, FlightLogs],
+) -> None:
     flight, logs = part
     engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
     t = int(logs.imu.t_ns[0])

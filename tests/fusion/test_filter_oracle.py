@@ -208,7 +208,7 @@ def test_predicted_covariance_over_4_s_is_that_of_van_loan(
 
 
 def test_covariance_in_steps_of_several_samples_is_that_of_every_sample(rng: np.random.Generator) -> None:
-    """Swaying by 17 deg/s and 4 m/s^2: summing over the filter's own step changes no sigma by 0.03 % (reached 0.007)."""
+    """Swaying by 17 deg/s and 4 m/s^2: summing over the filter's own step changes no sigma by 0.03 % (0.007)."""
     log = make_log(rng, 1.0)
     sigmas = []
     for step_s in (float(parameters()["covariance_step"][0]), 0.001):

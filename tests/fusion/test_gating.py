@@ -74,7 +74,7 @@ def run_scene(s: Scene) -> Result:
 
 def events(result: Result) -> list[tuple[int, int, float]]:
     """Return time, kind and number of each event of the loop."""
-    written = result.out.events[: result.out.count[0].events]
+    written = result.out.events[: result.out.counts[0].events]
     return [(int(e["t_ns"]), int(e["kind"]), float(e["a"])) for e in written]
 
 

@@ -162,7 +162,7 @@ def test_filter_without_gnss_is_the_mechanization_alone(rng: np.random.Generator
     np.testing.assert_allclose(bank.P, inertial.P, rtol=1e-9, atol=1e-18)
     assert bank.state["clock"][0] == pytest.approx([1200.0 + 3.0 * 20.0, 3.0], rel=1e-12)
     assert np.all(result.out.ledger["status"] == ABSENT)
-    assert [int(e["kind"]) for e in result.out.events[: result.out.count[0].events]] == [NO_MEASUREMENTS]
+    assert [int(e["kind"]) for e in result.out.events[: result.out.counts[0].events]] == [NO_MEASUREMENTS]
 
 
 def gnss_table(log: Rows, values: Float64) -> GnssTable:
