@@ -31,8 +31,8 @@ from __future__ import annotations
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import Engine, NavState
 from insgnss.log.flight import Flight
-from insgnss.replay import replay
+from insgnss.replay import engine_settings, replay
 from insgnss.run import Run
 from insgnss.version import __version__
 
-__all__ = ["Engine", "Flight", "InsGnssError", "NavState", "Run", "__version__", "replay"]
+__all__ = ["Engine", "Flight", "InsGnssError", "NavState", "Run", "__version__", "engine_settings", "replay"]

@@ -27,10 +27,11 @@ from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.rinex import read_navigation
 from insgnss.result_tables import event_table, measurement_table, nav_table, satellite_table
 from insgnss.run import Run
 from insgnss.status import NO_IMU, USED
-from insgnss.tables import Event, ImuTable, Int64
+from insgnss.tables import Event, ImuTable, Int64, NavigationData
 from insgnss.version import __version__
 
 OutputRate = Literal["gnss", "imu"] | float
@@ -38,23 +39,43 @@ Progress = Callable[[str], None]
 
 
 def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> FilterSetup:
-    """Return the filter's setup for a flight: what the streaming engine must be given to repeat a replay."""
+    """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay."""
+    navigation = None if logs.gnss.sat is not None else logs.navigation
+    return _setup(flight, config, navigation, logs.gnss.sv_names)
+
+
+def engine_settings(flight: Flight | str | Path, filter: str | Path | FilterConfig = "tight17") -> FilterSetup:
+    """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
+
+    The inertial and GNSS logs are not opened: they are what the engine will be fed. Every constellation of the filter that
+    has an ephemeris gets its clock; all of them when the epochs bring the satellite states along.
+    """
+    if not isinstance(flight, Flight):
+        flight = Flight.load(flight)
+    config = filter_config(filter)
+    if not flight.config.gnss.navigation:
+        return _setup(flight, config, None, config.measurements.constellations)
+    navigation, _ = read_navigation(flight.config.gnss.navigation)
+    return _setup(flight, config, navigation, navigation.ephemerides.sv_names)
+
+
+def _setup(
+    flight: Flight, config: FilterConfig, navigation: NavigationData | None, sv_names: tuple[str, ...]
+) -> FilterSetup:
     gnss, start = flight.config.gnss, flight.config.start
     given = None if start == "automatic" else start
     start_ns = None
     if given is not None and given.time_s is not None:
         start_ns = int(week_seconds_to_ns(flight.config.gps_week, given.time_s))
-    navigation = logs.navigation
-    in_rows = logs.gnss.sat is not None
     return FilterSetup(
         config=config,
         grade=flight.imu_grade,
         oscillator=flight.oscillator,
         lever_arm_m=gnss.lever_arm_m or (0.0, 0.0, 0.0),
-        clock_groups=clock_groups(config.measurements.constellations, logs.gnss.sv_names),
+        clock_groups=clock_groups(config.measurements.constellations, sv_names),
         start=given,
         start_ns=start_ns,
-        ephemerides=None if navigation is None or in_rows else navigation.ephemerides,
+        ephemerides=None if navigation is None else navigation.ephemerides,
         klobuchar=None if navigation is None else navigation.klobuchar,
     )
 

@@ -11,7 +11,7 @@ import pytest
 from insgnss.fusion.engine import Engine, EpochResult, take_rows
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.replay import rows_of, run_filter, setup_filter
+from insgnss.replay import engine_settings, rows_of, run_filter, setup_filter
 from insgnss.status import NAMES, TOO_LATE
 from insgnss.tables import GnssTable
 
@@ -146,3 +146,14 @@ def test_sample_behind_the_newest_or_not_finite_is_refused_with_an_event(
     engine.imu(t + 5_000_000, np.array([np.nan, 0.0, 0.0]), still)
     assert [event.kind for event in engine.events] == ["imu_refused"] * 3
     assert not engine.state.started
+
+
+def test_settings_from_the_flight_file_alone_are_those_of_the_replay(part: tuple[Flight, FlightLogs]) -> None:
+    flight, logs = part
+    wanted = setup_filter(flight, logs, filter_config("tight17"))
+    found = engine_settings(SAMPLE)
+    assert found.clock_groups == wanted.clock_groups == ("G",)
+    assert found.lever_arm_m == wanted.lever_arm_m != (0.0, 0.0, 0.0)
+    assert found.ephemerides is not None and wanted.ephemerides is not None
+    assert np.array_equal(found.ephemerides.toe_ns, wanted.ephemerides.toe_ns)
+    assert found.parameters().tobytes() == wanted.parameters().tobytes()
