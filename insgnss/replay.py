@@ -47,8 +47,8 @@ def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> Filt
 def engine_settings(flight: Flight | str | Path, filter: str | Path | FilterConfig = "tight17") -> FilterSetup:
     """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
 
-    The inertial and GNSS logs are not opened: they are what the engine will be fed. Every constellation of the filter that
-    has an ephemeris gets its clock; all of them when the epochs bring the satellite states along.
+    The inertial and GNSS logs are not opened: they are what the engine will be fed. Every constellation of the filter
+    that has an ephemeris gets its clock; all of them when the epochs bring the satellite states along.
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
