@@ -44,7 +44,9 @@ def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> Filt
     return _setup(flight, config, navigation, logs.gnss.sv_names)
 
 
-def engine_settings(flight: Flight | str | Path, filter: str | Path | FilterConfig = "tight17") -> FilterSetup:
+def engine_settings(
+    flight: Flight | str | Path, filter: str | Path | FilterConfig = "tight17"
+) -> FilterSetup:
     """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
 
     The inertial and GNSS logs are not opened: they are what the engine will be fed. Every constellation of the filter

@@ -115,16 +115,23 @@ class Run:
             }
         )
 
-    def error_summary(self, quality: float | None = None) -> pd.DataFrame:
+    def heading_known_s(self) -> float | None:
+        """Return the time from which the heading has been known, None when it never was."""
+        known = self.events[self.events["kind"] == "heading_known"]
+        return None if known.empty else float(known["time_s"].iloc[0])
+
+    def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
 
-        ``quality`` keeps only the reference rows of at most that quality number.
+        ``quality`` keeps only the reference rows of at most that quality number, ``from_s`` those from that time on.
         """
         if self.errors is None:
             raise ResultError("the run has no reference", advice="name a [reference] in the flight file")
         table = self.errors
         if quality is not None:
             table = table[table["quality"] <= quality]
+        if from_s is not None:
+            table = table[table["time_s"] >= from_s]
         rows = {}
         for name in [c for c in table.columns if c.startswith("d_")]:
             values = table[name].dropna()

@@ -120,7 +120,11 @@ def _print_events(console: Console, run: Run) -> None:
 
 def _accuracy_table(run: Run) -> Table:
     """Return errors beside sigmas where there is a reference, sigmas alone elsewhere."""
-    table = Table(title="estimate against reference" if run.errors is not None else "sigma (no reference)")
+    known_s = run.heading_known_s()
+    since = "" if known_s is None else f", from the heading known at {known_s:.1f} s"
+    table = Table(
+        title=f"estimate against reference{since}" if run.errors is not None else "sigma (no reference)"
+    )
     table.add_column("")
     if run.errors is None or run.errors.empty:
         for name in ("at start", "median", "at end"):
@@ -133,7 +137,7 @@ def _accuracy_table(run: Run) -> Table:
                 _label(name[3:]), f"{values.iloc[0]:.3f}", f"{values.median():.3f}", f"{values.iloc[-1]:.3f}"
             )
         return table
-    summary = run.error_summary()
+    summary = run.error_summary(from_s=known_s)
     for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma"):
         table.add_column(name, justify="right")
     for label, row in summary.iterrows():
