@@ -30,24 +30,25 @@ def nav_table(out: Output, week: int, clock_groups: tuple[str, ...]) -> pd.DataF
 
 def measurement_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.DataFrame:
     """Return the ledger: one row for each value in the log, pseudorange before range rate, in the log's order."""
-    ledger = out.ledger
-    present = ledger["status"] != ABSENT
-    row, kind = np.nonzero(present)
-    innovation = ledger["innovation"][present]
-    variance = ledger["variance"][present]
+    status = out.ledger["status"]
+    present = status != ABSENT
+    values = np.count_nonzero(present, axis=1)  # of each row; repeating is cheaper than looking up
+    kind = np.broadcast_to(np.arange(len(KINDS), dtype=np.int8), present.shape)
+    innovation = out.ledger["innovation"][present]
+    variance = out.ledger["variance"][present]
     codes = sorted(NAMES)
     place = np.zeros(max(codes) + 1, np.int8)
     place[codes] = np.arange(len(codes))
     return pd.DataFrame(
         {
-            "time_s": ns_to_week_seconds(gnss.t_ns, week)[row],
-            "sv": _words(gnss.sv[row], gnss.sv_names),
-            "signal": _words(gnss.signal[row], gnss.signal_names),
-            "kind": _words(kind.astype(np.int8), KINDS),
+            "time_s": np.repeat(ns_to_week_seconds(gnss.t_ns, week), values),
+            "sv": _words(np.repeat(gnss.sv, values), gnss.sv_names),
+            "signal": _words(np.repeat(gnss.signal, values), gnss.signal_names),
+            "kind": _words(kind[present], KINDS),
             "innovation": innovation,
             "sd_innovation": np.sqrt(variance),
             "nis": innovation**2 / variance,
-            "status": _words(place[ledger["status"][present]], tuple(NAMES[c] for c in codes)),
+            "status": _words(place[status[present]], tuple(NAMES[c] for c in codes)),
         },
         copy=False,
     )
@@ -62,25 +63,26 @@ def satellite_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.D
     ledger = out.ledger
     epoch = np.repeat(np.arange(len(rows.epoch_ns)), np.diff(rows.first))
     seen = np.isfinite(ledger["u_n"][:, 0])
-    tracked = (ledger["status"] == USED).any(axis=1)
+    tracked = (ledger["status"][:, 0] == USED) | (ledger["status"][:, 1] == USED)
     chosen = _one_per_satellite(epoch, gnss.sv, seen, tracked, len(gnss.sv_names))
-    entry = ledger[chosen]
+    # every row, as a rule: then nothing is copied
+    rows_of_table = slice(None) if len(chosen) == len(ledger) else chosen
     names = ("tracked", *(NAMES[c] for c in sorted(NAMES) if c != USED), "absent")
     place = np.zeros(max(NAMES) + 1, np.int8)
     place[sorted(NAMES)[1:]] = np.arange(1, len(NAMES))
-    status = entry["status"][:, PSEUDORANGE]
-    state = np.where(
-        tracked[chosen], 0, np.where(status == ABSENT, len(names) - 1, place[np.maximum(status, 0)])
-    )
+    status = ledger["status"][rows_of_table, PSEUDORANGE]
+    state = place[np.maximum(status, 0)]
+    state[status == ABSENT] = len(names) - 1
+    state[tracked[rows_of_table]] = 0
     return pd.DataFrame(
         {
-            "time_s": ns_to_week_seconds(gnss.t_ns[chosen], week),
-            "sv": _words(gnss.sv[chosen], gnss.sv_names),
-            **_angles(entry["u_n"], ""),
-            **_angles(entry["u_b"], "body_"),
-            "state": _words(state.astype(np.int8), names),
-            "sd_range_m": np.sqrt(entry["predicted"][:, 0]),
-            "sd_range_rate_mps": np.sqrt(entry["predicted"][:, 1]),
+            "time_s": ns_to_week_seconds(gnss.t_ns[rows_of_table], week),
+            "sv": _words(gnss.sv[rows_of_table], gnss.sv_names),
+            **_angles(ledger["u_n"][rows_of_table], ""),
+            **_angles(ledger["u_b"][rows_of_table], "body_"),
+            "state": _words(state, names),
+            "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0]),
+            "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1]),
         },
         copy=False,
     )
@@ -104,9 +106,10 @@ def _one_per_satellite(
     """Return one row of each satellite and epoch among ``seen``: a tracked one before the others, else the first."""
     index = np.flatnonzero(seen)
     key = epoch[index] * max(n_sv, 1) + sv[index]
-    order = np.lexsort((~tracked[index], key))
+    # stable, so that rows in nearly the right order are sorted fast
+    order = np.argsort(2 * key + ~tracked[index], kind="stable")
     first = np.ones(len(order), np.bool_)
-    first[1:] = key[order][1:] != key[order][:-1]
+    first[1:] = np.diff(key[order]) != 0
     return np.sort(index[order[first]])
 
 

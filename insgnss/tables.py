@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -58,9 +58,29 @@ class GnssTable:
     )
     sigma_pseudorange_m: Float64 | None = None  # (n,) where the log states it
     sigma_range_rate_mps: Float64 | None = None  # (n,)
-    bad_cells: Int64 = field(
-        default_factory=lambda: np.zeros(0, np.int64)
-    )  # rows with an unreadable range or rate
+    # rows with an unreadable range or rate
+    bad_cells: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def take(self, rows: npt.NDArray[np.intp]) -> GnssTable:
+        """Return the given rows, in the given order; ``bad_cells`` follows its rows."""
+        flagged = np.zeros(len(self.t_ns), np.bool_)
+        flagged[self.bad_cells] = True
+        return replace(
+            self,
+            t_ns=self.t_ns[rows],
+            sv=self.sv[rows],
+            signal=self.signal[rows],
+            pseudorange_m=self.pseudorange_m[rows],
+            doppler_hz=self.doppler_hz[rows],
+            range_rate_mps=self.range_rate_mps[rows],
+            cn0_dbhz=self.cn0_dbhz[rows],
+            sat=None if self.sat is None else self.sat[rows],
+            sigma_pseudorange_m=None if self.sigma_pseudorange_m is None else self.sigma_pseudorange_m[rows],
+            sigma_range_rate_mps=None
+            if self.sigma_range_rate_mps is None
+            else self.sigma_range_rate_mps[rows],
+            bad_cells=np.flatnonzero(flagged[rows]).astype(np.int64),
+        )
 
 
 @dataclass(frozen=True)

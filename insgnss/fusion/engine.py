@@ -24,7 +24,7 @@ from insgnss.fusion.state import copy_bank
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.status import TOO_LATE, USED
-from insgnss.tables import Event, Float64, GnssTable
+from insgnss.tables import Event, GnssTable
 
 _LONG_AGO_NS = -(2**62)
 _HISTORY_S = 6.0  # of samples behind the oldest state kept: what a start looks back on
@@ -272,32 +272,7 @@ def _split(table: GnssTable) -> Iterator[GnssTable]:
     """Yield a table's epochs one by one, in the order of time."""
     times = np.unique(table.t_ns)
     for t_ns in times:
-        rows = np.flatnonzero(table.t_ns == t_ns)
-        yield take_rows(table, rows)
-
-
-def take_rows(table: GnssTable, rows: npt.NDArray[np.intp]) -> GnssTable:
-    """Return the given rows of a GNSS table."""
-
-    def part(values: Float64 | None) -> Float64 | None:
-        return None if values is None else values[rows]
-
-    place = {int(r): i for i, r in enumerate(rows)}
-    return GnssTable(
-        t_ns=table.t_ns[rows],
-        sv=table.sv[rows],
-        signal=table.signal[rows],
-        pseudorange_m=table.pseudorange_m[rows],
-        doppler_hz=table.doppler_hz[rows],
-        range_rate_mps=table.range_rate_mps[rows],
-        cn0_dbhz=table.cn0_dbhz[rows],
-        sv_names=table.sv_names,
-        signal_names=table.signal_names,
-        sat=part(table.sat),
-        sigma_pseudorange_m=part(table.sigma_pseudorange_m),
-        sigma_range_rate_mps=part(table.sigma_range_rate_mps),
-        bad_cells=np.array([place[int(b)] for b in table.bad_cells if int(b) in place], np.int64),
-    )
+        yield table.take(np.flatnonzero(table.t_ns == t_ns))
 
 
 def _empty_epoch() -> GnssTable:

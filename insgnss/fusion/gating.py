@@ -10,24 +10,12 @@ import math
 
 from insgnss.fusion.measurements import Epoch
 from insgnss.jit import inlined
+from insgnss.median import median_of
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
 _AGREEMENT = 2.0 / 3.0  # share of the rows that must show the same step before it counts as the clock's
 _STEP_SPREAD_SIGMA = 5.0
-
-
-@inlined
-def median_of(values: Float64, n: int) -> float:
-    """Return the median of the first ``n`` entries, which are sorted in place (by insertion: an epoch is short)."""
-    for i in range(1, n):
-        value = values[i]
-        j = i
-        while j > 0 and values[j - 1] > value:
-            values[j] = values[j - 1]
-            j -= 1
-        values[j] = value
-    return float(0.5 * (values[(n - 1) // 2] + values[n // 2]))
 
 
 @inlined

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from insgnss.gnss.ephemeris_choice import BroadcastMessages
 from insgnss.gnss.noise_model import thermal_factor
-from insgnss.gnss.satellite_state import range_rates, satellite_states
+from insgnss.gnss.satellite_state import range_rates, satellite_states, states_given
 from insgnss.gnss.signals import L1_HZ, signal_of
 from insgnss.jit import kernel
 from insgnss.status import (
@@ -21,6 +21,7 @@ from insgnss.status import (
     BAD_VALUE,
     CONSTELLATION_NOT_USED,
     DUPLICATE,
+    NO_EPHEMERIS,
     SIGNAL_NOT_USED,
     SWITCHED_OFF,
     USED,
@@ -36,6 +37,7 @@ _CLOSEST_M, _FARTHEST_M = (
 _FASTEST_MPS = 2.0e4
 
 
+Int8: TypeAlias = npt.NDArray[np.int8]
 OBSERVATION_DTYPE: Final = np.dtype(
     (
         np.record,
@@ -91,39 +93,57 @@ def prepare_rows(
     pseudorange, range_rate : whether the kind is used at all
     max_age_s : oldest ephemeris to use; the constellation's own validity when None
     """
-    states = satellite_states(gnss, ephemerides, max_age_s=max_age_s)
-    rates = range_rates(gnss)
+    sat, of_state = _states(gnss, ephemerides, max_age_s)
     epoch_ns, first = np.unique(gnss.t_ns, return_index=True)
     group = _groups(gnss, clock_groups)
     choice = _signal_choice(gnss, signals)
-    sigma = _stated_sigmas(gnss)
-    values = np.stack([gnss.pseudorange_m, rates])
-    status = np.empty((2, len(gnss.t_ns)), np.int64)
-    usable = np.where(choice < 0, SIGNAL_NOT_USED, states.status)
-    usable = np.where(group < 0, CONSTELLATION_NOT_USED, usable)
+    usable = np.where(choice < 0, np.int8(SIGNAL_NOT_USED), of_state)
+    usable[group < 0] = CONSTELLATION_NOT_USED
     refused_twice = _refused_twice(gnss, np.where(usable == USED, choice, -1))
-    usable = np.where((usable == USED) & (refused_twice > 0), refused_twice, usable)
-    for kind, wanted in ((PSEUDORANGE, pseudorange), (RANGE_RATE, range_rate)):
-        status[kind] = _kind_status(kind, values[kind], usable, sigma[kind], wanted)
-    bad = gnss.bad_cells
-    status[:, bad] = np.where(np.isfinite(values[:, bad]), status[:, bad], BAD_VALUE)
+    again = (usable == USED) & (refused_twice > 0)
+    usable[again] = refused_twice[again]
     observation = np.zeros(len(gnss.t_ns), OBSERVATION_DTYPE)
     observation["sv"] = gnss.sv
     observation["group"] = np.maximum(group, 0)
-    observation["status"] = status.T
-    observation["no_satellite"] = ~np.isfinite(states.position[:, 0])
-    observation["value"] = values.T
-    observation["sigma"] = sigma.T
+    observation["no_satellite"] = ~np.isfinite(sat[:, 0])
     observation["cn0"] = gnss.cn0_dbhz
     observation["thermal"] = thermal_factor(gnss.cn0_dbhz)
     observation["ionosphere_factor"] = _ionosphere_factors(gnss)
+    for kind, value, sigma, wanted in (
+        (PSEUDORANGE, gnss.pseudorange_m, gnss.sigma_pseudorange_m, pseudorange),
+        (RANGE_RATE, range_rates(gnss), gnss.sigma_range_rate_mps, range_rate),
+    ):
+        status = _kind_status(kind, value, usable, sigma, wanted)
+        bad = gnss.bad_cells
+        status[bad] = np.where(np.isfinite(value[bad]), status[bad], BAD_VALUE)
+        observation["value"][:, kind] = value
+        observation["sigma"][:, kind] = math.nan if sigma is None else sigma
+        observation["status"][:, kind] = status
     return Rows(
         epoch_ns=epoch_ns,
         first=np.append(first, len(gnss.t_ns)).astype(np.int64),
         observation=observation,
-        sat=np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps]),
+        sat=sat,
         klobuchar=np.zeros(8) if klobuchar is None else np.asarray(klobuchar, dtype=np.float64),
     )
+
+
+def _states(
+    gnss: GnssTable, ephemerides: EphemerisTable | BroadcastMessages | None, max_age_s: float | None
+) -> tuple[Float64, Int8]:
+    """Return position, velocity, clock and its drift (n, 8), NaN where there is no satellite, and why there is none.
+
+    States that stand in the log are not copied where all of them are good: an hour of a big log has 70 MB of them.
+    """
+    if gnss.sat is None:
+        states = satellite_states(gnss, ephemerides, max_age_s=max_age_s)
+        sat = np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps])
+        return sat, states.status.astype(np.int8)
+    given = states_given(gnss.sat)
+    sat = np.require(gnss.sat, np.float64, ("C", "W"))
+    if not given.all():
+        sat = np.where(given[:, None], sat, math.nan)
+    return sat, np.where(given, np.int8(USED), np.int8(NO_EPHEMERIS))
 
 
 def _groups(gnss: GnssTable, clock_groups: tuple[str, ...]) -> Int64:
@@ -157,24 +177,20 @@ def _ionosphere_factors(gnss: GnssTable) -> Float64:
     return np.asarray(factor[gnss.sv, gnss.signal])
 
 
-def _stated_sigmas(gnss: GnssTable) -> Float64:
-    """Return the sigmas the log states, (2, n), NaN where it states none."""
-    none = np.full(len(gnss.t_ns), math.nan)
-    stated = (gnss.sigma_pseudorange_m, gnss.sigma_range_rate_mps)
-    return np.stack([none if s is None else s for s in stated])
-
-
-def _kind_status(kind: int, value: Float64, usable: Int64, sigma: Float64, wanted: bool) -> Int64:
+def _kind_status(kind: int, value: Float64, usable: Int8, sigma: Float64 | None, wanted: bool) -> Int8:
     """Return the starting status of one kind: absent, the row's own reason, or a bad value or sigma."""
-    size = np.abs(value)
-    bad = ~((size >= _CLOSEST_M) & (size <= _FARTHEST_M)) if kind == PSEUDORANGE else ~(size <= _FASTEST_MPS)
     if kind == PSEUDORANGE:
-        bad |= value < 0.0
-    status = np.where((usable == USED) & bad, BAD_VALUE, usable)
-    status = np.where((status == USED) & (sigma <= 0.0), BAD_SIGMA, status)
+        good = (value >= _CLOSEST_M) & (value <= _FARTHEST_M)
+    else:
+        good = np.abs(value) <= _FASTEST_MPS
+    status = usable.copy()
+    status[(usable == USED) & ~good] = BAD_VALUE
+    if sigma is not None:
+        status[(status == USED) & (sigma <= 0.0)] = BAD_SIGMA
     if not wanted:
-        status = np.where(status == USED, SWITCHED_OFF, status)
-    return np.asarray(np.where(np.isnan(value), ABSENT, status))
+        status[status == USED] = SWITCHED_OFF
+    status[np.isnan(value)] = ABSENT
+    return status
 
 
 @kernel

@@ -26,6 +26,7 @@ from insgnss.gnss.ephemeris_rows import M0, E, N
 from insgnss.gnss.satellite_clock import group_delay, satellite_clock
 from insgnss.gnss.signals import signal_of, wavelength_m
 from insgnss.jit import kernel
+from insgnss.median import median_of
 from insgnss.status import NO_EPHEMERIS, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64
 
@@ -132,18 +133,25 @@ def _no_states(n: int) -> SatelliteStates:
 def _passed_through(sat: Float64) -> SatelliteStates:
     """Return the states that stand in the log; the acceleration is that of a point-mass Earth (5e-5 m/s^2)."""
     states = _no_states(len(sat))
-    r_e, v_e = sat[:, 0:3], sat[:, 3:6]
+    good = states_given(sat)
+    r_e, v_e = sat[good, 0:3], sat[good, 3:6]
+    states.position[good], states.velocity[good] = r_e, v_e
     distance = np.linalg.norm(r_e, axis=1)
-    good = np.isfinite(sat[:, 6]) & (distance > _NEAREST_SATELLITE_M) & np.isfinite(distance)
-    states.position[good], states.velocity[good] = r_e[good], v_e[good]
     # a = -mu r / |r|^3 - 2 omega x v - omega x (omega x r)
-    gravity = -WGS84_GM_M3PS2 * (r_e[good].T / distance[good] ** 3).T
-    coriolis = 2.0 * WGS84_OMEGA_RADPS * np.stack([v_e[good, 1], -v_e[good, 0], np.zeros(good.sum())], axis=1)
-    centrifugal = WGS84_OMEGA_RADPS**2 * r_e[good] * np.array([1.0, 1.0, 0.0])
+    gravity = -WGS84_GM_M3PS2 * (r_e.T / distance**3).T
+    coriolis = 2.0 * WGS84_OMEGA_RADPS * np.stack([v_e[:, 1], -v_e[:, 0], np.zeros(len(v_e))], axis=1)
+    centrifugal = WGS84_OMEGA_RADPS**2 * r_e * np.array([1.0, 1.0, 0.0])
     states.acceleration[good] = gravity + coriolis + centrifugal
     states.clock_m[good], states.drift_mps[good] = sat[good, 6], sat[good, 7]
     states.status[good] = USED
     return states
+
+
+def states_given(sat: Float64) -> Bool:
+    """Return which rows of a log's own satellite states (n, 8) hold a satellite: a clock, and a place in orbit."""
+    with np.errstate(over="ignore"):
+        square = sat[:, 0] ** 2 + sat[:, 1] ** 2 + sat[:, 2] ** 2
+    return np.isfinite(sat[:, 6]) & (square > _NEAREST_SATELLITE_M**2) & np.isfinite(square)
 
 
 def _signal_factors(gnss: GnssTable) -> tuple[Bool, Float64]:
@@ -158,20 +166,6 @@ def _signal_factors(gnss: GnssTable) -> tuple[Bool, Float64]:
                 factors[i, j, 0] = signal.group_delay
                 factors[i, j, 1] = signal.group_delay_fnav or signal.group_delay
     return known, factors
-
-
-@kernel
-def _median(values: Float64, n: int) -> float:
-    """Return the median of the first ``n`` values, which it sorts by insertion."""
-    for i in range(1, n):
-        value = values[i]
-        j = i
-        while j > 0 and values[j - 1] > value:
-            values[j] = values[j - 1]
-            j -= 1
-        values[j] = value
-    median: float = 0.5 * (values[(n - 1) // 2] + values[n // 2])
-    return median
 
 
 @kernel
@@ -193,7 +187,7 @@ def flight_times(t_ns: Int64, pseudorange: Float64, tau: Float64) -> None:
                 sorted_values[found] = pseudorange[stop] / C_MPS
                 found += 1
             stop += 1
-        median = _median(sorted_values, found) if found > 0 else _USUAL_FLIGHT_S
+        median = median_of(sorted_values, found) if found > 0 else _USUAL_FLIGHT_S
         for i in range(start, stop):
             own = pseudorange[i] / C_MPS
             near = abs(own - median) <= _WIDEST_SPREAD_S  # false for NaN

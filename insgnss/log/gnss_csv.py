@@ -16,7 +16,7 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import CsvTable, TextColumn, read_csv_table
-from insgnss.log.gnss_rows import in_time_order, joined, selected
+from insgnss.log.gnss_rows import in_time_order, joined
 from insgnss.log.rinex import read_rinex_obs
 from insgnss.log.satellites import normalised_name
 from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
@@ -101,7 +101,7 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
     if names.doppler not in table.columns and names.range_rate not in table.columns:
         detail = f"{path}: neither '{names.doppler}' nor '{names.range_rate}': pseudoranges only"
         events.append(Event(None, "no_range_rate", detail))
-    return (whole if (sv >= 0).all() else selected(whole, np.flatnonzero(sv >= 0))), events
+    return (whole if (sv >= 0).all() else whole.take(np.flatnonzero(sv >= 0))), events
 
 
 def _wanted(names: GnssColumns) -> Wanted:

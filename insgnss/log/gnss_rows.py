@@ -1,33 +1,10 @@
-"""Rows of GNSS observations: selected, joined over several files, and put into the order of their epochs."""
+"""Rows of GNSS observations: joined over several files, and put into the order of their epochs."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-import numpy.typing as npt
 
 from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
-
-
-def selected(table: GnssTable, rows: npt.NDArray[np.intp]) -> GnssTable:
-    """Return the given rows, in the given order; ``bad_cells`` follows its rows."""
-    flagged = np.zeros(len(table.t_ns), np.bool_)
-    flagged[table.bad_cells] = True
-    return replace(
-        table,
-        t_ns=table.t_ns[rows],
-        sv=table.sv[rows],
-        signal=table.signal[rows],
-        pseudorange_m=table.pseudorange_m[rows],
-        doppler_hz=table.doppler_hz[rows],
-        range_rate_mps=table.range_rate_mps[rows],
-        cn0_dbhz=table.cn0_dbhz[rows],
-        sat=None if table.sat is None else table.sat[rows],
-        sigma_pseudorange_m=None if table.sigma_pseudorange_m is None else table.sigma_pseudorange_m[rows],
-        sigma_range_rate_mps=None if table.sigma_range_rate_mps is None else table.sigma_range_rate_mps[rows],
-        bad_cells=np.flatnonzero(flagged[rows]).astype(np.int64),
-    )
 
 
 def joined(parts: list[GnssTable]) -> GnssTable:
@@ -76,7 +53,7 @@ def in_time_order(table: GnssTable, file: str) -> tuple[GnssTable, list[Event]]:
         return table, []
     detail = f"{file}: time falls back at {len(falls)} row(s); the rows were sorted"
     order = np.argsort(table.t_ns, kind="stable")
-    return selected(table, order), [Event(int(table.t_ns[falls[0] + 1]), "gnss_time_order", detail)]
+    return table.take(order), [Event(int(table.t_ns[falls[0] + 1]), "gnss_time_order", detail)]
 
 
 def epochs(table: GnssTable) -> tuple[Int64, Int64]:

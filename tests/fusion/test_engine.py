@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.fusion.engine import Engine, EpochResult, take_rows
+from insgnss.fusion.engine import Engine, EpochResult
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.replay import engine_settings, rows_of, run_filter, setup_filter
@@ -31,13 +31,13 @@ def shortened(logs: FlightLogs, seconds: float) -> FlightLogs:
     stop = int(logs.imu.t_ns[0]) + int(seconds * 1e9)
     n = int(np.searchsorted(logs.imu.t_ns, stop))
     imu = type(logs.imu)(logs.imu.t_ns[:n], logs.imu.w_ib_b[:n], logs.imu.f_b[:n])
-    gnss = take_rows(logs.gnss, np.flatnonzero(logs.gnss.t_ns < stop))
+    gnss = logs.gnss.take(np.flatnonzero(logs.gnss.t_ns < stop))
     return FlightLogs(imu, gnss, logs.navigation, None, [], {})
 
 
 def epochs(gnss: GnssTable) -> list[GnssTable]:
     """Return the table epoch by epoch."""
-    return [take_rows(gnss, np.flatnonzero(gnss.t_ns == t)) for t in np.unique(gnss.t_ns)]
+    return [gnss.take(np.flatnonzero(gnss.t_ns == t)) for t in np.unique(gnss.t_ns)]
 
 
 def stream(engine: Engine, logs: FlightLogs, delays_ns: Iterator[int]) -> None:
@@ -97,7 +97,7 @@ def test_epochs_late_within_the_latency_give_the_bits_of_replay(
     assert all(TOO_LATE not in r.out.ledger["status"] for r in results)
     last = max(r.t_ns for r in results)
     kept = logs.gnss.t_ns <= last
-    cut = FlightLogs(logs.imu, take_rows(logs.gnss, np.flatnonzero(kept)), logs.navigation, None, [], {})
+    cut = FlightLogs(logs.imu, logs.gnss.take(np.flatnonzero(kept)), logs.navigation, None, [], {})
     assert_same_bits(results, cut, flight)
 
 

@@ -14,7 +14,6 @@ import pandas as pd
 from insgnss.config.flight import FlightConfig, GivenStart, Gnss, Imu, ImuGrade, Oscillator
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.log.gnss_rows import selected
 from insgnss.run import Run
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
@@ -178,7 +177,7 @@ def without_samples(imu: ImuTable, from_s: float, to_s: float, start_ns: int = S
 
 def rows_where(gnss: GnssTable, keep: np.ndarray) -> GnssTable:
     """Return the rows of a GNSS log that ``keep`` (bool) marks."""
-    return selected(gnss, np.flatnonzero(keep))
+    return gnss.take(np.flatnonzero(keep))
 
 
 def after(run: Run, seconds: float) -> pd.DataFrame:

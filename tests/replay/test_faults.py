@@ -13,7 +13,6 @@ import pytest
 import insgnss
 from insgnss.errors import StartError
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.log.gnss_rows import selected
 from insgnss.run import Run
 from insgnss.simulation.faults import outage, range_ramp, range_step, reversed_range_rate
 from insgnss.simulation.journeys import airborne_turns
@@ -213,7 +212,7 @@ def test_receiver_clock_that_is_off_does_not_change_the_solution(late_s: float) 
 def doubled(gnss: GnssTable, sv: str) -> GnssTable:
     """Return the log with every row of a satellite written twice."""
     twice = np.flatnonzero(gnss.sv == gnss.sv_names.index(sv))
-    return selected(gnss, np.sort(np.concatenate([np.arange(len(gnss.t_ns)), twice]), kind="stable"))
+    return gnss.take(np.sort(np.concatenate([np.arange(len(gnss.t_ns)), twice]), kind="stable"))
 
 
 def test_satellite_that_stands_twice_in_an_epoch_counts_once(clean: Run, log: SimulatedLog) -> None:

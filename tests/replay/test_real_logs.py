@@ -21,7 +21,6 @@ from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightLogs
-from insgnss.log.gnss_rows import selected
 from insgnss.replay import rows_of, run_filter, setup_filter
 from insgnss.result_tables import nav_table
 from insgnss.run import Run
@@ -156,7 +155,7 @@ def test_car_drifts_less_than_a_metre_in_twenty_seconds_without_satellites(
     seconds = found.seconds()
     hidden = (seconds > 185_608.0) & (seconds <= 185_628.0)
     assert hidden.sum() > 100
-    gnss = selected(found.logs.gnss, np.flatnonzero(~hidden))
+    gnss = found.logs.gnss.take(np.flatnonzero(~hidden))
     coasting = solution(found, dataclasses.replace(found.logs, gnss=gnss)).set_index("time_s")
     aided = solution(found, found.logs).set_index("time_s")
     drift = []
