@@ -58,9 +58,9 @@ def update_epoch(
     n = rows.first[epoch + 1] - rows.first[epoch]
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0)
     for kind in range(2):
-        step = common_step(s, kind, n, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind])
+        step, variance = common_step(s, kind, n, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind])
         if step != 0.0:
-            absorb_clock_step(m.clock, P, s, kind, n, CLOCK + kind, step)
+            absorb_clock_step(m.clock, P, s, kind, n, CLOCK + kind, step, variance)
         used, refused = gate_rows(s, kind, n, gate2_of(par, kind))
         done = noted(done, kind, used, refused, step)
     correction = s.vectors[0]

@@ -15,63 +15,75 @@ from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
 _AGREEMENT = 2.0 / 3.0  # share of the rows that must show the same step before it counts as the clock's
-_STEP_SPREAD_SIGMA = 5.0
+_STEP_SIGMA = 5.0
+_ENOUGH_WITNESSES = 5
+_SMALL_SHARE = 0.02  # of the smallest step that few witnesses are believed
+_BLUR = 1e-4
+_STEP_FLOOR = (3.0, 0.1)  # least sigma of a step, of bias [m] and drift [m/s]
 
 
 @inlined
-def common_step(s: Epoch, kind: int, n_rows: int, smallest: float, clock_variance: float) -> float:
-    """Return the step [m or m/s] that the innovations of an epoch share and only a clock can make; 0 if there is none.
+def common_step(
+    s: Epoch, kind: int, n_rows: int, smallest: float, clock_variance: float
+) -> tuple[float, float]:
+    """Return the step [m or m/s] that an epoch's innovations share and only a clock can make, and its variance.
 
-    The median of the innovations must be beyond ``smallest`` and 5 sigma of the predicted clock, and two thirds of at
-    least two rows must agree with it within their own sigma without the clock's. A single satellite is no witness: its
+    The step is zero when there is none. At least half of the rows must be beyond five sigmas, their median beyond five
+    sigmas of the predicted clock, and two thirds of at least two rows must agree with it within their own sigma without
+    the clock's. Fewer than five witnesses are believed only beyond ``smallest``, and a single one never: its
     pseudorange may be wrong by itself.
     """
     values = s.vectors[3]
     n = 0
-    large = 0
+    beyond = 0
+    limit2 = _STEP_SIGMA * _STEP_SIGMA
     for j in range(n_rows):
-        if s.lines[j].status[kind] == USED:
-            values[n] = s.lines[j].innovation[kind]
+        line = s.lines[j]
+        if line.status[kind] == USED:
+            values[n] = line.innovation[kind]
             n += 1
-            if abs(s.lines[j].innovation[kind]) > smallest:
-                large += 1
-    if n < 2 or 2 * large < n:
-        return 0.0
+            if line.innovation[kind] ** 2 > limit2 * (line.predicted[kind] + line.variance[kind]):
+                beyond += 1
+    if n < 2 or 2 * beyond < n:
+        return 0.0, 0.0
     step = median_of(values, n)
-    if not abs(step) > max(smallest, _STEP_SPREAD_SIGMA * math.sqrt(clock_variance)):
-        return 0.0
+    least = smallest if n < _ENOUGH_WITNESSES else _SMALL_SHARE * smallest
+    if not abs(step) > max(least, _STEP_SIGMA * math.sqrt(clock_variance)):
+        return 0.0, 0.0
     agree = 0
+    spread = 0.0
     for j in range(n_rows):
-        if s.lines[j].status[kind] == USED:
-            own = max(s.lines[j].predicted[kind] - clock_variance, 0.0) + s.lines[j].variance[kind]
-            if abs(s.lines[j].innovation[kind] - step) <= max(
-                _STEP_SPREAD_SIGMA * math.sqrt(own), 0.05 * smallest
-            ):
+        line = s.lines[j]
+        if line.status[kind] == USED:
+            own = max(line.predicted[kind] - clock_variance, 0.0) + line.variance[kind]
+            # a clock that drifts during the step, or steps between two satellites' measurements, blurs it by a little
+            blur = max(_STEP_SIGMA * math.sqrt(own), _BLUR * abs(step))
+            if abs(line.innovation[kind] - step) <= blur:
                 agree += 1
-    return step if agree >= max(2, _AGREEMENT * n) else 0.0
+                spread += own
+    if agree < max(2, _AGREEMENT * n):
+        return 0.0, 0.0
+    # twice the sigma of the mean of those that agree: a median is a little worse than a mean
+    return step, 4.0 * spread / (agree * agree) + _STEP_FLOOR[kind] ** 2
 
 
 @inlined
 def absorb_clock_step(
-    clock: Float64, P: Float64, s: Epoch, kind: int, n_rows: int, column: int, step: float
+    clock: Float64, P: Float64, s: Epoch, kind: int, n_rows: int, column: int, step: float, variance: float
 ) -> None:
-    """Add a clock step to the state, forget what was known of that clock state, and correct the epoch's innovations.
-
-    The new variance is the square of a hundredth of the step (at least 30 m, 3 m/s), far above what the median leaves.
-    """
+    """Add a clock step to the state, forget what was known of that clock state, and correct the epoch's innovations."""
     clock[kind] += step
     n = P.shape[0]
     old = P[column, column]
-    new = max(30.0 if kind == 0 else 3.0, 0.01 * abs(step)) ** 2
     for j in range(n_rows):
         if s.lines[j].status[kind] == USED:
             s.lines[j].innovation[kind] -= step
             # D loses the clock's correlations; a bound that errs on the wide side is enough for this one epoch
-            s.lines[j].predicted[kind] = max(s.lines[j].predicted[kind] - old, 0.0) + new + old
+            s.lines[j].predicted[kind] = max(s.lines[j].predicted[kind] - old, 0.0) + variance + old
     for i in range(n):
         P[column, i] = 0.0
         P[i, column] = 0.0
-    P[column, column] = new
+    P[column, column] = variance
 
 
 @inlined

@@ -225,6 +225,29 @@ def test_wrong_satellite_is_refused_in_the_epoch_of_a_clock_step_too(
     assert errors(s)[0] < 4.0
 
 
+@pytest.mark.parametrize("first", [0, 11], ids=["wrong row first", "wrong row last"])
+def test_gates_are_judged_on_the_prior_and_not_on_what_earlier_rows_made_of_it(first: int) -> None:
+    """The clock is known to 100 m: 400 m pass, then eleven right rows stand 400 m beside an estimate good to 3 m."""
+    at, par = place(), parameters()
+    bank = new_filter(at)
+    log = perfect_rows(bank, par, [START_NS], sky(at))
+    log.observation["value"][first, PSEUDORANGE] += 400.0
+
+    assert np.all(update(bank, log, par).out.ledger["status"] == USED)
+
+
+def test_common_step_of_a_bare_majority_is_not_taken_for_the_clocks(rng: np.random.Generator) -> None:
+    """Seven rows of twelve are a millisecond off: the clock would have moved all twelve."""
+    s = scene(rng, 12)
+    by_epoch(s.log)[STEP_AT, :7, PSEUDORANGE] += MILLISECOND_M
+
+    result = run_scene(s)
+
+    assert events(result) == []
+    status = result.out.ledger["status"].reshape(EPOCHS, 12, 2)[STEP_AT, :, PSEUDORANGE]
+    assert status.tolist() == [GATED] * 7 + [USED] * 5
+
+
 def test_wrong_row_does_not_change_the_status_of_any_other() -> None:
     """Innovations from 4 to 6 sigma, some refused and some not: the same ones, whatever one more row shows."""
     at, par = place(), parameters()

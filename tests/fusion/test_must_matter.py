@@ -85,26 +85,26 @@ def broadcast(tmp_path: Path) -> Broadcast:
     )
 
 
-def rows_with(table: EphemerisTable, pseudorange_m: float, later_s: float = 0.0) -> Rows:
-    """Return one row of G04 with its state by the message, as for a time tag ``later_s`` late."""
-    tag = TOE_NS + 1_800_000_000_000 + round(later_s * 1e9)
+def rows_with(table: EphemerisTable, pseudorange_m: float) -> Rows:
+    """Return one row of G04 with its state by the message, at the time of transmission."""
+    tag = TOE_NS + 1_800_000_000_000
     log = replace(observations(("G04",), [tag], [pseudorange_m]), range_rate_mps=np.zeros(1))
     return prepare_rows(log, table, None, clock_groups=("G",), signals={"G": ("C1C",)})
 
 
 def test_light_time_moves_the_range_by_the_satellites_way_meanwhile(broadcast: Broadcast) -> None:
-    """A satellite taken at reception, not at transmission, has moved on for 75 ms."""
+    """A pseudorange 70 ms too short puts the transmission, and the satellite, 70 ms further on."""
     bank, table, pseudorange_m = broadcast
-    tau = pseudorange_m / C_MPS
-    right, wrong = rows_with(table, pseudorange_m), rows_with(table, pseudorange_m, later_s=tau)
+    later_s = 0.07
+    right, wrong = rows_with(table, pseudorange_m), rows_with(table, pseudorange_m - C_MPS * later_s)
     u = right.sat[0, :3] - bank.state["r_e"][0]
     along = u @ right.sat[0, 3:6] / np.linalg.norm(u)
 
     moved = innovations(bank, wrong)[0, PSEUDORANGE] - innovations(bank, right)[0, PSEUDORANGE]
 
-    # the satellite's acceleration over tau adds 2 mm, its clock drift 0.1 mm
-    assert moved == pytest.approx(-along * tau, abs=5e-3)
-    assert abs(moved) > 10.0
+    # the satellite's acceleration over 70 ms adds 2 mm, its clock drift 0.1 mm
+    assert moved + C_MPS * later_s == pytest.approx(-along * later_s, abs=5e-3)
+    assert abs(along * later_s) > 10.0
 
 
 def test_relativity_of_an_eccentric_orbit_moves_the_range_by_metres(broadcast: Broadcast) -> None:

@@ -172,7 +172,7 @@ def test_launch_of_100_g_is_followed() -> None:
 
 
 def test_launch_of_100_g_with_an_open_heading_is_not_taken_for_a_step_of_the_clock() -> None:
-    """A heading 15 deg off makes 250 m/s^2 across: the hypotheses' own sigma says that no clock is needed to explain it.
+    """A heading 15 deg off makes 250 m/s^2 across: by the hypothesis' own sigma no clock is needed.
 
     What so violent a turn of the estimate leaves in the tilt is second order: 10 sigma are allowed.
     """
