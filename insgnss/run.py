@@ -116,7 +116,7 @@ class Run:
             index=pd.CategoricalIndex(status.categories, name="status"),
             columns=pd.CategoricalIndex(kind.categories, name="kind"),
         )
-        counts = counts.loc[table.any(axis=1), table.any(axis=0)]
+        counts = counts.iloc[np.flatnonzero(table.any(axis=1)), np.flatnonzero(table.any(axis=0))]
         return counts.loc[counts.sum(axis=1).sort_values(ascending=False).index]
 
     def nis_summary(self) -> pd.DataFrame:

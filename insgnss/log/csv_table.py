@@ -93,6 +93,7 @@ def read_csv_table(path: Path, wanted: Wanted) -> CsvTable:
     if table is None:
         rows = read_exact(buffer, path, dialect, places, wanted)
         table = _from_exact(path, dialect, rows, wanted, events)
+    pa.default_memory_pool().release_unused()  # the columns have been copied out of Arrow's memory
     if table.n == 0:
         raise InputError("the file holds a header but no rows", file=path, line=dialect.header_line)
     return table

@@ -140,7 +140,7 @@ def rows_of(
 ) -> Rows:
     """Return rows of ``sat`` (k, 8), or (m, k, 8), and values (m, k, 2), NaN where the log has none, else zeros."""
     m = len(epoch_ns)
-    sat = np.array(np.broadcast_to(sat, (m, *sat.shape[-2:])))
+    sat = np.array(np.broadcast_to(sat, (m, *sat.shape[-2:])), order="C")
     k = sat.shape[1]
     value = np.zeros((m, k, 2)) if value is None else value
     row = np.zeros(m * k, OBSERVATION_DTYPE)
