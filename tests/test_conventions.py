@@ -17,6 +17,7 @@ from insgnss.fusion.output import NAV_COLUMNS
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
+from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import (
     euler_to_matrix,
@@ -168,11 +169,14 @@ def test_receiver_clock_adds_to_the_range_and_the_satellite_clock_subtracts() ->
     m.r_e[:], m.C_eb[:] = r_e, C_ne.T
     m.clock[:] = short_log.CLOCK_M, short_log.DRIFT_MPS
     w_ib_b = C_ne @ np.array([0.0, 0.0, WGS84_OMEGA_RADPS])  # at rest on the turning Earth
+    g_e = np.zeros(3)
+    normal_gravity_ecef(r_e, g_e)
+    f_b = -C_ne @ g_e
 
-    observe(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, work)
+    observe(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, f_b, work)
     exact = work.lines["innovation"][0].copy()
     m.clock[:] += 30.0, 2.0  # the estimated clock is 30 m and 2 m/s too large
-    observe(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, work)
+    observe(m, np.eye(OFFSETS + 1), par, rows, 0, w_ib_b, f_b, work)
 
     # pseudorange = range + receiver clock - satellite clock, range rate alike; rounding of a 2.2e7 m range is 4e-9 m
     np.testing.assert_allclose(exact, 0.0, atol=2e-8)

@@ -88,6 +88,12 @@ class Health(StrictModel):
         5,
         description="consecutive epochs with most rows refused before position, velocity and clock are set anew",
     )
+    strain_nis: Positive = Field(
+        6.0, description="a mean normalised innovation squared (at most the gate's) above it"
+    )
+    strain_s: Positive = Field(
+        10.0, description="for that long means the filter is lost though it refuses little"
+    )
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
         2, description="that many resets within lost_window_s mean the attitude is wrong too"
     )
@@ -129,7 +135,7 @@ class Adaptation(StrictModel):
     least_factor_at_rest: Positive = Field(
         0.25, description="on a pseudorange's variance while the vehicle stands"
     )
-    most_factor: Positive = Field(25.0, description="on a variance")
+    most_factor: Positive = Field(100.0, description="on a variance")
 
 
 class FilterConfig(StrictModel):

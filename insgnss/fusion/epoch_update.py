@@ -31,6 +31,7 @@ class Outcome(NamedTuple):
     rates_refused: int
     clock_step: float  # [m], 0 when there was none
     drift_step: float  # [m/s]
+    strain: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
 
 
 @kernel
@@ -41,6 +42,7 @@ def update_epoch(
     rows: Rows,
     epoch: int,
     w_ib_b: Float64,
+    f_b: Float64,
     s: Epoch,
     scratch: Scratch,
     since_last: float,
@@ -54,15 +56,15 @@ def update_epoch(
     """
     predict_covariance(m, P, par, scratch)
     drift_variance = P[DRIFT, DRIFT]
-    observe(m, P, par, rows, epoch, w_ib_b, s)
+    observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     n = rows.first[epoch + 1] - rows.first[epoch]
-    done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0)
+    done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0)
     for kind in range(2):
         step, variance = common_step(s, kind, n, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind])
         if step != 0.0:
             absorb_clock_step(m.clock, P, s, kind, n, CLOCK + kind, step, variance)
-        used, refused = gate_rows(s, kind, n, gate2_of(par, kind))
-        done = noted(done, kind, used, refused, step)
+        used, refused, strain = gate_rows(s, kind, n, gate2_of(par, kind))
+        done = noted(done, kind, used, refused, step, strain)
     correction = s.vectors[0]
     for i in range(P.shape[0]):
         correction[i] = 0.0
@@ -81,6 +83,7 @@ def update_epoch(
         done.rates_refused,
         done.clock_step,
         done.drift_step,
+        done.strain,
     )
 
 
@@ -97,11 +100,12 @@ def smallest_step(par: Parameters, kind: int) -> float:
 
 
 @inlined
-def noted(done: Outcome, kind: int, used: int, refused: int, step: float) -> Outcome:
-    """Return the outcome with the numbers of one kind in it."""
+def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain: float) -> Outcome:
+    """Return the outcome with the numbers of one kind in it; fewer than four rows do not count as strain."""
+    worst = max(done.strain, strain) if used + refused >= 4 else done.strain
     if kind == 0:
-        return Outcome(0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step)
-    return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step)
+        return Outcome(0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step, worst)
+    return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst)
 
 
 @inlined

@@ -127,7 +127,14 @@ def _variances(row: np.record, sine: float, par: Parameters) -> tuple[float, flo
     """Return the variances of a row's pseudorange and range rate."""
     of_range = (par.range_floor2, par.range_elevation2, par.range_cn02, par.range_missing_thermal)
     of_rate = (par.rate_floor2, par.rate_elevation2, par.rate_cn02, par.rate_missing_thermal)
+    # a fix has no history to correct a sigma that the log states too small: the model's is the least
     return (
-        kind_variance(row.sigma[0], sine, row.thermal, *of_range),
-        kind_variance(row.sigma[1], sine, row.thermal, *of_rate),
+        max(
+            kind_variance(row.sigma[0], sine, row.thermal, *of_range),
+            kind_variance(0.0, sine, row.thermal, *of_range),
+        ),
+        max(
+            kind_variance(row.sigma[1], sine, row.thermal, *of_rate),
+            kind_variance(0.0, sine, row.thermal, *of_rate),
+        ),
     )

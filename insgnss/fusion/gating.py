@@ -36,19 +36,21 @@ def common_step(
     values = s.vectors[3]
     n = 0
     beyond = 0
+    predicted = 0.0
     limit2 = _STEP_SIGMA * _STEP_SIGMA
     for j in range(n_rows):
         line = s.lines[j]
         if line.status[kind] == USED:
             values[n] = line.innovation[kind]
             n += 1
+            predicted += line.predicted[kind]
             if line.innovation[kind] ** 2 > limit2 * (line.predicted[kind] + line.variance[kind]):
                 beyond += 1
     if n < 2 or 2 * beyond < n:
         return 0.0, 0.0
     step = median_of(values, n)
     least = smallest if n < _ENOUGH_WITNESSES else _SMALL_SHARE * smallest
-    if not abs(step) > max(least, _STEP_SIGMA * math.sqrt(clock_variance)):
+    if not abs(step) > max(least, _STEP_SIGMA * math.sqrt(max(clock_variance, predicted / n))):
         return 0.0, 0.0
     agree = 0
     spread = 0.0
@@ -87,20 +89,25 @@ def absorb_clock_step(
 
 
 @inlined
-def gate_rows(s: Epoch, kind: int, n_rows: int, gate2: float) -> tuple[int, int]:
-    """Mark the rows whose normalised innovation squared is above ``gate2``; return how many passed and how many not.
+def gate_rows(s: Epoch, kind: int, n_rows: int, gate2: float) -> tuple[int, int, float]:
+    """Mark the rows whose normalised innovation squared is above ``gate2``.
+
+    Return how many passed, how many not, and the mean of the normalised squares, none counting more than the gate.
 
     The comparison is written so that a NaN fails.
     """
     passed = 0
     refused = 0
+    strain = 0.0
     for j in range(n_rows):
         if s.lines[j].status[kind] != USED:
             continue
         nis = s.lines[j].innovation[kind] ** 2 / (s.lines[j].predicted[kind] + s.lines[j].variance[kind])
         if nis <= gate2:
             passed += 1
+            strain += nis
         else:
             s.lines[j].status[kind] = GATED
             refused += 1
-    return passed, refused
+            strain += gate2
+    return passed, refused, strain / max(passed + refused, 1)

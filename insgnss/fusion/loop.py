@@ -26,7 +26,7 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, carry, new_scratch, predict_covariance
-from insgnss.fusion.state import PSI, Bank, StateRecord, new_bank
+from insgnss.fusion.state import PSI, Bank, HeadRecord, StateRecord, new_bank
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
@@ -40,6 +40,7 @@ HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 
 _SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
 _SMALLEST_DIFFERENCE_RAD = 0.02
+_SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
 class Workspace(NamedTuple):
@@ -169,8 +170,8 @@ def run_epochs(
     for epoch in range(first, last):
         t_ns = rows.epoch_ns[epoch]
         advance(bank, t_ns, imu, par, out, work)
-        w = imu.w_ib_b[current_sample(bank, imu)]
-        done = update_bank(bank, epoch, rows, w, par, out, work)
+        k = current_sample(bank, imu)
+        done = update_bank(bank, epoch, rows, imu.w_ib_b[k], imu.f_b[k], par, out, work)
         head.epoch_ns = t_ns
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
         if at_time:
@@ -181,7 +182,12 @@ def run_epochs(
             return COVARIANCE_LOST, epoch + 1
         locked = mostly(done.ranges_used, done.ranges_refused) or mostly(done.rates_used, done.rates_refused)
         head.locked_out = head.locked_out + 1 if locked else 0
-        if head.locked_out >= par.lockout_epochs:
+        if not done.strain > par.strain_limit:
+            head.strained_ns = 0
+        elif head.strained_ns == 0:
+            head.strained_ns = t_ns
+        strained = head.strained_ns != 0 and (t_ns - head.strained_ns) * 1e-9 >= par.strain_time
+        if head.locked_out >= par.lockout_epochs or strained:
             return LOCKOUT, epoch + 1
         if thins_out(bank, drop):
             return THIN_OUT, epoch + 1
@@ -262,7 +268,14 @@ def positive(m: StateRecord, P: Float64) -> bool:
 
 @inlined
 def update_bank(
-    bank: Bank, epoch: int, rows: Rows, w_ib_b: Float64, par: Parameters, out: Output, work: Workspace
+    bank: Bank,
+    epoch: int,
+    rows: Rows,
+    w_ib_b: Float64,
+    f_b: Float64,
+    par: Parameters,
+    out: Output,
+    work: Workspace,
 ) -> Outcome:
     """Update every hypothesis with one epoch; return what it did to the leader.
 
@@ -276,7 +289,7 @@ def update_bank(
         if turn == n - 1:
             i = lead
         done = update_epoch(
-            bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, work.epoch, work.scratch, since_last
+            bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch, since_last
         )
         if n > 1:
             bank.state[i].log_weight += done.log_likelihood
@@ -287,20 +300,20 @@ def update_bank(
         log_event(out, t_ns, CLOCK_STEP, done.clock_step)
     if done.drift_step != 0.0:
         log_event(out, t_ns, DRIFT_STEP, done.drift_step)
-    note_outage(out, t_ns, done.ranges_used + done.rates_used)
+    note_outage(bank.head[0], out, t_ns, done.ranges_used + done.rates_used)
     return done
 
 
 @inlined
-def note_outage(out: Output, t_ns: int, used: int) -> None:
-    """Write an event when the measurements stop and when they are back."""
-    since = out.counts[0].silent_since
-    if used == 0 and since == 0:
-        out.counts[0].silent_since = t_ns
-        log_event(out, t_ns, NO_MEASUREMENTS, 0.0)
-    elif used > 0 and since != 0:
-        out.counts[0].silent_since = 0
-        log_event(out, t_ns, MEASUREMENTS_BACK, (t_ns - since) * 1e-9)
+def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
+    """Write an event when the measurements stop, refused or not written at all, and when they are back."""
+    quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > _SILENCE_S
+    if head.silent_ns == 0 and (used == 0 or quiet):
+        head.silent_ns = head.epoch_ns if quiet else t_ns
+        log_event(out, head.silent_ns, NO_MEASUREMENTS, 0.0)
+    if head.silent_ns != 0 and used > 0:
+        log_event(out, t_ns, MEASUREMENTS_BACK, (t_ns - head.silent_ns) * 1e-9)
+        head.silent_ns = 0
 
 
 @inlined

@@ -18,6 +18,7 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
@@ -37,7 +38,7 @@ RATE_COLUMNS: Final = np.array(
 )
 N_RANGE: Final = len(RANGE_COLUMNS)  # one more, the inter-system offset, for a further constellation
 N_RATE: Final = len(RATE_COLUMNS)
-_STATED_FLOOR2 = 0.01  # a log's own sigma is believed down to a tenth of the model's floor
+_STATED_FLOOR2 = 0.09  # a log's own sigma is believed down to 0.3 of the model's floor
 
 LINE_DTYPE: Final = np.dtype(
     (
@@ -94,11 +95,12 @@ def new_epoch(k: int, n: int) -> Epoch:
 
 
 @inlined
-def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) -> None:
+def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, a: Antenna) -> None:
     """Write antenna position and velocity at the instant of reception, and where that is.
 
-    The state stands at the receiver's time tag, reception was ``clock / c`` earlier: r_a goes back by v clock / c.
-    Neglects: the acceleration over that time, 5e-6 m for 10 m/s^2 and 1 ms.
+    The state stands at the receiver's time tag, reception was late = clock / c earlier: r_a goes back by
+    v late - a late^2 / 2 and v_a by a late, a = C_eb f_b + g - 2 w_ie x v_e the IMU's acceleration.
+    Neglects: the antenna's own turning over that time, 1e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
     """
     l0, l1, l2 = par.lever_b[0], par.lever_b[1], par.lever_b[2]
     w0, w1, w2 = w_ib_b[0] - m.b_g[0], w_ib_b[1] - m.b_g[1], w_ib_b[2] - m.b_g[2]
@@ -111,8 +113,14 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, a: Antenna) 
     a.v_a[1] = m.v_e[1] + a.a_e[1] - WGS84_OMEGA_RADPS * a.l_e[0]
     a.v_a[2] = m.v_e[2] + a.a_e[2]
     late = m.clock[0] / C_MPS
+    normal_gravity_ecef(m.r_e, a.u)
+    a.u[0] += 2.0 * WGS84_OMEGA_RADPS * m.v_e[1]
+    a.u[1] -= 2.0 * WGS84_OMEGA_RADPS * m.v_e[0]
+    x, y, z = f_b[0] - m.b_a[0], f_b[1] - m.b_a[1], f_b[2] - m.b_a[2]
     for i in range(3):
-        a.r_a[i] = m.r_e[i] + a.l_e[i] - a.v_a[i] * late
+        acceleration = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z + a.u[i]
+        a.r_a[i] = m.r_e[i] + a.l_e[i] - late * (a.v_a[i] - 0.5 * late * acceleration)
+        a.v_a[i] -= late * acceleration
 
 
 @inlined
@@ -153,11 +161,18 @@ def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
 
 @kernel
 def observe(
-    m: StateRecord, P: Float64, par: Parameters, rows: Rows, epoch: int, w_ib_b: Float64, s: Epoch
+    m: StateRecord,
+    P: Float64,
+    par: Parameters,
+    rows: Rows,
+    epoch: int,
+    w_ib_b: Float64,
+    f_b: Float64,
+    s: Epoch,
 ) -> None:
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
     a = s.antenna[0]
-    place_antenna(m, par, w_ib_b, a)
+    place_antenna(m, par, w_ib_b, f_b, a)
     lat, lon, h = ecef_to_geodetic(a.r_a)
     ecef_to_ned_matrix(lat, lon, a.C_ne)
     week_s = (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S

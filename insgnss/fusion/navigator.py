@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.loop import (
     COVARIANCE_LOST,
@@ -41,6 +41,7 @@ from insgnss.status import NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
 from insgnss.tables import Event, Float64
 
 _RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
+_WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
 _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
 
 
@@ -201,15 +202,20 @@ class Navigator:
         if bank is None:
             return
         t_ns = int(rows.epoch_ns[epoch])
-        bank.head["locked_out"] = 0
         health = self.setup.config.health
+        refusing = bank.head[0].locked_out >= health.lockout_epochs
+        bank.head["locked_out"] = 0
+        bank.head["strained_ns"] = 0
+        reason = (
+            f"most measurements refused for {health.lockout_epochs} epochs"
+            if refusing
+            else f"innovations far too large for {health.strain_s:.0f} s"
+        )
         fix = fix_epoch(
             rows, epoch, self._parameters[0], self.setup.n_offsets + 1, self.setup.config.start.max_gdop
         )
         if fix is None or not fix.checked:
-            detail = (
-                f"most measurements refused for {health.lockout_epochs} epochs, and no fix to recover with"
-            )
+            detail = f"{reason}, and no fix to recover with"
             self.events.append(Event(t_ns, "lockout", detail))
             return
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
@@ -219,14 +225,20 @@ class Navigator:
             return
         lead = bank.state[bank.head[0].leader]
         delta_r = float(np.linalg.norm(fix.r_a - lead.r_e))
+        tilt = delta_r / WGS84_A_M  # by how much the vertical turns with the position
+        if tilt > _WRONG_VERTICAL_RAD:
+            self._restart(
+                t_ns, f"the position is {delta_r / 1000.0:.0f} km away: the attitude was levelled elsewhere"
+            )
+            return
         delta_clock = float(np.nan_to_num(fix.clocks[0] - lead.clock[0]))
-        delta_v = math.nan if fix.v_a is None else float(np.linalg.norm(fix.v_a - lead.v_e))
+        velocity = "kept" if fix.v_a is None else f"moved by {np.linalg.norm(fix.v_a - lead.v_e):.2f} m/s"
         for i in range(len(bank.state)):
             reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b)
         mark_rows(out.ledger, rows, epoch, fix)
         detail = (
-            f"most measurements refused for {health.lockout_epochs} epochs: position moved by {delta_r:.1f} m,"
-            f" velocity by {delta_v:.2f} m/s, clock by {delta_clock:.1f} m; {fix.n_used} satellites"
+            f"{reason}: position moved by {delta_r:.1f} m,"
+            f" velocity {velocity}, clock moved by {delta_clock:.1f} m; {fix.n_used} satellites"
         )
         self.events.append(Event(t_ns, "reset", detail))
 

@@ -84,7 +84,6 @@ COUNT_DTYPE: Final = np.dtype(
             ("nav", np.int64),  # navigation rows written
             ("events", np.int64),  # events, those beyond the room for them too
             ("time", np.int64),  # the first output time not written yet
-            ("silent_since", np.int64),  # time since when no measurement was used; 0 when there are some
         ],
     )
 )

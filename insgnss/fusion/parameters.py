@@ -52,6 +52,8 @@ PARAMETERS_DTYPE = np.dtype(
             ("rate_gate2", np.float64),
             ("clock_jump_min", np.float64),  # [m]
             ("lockout_epochs", np.float64),
+            ("strain_limit", np.float64),
+            ("strain_time", np.float64),  # [s]
             ("heading_known_variance", np.float64),  # [rad^2]
             ("adapt_gain", np.float64),  # 0: off
             ("adapt_least", np.float64),
@@ -113,6 +115,8 @@ def resolve_parameters(
         gates.range_rate_sigma**2,
         gates.clock_jump_min_m,
         float(config.health.lockout_epochs),
+        config.health.strain_nis,
+        config.health.strain_s,
         math.radians(config.heading.known_below_deg) ** 2,
         1.0 / config.adaptation.memory_s if config.adaptation.on else 0.0,
         config.adaptation.least_factor,

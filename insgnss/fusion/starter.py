@@ -62,7 +62,7 @@ class Starter:
         motion = self._motion(fix)
         if window is None or motion is None:
             return None, fix, []
-        return self._automatic_start(imu, fix, window, motion, par)
+        return self._automatic_start(imu, fix, window, motion, par, patient=patient)
 
     def _motion(self, fix: Fix) -> tuple[Float64, Float64] | None:
         """Return velocity and its covariance from the range rates, else from two positions, else None."""
@@ -84,7 +84,14 @@ class Starter:
         return None
 
     def _automatic_start(
-        self, imu: Imu, fix: Fix, window: Window, motion: tuple[Float64, Float64], par: Parameters
+        self,
+        imu: Imu,
+        fix: Fix,
+        window: Window,
+        motion: tuple[Float64, Float64],
+        par: Parameters,
+        *,
+        patient: bool,
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         """Open the bank from a fix: levelled at rest, or in motion with the acceleration of two velocities."""
         v_a, P_v = motion
@@ -94,6 +101,8 @@ class Starter:
         if not at_rest:
             a_e, sd_a = np.zeros(3), 2.0
             earlier = self._earlier_fix(fix, with_velocity=True)
+            if earlier is None and patient and fix.v_a is not None:
+                return None, fix, []  # the acceleration, without which nothing says which way is up
             if earlier is not None and earlier.v_a is not None:
                 dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
                 longer = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, earlier.t_ns, fix.t_ns)
@@ -141,7 +150,7 @@ class Starter:
         kin = given_kinematics(start, t_ns, unknown, 0.0, w, par)
         attitudes = given_attitudes(start, self.setup.config, self.setup.grade)
         bank = self._open(kin, attitudes, w, par, imu)
-        clocks, drift = clocks_seen(bank, rows, epoch, w, par, len(self.setup.clock_groups))
+        clocks, drift = clocks_seen(bank, rows, epoch, w, imu.f_b[k - 1], par, len(self.setup.clock_groups))
         if not np.isfinite(clocks).any():
             return None, None, []
         back = (t_epoch - t_ns) / NS_PER_S
@@ -155,7 +164,7 @@ class Starter:
 
 
 def clocks_seen(
-    bank: Bank, rows: Rows, epoch: int, w_ib_b: Float64, par: Parameters, n_groups: int
+    bank: Bank, rows: Rows, epoch: int, w_ib_b: Float64, f_b: Float64, par: Parameters, n_groups: int
 ) -> tuple[Float64, float]:
     """Return the clock of each group [m] (NaN without rows) and the drift [m/s] as an epoch shows them from a state.
 
@@ -163,7 +172,7 @@ def clocks_seen(
     """
     n_rows = int(rows.first[epoch + 1] - rows.first[epoch])
     work = new_epoch(n_rows, OFFSETS + n_groups - 1)
-    observe(bank.state[0], bank.P[0], par, rows, epoch, w_ib_b, work)
+    observe(bank.state[0], bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
     line = work.lines[:n_rows]
     clocks = np.full(n_groups, math.nan)
     for g in range(n_groups):

@@ -66,6 +66,11 @@ HEAD_DTYPE: Final = np.dtype(
             ("leader", np.int64),  # the hypothesis of the largest weight
             ("epoch_ns", np.int64),  # time of the last epoch; 0 before the first
             ("locked_out", np.int64),  # consecutive epochs with most rows of a kind refused
+            ("silent_ns", np.int64),  # time since when no measurement was used; 0 when there are some
+            (
+                "strained_ns",
+                np.int64,
+            ),  # time since when the innovations are far too large; 0 when they are not
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
         ],
     )

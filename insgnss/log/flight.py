@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from insgnss.config.flight import FlightConfig, ImuGrade, Oscillator
@@ -78,6 +79,13 @@ class Flight:
         InputError and its kin : a log is missing, unreadable, or contradicts the flight file
         TimeError : inertial and GNSS log do not overlap in time
         """
+        with ThreadPoolExecutor(1) as beside:  # hashing leaves Python's lock free
+            hashes = beside.submit(self._hashes)
+            logs = self._read_logs()
+            return replace(logs, input_hashes=hashes.result())
+
+    def _read_logs(self) -> FlightLogs:
+        """Return the logs, not yet hashed."""
         config = self.config
         imu, events = read_imu(config.imu, config.gps_week, self.imu_grade)
         gnss, found = read_gnss(config.gnss, config.gps_week)
@@ -96,7 +104,7 @@ class Flight:
         if config.gnss.lever_arm_m is None:
             detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
             events.append(Event(None, "lever_arm_not_given", detail))
-        return FlightLogs(imu, gnss, navigation, reference, events, self._hashes())
+        return FlightLogs(imu, gnss, navigation, reference, events, {})
 
     def files(self) -> tuple[Path, ...]:
         """Return every file the flight reads, the flight file first."""

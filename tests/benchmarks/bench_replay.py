@@ -9,6 +9,7 @@ output is shown beside ours.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import resource
@@ -108,9 +109,7 @@ def stages(flight: Path, output: Path) -> None:
     lap("load")
     run.save(output)
     lap("save")
-    text = ", ".join(
-        f"{b[0]} {b[1] - a[1]:.2f} ({b[2] - a[2]:.2f})" for a, b in zip(laps, laps[1:], strict=False)
-    )
+    text = ", ".join(f"{b[0]} {b[1] - a[1]:.2f} ({b[2] - a[2]:.2f})" for a, b in itertools.pairwise(laps))
     print(f"    stages, CPU s (wall s): {text}")
 
 

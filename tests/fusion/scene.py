@@ -154,13 +154,21 @@ def rows_of(
     return Rows(np.array(epoch_ns, np.int64), first, row, sat.reshape(m * k, 8), np.zeros(8))
 
 
+def steady_force(m: np.record) -> Float64:
+    """Return the specific force in body axes that keeps the velocity as it is: C^T (2 w_ie x v - g)."""
+    g_e = np.zeros(3)
+    normal_gravity_ecef(m.r_e, g_e)
+    turning = 2.0 * WGS84_OMEGA_RADPS * np.array([-m.v_e[1], m.v_e[0], 0.0])
+    return np.asarray(m.C_eb.T @ (turning - g_e))
+
+
 def observed(
     bank: Bank, par: npt.NDArray[Any], log: Rows, epoch: int = 0, w_ib_b: Float64 | None = None
 ) -> Epoch:
     """Return the work space after the epoch's rows were held against the filter's prior."""
     work = new_epoch(int(log.first[epoch + 1] - log.first[epoch]), bank.P.shape[1])
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
-    observe(bank.state[0], bank.P[0], par[0], log, epoch, rate, work)
+    observe(bank.state[0], bank.P[0], par[0], log, epoch, rate, steady_force(bank.state[0]), work)
     return work
 
 

@@ -158,8 +158,8 @@ def test_effective_rates_of_a_straight_line_give_the_rotation_of_its_integral() 
     # phi' = w + phi x w / 2 + ..., and the part of the force's increment that a constant rate does not give
     turn = np.cross(w0, slope) * now**3 / 12.0
     push = (np.cross(w0, pull) + np.cross(f0, slope)) * now**3 / 12.0
-    assert (w_c - w2) * now == pytest.approx(turn, rel=1e-9)
-    assert (f_c - f2) * now == pytest.approx(push, rel=1e-9)
+    assert (w_c - w2) * now == pytest.approx(turn, rel=1e-8, abs=0.0)
+    assert (f_c - f2) * now == pytest.approx(push, rel=1e-8, abs=0.0)
 
 
 def test_effective_rates_of_constant_rates_are_these() -> None:

@@ -29,13 +29,13 @@ def test_densities_and_sigmas_are_the_data_sheets_in_si_units() -> None:
     model = sensor_model(GRADE)
 
     # 0.3 deg/sqrt(h) = 0.005 deg/sqrt(s) = 8.726646e-5 rad/sqrt(s); 0.12 m/s/sqrt(h) = 0.002 m/s/sqrt(s)
-    assert math.sqrt(model.gyro_density) == pytest.approx(8.726646e-5, rel=1e-6)
+    assert math.sqrt(model.gyro_density) == pytest.approx(8.726646e-5, rel=1e-6, abs=0.0)
     assert math.sqrt(model.accel_density) == pytest.approx(0.002, rel=1e-12)
     # 1 deg/h = 4.848137e-6 rad/s, 1 mg = 9.80665e-3 m/s^2
-    assert model.gyro_bias.sigma == pytest.approx(math.hypot(80.0, 6.0) * 4.848137e-6, rel=1e-6)
+    assert model.gyro_bias.sigma == pytest.approx(math.hypot(80.0, 6.0) * 4.848137e-6, rel=1e-6, abs=0.0)
     assert model.accel_bias.sigma == pytest.approx(math.hypot(6.0, 0.5) * 9.80665e-3, rel=1e-12)
-    assert model.gyro_bias.density == pytest.approx(2.0 * (6.0 * 4.848137e-6) ** 2 / 600.0, rel=1e-6)
-    assert model.accel_bias.density == pytest.approx(2.0 * (0.5 * 9.80665e-3) ** 2 / 300.0, rel=1e-12)
+    assert model.gyro_bias.density == pytest.approx(2.0 * (6.0 * 4.848137e-6) ** 2 / 600.0, rel=1e-6, abs=0.0)
+    assert model.accel_bias.density == pytest.approx(2.0 * (0.5 * 9.80665e-3) ** 2 / 300.0, rel=1e-12, abs=0.0)
     assert (model.gyro_scale, model.accel_scale) == (pytest.approx(1e-3), pytest.approx(2.5e-4))
 
 
@@ -61,7 +61,7 @@ def test_bias_of_both_parts_keeps_their_variance_and_the_wander_of_the_instabili
     # growth of (b(t) - b(0))^2: over 0.01 T twice the density's share, with and without the constant part
     t = 0.01 * time_s
     wander = 2.0 * model.sigma**2 * -math.expm1(-t / model.time_s)
-    assert wander == pytest.approx(2.0 * instability**2 * -math.expm1(-t / time_s), rel=6e-3)
+    assert wander == pytest.approx(2.0 * instability**2 * -math.expm1(-t / time_s), rel=6e-3, abs=0.0)
 
 
 def test_drawn_bias_has_the_density_of_its_model(rng: np.random.Generator) -> None:
@@ -69,4 +69,4 @@ def test_drawn_bias_has_the_density_of_its_model(rng: np.random.Generator) -> No
     drawn = gauss_markov(200_000, step_s, model.sigma, 50.0, rng)
 
     # increments over one step: density * step, to 1 % of decay inside it, and 600 000 draws (0.2 %)
-    assert np.var(np.diff(drawn, axis=0)) == pytest.approx(model.density * step_s, rel=0.02)
+    assert np.var(np.diff(drawn, axis=0)) == pytest.approx(model.density * step_s, rel=0.02, abs=0.0)
