@@ -49,7 +49,8 @@ def common_step(
     if n < 2 or 2 * beyond < n:
         return 0.0, 0.0
     step = median_of(values, n)
-    least = smallest if n < _ENOUGH_WITNESSES else _SMALL_SHARE * smallest
+    # a wrong vertical velocity looks much like a small step of the drift: there no number of witnesses helps
+    least = smallest if n < _ENOUGH_WITNESSES or kind == 1 else _SMALL_SHARE * smallest
     if not abs(step) > max(least, _STEP_SIGMA * math.sqrt(max(clock_variance, predicted / n))):
         return 0.0, 0.0
     agree = 0

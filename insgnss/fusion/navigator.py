@@ -32,15 +32,17 @@ from insgnss.fusion.loop import (
 from insgnss.fusion.output import CLOCK_STEP, DRIFT_STEP, MEASUREMENTS_BACK, NO_MEASUREMENTS, Output
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
-from insgnss.fusion.state import CLOCK, DR, DRIFT, DV, OFFSETS, Bank, copy_bank, select_members
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, select_members
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.inertial.sensor_model import SensorModel, sensor_model
 from insgnss.status import NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
 from insgnss.tables import Event, Float64
 
 _RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
+_DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
 _WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
 _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
 
@@ -235,6 +237,8 @@ class Navigator:
         velocity = "kept" if fix.v_a is None else f"moved by {np.linalg.norm(fix.v_a - lead.v_e):.2f} m/s"
         for i in range(len(bank.state)):
             reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b)
+            if not refusing:
+                doubt_sensors(bank.state[i], bank.P[i], sensor_model(self.setup.grade))
         mark_rows(out.ledger, rows, epoch, fix)
         detail = (
             f"{reason}: position moved by {delta_r:.1f} m,"
@@ -297,6 +301,19 @@ def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64) -> No
         known = math.isfinite(fix.clocks[group]) and reference == 0
         m.offsets[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
         P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else 3000.0**2
+
+
+def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
+    """Forget the biases of a hypothesis and widen its attitude: it went astray though it refused little."""
+    biases = slice(BA, BG + 3)
+    P[biases, :] = 0.0
+    P[:, biases] = 0.0
+    m.b_a[:] = 0.0
+    m.b_g[:] = 0.0
+    for i in range(3):
+        P[BA + i, BA + i] = sensor.accel_bias.sigma**2
+        P[BG + i, BG + i] = sensor.gyro_bias.sigma**2
+        P[PSI + i, PSI + i] += _DOUBTED_ATTITUDE_RAD**2
 
 
 def mark_rows(ledger: npt.NDArray[Any], rows: Rows, epoch: int, fix: Fix | None) -> None:

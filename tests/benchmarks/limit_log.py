@@ -60,7 +60,7 @@ def _corrected(gnss: GnssTable) -> Float64:
     if gnss.sat is None:
         raise SystemExit("the log needs satellite states in its rows")
     angle = WGS84_OMEGA_RADPS * (gnss.pseudorange_m + gnss.sat[:, 6]) / C_MPS
-    turn = Rotation.from_euler("z", -angle)
+    turn = Rotation.from_rotvec(np.outer(-angle, [0.0, 0.0, 1.0]))
     return np.column_stack(
         [
             turn.apply(gnss.sat[:, 0:3]),

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.constants import C_MPS, WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
 from insgnss.fusion.state import Bank
+from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
 from insgnss.tables import Float64, Int64
@@ -108,10 +109,12 @@ class DenseFilter:
         self.b_a, self.b_g = self.b_a * Phi[9, 9], self.b_g * Phi[12, 12]
         self._dt, self._C_dt, self._dv = 0.0, np.zeros((3, 3)), np.zeros(3)
 
-    def update(self, sat: Float64, value: Float64, w_ib_b: Float64, sigma: tuple[float, float]) -> None:
+    def update(
+        self, sat: Float64, value: Float64, w_ib_b: Float64, f_b: Float64, sigma: tuple[float, float]
+    ) -> None:
         """Use the ranges, then the range rates, of satellites (k, 8), all judged on the prior; close the loop."""
         self.predict()
-        rows = [self.expected(s, w_ib_b) for s in sat]
+        rows = [self.expected(s, w_ib_b, f_b) for s in sat]
         self.ekf.x = np.zeros((N, 1))
         for kind in range(2):
             for (prediction, H), z in zip(rows, value, strict=True):
@@ -126,7 +129,7 @@ class DenseFilter:
         turned = Rotation.from_rotvec(x[A]) * Rotation.from_quat(np.roll(self.q, -1))
         self.q, self.C = np.roll(turned.as_quat(), 1), turned.as_matrix()
 
-    def expected(self, sat: Float64, w_ib_b: Float64) -> tuple[Float64, Float64]:
+    def expected(self, sat: Float64, w_ib_b: Float64, f_b: Float64) -> tuple[Float64, Float64]:
         """Return predicted range and range rate of one satellite, and their rows of H (2, n).
 
         Light time by iteration, velocities in the inertial frame that is ECEF at the instant of reception.
@@ -134,7 +137,12 @@ class DenseFilter:
         l_e = self.C @ self.lever_b
         a_e = self.C @ np.cross(w_ib_b - self.b_g, self.lever_b)
         v_a = self.v + a_e - np.cross(OMEGA_E, l_e)
-        r_a = self.r + l_e - v_a * self.clock[0] / C_MPS
+        # reception was clock / c before the time tag, on the way there at the IMU's acceleration
+        g_e, late = np.zeros(3), self.clock[0] / C_MPS
+        normal_gravity_ecef(self.r, g_e)
+        acceleration = self.C @ (f_b - self.b_a) + g_e - 2.0 * np.cross(OMEGA_E, self.v)
+        r_a = self.r + l_e - v_a * late + 0.5 * acceleration * late**2
+        v_a = v_a - acceleration * late
         tau = 0.0
         for _ in range(6):
             turn = Rotation.from_rotvec(-OMEGA_E * tau).as_matrix()

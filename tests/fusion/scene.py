@@ -163,12 +163,18 @@ def steady_force(m: np.record) -> Float64:
 
 
 def observed(
-    bank: Bank, par: npt.NDArray[Any], log: Rows, epoch: int = 0, w_ib_b: Float64 | None = None
+    bank: Bank,
+    par: npt.NDArray[Any],
+    log: Rows,
+    epoch: int = 0,
+    w_ib_b: Float64 | None = None,
+    f_b: Float64 | None = None,
 ) -> Epoch:
-    """Return the work space after the epoch's rows were held against the filter's prior."""
+    """Return the work space after the epoch's rows were held against the filter's prior; not accelerated by default."""
     work = new_epoch(int(log.first[epoch + 1] - log.first[epoch]), bank.P.shape[1])
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
-    observe(bank.state[0], bank.P[0], par[0], log, epoch, rate, steady_force(bank.state[0]), work)
+    force = steady_force(bank.state[0]) if f_b is None else f_b
+    observe(bank.state[0], bank.P[0], par[0], log, epoch, rate, force, work)
     return work
 
 
@@ -233,6 +239,7 @@ def update(bank: Bank, log: Rows, par: npt.NDArray[Any], w_ib_b: Float64 | None 
     """Run the first epoch alone, at the filter's own time; the correction is left in ``work.epoch.vectors[0]``."""
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
     now_ns = int(bank.head["now_ns"][0])
-    imu = Imu(np.array([now_ns - 10_000_000, now_ns]), np.tile(rate, (2, 1)), np.zeros((2, 3)))
+    force = steady_force(bank.state[0])
+    imu = Imu(np.array([now_ns - 10_000_000, now_ns]), np.tile(rate, (2, 1)), np.tile(force, (2, 1)))
     bank.head["next"] = 2
     return run(bank, log, imu, par)

@@ -68,7 +68,8 @@ def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.
         dense.state[:] = bank.state
         carry_bank(dense, int(t.rows.epoch_ns[epoch]), t.imu, par[0], scratch)
         predict_covariance(dense.state[0], dense.P[0], par[0], scratch)
-        rows = observed(dense, par, t.rows, epoch, t.imu.w_ib_b[imu_hz * (epoch + 1)])
+        k = imu_hz * (epoch + 1)
+        rows = observed(dense, par, t.rows, epoch, t.imu.w_ib_b[k], t.imu.f_b[k])
         dense.P[0], x = dense_joseph(dense.P[0], rows)
 
         run_epochs(bank, epoch, epoch + 1, t.rows, t.imu, par, -1e9, out, work)

@@ -85,9 +85,11 @@ def make_log(rng: np.random.Generator, noise: float) -> Log:
     moving, scratch = copy_bank(truth), new_scratch(N)
     for epoch in range(EPOCHS):
         carry_bank(moving, int(epoch_ns[epoch]), clean, par[0], scratch)
-        w = clean.w_ib_b[moving.head[0].next]
+        k = moving.head[0].next
         part = slice(log.first[epoch], log.first[epoch + 1])
-        log.observation["value"][part] = -observed(moving, par, log, epoch, w).lines["innovation"]
+        log.observation["value"][part] = -observed(
+            moving, par, log, epoch, clean.w_ib_b[k], clean.f_b[k]
+        ).lines["innovation"]
     log.observation["value"] += noise * rng.normal(size=(len(log.sat), 2)) * [RANGE_SIGMA_M, RATE_SIGMA_MPS]
     return Log(truth, swaying_imu(np.random.default_rng(seed), C_eb.T @ at.f_e, 51.0, errors=True), log)
 
@@ -137,7 +139,7 @@ def test_filter_equals_filterpy_over_100_epochs(
         k = dense.carry(now_ns, k, t_ns, *log.imu)
         now_ns = t_ns
         value = log.rows.observation["value"][part]
-        dense.update(log.rows.sat[part], value, log.imu.w_ib_b[k], (sigma_m, sigma_mps))
+        dense.update(log.rows.sat[part], value, log.imu.w_ib_b[k], log.imu.f_b[k], (sigma_m, sigma_mps))
         sigma = np.sqrt(np.diag(dense.ekf.P))
         P_apart.append(np.max(np.abs(bank.P[0] - dense.ekf.P) / np.outer(sigma, sigma)))
         x_apart.append(np.max(np.abs(state_difference(bank, dense)) / sigma))

@@ -31,6 +31,7 @@ from tests.fusion.scene import (
     place,
     rows_of,
     sky,
+    steady_force,
 )
 from tests.gnss.broadcast_sample import TOE_NS, copies, navigation_table, observations
 
@@ -197,6 +198,23 @@ def test_clock_of_a_millisecond_moves_a_fast_antenna_back_along_its_way() -> Non
 
     np.testing.assert_allclose(moved[:, PSEUDORANGE], -directions(at) @ (at.C_ne.T @ v_n) * 1e-3, atol=1e-5)
     assert np.max(np.abs(moved[:, PSEUDORANGE])) > 0.15
+
+
+def test_clock_of_a_millisecond_takes_the_velocity_of_an_accelerating_antenna_back() -> None:
+    """At 30 m/s^2 the velocity was 3 cm/s less when the signal arrived than at the time tag."""
+    at, par = place(), parameters()
+    bank, log = new_filter(at, clock=(1e-3 * C_MPS, 0.0)), rows_of([START_NS], sky(at))
+    f_b = steady_force(bank.state[0])
+    pushed = f_b + np.array([30.0, 0.0, 0.0])
+
+    steady, moved = (
+        observed(bank, par, log, f_b=f).lines["innovation"][:, RANGE_RATE] for f in (f_b, pushed)
+    )
+
+    # predicted rate -u.v, v smaller by a late; the direction turns by 1e-12 rad meanwhile
+    forward = bank.state[0].C_eb[:, 0]
+    np.testing.assert_allclose(moved - steady, -30.0 * 1e-3 * directions(at) @ forward, atol=1e-6)
+    assert np.max(np.abs(moved - steady)) > 0.025
 
 
 def carried(bank: Bank, imu: Imu) -> Bank:

@@ -9,7 +9,7 @@ import pytest
 from filterpy.common import van_loan_discretization
 
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.constants import NS_PER_S, WGS84_GM_M3PS2
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2, WGS84_GM_M3PS2
 from insgnss.fusion.prediction import carry, new_scratch, predict_covariance
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.inertial.clock_model import clock_model
@@ -200,21 +200,59 @@ def test_longer_step_of_the_covariance_costs_little_in_a_roll_of_300_deg_per_s(
 # --- what the samples bring in --------------------------------------------------------------------------------------
 
 
-def over(w_b: np.ndarray, f_b: np.ndarray, t_ns: np.ndarray, par: Any, bank: Bank) -> Bank:
-    """Return the filter carried over a log of constant rates."""
-    count = len(t_ns)
-    w, f = np.tile(w_b, (count, 1)), np.tile(f_b, (count, 1))
-    m = bank.state[0]
-    carry(m, bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, par, new_scratch(OFFSETS))
-    m.sum_dt = max(m.sum_dt, 0.0)
-    predict_covariance(m, bank.P[0], par, new_scratch(OFFSETS))
+def constant(t_ns: np.ndarray, w_b: np.ndarray, f_b: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return a log of constant rates and forces, and a start."""
+    w, f = np.tile(w_b, (len(t_ns), 1)), np.tile(f_b, (len(t_ns), 1))
+    return t_ns, w, f, C_EB, PLACE_E, np.array([100.0, -50.0, 20.0])
+
+
+def over(log: tuple[np.ndarray, ...], par: Any, bank: Bank) -> Bank:
+    """Return the filter carried over a log, sums cleared."""
+    t_ns, w, f = log[:3]
+    carry(bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, par, new_scratch(OFFSETS))
+    predict_covariance(bank.state[0], bank.P[0], par, new_scratch(OFFSETS))
     return bank
 
 
-def test_sensor_noise_comes_in_with_its_densities_and_with_the_scale_factors_share() -> None:
-    w_b, f_b = np.array([0.3, 0.0, -0.4]), np.array([0.0, 30.0, -40.0])
-    par = parameters(TACTICAL, TCXO, gyro_scale_density=2e-7, accel_scale_density=3e-6)
-    bank = bank_at(C_EB, PLACE_E, np.zeros(3), np.zeros(OFFSETS))
+def test_sensor_noise_comes_in_with_its_density_and_the_scale_factors_share() -> None:
+    log = constant(np.arange(101) * 1_000_000, np.array([0.3, 0.0, -0.4]), np.array([0.0, 30.0, -40.0]))
+    par = parameters(TACTICAL, gyro_scale_density=2e-7, accel_scale_density=3e-6)
 
-    P = over(w_b, f_b, np.arange(101) * 1_000_000, par, bank).bank_covariance if False else None
-    assert P is None
+    P = over(log, par, bank_at(*log[3:], np.zeros(OFFSETS))).P[0]
+
+    # 0.1 s; |w| = 0.5 rad/s, |f| = 50 m/s^2; by way of the attitude 1e-4 of it
+    attitude = (par.gyro_density + 2e-7 * 0.25) * 0.1
+    velocity = (par.accel_density + 3e-6 * (50.0 - STANDARD_GRAVITY_MPS2) ** 2) * 0.1
+    assert np.diag(P)[three(PSI)] == pytest.approx(attitude, rel=1e-3, abs=0.0)
+    assert np.diag(P)[three(DV)] == pytest.approx(velocity, rel=1e-3, abs=0.0)
+
+
+def test_sigma_grows_in_a_gap_to_the_unknown_motion_times_its_length() -> None:
+    t_ns = np.array([0, 10, 20, 1020, 1030]) * 1_000_000
+    log = constant(t_ns, np.zeros(3), np.zeros(3))
+
+    bank = over(log, parameters(TACTICAL), bank_at(*log[3:], np.zeros(OFFSETS)))
+
+    # 3 m/s^2 and 20 deg/s (the filter's defaults) over a gap of 1 s, in free fall: sensor noise is a thousandth
+    sigma = np.sqrt(np.diag(bank.P[0]))
+    assert sigma[three(DV)] == pytest.approx(3.0, rel=1e-3)
+    assert sigma[three(PSI)] == pytest.approx(np.radians(20.0), rel=1e-3)
+    # of white noise the position gets 1 / sqrt(3) of velocity times time
+    assert sigma[three(DR)] == pytest.approx(3.0 / np.sqrt(3.0), rel=2e-2)
+
+
+def test_known_biases_are_taken_out_of_both_samples_of_an_interval(
+    one_minute_of_turns: tuple[np.ndarray, ...],
+) -> None:
+    t_ns, w, f, *start = one_minute_of_turns
+    par = parameters(TACTICAL, accel_bias_time=np.inf, gyro_bias_time=np.inf)
+    clean, biased = bank_at(*start, SIGMA), bank_at(*start, SIGMA)
+    b_a, b_g = np.array([0.5, -0.3, 0.2]), np.array([0.02, 0.01, -0.03])
+    biased.state[0].b_a[:], biased.state[0].b_g[:] = b_a, b_g
+
+    over((t_ns, w, f), par, clean)
+    over((t_ns, w + b_g, f + b_a), par, biased)
+
+    # rounding of 50 m/s^2 and 1 rad/s for a minute; a bias left in one of the two samples makes 1 m
+    assert biased.state[0].r_e == pytest.approx(clean.state[0].r_e, abs=1e-6)
+    assert biased.state[0].C_eb == pytest.approx(clean.state[0].C_eb, abs=1e-12)

@@ -35,7 +35,9 @@ def test_densities_and_sigmas_are_the_data_sheets_in_si_units() -> None:
     assert model.gyro_bias.sigma == pytest.approx(math.hypot(80.0, 6.0) * 4.848137e-6, rel=1e-6, abs=0.0)
     assert model.accel_bias.sigma == pytest.approx(math.hypot(6.0, 0.5) * 9.80665e-3, rel=1e-12)
     assert model.gyro_bias.density == pytest.approx(2.0 * (6.0 * 4.848137e-6) ** 2 / 600.0, rel=1e-6, abs=0.0)
-    assert model.accel_bias.density == pytest.approx(2.0 * (0.5 * 9.80665e-3) ** 2 / 300.0, rel=1e-12, abs=0.0)
+    assert model.accel_bias.density == pytest.approx(
+        2.0 * (0.5 * 9.80665e-3) ** 2 / 300.0, rel=1e-12, abs=0.0
+    )
     assert (model.gyro_scale, model.accel_scale) == (pytest.approx(1e-3), pytest.approx(2.5e-4))
 
 
