@@ -259,9 +259,9 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
 
 @inlined
 def positive(m: StateRecord, P: Float64) -> bool:
-    """Return whether every variance is a positive finite number and the state is finite."""
+    """Return whether no variance is negative or beyond reason and the state is finite; zero is a state known exactly."""
     for i in range(P.shape[0]):
-        if not (P[i, i] > 0.0 and P[i, i] < 1e30):
+        if not (P[i, i] >= 0.0 and P[i, i] < 1e30):
             return False
     return math.isfinite(m.r_e[0] + m.r_e[1] + m.r_e[2] + m.v_e[0] + m.q_eb[0])
 

@@ -93,6 +93,7 @@ def read_csv_table(path: Path, wanted: Wanted) -> CsvTable:
     if table is None:
         rows = read_exact(buffer, path, dialect, places, wanted)
         table = _from_exact(path, dialect, rows, wanted, events)
+    pa.default_memory_pool().release_unused()  # the columns have been copied out of Arrow's memory
     if table.n == 0:
         raise InputError("the file holds a header but no rows", file=path, line=dialect.header_line)
     return table
@@ -140,7 +141,6 @@ def _read_fast(
                 null_values=list(EMPTY_CELLS),
                 strings_can_be_null=False,
             ),
-            memory_pool=pa.system_memory_pool(),  # what is freed here, NumPy's arrays can take
         )
     except pa.ArrowInvalid:
         return None
