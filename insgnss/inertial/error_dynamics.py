@@ -74,8 +74,8 @@ def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
     """Write ``B = Phi A`` for the step ``s``, row by row of the error state; ``A`` and ``B`` are (n, n), not the same.
 
     Each block below is one line of the dynamics; psi and v are taken at mid-step (trapezoid), which makes Phi right to
-    second order: dr gets f x psi dt^2/2 and C b_a dt^2/2, dv gets f x (C b_g) dt^2/2. Coriolis and gravity gradient take
-    the start of the step: 2e-6 of dv at 25 ms.
+    second order: dr gets f x psi dt^2/2 and C b_a dt^2/2, dv gets f x (C b_g) dt^2/2. Coriolis and gravity gradient
+    take the start of the step: 2e-6 of dv at 25 ms.
     Neglects: the Earth's turn (2 w_ie dt, 3e-6 at 20 ms) and the bias's decay (dt / (2 time), 2e-5 at 20 ms and 600 s)
     inside the step, as shares of the terms of first order.
 
