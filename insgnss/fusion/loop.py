@@ -259,7 +259,7 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
 
 @inlined
 def positive(m: StateRecord, P: Float64) -> bool:
-    """Return whether all variances are finite, none negative (zero is a state known exactly), and the state is finite."""
+    """Return whether the state is finite and no variance is negative; zero is a state known exactly."""
     for i in range(P.shape[0]):
         if not (P[i, i] >= 0.0 and P[i, i] < 1e30):
             return False
