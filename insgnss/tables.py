@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 Int64 = npt.NDArray[np.int64]
 Int16 = npt.NDArray[np.int16]
+Int8 = npt.NDArray[np.int8]
 Float64 = npt.NDArray[np.float64]
 
 
@@ -60,6 +61,9 @@ class GnssTable:
     sigma_range_rate_mps: Float64 | None = None  # (n,)
     # rows with an unreadable range or rate
     bad_cells: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
+    carrier_cycles: Float64 | None = None  # (n,) carrier phase, RINEX sign: grows with the distance; NaN without
+    lli: Int8 | None = None  # (n,) loss-of-lock indicator as in RINEX: bit 0 slip, bit 1 half cycle unresolved
+    glonass_channels: dict[str, int] = field(default_factory=dict)  # where the log tells: "R07" -> -7..6
 
     def take(self, rows: npt.NDArray[np.intp]) -> GnssTable:
         """Return the given rows, in the given order; ``bad_cells`` follows its rows."""
@@ -80,6 +84,8 @@ class GnssTable:
             if self.sigma_range_rate_mps is None
             else self.sigma_range_rate_mps[rows],
             bad_cells=np.flatnonzero(flagged[rows]).astype(np.int64),
+            carrier_cycles=None if self.carrier_cycles is None else self.carrier_cycles[rows],
+            lli=None if self.lli is None else self.lli[rows],
         )
 
 
@@ -118,12 +124,45 @@ class EphemerisTable:
 
 
 @dataclass(frozen=True)
+class StateVectorTable:
+    """Broadcast states to be integrated (GLONASS, SBAS), one row per message, SI units, times in GPS ns.
+
+    Positions are in the system's Earth-fixed frame (GLONASS: PZ-90.11, equal to WGS-84 to centimetres).
+    """
+
+    sv_names: tuple[str, ...]  # of each row: "R07", "S23"
+    t_ns: Int64  # (n,) reference time of state and clock
+    r_e: Float64  # (n, 3) [m]
+    v_e: Float64  # (n, 3) [m/s]
+    a_e: Float64  # (n, 3) [m/s^2]; GLONASS: luni-solar part alone
+    clock_s: Float64  # (n,) -tau_n: to be added to the satellite's time, as af0
+    clock_rate: Float64  # (n,) gamma_n, as af1
+    group_delay_s: Float64  # (n,) delta tau_n: L2 later than L1; NaN when not given
+    health: Float64  # (n,) 0 is healthy
+    channel: Int16  # (n,) GLONASS frequency channel, -7..6; -128 when not known
+
+
+@dataclass(frozen=True)
 class NavigationData:
     """What navigation files give: ephemerides, ionosphere coefficients, leap seconds."""
 
     ephemerides: EphemerisTable
     klobuchar: Float64 | None  # (8,) alpha 0..3, beta 0..3 [s, s/semicircle, ...] of GPS
     leap_seconds: int | None
+    state_vectors: StateVectorTable | None = None
+    # further coefficients: "beidou" (8,) alpha, beta; "galileo" (3,) a_i0, a_i1, a_i2; "qzss" and "navic" (8,)
+    ionosphere: dict[str, Float64] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PreciseProducts:
+    """Orbits and clocks computed afterwards (SP3, RINEX clock), NaN where a product has a gap."""
+
+    sv_names: tuple[str, ...]
+    orbit_ns: Int64  # (m,) GPS time of the orbit nodes, strictly increasing
+    r_e: Float64  # (s, m, 3) position of the centre of mass (of the antenna after its offset was applied), ECEF [m]
+    clock_ns: Int64  # (k,) GPS time of the clock nodes, strictly increasing
+    clock_s: Float64  # (s, k) satellite clock without the relativistic term of the orbit's eccentricity [s]
 
 
 @dataclass(frozen=True)

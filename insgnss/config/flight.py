@@ -115,6 +115,8 @@ class GnssColumns(StrictModel):
     pseudorange: str = "pseudorange_m"
     doppler: str = "doppler_hz"
     range_rate: str = "range_rate_mps"
+    carrier: str = "carrier_phase_cycles"
+    lli: str = "lli"
     cn0: str = "cn0_dbhz"
     sigma_pseudorange: str = "sigma_pseudorange_m"
     sigma_range_rate: str = "sigma_range_rate_mps"

@@ -20,7 +20,7 @@ from insgnss.log.gnss_rows import in_time_order, joined
 from insgnss.log.rinex import read_rinex_obs
 from insgnss.log.satellites import normalised_name
 from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
-from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
+from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
 # What a log without a signal column is taken to hold: the first civil signal of each system in the L1 band
 ASSUMED_SIGNAL: Final = {"G": "C1C", "R": "C1C", "E": "C1C", "C": "C2I", "J": "C1C", "I": "C5A", "S": "C1C"}
@@ -97,6 +97,8 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
         table.columns.get(names.sigma_pseudorange),
         table.columns.get(names.sigma_range_rate),
         _bad_rows(table, names),
+        table.columns.get(names.carrier),
+        _flags(table.columns.get(names.lli)),
     )
     if names.doppler not in table.columns and names.range_rate not in table.columns:
         detail = f"{path}: neither '{names.doppler}' nor '{names.range_rate}': pseudoranges only"
@@ -110,6 +112,8 @@ def _wanted(names: GnssColumns) -> Wanted:
             names.pseudorange,
             names.doppler,
             names.range_rate,
+            names.carrier,
+            names.lli,
             names.cn0,
             names.sigma_pseudorange,
             names.sigma_range_rate,
@@ -181,9 +185,17 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> Float64 | No
 
 def _bad_rows(table: CsvTable, names: GnssColumns) -> Int64:
     """Return the rows whose range, Doppler or range rate holds something that is neither empty nor a number."""
-    measured = (names.pseudorange, names.doppler, names.range_rate)
+    measured = (names.pseudorange, names.doppler, names.range_rate, names.carrier)
     rows = [table.bad_cells[name] for name in measured if name in table.bad_cells]
     return np.unique(np.concatenate(rows)) if rows else np.zeros(0, np.int64)
+
+
+def _flags(column: Float64 | None) -> Int8 | None:
+    """Return loss-of-lock indicators as small integers; an empty cell, or one that is none, says nothing is wrong."""
+    if column is None:
+        return None
+    known = np.isfinite(column) & (column >= 0.0) & (column < 8.0)
+    return np.where(known, np.nan_to_num(column), 0.0).astype(np.int8)
 
 
 def _satellites(column: TextColumn, path: Path) -> tuple[Int16, tuple[str, ...], list[Event]]:

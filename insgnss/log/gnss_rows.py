@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
+from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
 
 def joined(parts: list[GnssTable]) -> GnssTable:
@@ -28,7 +28,17 @@ def joined(parts: list[GnssTable]) -> GnssTable:
         _stacked([part.sigma_pseudorange_m for part in parts], parts, None),
         _stacked([part.sigma_range_rate_mps for part in parts], parts, None),
         np.concatenate([part.bad_cells + start for part, start in zip(parts, starts, strict=False)]),
+        _stacked([part.carrier_cycles for part in parts], parts, None),
+        _stacked_flags(parts),
+        {name: channel for part in parts for name, channel in part.glonass_channels.items()},
     )
+
+
+def _stacked_flags(parts: list[GnssTable]) -> Int8 | None:
+    """Return the loss-of-lock indicators joined, zero where a part has none; None when no part has them."""
+    if all(part.lli is None for part in parts):
+        return None
+    return np.concatenate([np.zeros(len(p.t_ns), np.int8) if p.lli is None else p.lli for p in parts])
 
 
 def _renumbered(index: Int16, old: tuple[str, ...], new: tuple[str, ...]) -> Int16:
