@@ -31,8 +31,20 @@ from __future__ import annotations
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import Engine, NavState
 from insgnss.log.flight import Flight
+from insgnss.point import PointRun, point
 from insgnss.replay import engine_settings, replay
 from insgnss.run import Run
 from insgnss.version import __version__
 
-__all__ = ["Engine", "Flight", "InsGnssError", "NavState", "Run", "__version__", "engine_settings", "replay"]
+__all__ = [
+    "Engine",
+    "Flight",
+    "InsGnssError",
+    "NavState",
+    "PointRun",
+    "Run",
+    "__version__",
+    "engine_settings",
+    "point",
+    "replay",
+]

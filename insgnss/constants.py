@@ -37,3 +37,9 @@ GALILEO_OMEGA_RADPS: Final = 7.2921151467e-5  # Galileo OS SIS ICD 2.1, table 60
 BEIDOU_MU_M3PS2: Final = 3.986004418e14  # BDS-SIS-ICD B1I 3.0, table 5-11 (CGCS2000)
 BEIDOU_OMEGA_RADPS: Final = 7.2921150e-5  # BDS-SIS-ICD B1I 3.0, table 5-11 (CGCS2000)
 BEIDOU_GEO_TILT_DEG: Final = -5.0  # BDS-SIS-ICD B1I 3.0, table 5-11: the rotation R_x(-5 deg)
+
+# GLONASS: orbit by integration in PZ-90.11, which equals WGS-84 to centimetres (GLONASS ICD 5.1, 3.3.4 and A.3.1.2)
+GLONASS_MU_M3PS2: Final = 3.986004418e14  # GLONASS ICD 5.1, table 3.2
+GLONASS_OMEGA_RADPS: Final = 7.292115e-5  # GLONASS ICD 5.1, table 3.2
+GLONASS_A_M: Final = 6_378_136.0  # equatorial radius; GLONASS ICD 5.1, table 3.2
+GLONASS_J2: Final = 1.08262575e-3  # GLONASS ICD 5.1, table 3.2 (1082625.75e-9)

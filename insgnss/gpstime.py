@@ -17,6 +17,8 @@ UNIX_TO_GPS_S = 315_964_800  # GPS epoch in Unix seconds
 BDT_WEEK_OFFSET = 1356  # BeiDou week 0 began in GPS week 1356 (BDS-SIS-ICD B1I, 3.3)
 BDT_MINUS_GPST_S = -14  # BeiDou time is 14 s behind GPS time
 GST_WEEK_OFFSET = 1024  # Galileo week 0 began in GPS week 1024 (OS SIS ICD, 5.1.2)
+GLONASS_EPOCH = dt.datetime(1996, 1, 1)  # in Moscow time (GLONASS ICD 5.1, A.3.1.3)
+GLONASS_MINUS_UTC_H = 3  # GLONASS time is Moscow's, UTC + 3 h (GLONASS ICD 5.1, 3.3.3)
 
 # GPS minus UTC, from the dates at which each value came into force (IERS Bulletin C)
 LEAP_SECONDS: tuple[tuple[str, int], ...] = (
@@ -60,6 +62,27 @@ def leap_seconds(utc: dt.datetime) -> int:
         if utc >= dt.datetime.fromisoformat(date):
             value = seconds
     return value
+
+
+def utc_to_ns(utc: dt.datetime) -> int:
+    """Return GPS time in ns of a UTC date; the leap seconds are those in force at it."""
+    return datetime_to_ns(utc) + leap_seconds(utc) * NS_PER_S
+
+
+def glonass_to_ns(four_years: int, day: int, seconds: float) -> int:
+    """Return GPS time in ns of a date as GLONASS sends it: Moscow time, which is UTC + 3 h and has its leap seconds.
+
+    Equation: day 1 of interval 1 is 1996-01-01, an interval is four years of 1461 days [GLONASS ICD 5.1, A.3.1.3]
+
+    Parameters
+    ----------
+    four_years : N_4, from 1
+    day : N_T of the interval, from 1
+    seconds : of the Moscow day; t_b is its multiple of 900
+    """
+    days = (four_years - 1) * 1461 + day - 1
+    moscow = GLONASS_EPOCH + dt.timedelta(days=days, seconds=seconds)
+    return utc_to_ns(moscow - dt.timedelta(hours=GLONASS_MINUS_UTC_H))
 
 
 def datetime_to_ns(when: dt.datetime) -> int:

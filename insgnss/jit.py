@@ -1,22 +1,38 @@
-"""The one Numba decorator and the cache policy.
+"""The one Numba decorator, the cache policy, and compiling in a second process.
 
 Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
 Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
-calls. ``NUMBA_DISABLE_JIT=1`` runs every kernel as plain Python (slow, for tests and debuggers).
+calls. A new folder is the moment at which those of earlier versions that nobody has used for 30 days are removed.
+``NUMBA_DISABLE_JIT=1`` runs every kernel as plain Python (slow, for tests and debuggers).
+
+With an empty cache the compiler takes most of the time of a first run, on one core. ``compiled_beside`` lets a second
+process fill the cache with one large kernel while the first goes on with everything that comes before it.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
+import signal
+import re
+import shutil
+import subprocess
 import sys
-from collections.abc import Callable
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numba
 import numpy as np
 
+UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
+_S_PER_DAY: Final = 86_400.0
+_LONGEST_COMPILATION_S: Final = 300.0  # then whoever waits compiles on their own
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -40,23 +56,79 @@ def cache_root() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "insgnss"
 
 
-_CACHE_DIR = str(cache_root() / source_hash())
+def tend_caches(folder: Path) -> None:
+    """Mark a folder of compiled code as used today; where it is new, remove those beside it that nobody uses.
+
+    Only folders that carry a hash as their name and hold compiled code are touched, and nothing is said when the disk
+    does not let us.
+    """
+    now = time.time()
+    with suppress(OSError):
+        if folder.is_dir():
+            if now - folder.stat().st_mtime > _S_PER_DAY:
+                os.utime(folder)
+            return
+        for other in folder.parent.iterdir():
+            unused_s = now - other.stat().st_mtime
+            if unused_s < UNUSED_DAYS * _S_PER_DAY or not re.fullmatch("[0-9a-f]{16}", other.name):
+                continue
+            if any(other.glob("*/*.nbi")):
+                shutil.rmtree(other, ignore_errors=True)
+
+
+_CACHE_DIR = cache_root() / source_hash()
+tend_caches(_CACHE_DIR)
+
+
+def _import_without_blas() -> None:
+    """Import the part of Numba that looks for SciPy's linear algebra while that cannot be found.
+
+    Numba would use it for products of matrices, of which the kernels have none; importing it costs every process that
+    calls a kernel 0.15 s and 35 MB.
+    """
+    blas = "scipy.linalg.cython_blas"
+    if blas in sys.modules:
+        return
+    sys.modules[blas] = cast(Any, None)
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[blas]
+
+
+_import_without_blas()
+_PROCESS = uuid.uuid4().hex[:12]
 
 
 def _compiled(function: _F, **options: Any) -> _F:
     previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _CACHE_DIR
+    numba.config.CACHE_DIR = str(_CACHE_DIR)
     try:
-        return cast(_F, numba.njit(cache=True, error_model="numpy", **options)(function))
+        dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         numba.config.CACHE_DIR = previous
+    _write_to_own_files(dispatcher)
+    return cast(_F, dispatcher)
+
+
+def _write_to_own_files(dispatcher: Any) -> None:
+    """Give the files of machine code that this process writes names of their own.
+
+    Numba numbers the files of a kernel's signatures. Two processes that compile two signatures of one kernel at the
+    same moment would take the same number, and one would later load the other's code. With names of their own the
+    worst is that one of the two is compiled again.
+    """
+    file: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    pattern = getattr(file, "_data_name_pattern", None)
+    if isinstance(pattern, str):
+        file._data_name_pattern = pattern.replace("{number:d}", _PROCESS + "-{number:d}")
 
 
 def kernel(function: _F) -> _F:
     """Compile ``function`` with Numba on its first call and keep the machine code for the next process.
 
     No fast mathematics: the same input must give the same bits. ``error_model="numpy"`` lets a division by zero give
-    inf, which the gates refuse, instead of a branch at every division.
+    inf, which the gates refuse, instead of a branch at every division. Python's lock is left free meanwhile.
     """
     return _compiled(function)
 
@@ -69,3 +141,81 @@ def inlined(function: _F) -> _F:
     kernel.
     """
     return _compiled(function, inline="always")
+
+
+@contextmanager
+def compiled_beside(
+    function: Callable[..., Any], module: str, *arguments: str
+) -> Iterator[Callable[[], None]]:
+    """Run ``python -m module arguments`` beside this process where that saves time; yield how to wait for its end.
+
+    The module calls the kernel ``function`` with arguments of the right types, so that its machine code is in the cache
+    when it is needed here. Nothing is started where the cache has the kernel or cannot be written, nor on one core. If
+    the process fails, the kernel is compiled here, as it would be without it. The process never outlives the block.
+    """
+    process = _start(module, *arguments) if _is_missing(function) else None
+    try:
+        yield lambda: _wait(process)
+    finally:
+        if process is not None:
+            process.kill()
+            process.communicate()
+
+
+def _is_missing(function: Callable[..., Any]) -> bool:
+    """Return whether a kernel will have to be compiled, into a cache that can be written, with a core to spare."""
+    if not sys.executable or _cores() < 2 or is_compiled(function):
+        return False
+    return _cache_folder(function).is_relative_to(_CACHE_DIR)
+
+
+def is_compiled(function: Callable[..., Any]) -> bool:
+    """Return whether a kernel has machine code, in this process or in the cache; so has plain Python, in effect."""
+    if getattr(function, "stats", None) is None:  # the compiler is switched off
+        return True
+    dispatcher: Any = function
+    return bool(dispatcher.signatures) or any(_cache_folder(function).glob(f"*.{function.__name__}-*.nbi"))
+
+
+def _cache_folder(function: Callable[..., Any]) -> Path:
+    """Return where Numba keeps a kernel's machine code: not below ours where that cannot be written."""
+    dispatcher: Any = function
+    return Path(dispatcher.stats.cache_path or os.devnull)
+
+
+def _cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _start(module: str, *arguments: str) -> subprocess.Popen[bytes] | None:
+    """Start ``python -m module`` with this process's search path, silent, listening for our end; None if we may not."""
+    path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", module, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+    except OSError:
+        return None
+
+
+def _wait(process: subprocess.Popen[bytes] | None) -> None:
+    if process is not None:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_LONGEST_COMPILATION_S)
+
+
+def end_with_parent() -> None:
+    """End this process, started by ``compiled_beside``, as soon as the one that started it is gone."""
+
+    def listen() -> None:
+        os.read(0, 1)  # returns when the other end of the pipe is closed
+        signal.raise_signal(signal.SIGTERM)
+
+    threading.Thread(target=listen, daemon=True).start()

@@ -1,4 +1,4 @@
-"""Finds and reads what lies in the model library: sensor grades, oscillators, filters and later more.
+"""Finds and reads what lies in the model library: sensor grades, oscillators, filters, antenna patterns.
 
 A name is looked for in the user's folders, then in ``INSGNSS_MODELS`` (several folders like a search path), then in
 the repository's ``models/``, then in the copy that the wheel carries. A user's folder may hold the kinds in folders of
@@ -20,7 +20,13 @@ from insgnss.errors import ModelError
 
 Model = TypeVar("Model", bound=StrictModel)
 
-KINDS = {"imus": "IMU grade", "oscillators": "oscillator", "filters": "filter"}
+KINDS = {
+    "imus": "IMU grade",
+    "oscillators": "oscillator",
+    "filters": "filter",
+    "antennas": "antenna pattern",
+}
+_TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)
 _PACKAGE = Path(__file__).parent
 
 
@@ -35,11 +41,13 @@ def search_folders(kind: str, extra_paths: Sequence[Path] = ()) -> list[Path]:
 def names(kind: str, extra_paths: Sequence[Path] = ()) -> list[str]:
     """Return the names of all models of a kind that can be found in folders of that kind."""
     folders = [folder for folder in search_folders(kind, extra_paths) if folder.name == kind]
-    return sorted({path.stem for folder in folders if folder.is_dir() for path in folder.glob("*.toml")})
+    return sorted(
+        {path.stem for folder in folders if folder.is_dir() for path in folder.glob(f"*{_suffix(kind)}")}
+    )
 
 
 def find(kind: str, name: str, extra_paths: Sequence[Path] = ()) -> Path:
-    """Return the file of the model ``name`` of a kind ("imus", "oscillators", "filters").
+    """Return the file of the model ``name`` of a kind ("imus", "oscillators", "filters", "antennas").
 
     Raises
     ------
@@ -47,7 +55,7 @@ def find(kind: str, name: str, extra_paths: Sequence[Path] = ()) -> Path:
     """
     if name == Path(name).name and name:
         for folder in search_folders(kind, extra_paths):
-            path = folder / f"{name}.toml"
+            path = folder / f"{name}{_suffix(kind)}"
             if path.is_file():
                 return path
     known = names(kind, extra_paths)
@@ -56,6 +64,10 @@ def find(kind: str, name: str, extra_paths: Sequence[Path] = ()) -> Path:
         f"there is no {KINDS.get(kind, kind)} named '{name}'",
         advice=f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}",
     )
+
+
+def _suffix(kind: str) -> str:
+    return ".csv" if kind in _TABLES else ".toml"
 
 
 def load(kind: str, name: str, model: type[Model], extra_paths: Sequence[Path] = ()) -> Model:
@@ -77,6 +89,16 @@ def imu_grade(name: str, extra_paths: Sequence[Path] = ()) -> ImuGrade:
 def oscillator(name: str, extra_paths: Sequence[Path] = ()) -> Oscillator:
     """Return an oscillator by name, from ``models/oscillators``."""
     return load("oscillators", name, Oscillator, extra_paths)
+
+
+def antenna_file(name: str, extra_paths: Sequence[Path] = ()) -> Path:
+    """Return the file of a gain pattern: by name from ``models/antennas``, or a path ending in .csv.
+
+    A relative path starts at the first of ``extra_paths``, the folder of the flight file.
+    """
+    if name.endswith(".csv"):
+        return Path(*extra_paths[:1], name)
+    return find("antennas", name, extra_paths)
 
 
 def filter_config(filter: str | Path | FilterConfig) -> FilterConfig:

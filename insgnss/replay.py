@@ -7,9 +7,11 @@ import itertools
 import math
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numba
 import numpy as np
@@ -18,20 +20,31 @@ import pandas as pd
 from insgnss.comparison import errors_against
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.corrected_rows import corrected_rows
 from insgnss.errors import ConfigError, StartError
-from insgnss.fusion.loop import Imu, run_to
+from insgnss.fusion import compile_loop
+from insgnss.fusion.loop import Imu, run_epochs, run_to
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, new_output
-from insgnss.fusion.setup import FilterSetup, clock_groups
-from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.fusion.setup import FilterSetup
+from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
+from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.jit import compiled_beside, is_compiled
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex import read_navigation
-from insgnss.result_tables import event_table, measurement_table, nav_table, satellite_table
+from insgnss.result_tables import (
+    RowKeys,
+    event_table,
+    measurement_table,
+    nav_table,
+    row_keys,
+    satellite_table,
+)
 from insgnss.run import Run
 from insgnss.status import NO_IMU, USED
-from insgnss.tables import Event, ImuTable, Int64, NavigationData
+from insgnss.tables import Event, ImuTable, Int64, NavigationData, ReferenceTable
 from insgnss.version import __version__
 
 OutputRate = Literal["gnss", "imu"] | float
@@ -41,30 +54,56 @@ Progress = Callable[[str], None]
 def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> FilterSetup:
     """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay."""
     navigation = None if logs.gnss.sat is not None else logs.navigation
-    return _setup(flight, config, navigation, logs.gnss.sv_names)
+    with_carrier = logs.gnss.carrier_cycles is not None
+    setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
+    return replace(setup, products=logs.products, antennas=logs.antennas)
 
 
 def engine_settings(
-    flight: Flight | str | Path, filter: str | Path | FilterConfig = "tight17"
+    flight: Flight | str | Path,
+    filter: str | Path | FilterConfig = "tight17",
+    *,
+    signals: Iterable[Pair] | None = None,
+    carrier: bool = False,
 ) -> FilterSetup:
     """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
 
-    The inertial and GNSS logs are not opened: they are what the engine will be fed. Every constellation of the filter
-    that has an ephemeris gets its clock; all of them when the epochs bring the satellite states along.
+    The inertial and GNSS logs are not opened: they are what the engine will be fed.
+
+    Parameters
+    ----------
+    flight : the flight or its file
+    filter : a name in the library, a file, or the settings themselves
+    signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
+        the filter's settings gets its clock, for each constellation that has an ephemeris
+    carrier : whether the epochs will bring carrier phases
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
     config = filter_config(filter)
+    wanted = config.measurements.signals_of()
     if not flight.config.gnss.navigation:
-        return _setup(flight, config, None, config.measurements.constellations)
+        return _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
     navigation, _ = read_navigation(flight.config.gnss.navigation)
-    return _setup(flight, config, navigation, navigation.ephemerides.sv_names)
+    states = navigation.state_vectors
+    seen = (*navigation.ephemerides.sv_names, *(() if states is None else states.sv_names))
+    pairs = _all_pairs(wanted, {name[0] for name in seen}) if signals is None else set(signals)
+    return _setup(flight, config, navigation, pairs, with_carrier=carrier)
+
+
+def _all_pairs(signals: dict[str, tuple[str, ...]], letters: set[str]) -> set[Pair]:
+    return {(letter, code) for letter in letters for code in signals.get(letter, ())}
 
 
 def _setup(
-    flight: Flight, config: FilterConfig, navigation: NavigationData | None, sv_names: tuple[str, ...]
+    flight: Flight,
+    config: FilterConfig,
+    navigation: NavigationData | None,
+    pairs: set[Pair],
+    *,
+    with_carrier: bool,
 ) -> FilterSetup:
-    gnss, start = flight.config.gnss, flight.config.start
+    gnss, start, use = flight.config.gnss, flight.config.start, config.measurements
     given = None if start == "automatic" else start
     start_ns = None
     if given is not None and given.time_s is not None:
@@ -74,26 +113,11 @@ def _setup(
         grade=flight.imu_grade,
         oscillator=flight.oscillator,
         lever_arm_m=gnss.lever_arm_m or (0.0, 0.0, 0.0),
-        clock_groups=clock_groups(config.measurements.constellations, sv_names),
+        clock_groups=clock_groups(use.constellations, use.signals_of(), pairs, every_band=use.every_band),
         start=given,
         start_ns=start_ns,
-        ephemerides=None if navigation is None else navigation.ephemerides,
-        klobuchar=None if navigation is None else navigation.klobuchar,
-    )
-
-
-def rows_of(setup: FilterSetup, logs: FlightLogs) -> Rows:
-    """Return the GNSS log as the filter's rows."""
-    use = setup.config.measurements
-    return prepare_rows(
-        logs.gnss,
-        setup.ephemerides,
-        setup.klobuchar,
-        clock_groups=setup.clock_groups,
-        signals=use.signals_of(),
-        pseudorange=use.pseudorange,
-        range_rate=use.range_rate,
-        max_age_s=use.max_ephemeris_age_s,
+        navigation=navigation,
+        with_carrier=with_carrier,
     )
 
 
@@ -122,32 +146,67 @@ def replay(
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
     config = filter_config(filter)
-    tell("reading the logs")
-    logs = flight.read()
-    tell("computing the satellites")
-    setup = setup_filter(flight, logs, config)
-    rows = rows_of(setup, logs)
-    read = time.perf_counter()
-    tell("running the filter")
-    out, events = run_filter(setup, logs.imu, rows, output)
+    with compiled_beside(run_epochs, compile_loop.MODULE) as loop_is_compiled:
+        setup, work, record = _prepared(flight, config, tell)
+        read = time.perf_counter()
+        tell("running the filter")
+        out, events = run_filter(setup, *work, output, before_loop=loop_is_compiled)
     filtered = time.perf_counter()
+    del work  # a big log's samples and rows take as much room as the tables
     tell("writing the tables")
-    run = _as_run(flight, logs, setup, rows, out, events)
+    run = _as_run(flight, record, setup, out, events)
     took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - filtered}
     run.settings = {**run.settings, "took": took, "output": output}
     return run
 
 
+class _Record(NamedTuple):
+    """What is kept of the logs for the result tables."""
+
+    keys: RowKeys
+    reference: ReferenceTable | None
+    events: list[Event]
+    input_hashes: dict[str, str]
+
+
+def _prepared(
+    flight: Flight, config: FilterConfig, tell: Progress
+) -> tuple[FilterSetup, tuple[ImuTable, Rows], _Record]:
+    """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
+    tell("reading the logs")
+    with ThreadPoolExecutor(1) as beside:
+        reading = beside.submit(flight.read)
+        if is_compiled(run_epochs):
+            compile_loop.compile_loop()  # fetched from the cache while the logs are parsed
+        logs = reading.result()
+        del reading  # it would keep the logs
+    tell("computing the satellites")
+    setup = setup_filter(flight, logs, config)
+    rows, found = corrected_rows(setup, logs, flight)
+    events = logs.events + found
+    record = _Record(row_keys(logs.gnss, rows), logs.reference, events, logs.input_hashes)
+    return setup, (logs.imu, rows), record
+
+
 def run_filter(
-    setup: FilterSetup, table: ImuTable, rows: Rows, output: OutputRate
+    setup: FilterSetup,
+    table: ImuTable,
+    rows: Rows,
+    output: OutputRate,
+    *,
+    before_loop: Callable[[], object] = lambda: None,
 ) -> tuple[Output, list[Event]]:
     """Run a filter over samples and rows; return the loop's output and the events.
+
+    ``before_loop`` is called when the compiled loop is needed, after the start.
 
     The log is cut where inertial samples are missing for longer than the restart limit: each part starts anew.
     """
     imu = Imu(table.t_ns, np.ascontiguousarray(table.w_ib_b), np.ascontiguousarray(table.f_b))
     times = output_times(imu.t_ns, output)
-    out = new_output(rows, max(len(times), len(rows.epoch_ns)), 4 * len(rows.epoch_ns) + 16, times)
+    out = new_output(
+        rows, max(len(times), len(rows.epoch_ns)), 4 * len(rows.epoch_ns) + 16, times, setup.layout.n_values
+    )
     events: list[Event] = []
     covered = np.zeros(len(rows.epoch_ns), np.bool_)
     started = False
@@ -156,7 +215,7 @@ def run_filter(
         part = Imu(imu.t_ns[first:last], imu.w_ib_b[first:last], imu.f_b[first:last])
         e0, e1 = np.searchsorted(rows.epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
         covered[e0:e1] = True
-        navigator = Navigator(setup)
+        navigator = Navigator(setup, before_loop)
         navigator.starter.given = given and not started
         navigator.run(part, rows, int(e0), int(e1), out)
         if navigator.bank is not None and len(times):
@@ -232,30 +291,35 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
 def _mark_without_imu(out: Output, rows: Rows, covered: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
     """Write NO_IMU for the usable rows of epochs outside the inertial log."""
     outside = ~np.repeat(covered, np.diff(rows.first))
-    status = out.ledger["status"]
-    status[outside] = np.where(status[outside] == USED, NO_IMU, status[outside])
+    for ledger in (out.ledger, out.carrier):
+        if len(ledger):
+            status = ledger["status"]
+            status[outside] = np.where(status[outside] == USED, NO_IMU, status[outside])
 
 
-def _as_run(
-    flight: Flight, logs: FlightLogs, setup: FilterSetup, rows: Rows, out: Output, events: list[Event]
-) -> Run:
+def _as_run(flight: Flight, record: _Record, setup: FilterSetup, out: Output, events: list[Event]) -> Run:
     week = flight.config.gps_week
-    nav = nav_table(out, week, setup.clock_groups)
+    nav = nav_table(out, week, setup)
     errors = None
-    if logs.reference is not None:
+    if record.reference is not None:
         point = flight.config.reference.point if flight.config.reference is not None else "imu"
-        errors = errors_against(nav, logs.reference, week, setup.lever_arm_m if point == "antenna" else None)
+        errors = errors_against(
+            nav, record.reference, week, setup.lever_arm_m if point == "antenna" else None
+        )
+    with ThreadPoolExecutor(1) as beside:  # NumPy leaves Python's lock free
+        satellites = beside.submit(satellite_table, out, record.keys, week)
+        measurements = measurement_table(out, record.keys, week)
     return Run(
         nav=nav,
-        measurements=measurement_table(out, rows, logs.gnss, week),
-        satellites=satellite_table(out, rows, logs.gnss, week),
-        events=event_table(logs.events + events, week),
+        measurements=measurements,
+        satellites=satellites.result(),
+        events=event_table(record.events + events, week),
         errors=errors,
-        settings=_settings(flight, logs, setup),
+        settings=_settings(flight, record.input_hashes, setup),
     )
 
 
-def _settings(flight: Flight, logs: FlightLogs, setup: FilterSetup) -> dict[str, Any]:
+def _settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetup) -> dict[str, Any]:
     """Return all that is needed to repeat the run."""
     return {
         "flight": flight.config.model_dump(mode="json"),
@@ -263,7 +327,7 @@ def _settings(flight: Flight, logs: FlightLogs, setup: FilterSetup) -> dict[str,
         "imu_grade": setup.grade.model_dump(mode="json"),
         "oscillator": setup.oscillator.model_dump(mode="json"),
         "clock_groups": list(setup.clock_groups),
-        "input_sha256": logs.input_hashes,
+        "input_sha256": input_hashes,
         "versions": {
             "insgnss": __version__,
             "python": platform.python_version(),

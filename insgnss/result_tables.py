@@ -2,48 +2,72 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from insgnss.fusion.output import NAV_COLUMNS, Output
+from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.status import NAMES, USED
-from insgnss.tables import Event, Float64, GnssTable, Int64
+from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
 
-KINDS = ("pseudorange", "range_rate")
+KINDS = ("pseudorange", "range_rate", "carrier_difference")
 
 
-def nav_table(out: Output, week: int, clock_groups: tuple[str, ...]) -> pd.DataFrame:
+class RowKeys(NamedTuple):
+    """What each row of a GNSS log is about: all that the tables need of a log once the filter is done."""
+
+    t_ns: Int64  # (n,)
+    first: Int64  # (m + 1,) first row of each epoch
+    sv: Int16  # (n,)
+    signal: Int16  # (n,)
+    sv_names: tuple[str, ...]
+    signal_names: tuple[str, ...]
+
+
+def row_keys(gnss: GnssTable, rows: Rows) -> RowKeys:
+    """Return the keys of a log and of the rows made of it."""
+    return RowKeys(gnss.t_ns, rows.first, gnss.sv, gnss.signal, gnss.sv_names, gnss.signal_names)
+
+
+def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
     """Return the navigation table, one row per output time."""
     rows = out.nav[: out.counts[0].nav]
     columns: dict[str, Any] = {"time_s": ns_to_week_seconds(rows["t_ns"], week)}
     columns.update({name: rows["value"][:, i] for i, name in enumerate(NAV_COLUMNS)})
-    for i, letter in enumerate(clock_groups[1:]):
-        columns[f"offset_{letter}_m"] = rows["offsets"][:, i]
+    for i, name in enumerate(optional_columns(setup)):
+        columns[name] = out.optional[: len(rows), i]
     table = pd.DataFrame(columns)
     return table.astype({"n_used": np.int64, "n_hypotheses": np.int64})
 
 
-def measurement_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.DataFrame:
-    """Return the ledger: one row for each value in the log, pseudorange before range rate, in the log's order."""
-    status = out.ledger["status"]
+def optional_columns(setup: FilterSetup) -> list[str]:
+    """Return the names of the optional states' columns, in the order of the state."""
+    names = [f"offset_{group.replace(':', '_')}_m" for group in setup.clock_groups[1:]]
+    names += ["glonass_bias_m_per_channel"] if setup.layout.channel_bias else []
+    return names + (["zenith_delay_m"] if setup.layout.zenith_delay else [])
+
+
+def measurement_table(out: Output, keys: RowKeys, week: int) -> pd.DataFrame:
+    """Return the ledger: one row for each value in the log, in the log's order, kinds of a row in that of ``KINDS``."""
+    status = _of_all_kinds(out, "status")
     present = status != ABSENT
     values = np.count_nonzero(present, axis=1)  # of each row; repeating is cheaper than looking up
-    kind = np.broadcast_to(np.arange(len(KINDS), dtype=np.int8), present.shape)
-    innovation = out.ledger["innovation"][present]
-    variance = out.ledger["variance"][present]
+    kind = np.broadcast_to(np.arange(present.shape[1], dtype=np.int8), present.shape)
+    innovation = _of_all_kinds(out, "innovation")[present]
+    variance = _of_all_kinds(out, "variance")[present].astype(np.float64)
     codes = sorted(NAMES)
     place = np.zeros(max(codes) + 1, np.int8)
     place[codes] = np.arange(len(codes))
     return pd.DataFrame(
         {
-            "time_s": np.repeat(ns_to_week_seconds(gnss.t_ns, week), values),
-            "sv": _words(np.repeat(gnss.sv, values), gnss.sv_names),
-            "signal": _words(np.repeat(gnss.signal, values), gnss.signal_names),
+            "time_s": np.repeat(ns_to_week_seconds(keys.t_ns, week), values),
+            "sv": _words(np.repeat(keys.sv, values), keys.sv_names),
+            "signal": _words(np.repeat(keys.signal, values), keys.signal_names),
             "kind": _words(kind[present], KINDS),
             "innovation": innovation,
             "sd_innovation": np.sqrt(variance),
@@ -54,17 +78,23 @@ def measurement_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd
     )
 
 
-def satellite_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.DataFrame:
+def _of_all_kinds(out: Output, name: str) -> npt.NDArray[Any]:
+    """Return a column of the ledger, one entry for each kind (n, k); three where the log's carrier is used."""
+    pairs: npt.NDArray[Any] = out.ledger[name]
+    return pairs if len(out.carrier) == 0 else np.column_stack([pairs, out.carrier[name]])
+
+
+def satellite_table(out: Output, keys: RowKeys, week: int) -> pd.DataFrame:
     """Return one row per satellite and epoch: where it stands, and how well its range and rate were predicted.
 
     Of several signals of a satellite the one that was used stands, else the first. ``sd_range_m`` and
     ``sd_range_rate_mps`` are sqrt(h P h^T) before the update.
     """
     ledger = out.ledger
-    epoch = np.repeat(np.arange(len(rows.epoch_ns)), np.diff(rows.first))
+    epoch = np.repeat(np.arange(len(keys.first) - 1), np.diff(keys.first))
     seen = np.isfinite(ledger["u_n"][:, 0])
     tracked = (ledger["status"][:, 0] == USED) | (ledger["status"][:, 1] == USED)
-    chosen = _one_per_satellite(epoch, gnss.sv, seen, tracked, len(gnss.sv_names))
+    chosen = _one_per_satellite(epoch, keys.sv, seen, tracked, len(keys.sv_names))
     # every row, as a rule: then nothing is copied
     rows_of_table = slice(None) if len(chosen) == len(ledger) else chosen
     names = ("tracked", *(NAMES[c] for c in sorted(NAMES) if c != USED), "absent")
@@ -76,13 +106,13 @@ def satellite_table(out: Output, rows: Rows, gnss: GnssTable, week: int) -> pd.D
     state[tracked[rows_of_table]] = 0
     return pd.DataFrame(
         {
-            "time_s": ns_to_week_seconds(gnss.t_ns[rows_of_table], week),
-            "sv": _words(gnss.sv[rows_of_table], gnss.sv_names),
+            "time_s": ns_to_week_seconds(keys.t_ns[rows_of_table], week),
+            "sv": _words(keys.sv[rows_of_table], keys.sv_names),
             **_angles(ledger["u_n"][rows_of_table], ""),
             **_angles(ledger["u_b"][rows_of_table], "body_"),
             "state": _words(state, names),
-            "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0]),
-            "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1]),
+            "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0], dtype=np.float64),
+            "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1], dtype=np.float64),
         },
         copy=False,
     )

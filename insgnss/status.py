@@ -1,6 +1,7 @@
 """What became of a measurement: one code for each entry of the ledger, and its name.
 
-Codes below 10 mean the row reached the filter; from 10 the satellite side refused it, from 20 the epoch did.
+Codes below 10 mean the row reached the filter; from 10 the satellite side refused it, from 20 the epoch did, from 30
+the carrier's history.
 """
 
 from __future__ import annotations
@@ -12,6 +13,11 @@ GATED: Final = 1  # normalised innovation above the gate, judged on the prior
 MASKED_ELEVATION: Final = 2  # below the elevation mask
 MASKED_CN0: Final = 3  # below the C/N0 mask
 NO_CLOCK: Final = 4  # its constellation's clock offset is not known yet: the row started it
+INCONSISTENT: Final = 5  # the epoch's rows do not agree with each other, and it is the one that stands out
+DRIFTING: Final = 6  # its innovations of the last seconds have one sign: a slow error no single gate sees
+REFLECTED: Final = 7  # much weaker than its elevation lets expect: not the direct signal
+MASKED_GAIN: Final = 8  # in the vehicle's attitude no antenna has enough gain towards it
+MASKED_OBSTRUCTION: Final = 9  # in the vehicle's attitude the airframe hides it from the antenna
 NO_EPHEMERIS: Final = 10
 STALE_EPHEMERIS: Final = 11
 UNHEALTHY: Final = 12
@@ -30,6 +36,19 @@ CLOCK_JUMP: Final = (
 )
 USED_FOR_START: Final = 24  # it went into the single-point solution that started or restarted the filter
 REFUSED_AT_START: Final = 25  # the single-point solution excluded it
+NO_CHANNEL: Final = 26  # GLONASS, satellite side: neither the messages nor the log tell its frequency channel
+COMBINED: Final = 27  # its value stands in another row of the satellite: the ionosphere-free combination
+NO_SECOND_SIGNAL: Final = 28  # the ionosphere-free combination needs a second signal, and this satellite has one
+NO_SOLUTION: Final = 29  # the epoch has no point solution
+NO_CORRECTION: Final = 37  # the base station has none for this signal, message and time
+NO_EPOCH_BEFORE: Final = 30  # no carrier of this signal in the epoch before, or the filter was not there yet
+SLIP_INDICATED: Final = 31  # cycle slip: the receiver says so
+SLIP_DOPPLER: Final = 32  # cycle slip: the carrier and its Doppler disagree
+SLIP_GEOMETRY_FREE: Final = 33  # cycle slip: two carriers of the satellite disagree
+HALF_CYCLE: Final = 34  # the half-cycle ambiguity was resolved or lost between the two epochs
+MESSAGE_CHANGED: Final = 35  # the two epochs' satellite states are from different messages
+CLOCK_STEPPED: Final = 36  # the receiver's clock stepped in between
+NO_RANGE: Final = 38  # no pseudorange beside the carrier tells when the signal was sent
 
 NAMES: Final[dict[int, str]] = {
     USED: "used",
@@ -37,6 +56,11 @@ NAMES: Final[dict[int, str]] = {
     MASKED_ELEVATION: "masked_elevation",
     MASKED_CN0: "masked_cn0",
     NO_CLOCK: "no_clock",
+    INCONSISTENT: "inconsistent",
+    DRIFTING: "drifting",
+    REFLECTED: "reflected",
+    MASKED_GAIN: "masked_gain",
+    MASKED_OBSTRUCTION: "masked_obstruction",
     NO_EPHEMERIS: "no_ephemeris",
     STALE_EPHEMERIS: "stale_ephemeris",
     UNHEALTHY: "unhealthy",
@@ -53,4 +77,17 @@ NAMES: Final[dict[int, str]] = {
     CLOCK_JUMP: "clock_jump",
     USED_FOR_START: "used_for_start",
     REFUSED_AT_START: "refused_at_start",
+    COMBINED: "combined",
+    NO_SECOND_SIGNAL: "no_second_signal",
+    NO_SOLUTION: "no_solution",
+    NO_CORRECTION: "no_correction",
+    NO_EPOCH_BEFORE: "no_epoch_before",
+    SLIP_INDICATED: "slip_indicated",
+    SLIP_DOPPLER: "slip_doppler",
+    SLIP_GEOMETRY_FREE: "slip_geometry_free",
+    HALF_CYCLE: "half_cycle",
+    MESSAGE_CHANGED: "message_changed",
+    CLOCK_STEPPED: "clock_stepped",
+    NO_RANGE: "no_range",
+    NO_CHANNEL: "no_channel",
 }

@@ -152,6 +152,9 @@ class NavigationData:
     state_vectors: StateVectorTable | None = None
     # further coefficients: "beidou" (8,) alpha, beta; "galileo" (3,) a_i0, a_i1, a_i2; "qzss" and "navic" (8,)
     ionosphere: dict[str, Float64] = field(default_factory=dict)
+    # (6,) of each satellite that sent CNAV: inter-signal corrections of L1 C/A, L2C, L5I, L5Q, L1C data, L1C pilot [s],
+    # NaN where not given; (dt)signal = dt - TGD + correction
+    inter_signal_s: dict[str, Float64] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

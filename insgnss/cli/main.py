@@ -1,4 +1,4 @@
-"""The command line: ``insgnss check`` and ``insgnss replay``."""
+"""The command line: ``insgnss check``, ``insgnss convert``, ``insgnss point``, ``replay`` and ``visibility``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.check import check
+from insgnss.cli.convert import convert
+from insgnss.cli.point import point
 from insgnss.cli.replay import replay
+from insgnss.cli.visibility import visibility
 from insgnss.version import __version__
 
 app = typer.Typer(
@@ -17,7 +20,10 @@ app = typer.Typer(
     help="Tightly coupled INS/GNSS navigation: logs in, a navigation solution out.",
 )
 app.command()(check)
+app.command()(convert)
+app.command()(point)
 app.command()(replay)
+app.command()(visibility)
 
 
 def _show_version(wanted: bool) -> None:

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.errors import ConfigError
 from insgnss.log.flight import Flight
 from insgnss.replay import OutputRate
@@ -42,6 +43,7 @@ def replay(
 ) -> None:
     """Run the filter over a flight's logs, print a summary, write the result tables."""
     began = time.perf_counter()
+    give_back_what_is_freed()
     console = Console(stderr=True)
     with own_errors_told():
         form = _form(format)

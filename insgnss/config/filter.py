@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
@@ -12,29 +12,66 @@ Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 
 
+Constellation = Literal["G", "E", "J", "C", "R", "I", "S"]
+
+# The first band of each list keeps the constellation's clock. Left out: GPS L1 P(Y) and L2 P(Y) tracked without the
+# code (their noise is that of a squared signal), signals whose group delay the common messages do not hold.
+DEFAULT_SIGNALS: Final[dict[Constellation, tuple[str, ...]]] = {
+    "G": ("C1C", "C1L", "C1X", "C5Q", "C5X", "C5I", "C2L", "C2X", "C2S"),
+    "E": ("C1C", "C1X", "C1B", "C5Q", "C5X", "C5I", "C7Q", "C7X", "C7I"),
+    "J": ("C1C", "C1E", "C1L", "C1X", "C5Q", "C5X", "C5I", "C2L", "C2X", "C2S"),
+    "C": ("C2I", "C2X", "C1P", "C1X", "C1D", "C7I", "C7X", "C6I", "C6X", "C5P", "C5X", "C5D"),
+    "R": ("C1C", "C1P", "C2C", "C2P"),
+    "I": ("C5A", "C5X", "C9A", "C9X"),
+    "S": ("C1C",),
+}
+
+
+class Weather(StrictModel):
+    """The air that the troposphere's model starts from; what is left out is as in the standard atmosphere."""
+
+    pressure_hpa: Annotated[float, Field(gt=300.0, lt=1200.0)] | None = Field(
+        None, description="at the height below, not reduced to sea level"
+    )
+    temperature_c: Annotated[float, Field(gt=-90.0, lt=60.0)] | None = None
+    humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
+    h_m: float = Field(0.0, description="where it was measured")
+
+
 class Measurements(StrictModel):
     """Which rows of the log the filter uses and which corrections the range model applies."""
 
-    constellations: tuple[Literal["G", "E", "J", "C"], ...] = Field(
-        ("G", "E", "J"),
+    constellations: tuple[Constellation, ...] = Field(
+        ("G", "E", "J", "C", "R", "I"),
         min_length=1,
         description="the first one present is the reference of the receiver clock",
     )
-    signals: dict[Literal["G", "E", "J", "C"], tuple[str, ...]] = Field(
-        {"G": ("C1C",), "E": ("C1C", "C1X", "C1B"), "J": ("C1C",), "C": ("C1P", "C1X", "C1D", "C2I")},
-        description="RINEX codes in order of preference: the first one a satellite has in an epoch is used",
+    signals: dict[Constellation, tuple[str, ...]] = Field(
+        DEFAULT_SIGNALS,
+        description="RINEX codes in order of preference: of each band the first one a satellite has is used",
     )
+    every_band: bool = Field(True, description="use a signal of each band; the most preferred one alone else")
     pseudorange: bool = True
     range_rate: bool = True
+    carrier: bool = Field(True, description="time-differenced carrier phase, where the log has it")
+    carrier_max_interval_s: Positive = Field(2.0, description="epochs farther apart are not differenced")
     elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = 5.0
     cn0_mask_dbhz: NotNegative = 0.0
-    ionosphere: Literal["klobuchar", "none"] = "klobuchar"
+    ionosphere: Literal["klobuchar", "nequick", "beidou", "own", "ionosphere_free", "none"] = Field(
+        "klobuchar", description="'own': each constellation by the model it broadcasts itself"
+    )
     troposphere: Literal["saastamoinen", "none"] = "saastamoinen"
+    weather: Weather = Weather()
+    variance_scale: dict[Constellation, Positive] = Field(
+        {"R": 4.0}, description="of a constellation's pseudoranges: GLONASS chips are twice as long"
+    )
+    glonass_channel_bias: bool = Field(True, description="estimate a delay that grows with the channel")
+    zenith_delay: bool = Field(False, description="estimate what the model leaves of the zenith delay")
     max_ephemeris_age_s: Positive | None = None
 
     def signals_of(self) -> dict[str, tuple[str, ...]]:
-        """Return the codes that may be used, per constellation letter."""
-        return {str(letter): codes for letter, codes in self.signals.items()}
+        """Return the codes that may be used, per letter of the constellations in use."""
+        return {str(letter): self.signals.get(letter, ()) for letter in self.constellations}
 
 
 class Noise(StrictModel):
@@ -54,8 +91,31 @@ class Gates(StrictModel):
 
     pseudorange_sigma: Positive = 5.0
     range_rate_sigma: Positive = 5.0
+    carrier_sigma: Positive = Field(4.0, description="a cycle slip is to be found, not averaged")
     clock_jump_min_m: Positive = Field(
         150.0, description="smaller common steps are left to the clock's process noise"
+    )
+
+
+class Faults(StrictModel):
+    """How measurements that are wrong, but pass their gate, are found or made harmless; 0 switches a test off."""
+
+    weights: Literal["gate", "huber", "student"] = Field(
+        "gate", description="of rows between good and refused: full up to the gate, or falling before"
+    )
+    huber_k: Positive = Field(1.5, description="sigmas from which Huber's weight falls as k / |nu|")
+    student_freedom: Positive = Field(4.0, description="degrees of freedom of Student's t")
+    residual_sigma: NotNegative = Field(
+        5.0,
+        description="a pseudorange's residual after the update beyond it: the worst is taken out, and again",
+    )
+    drift_sigma: NotNegative = Field(
+        3.0,
+        description="a pseudorange that moves by that many sigmas against the others within half a minute",
+    )
+    reflected_below_db: NotNegative = Field(
+        15.0,
+        description="C/N0 that far below the strongest signal's, elevation taken off, and too long a range",
     )
 
 
@@ -70,6 +130,11 @@ class Process(StrictModel):
         3000.0, description="initial sigma of an inter-system clock offset"
     )
     inter_system_walk_m_per_sqrt_s: NotNegative = 0.005
+    channel_bias_sigma_m: Positive = Field(
+        0.3, description="initial sigma of the GLONASS delay per frequency channel"
+    )
+    zenith_delay_sigma_m: Positive = Field(0.15, description="initial sigma of the residual zenith delay")
+    zenith_delay_walk_m_per_sqrt_s: NotNegative = 0.0003
 
 
 class Gaps(StrictModel):
@@ -138,6 +203,25 @@ class Adaptation(StrictModel):
     most_factor: Positive = Field(100.0, description="on a variance")
 
 
+class Visibility(StrictModel):
+    """When a satellite counts as hidden from the vehicle's antennas, which the flight file describes."""
+
+    on: bool = Field(True, description="without antennas in the flight file nothing is masked either way")
+    threshold: Literal["gain", "cn0"] = Field("gain", description="which of the next two is used")
+    threshold_gain_dbic: float = -5.0
+    threshold_cn0_dbhz: float = Field(30.0, description="of the predicted C/N0, nominal_cn0_dbhz plus gain")
+    nominal_cn0_dbhz: Positive = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
+    hysteresis_db: NotNegative = Field(1.0, description="more than that, for a hidden satellite to return")
+    margin_sigma: NotNegative = Field(
+        3.0,
+        description="of what the attitude's uncertainty makes of the gain: nearer, nothing is decided anew",
+    )
+    heading_sigma_limit_deg: Positive = Field(
+        5.0, description="masking waits while the heading is less certain"
+    )
+    use_masked: bool = Field(False, description="measurements of hidden satellites are used all the same")
+
+
 class FilterConfig(StrictModel):
     """A whole filter file."""
 
@@ -145,11 +229,14 @@ class FilterConfig(StrictModel):
     measurements: Measurements = Measurements()
     pseudorange_noise_m: Noise
     range_rate_noise_mps: Noise
+    carrier_noise_m: Noise = Noise(floor=0.002, elevation=0.001, cn0_at_45_dbhz=0.002)
     gates: Gates = Gates()
+    faults: Faults = Faults()
     process: Process = Process()
     gaps: Gaps = Gaps()
     adaptation: Adaptation = Adaptation()
     health: Health = Health()
     start: Start = Start()
     heading: Heading = Heading()
+    visibility: Visibility = Visibility()
     latency_s: Positive = Field(1.0, description="how late a GNSS epoch may reach the streaming engine")

@@ -16,6 +16,8 @@ from insgnss.config.strict import StrictModel
 Vector3 = tuple[float, float, float]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+_ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -126,18 +128,82 @@ class GnssColumns(StrictModel):
     sat_clock_drift: str = "sat_clock_drift_mps"
 
 
-class Gnss(StrictModel):
-    """A GNSS log, its navigation files and the antenna."""
+GlonassSatellite = Annotated[str, Field(pattern=r"^R\d\d$")]
+LogFormat = Literal["csv", "rinex", "ubx", "sbf", "android"]
+
+
+class Base(StrictModel):
+    """A base station at a known place, whose ranges correct those of the flight."""
 
     files: tuple[Path, ...] = Field(min_length=1)
-    format: Literal["csv", "rinex"] = "csv"
+    format: LogFormat = "rinex"
+    lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    h_m: float = Field(
+        description="of the antenna above the ellipsoid, in the frame of the satellites' orbits"
+    )
+    max_age_s: PositiveFloat = Field(30.0, description="how far in time a correction may be from its use")
+    same_receiver: bool = Field(
+        False, description="base and flight have receivers of one type: their signals share one clock"
+    )
+
+
+class MountedAntenna(StrictModel):
+    """A receiving antenna: where it sits, how it is turned, what it sees and what the airframe hides of its sky."""
+
+    name: str = ""
+    pattern: str = Field(description="a name in models/antennas, or a file ending in .csv")
+    lever_arm_m: Vector3 | None = Field(
+        None, description="IMU to phase centre, body axes; that of the GNSS log when left out"
+    )
+    mounting_rpy_deg: Vector3 = Field(
+        (0.0, 0.0, 0.0),
+        description="roll, pitch, yaw of the antenna's axes against the body's; roll 180 looks down",
+    )
+    mounting_matrix: tuple[Vector3, Vector3, Vector3] | None = Field(
+        None, description="C_ba, antenna axes to body axes; instead of mounting_rpy_deg"
+    )
+    obstruction: Path | None = Field(None, description="file of what the airframe hides (TOML)")
+
+    @model_validator(mode="after")
+    def _is_turned_in_one_way(self) -> MountedAntenna:
+        if self.mounting_matrix is None:
+            return self
+        if self.mounting_rpy_deg != (0.0, 0.0, 0.0):
+            raise ValueError("give mounting_rpy_deg or mounting_matrix, not both")
+        (a, b, c), (d, e, f), (g, h, i) = rows = self.mounting_matrix
+        skew = [sum(x * y for x, y in zip(rows[j], rows[k], strict=True)) - (j == k) for j, k in _ROW_PAIRS]
+        turns = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        if max(map(abs, skew)) > _ROTATION_TOLERANCE or turns < 0.0:
+            raise ValueError(
+                "mounting_matrix is no rotation: its rows are not three right-handed unit vectors"
+            )
+        return self
+
+
+class Gnss(StrictModel):
+    """A GNSS log, what says where the satellites were, and the antenna."""
+
+    files: tuple[Path, ...] = Field(min_length=1)
+    format: LogFormat = "csv"
     columns: GnssColumns = GnssColumns()
     time: TimeScale = TimeScale()
     navigation: tuple[Path, ...] = ()
+    precise: tuple[Path, ...] = Field((), description="SP3 orbits and RINEX clocks, instead of the messages")
+    antennas: Path | None = Field(
+        None, description="ANTEX file: phase centres of the satellites, with precise orbits"
+    )
+    base: Base | None = None
+    glonass_channels: dict[GlonassSatellite, Annotated[int, Field(ge=-7, le=6)]] = Field(
+        {}, description="frequency channels that neither log nor messages tell: R07 = -3"
+    )
     lever_arm_m: Vector3 | None = Field(
         None, description="IMU to antenna, body axes forward-right-down; left out means not known, not zero"
     )
     oscillator: str | Oscillator = "tcxo"
+    antenna: tuple[MountedAntenna, ...] = Field(
+        (), description="the receiving antennas, for the visibility stage; none: nothing is masked"
+    )
 
 
 class GivenStart(StrictModel):

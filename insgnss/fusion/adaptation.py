@@ -1,4 +1,4 @@
-"""The filter finds its own noise levels: three factors, on pseudoranges, range rates and the receiver clock, compiled.
+"""The filter finds its own noise levels: a factor for each kind of measurement and one for its clock, compiled.
 
 No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what is left after each update
 the filter corrects its assumed variances within bounds, so that normalised innovations are near one and sigma means
@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS, Epoch, predicted_range_variance
+from insgnss.fusion.lines import Epoch
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
-from insgnss.fusion.state import DRIFT, OFFSETS, StateRecord
+from insgnss.fusion.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS
 from insgnss.jit import inlined
 from insgnss.status import USED
 from insgnss.tables import Float64
@@ -21,6 +22,8 @@ from insgnss.tables import Float64
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough: the levels move over minutes
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas
 _REST_SPEED_MPS: Final = 0.7  # slower than a walk
+_BIAS_GAIN: Final = 0.1  # per second: a crystal is what it is, and one value says little
+_LEAST_BIAS_FACTOR: Final = 1e-3  # real crystals are up to that much quieter over a second than their grade
 _LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
 
 
@@ -37,17 +40,11 @@ def residual_ratio(P: Float64, s: Epoch, kind: int, n_rows: int, correction: Flo
         line = s.lines[j]
         if line.status[kind] != USED:
             continue
+        h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
         residual = line.innovation[kind]
-        if kind == 0:
-            for a in range(RANGE_COLUMNS.shape[0]):
-                residual -= line.h_range[a] * correction[RANGE_COLUMNS[a]]
-            if line.group > 0:
-                residual -= correction[OFFSETS + line.group - 1]
-            left = predicted_range_variance(P, line)
-        else:
-            for a in range(RATE_COLUMNS.shape[0]):
-                residual -= line.h_rate[a] * correction[RATE_COLUMNS[a]]
-            left = predicted_variance(P, line.h_rate, RATE_COLUMNS)
+        for a in range(columns.shape[0]):
+            residual -= h[a] * correction[columns[a]]
+        left = predicted_variance(P, h, columns)
         ratio = (residual * residual + left) / line.variance[kind]
         total += min(ratio, _LARGEST_RATIO)
         used += 1
@@ -58,10 +55,11 @@ def residual_ratio(P: Float64, s: Epoch, kind: int, n_rows: int, correction: Flo
 def adapt_noise(
     m: StateRecord, P: Float64, par: Parameters, s: Epoch, n_rows: int, t_ns: int, drift_variance: float
 ) -> None:
-    """Move the three factors of a hypothesis towards what an epoch's update shows.
+    """Move the factors of a hypothesis towards what an epoch's update shows.
 
     At rest the pseudoranges' factor does not fall far: multipath stands still then and does not show in what is left.
-    The clock's: the drift's correction has the variance P- minus P+, in the steady state the noise of one interval.
+    The clock's: the drift's correction has the variance P- minus P+, in the steady state the noise of one interval;
+    the bias's shows in what the carrier differences have in common, and is held in step with the drift's without them.
 
     Parameters
     ----------
@@ -77,7 +75,7 @@ def adapt_noise(
     correction = s.vectors[0]
     v2 = m.v_e[0] * m.v_e[0] + m.v_e[1] * m.v_e[1] + m.v_e[2] * m.v_e[2]
     at_rest = v2 < _REST_SPEED_MPS**2
-    for kind in range(2):
+    for kind in range(N_KINDS if par.at_clone >= 0 else CARRIER):
         factor = m.noise_factor[kind]
         wanted = residual_ratio(P, s, kind, n_rows, correction, factor)
         if kind == 0 and at_rest:
@@ -86,7 +84,34 @@ def adapt_noise(
     expected = drift_variance - P[DRIFT, DRIFT]
     if expected > 0.0 and m.adapted_count > 5:
         ratio = min(correction[DRIFT] * correction[DRIFT] / expected, _LARGEST_RATIO)
-        m.noise_factor[2] = bounded(m.noise_factor[2] * (1.0 + gain * (ratio - 1.0)), par)
+        m.noise_factor[DRIFT_FACTOR] = bounded(
+            m.noise_factor[DRIFT_FACTOR] * (1.0 + gain * (ratio - 1.0)), par
+        )
+    common = common_ratio(s, n_rows)
+    if common < 0.0:
+        m.noise_factor[BIAS_FACTOR] = m.noise_factor[DRIFT_FACTOR]
+    elif m.adapted_count > 5:
+        factor = m.noise_factor[BIAS_FACTOR] * (1.0 + max(gain, _BIAS_GAIN) * (common - 1.0))
+        m.noise_factor[BIAS_FACTOR] = max(min(factor, par.adapt_most), _LEAST_BIAS_FACTOR)
+
+
+@inlined
+def common_ratio(s: Epoch, n_rows: int) -> float:
+    """Return the square of what the carrier differences of an epoch have in common over its expectation, or -1.
+
+    Over one interval the common part is the clock's wander and little else; -1 stands for too few rows.
+    """
+    total = 0.0
+    predicted = 0.0
+    used = 0
+    for j in range(n_rows):
+        if s.lines[j].status[CARRIER] == USED:
+            total += s.lines[j].innovation[CARRIER]
+            predicted += s.lines[j].predicted[CARRIER]
+            used += 1
+    if used < _LEAST_ROWS or not predicted > 0.0:
+        return -1.0
+    return min(total * total / (used * predicted), _LARGEST_RATIO)
 
 
 @inlined

@@ -22,7 +22,8 @@ from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
-from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.gnss.observation_rows import Rows, last_epoch
+from insgnss.gnss.table_joining import joined
 from insgnss.status import TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
 
@@ -69,9 +70,9 @@ class Engine:
         """Make an engine for a filter's setup (``insgnss.replay.setup_filter`` makes one from a flight)."""
         self._setup = setup
         self._messages: BroadcastMessages | None = None
-        if setup.ephemerides is not None:
+        if setup.navigation is not None:
             self._messages = broadcast_messages(
-                setup.ephemerides, max_age_s=setup.config.measurements.max_ephemeris_age_s
+                setup.navigation, max_age_s=setup.config.measurements.max_ephemeris_age_s
             )
         self._samples = SampleBuffer()
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
@@ -86,6 +87,7 @@ class Engine:
         self._navigator.starter.given = given
         self._kept: list[_Kept] = []
         self._recent: list[EpochResult] = []  # processed, but still within the latency
+        self._last_settled: GnssTable | None = None  # the newest epoch older than those
         self._live: Any = None
         self._keep(_LONG_AGO_NS)
 
@@ -115,9 +117,7 @@ class Engine:
         """Take one or more GNSS epochs. What is older than the latency is refused with an event."""
         for part in _split(epoch):
             rows = self._rows(part)
-            result = EpochResult(
-                int(part.t_ns[0]), part, rows, new_output(rows, 1, 32, np.zeros(0, np.int64))
-            )
+            result = EpochResult(int(part.t_ns[0]), part, rows, self._output(rows))
             newest = self._samples.last_ns
             if newest is not None and result.t_ns < max(newest - self._latency_ns, self._kept[0].t_ns):
                 self._refuse(result, newest)
@@ -137,7 +137,7 @@ class Engine:
         if self._live is None or newest is None:
             return NavState(newest or 0, False, {})
         rows = self._rows(_empty_epoch())
-        out = new_output(rows, 1, 1, np.zeros(0, np.int64))
+        out = self._output(rows)
         work = self._navigator.workspace(rows)
         par = self._navigator.parameters[0]
         write_between(self._live, newest, self._samples.view(), par, out, work)
@@ -158,18 +158,16 @@ class Engine:
         taken, self._final = self._final, []
         return taken
 
-    def _rows(self, gnss: GnssTable) -> Rows:
-        use = self._setup.config.measurements
-        return prepare_rows(
-            gnss,
-            self._messages,
-            self._setup.klobuchar,
-            clock_groups=self._setup.clock_groups,
-            signals=use.signals_of(),
-            pseudorange=use.pseudorange,
-            range_rate=use.range_rate,
-            max_age_s=use.max_ephemeris_age_s,
-        )
+    def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> Rows:
+        """Return an epoch's rows; the carrier's differences need the epoch before it."""
+        if before is None or not self._setup.with_carrier:
+            return self._setup.rows(epoch, self._messages)
+        rows = last_epoch(self._setup.rows(joined([before, epoch]), self._messages))
+        rows.observation["sv"] = epoch.sv  # numbered as in the epoch's own table
+        return rows
+
+    def _output(self, rows: Rows) -> Output:
+        return new_output(rows, 1, 32, np.zeros(0, np.int64), self._setup.layout.n_values)
 
     def _note_gap(self, last_ns: int, t_ns: int) -> None:
         """Tell a gap in the samples; begin anew after one too long to bridge."""
@@ -198,7 +196,9 @@ class Engine:
             self._navigator.restore(self._kept[-1].saved)
         imu = self._samples.view()
         for r in [result, *later]:
-            r.out = new_output(r.rows, 1, 32, np.zeros(0, np.int64))
+            before = self._recent[-1].gnss if self._recent else self._last_settled
+            r.rows = self._rows(r.gnss, before)
+            r.out = self._output(r.rows)
             self._navigator.run(imu, r.rows, 0, 1, r.out)
             self._recent.append(r)
             self._keep(r.t_ns)
@@ -231,6 +231,7 @@ class Engine:
         while len(self._kept) > 1 and self._kept[1].t_ns < horizon:
             self._kept.pop(0)
         while self._recent and self._recent[0].t_ns < horizon:
+            self._last_settled = self._recent[0].gnss
             self._final.append(self._recent.pop(0))
         bank = self._navigator.bank
         if len(self._kept) == 1 and bank is not None and horizon - bank.head[0].now_ns > NS_PER_S:
@@ -259,8 +260,8 @@ class Engine:
                 bank.head["next"] -= dropped
 
     def _refuse(self, result: EpochResult, newest: int | None) -> None:
-        status = result.out.ledger["status"]
-        status[status == USED] = TOO_LATE
+        for ledger in (result.out.ledger, result.out.carrier):
+            ledger["status"][ledger["status"] == USED] = TOO_LATE
         late = ((newest or result.t_ns) - result.t_ns) / NS_PER_S
         limit = self._latency_ns / NS_PER_S
         detail = f"a GNSS epoch {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"

@@ -1,4 +1,4 @@
-"""One GNSS epoch, compiled: its pseudoranges, then its range rates, one scalar at a time, then the closed loop."""
+"""One GNSS epoch, compiled: its measurements kind by kind, one scalar at a time, then the closed loop."""
 
 from __future__ import annotations
 
@@ -6,16 +6,24 @@ import math
 from typing import NamedTuple
 
 from insgnss.fusion.adaptation import adapt_noise
-from insgnss.fusion.gating import absorb_clock_step, common_step, gate_rows
-from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS, Epoch, observe
+from insgnss.fusion.carrier import clone_epoch
+from insgnss.fusion.consistency import disagrees, refuse_inconsistent
+from insgnss.fusion.faults import (
+    follow_innovations,
+    refuse_reflections,
+    weigh_robustly,
+)
+from insgnss.fusion.gating import absorb_clock_step, common_step, gate_between, gate_rows
+from insgnss.fusion.lines import Epoch
+from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
 from insgnss.fusion.scalar_update import scalar_update
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, N_CLONE, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined, kernel
-from insgnss.status import GATED, USED
+from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
 from insgnss.tables import Float64
 
 _SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
@@ -45,11 +53,12 @@ def update_epoch(
     f_b: Float64,
     s: Epoch,
     scratch: Scratch,
+    memory: Float64,
     since_last: float,
 ) -> Outcome:
     """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
 
-    ``since_last`` is the time since the epoch before [s].
+    ``since_last`` is the time since the epoch before [s], ``memory`` (slots, 3) the innovations' means.
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
     and the order of the rows matters only by rounding; the gates are all judged on the prior.
@@ -63,21 +72,25 @@ def update_epoch(
         step, variance = common_step(s, kind, n, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind])
         if step != 0.0:
             absorb_clock_step(m.clock, P, s, kind, n, CLOCK + kind, step, variance)
+        if kind == PSEUDORANGE:
+            refuse_reflections(m, s, rows, epoch, n, par)
         used, refused, strain = gate_rows(s, kind, n, gate2_of(par, kind))
+        if kind == PSEUDORANGE:
+            follow_innovations(memory, s, rows, epoch, n, par)
+        weigh_robustly(s, kind, n, par)
         done = noted(done, kind, used, refused, step, strain)
+    gate_carriers(P, s, n, par, done)
     correction = s.vectors[0]
-    for i in range(P.shape[0]):
-        correction[i] = 0.0
-    log_likelihood = 0.0
-    for kind in range(2):
-        spread = max(1.0, (par.range_correlation if kind == 0 else par.rate_correlation) / since_last)
-        log_likelihood += use_rows(P, s, kind, n, gate2_of(par, kind), spread)
+    log_likelihood, excluded = use_epoch(P, s, n, par, since_last, scratch, done.ranges_used // 3)
     if done.clock_step == 0.0 and done.drift_step == 0.0:
         adapt_noise(m, P, par, s, n, rows.epoch_ns[epoch], drift_variance)
-    close_loop(m, correction, P.shape[0])
+    close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
+    if par.at_clone >= 0:
+        place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
+        clone_epoch(m, P, par, s.antenna[0], s.air[0], rows.epoch_ns[epoch])
     return Outcome(
         log_likelihood,
-        done.ranges_used,
+        done.ranges_used - excluded,
         done.ranges_refused,
         done.rates_used,
         done.rates_refused,
@@ -88,9 +101,79 @@ def update_epoch(
 
 
 @inlined
+def use_epoch(
+    P: Float64, s: Epoch, n_rows: int, par: Parameters, since_last: float, scratch: Scratch, most: int
+) -> tuple[float, int]:
+    """Update with all rows of an epoch; return the logarithm of their likelihood and how many were taken out again.
+
+    Where pseudoranges contradict each other after the update, those that the others contradict (``most`` at most) are
+    found and the update is done once more without them; an epoch that agrees costs nothing.
+    """
+    n = P.shape[0]
+    prior, correction = scratch.A, s.vectors[0]
+    for i in range(n):
+        for j in range(n):
+            prior[i, j] = P[i, j]
+    excluded = 0
+    log_likelihood = 0.0
+    for turn in range(2):
+        for i in range(n):
+            correction[i] = 0.0
+        log_likelihood = 0.0
+        for kind in range(N_KINDS):
+            spread = spread_of(par, kind, since_last)
+            log_likelihood += use_rows(P, s, kind, n_rows, gate2_of(par, kind), spread)
+        if turn == 1 or par.residual_gate2 <= 0.0:
+            break
+        spread = spread_of(par, PSEUDORANGE, since_last)
+        if not disagrees(P, s, PSEUDORANGE, n_rows, par.residual_gate2, spread):
+            break
+        excluded = refuse_inconsistent(prior, s, PSEUDORANGE, n_rows, par.residual_gate2, most)
+        if excluded == 0:
+            break
+        for i in range(n):
+            for j in range(n):
+                P[i, j] = prior[i, j]
+    return log_likelihood, excluded
+
+
+@inlined
+def spread_of(par: Parameters, kind: int, since_last: float) -> float:
+    """Return by how much a variance counts more than one epoch's own, see ``use_rows``."""
+    return float(max(1.0, correlation_of(par, kind) / since_last))
+
+
+@inlined
+def gate_carriers(P: Float64, s: Epoch, n_rows: int, par: Parameters, done: Outcome) -> None:
+    """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
+
+    Each is judged alone, with the clock's wander in its sigma, and against the others, without it.
+
+    Where the receiver's clock stepped, the carrier may have stepped with it or not: its differences wait an epoch.
+    """
+    if done.clock_step != 0.0 or done.drift_step != 0.0:
+        for j in range(n_rows):
+            if s.lines[j].status[CARRIER] == USED:
+                s.lines[j].status[CARRIER] = CLOCK_STEPPED
+        return
+    gate_rows(s, CARRIER, n_rows, par.carrier_gate2)
+    gate_between(P, s, CARRIER, n_rows, par.carrier_gate2)
+
+
+@inlined
+def correlation_of(par: Parameters, kind: int) -> float:
+    """Return how long the errors of a kind stay alike [s]; a carrier's difference forgets its own at once."""
+    if kind == CARRIER:
+        return 0.0
+    return float(par.range_correlation if kind == PSEUDORANGE else par.rate_correlation)
+
+
+@inlined
 def gate2_of(par: Parameters, kind: int) -> float:
     """Return the squared gate of a kind."""
-    return float(par.range_gate2 if kind == 0 else par.rate_gate2)
+    if kind == CARRIER:
+        return float(par.carrier_gate2)
+    return float(par.range_gate2 if kind == PSEUDORANGE else par.rate_gate2)
 
 
 @inlined
@@ -119,14 +202,12 @@ def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread:
     for j in range(n_rows):
         line = s.lines[j]
         if line.status[kind] == USED:
-            extra = OFFSETS + line.group - 1 if kind == 0 and line.group > 0 else -1
-            h = line.h_range if kind == 0 else line.h_rate
-            columns = RANGE_COLUMNS if kind == 0 else RATE_COLUMNS
-            y, S = scalar_update(
-                P, h, columns, extra, line.innovation[kind], spread * line.variance[kind], s.vectors
-            )
+            columns = line.columns[kind][: line.count[kind]]
+            variance = spread * line.variance[kind]
+            y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, s.vectors)
             total -= 0.5 * (y * y / S + math.log(S))
-        elif line.status[kind] == GATED:
+        elif line.status[kind] in (GATED, INCONSISTENT):
+            # a hypothesis must not gain by leaving out what contradicts it
             total -= 0.5 * (gate2 + math.log(line.predicted[kind] + line.variance[kind]))
     return total
 
@@ -134,6 +215,8 @@ def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread:
 @inlined
 def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
+
+    ``n`` leaves the clone out: its correction goes with it, the epoch just processed takes its place.
 
     Equation: C_eb <- exp([delta psi x]) C_eb. Neglects: the turn of the covariance's attitude axes by half the
     correction, second order in it.
@@ -146,6 +229,6 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     m.clock[0] += correction[CLOCK]
     m.clock[1] += correction[DRIFT]
     for i in range(OFFSETS, n):
-        m.offsets[i - OFFSETS] += correction[i]
+        m.optional[i - OFFSETS] += correction[i]
     turn_left(m.q_eb, correction[PSI], correction[PSI + 1], correction[PSI + 2])
     quaternion_to_matrix(m.q_eb, m.C_eb)

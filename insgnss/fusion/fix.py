@@ -106,7 +106,9 @@ def _corrections(
     ecef_to_ned_matrix(lat, lon, C_ne)
     week_s = (t_ns % NS_PER_WEEK) / NS_PER_S
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], lat, lon, h, week_s, par.use_troposphere)
+    place_air(
+        air[0], lat, lon, h, week_s, par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity
+    )
     k = len(index)
     delay, variance, visible = np.zeros(k), np.ones((2, k)), np.zeros(k, np.bool_)
     u = np.zeros(3)
@@ -118,7 +120,9 @@ def _corrections(
         u_n = C_ne @ u
         sine = float(-u_n[2])
         visible[j] = sine >= par.sine_mask and not row.cn0 < par.cn0_mask
-        delay[j] = slant_delay(air[0], rows.klobuchar, u_n, row.ionosphere_factor * par.use_ionosphere)
+        delay[j] = slant_delay(
+            air[0], rows.klobuchar, u_n, row.ionosphere_factor * par.use_ionosphere, row.ionosphere_m
+        )
         variance[:, j] = _variances(row, sine, par)
     return delay, variance, visible
 

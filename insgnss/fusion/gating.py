@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 
-from insgnss.fusion.measurements import Epoch
+from insgnss.fusion.lines import Epoch
+from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.jit import inlined
 from insgnss.median import median_of
 from insgnss.status import GATED, USED
@@ -112,3 +113,51 @@ def gate_rows(s: Epoch, kind: int, n_rows: int, gate2: float) -> tuple[int, int,
             refused += 1
             strain += gate2
     return passed, refused, strain / max(passed + refused, 1)
+
+
+@inlined
+def gate_between(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> None:
+    """Mark the rows whose difference from the row of the median innovation is above ``gate2``.
+
+    Equation: nu = (y_j - y_m)^2 / ((h_j - h_m) P (h_j - h_m)^T + r_j + r_m)
+    What all rows share drops out, and with it an ordinary crystal's wander of a decimetre in a second, behind which a
+    slip of a cycle hides from ``gate_rows``. Two rows that disagree are both refused. All rows of the kind must have
+    the same columns.
+    """
+    middle, n = median_row(s, kind, n_rows)
+    if n < 2:
+        return
+    m = s.lines[middle]
+    columns = m.columns[kind][: m.count[kind]]
+    h = s.vectors[1]
+    for j in range(n_rows):
+        line = s.lines[j]
+        if line.status[kind] != USED or j == middle:
+            continue
+        for a in range(columns.shape[0]):
+            h[a] = line.h[kind, a] - m.h[kind, a]
+        own = line.variance[kind] + m.variance[kind]
+        apart = line.innovation[kind] - m.innovation[kind]
+        if not apart * apart <= gate2 * (predicted_variance(P, h, columns) + own):
+            line.status[kind] = GATED
+            if n == 2:
+                m.status[kind] = GATED
+
+
+@inlined
+def median_row(s: Epoch, kind: int, n_rows: int) -> tuple[int, int]:
+    """Return the used row whose innovation is nearest to the median of all, and how many there are."""
+    values = s.vectors[3]
+    n = 0
+    for j in range(n_rows):
+        if s.lines[j].status[kind] == USED:
+            values[n] = s.lines[j].innovation[kind]
+            n += 1
+    median = median_of(values, n) if n > 0 else 0.0
+    nearest = -1
+    least = math.inf
+    for j in range(n_rows):
+        if s.lines[j].status[kind] == USED and abs(s.lines[j].innovation[kind] - median) < least:
+            least = abs(s.lines[j].innovation[kind] - median)
+            nearest = j
+    return nearest, n

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.fusion.epoch_update import Outcome, update_epoch
-from insgnss.fusion.measurements import Epoch, new_epoch
+from insgnss.fusion.lines import Epoch, new_epoch
 from insgnss.fusion.output import (
     CLOCK_STEP,
     DRIFT_STEP,
@@ -26,7 +26,7 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, carry, new_scratch, predict_covariance
-from insgnss.fusion.state import PSI, Bank, HeadRecord, StateRecord, new_bank
+from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, new_bank
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
@@ -60,9 +60,11 @@ class Imu(NamedTuple):
     f_b: Float64
 
 
-def new_workspace(rows_per_epoch: int, n: int, n_offsets: int) -> Workspace:
-    """Return work space for epochs of at most ``rows_per_epoch`` rows and ``n`` error states."""
-    return Workspace(new_epoch(rows_per_epoch, n), new_scratch(n), new_bank(1, n_offsets), np.zeros((n, n)))
+def new_workspace(rows_per_epoch: int, layout: Layout) -> Workspace:
+    """Return work space for epochs of at most ``rows_per_epoch`` rows and the error states of ``layout``."""
+    n = OFFSETS + layout.n_optional
+    epoch = new_epoch(rows_per_epoch, n, layout.at_clone)
+    return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)))
 
 
 @kernel
@@ -289,12 +291,13 @@ def update_bank(
         if turn == n - 1:
             i = lead
         done = update_epoch(
-            bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch, since_last
-        )
+            bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
+            bank.memory[i], since_last,
+        )  # fmt: skip
         if n > 1:
             bank.state[i].log_weight += done.log_likelihood
     normalise_weights(bank)
-    write_ledger(out.ledger, rows, epoch, work.epoch)
+    write_ledger(out.ledger, out.carrier, rows, epoch, work.epoch)
     t_ns = rows.epoch_ns[epoch]
     if done.clock_step != 0.0:
         log_event(out, t_ns, CLOCK_STEP, done.clock_step)

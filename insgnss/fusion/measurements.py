@@ -1,97 +1,32 @@
 """What the filter expects of each row of an epoch: innovation, row of H and variances at the prior, compiled.
 
-Range row:       rho + clock + offset - satellite clock + ionosphere + troposphere
+Range row:       rho + clock + offset + k channel bias - satellite clock + ionosphere + troposphere + zenith delay
 Range-rate row:  rho_dot + drift - satellite drift
-both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l.
+both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l. The carrier's row is in ``carrier``.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.fusion.carrier import carrier_row
+from insgnss.fusion.lines import N_RANGE, Antenna, Epoch, Line
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
-from insgnss.fusion.state import BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.fusion.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
-from insgnss.gnss.observation_rows import Observation, Rows
-from insgnss.gnss.range_model import AIR_DTYPE, place_air, slant_delay
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
+from insgnss.gnss.range_model import place_air, slant_delay
 from insgnss.jit import inlined, kernel
-from insgnss.status import MASKED_CN0, MASKED_ELEVATION, USED
+from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 
-RANGE_COLUMNS: Final = np.array((DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK), np.int64)
-RATE_COLUMNS: Final = np.array(
-    (
-        *(DR, DR + 1, DR + 2, DV, DV + 1, DV + 2),
-        *(PSI, PSI + 1, PSI + 2, BG, BG + 1, BG + 2, DRIFT),
-    ),
-    np.int64,
-)
-N_RANGE: Final = len(RANGE_COLUMNS)  # one more, the inter-system offset, for a further constellation
-N_RATE: Final = len(RATE_COLUMNS)
 _STATED_FLOOR2 = 0.09  # a log's own sigma is believed down to 0.3 of the model's floor
-
-LINE_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("status", np.int64, (2,)),  # per kind: 0 pseudorange, 1 range rate
-            ("innovation", np.float64, (2,)),  # at the prior
-            ("variance", np.float64, (2,)),  # r of the measurement
-            ("predicted", np.float64, (2,)),  # D = h P h^T at the prior
-            (
-                "h_range",
-                np.float64,
-                (N_RATE,),
-            ),  # as long as the other, so that one compiled update serves both
-            ("h_rate", np.float64, (N_RATE,)),
-            ("group", np.int64),
-            ("u_n", np.float64, (3,)),  # line of sight, north-east-down
-            ("u_b", np.float64, (3,)),  # line of sight in body axes
-        ],
-    )
-)
-ANTENNA_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("r_a", np.float64, (3,)),  # antenna position, ECEF, at reception
-            ("v_a", np.float64, (3,)),  # antenna velocity, ECEF
-            ("l_e", np.float64, (3,)),  # lever arm, ECEF
-            ("a_e", np.float64, (3,)),  # C_eb (w_ib x l)
-            ("C_ne", np.float64, (3, 3)),
-            ("u", np.float64, (3,)),  # line of sight
-            ("dr", np.float64, (3,)),  # derivative of the range rate by position
-        ],
-    )
-)
-Line: TypeAlias = Any  # one element of LINE_DTYPE: what the filter expects of one row
-Antenna: TypeAlias = Any  # one element of ANTENNA_DTYPE
-
-
-class Epoch(NamedTuple):
-    """Work space of one epoch."""
-
-    lines: npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row
-    antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
-    air: npt.NDArray[Any]  # (1,) of AIR_DTYPE
-    vectors: Float64  # (4, n or k): correction, two of scratch, one to sort
-
-
-def new_epoch(k: int, n: int) -> Epoch:
-    """Return work space for epochs of at most ``k`` rows and ``n`` error states."""
-    return Epoch(
-        np.zeros(k, LINE_DTYPE), np.zeros(1, ANTENNA_DTYPE), np.zeros(1, AIR_DTYPE), np.zeros((4, max(k, n)))
-    )
 
 
 @inlined
@@ -176,8 +111,12 @@ def observe(
     lat, lon, h = ecef_to_geodetic(a.r_a)
     ecef_to_ned_matrix(lat, lon, a.C_ne)
     week_s = (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S
-    place_air(s.air[0], lat, lon, h, week_s, par.use_troposphere)
+    place_air(
+        s.air[0], lat, lon, h, week_s, par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity
+    )
     first = rows.first[epoch]
+    with_carrier = rows.carrier.shape[0] > 0
+    follows = with_carrier and epoch_follows(m, rows, epoch)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
         row = rows.observation[i]
@@ -185,14 +124,16 @@ def observe(
         line.group = row.group
         for kind in range(2):
             line.status[kind] = row.status[kind]
+        line.status[CARRIER] = carrier_status(rows, i, follows) if with_carrier else ABSENT
+        for kind in range(N_KINDS):
             line.innovation[kind] = math.nan
         line.u_n[0] = math.nan
         if row.no_satellite == 0:
             observe_row(m, par, rows, i, row, s, line)
-            if line.status[0] == USED:
-                line.predicted[0] = predicted_range_variance(P, line)
-            if line.status[1] == USED:
-                line.predicted[1] = predicted_variance(P, line.h_rate, RATE_COLUMNS)
+            for kind in range(N_KINDS):
+                if line.status[kind] == USED:
+                    columns = line.columns[kind][: line.count[kind]]
+                    line.predicted[kind] = predicted_variance(P, line.h[kind], columns)
 
 
 @inlined
@@ -209,34 +150,84 @@ def observe_row(
     sine = -line.u_n[2]
     mask_row(par, sine, row.cn0, line)
     if line.status[0] == USED:
-        offset = m.offsets[row.group - 1] if row.group > 0 else 0.0
-        delay = slant_delay(s.air[0], rows.klobuchar, line.u_n, row.ionosphere_factor * par.use_ionosphere)
-        predicted = distance + m.clock[0] + offset - rows.sat[i, 6] + delay
+        delay = slant_delay(
+            s.air[0],
+            rows.klobuchar,
+            line.u_n,
+            row.ionosphere_factor * par.use_ionosphere,
+            row.ionosphere_m,
+        )
+        range_row(a, line.h[0])
+        extra = add_optional_columns(m, par, row, s, line)
+        predicted = distance + m.clock[0] + extra - rows.sat[i, 6] + delay
         line.innovation[0] = row.value[0] - predicted
-        line.variance[0] = m.noise_factor[0] * kind_variance(
+        line.variance[0] = m.noise_factor[0] * row.variance_scale * kind_variance(
             row.sigma[0], sine, row.thermal, par.range_floor2, par.range_elevation2, par.range_cn02,
             par.range_missing_thermal,
         )  # fmt: skip
-        range_row(a, line.h_range)
     if line.status[1] == USED:
         line.innovation[1] = row.value[1] - (rate + m.clock[1] - rows.sat[i, 7])
         line.variance[1] = m.noise_factor[1] * kind_variance(
             row.sigma[1], sine, row.thermal, par.rate_floor2, par.rate_elevation2, par.rate_cn02,
             par.rate_missing_thermal,
         )  # fmt: skip
-        rate_row(m, par, a, line.h_rate)
+        rate_row(m, par, a, line.h[1])
+    if line.status[CARRIER] == USED:
+        predicted = carrier_row(m, rows, i, distance, s, line)
+        line.innovation[CARRIER] = rows.carrier[i].value - predicted
+        line.variance[CARRIER] = m.noise_factor[CARRIER] * measurement_variance(
+            sine, row.thermal, par.carrier_floor2, par.carrier_elevation2, par.carrier_cn02,
+            par.carrier_missing_thermal,
+        )  # fmt: skip
+
+
+@inlined
+def add_optional_columns(m: StateRecord, par: Parameters, row: Observation, s: Epoch, line: Line) -> float:
+    """Write the optional columns of a range row; return what these states add to its prediction [m]."""
+    count = N_RANGE
+    total = 0.0
+    h, columns = line.h[0], line.columns[0]
+    if row.group > 0:
+        h[count], columns[count] = 1.0, OFFSETS + row.group - 1
+        total += m.optional[row.group - 1]
+        count += 1
+    if par.at_channel_bias >= 0 and row.channel != 0:
+        h[count], columns[count] = row.channel, par.at_channel_bias
+        total += row.channel * m.optional[par.at_channel_bias - OFFSETS]
+        count += 1
+    if par.at_zenith_delay >= 0:
+        h[count], columns[count] = s.air[0].wet_factor, par.at_zenith_delay
+        total += s.air[0].wet_factor * m.optional[par.at_zenith_delay - OFFSETS]
+        count += 1
+    line.count[0] = count
+    return total
+
+
+@inlined
+def epoch_follows(m: StateRecord, rows: Rows, epoch: int) -> bool:
+    """Return whether the clone is of the very epoch that the carrier's differences count from."""
+    return bool(m.clone_ns != 0 and m.clone_ns == rows.before_ns[epoch])
+
+
+@inlined
+def carrier_status(rows: Rows, i: int, follows: bool) -> int:
+    """Return the status a carrier difference starts with."""
+    status = rows.carrier[i].status
+    if status == USED and not follows:
+        return NO_EPOCH_BEFORE
+    return int(status)
 
 
 @inlined
 def mask_row(par: Parameters, sine: float, cn0: float, line: Line) -> None:
-    """Refuse both kinds of a row that stands too low or is too weak."""
+    """Refuse all kinds of a row that stands too low or is too weak."""
     refused = USED
     if not sine >= par.sine_mask:
         refused = MASKED_ELEVATION
     elif cn0 < par.cn0_mask:
         refused = MASKED_CN0
     if refused != USED:
-        for kind in range(2):
+        for kind in range(N_KINDS):
             if line.status[kind] == USED:
                 line.status[kind] = refused
 
@@ -249,16 +240,3 @@ def kind_variance(
     if stated > 0.0:
         return stated_variance(stated, _STATED_FLOOR2 * floor2)
     return measurement_variance(sine, thermal, floor2, elevation2, cn02, missing)
-
-
-@kernel
-def predicted_range_variance(P: Float64, line: Line) -> float:
-    """Return D of a pseudorange: the common columns, and the inter-system offset of a further constellation."""
-    D = predicted_variance(P, line.h_range, RANGE_COLUMNS)
-    if line.group > 0:
-        c = OFFSETS + line.group - 1
-        cross = P[c, c]
-        for k in range(N_RANGE):
-            cross += 2.0 * line.h_range[k] * P[c, RANGE_COLUMNS[k]]
-        D += cross
-    return D

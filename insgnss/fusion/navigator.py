@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,7 +39,7 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import ABSENT, Rows
 from insgnss.inertial.sensor_model import SensorModel, sensor_model
-from insgnss.status import NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
+from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
 from insgnss.tables import Event, Float64
 
 _RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
@@ -52,6 +53,7 @@ class Navigator:
     """The filter and everything about it that is not in the compiled loop."""
 
     setup: FilterSetup
+    before_loop: Callable[[], object] = lambda: None  # called when the compiled loop is needed
     starter: Starter = field(init=False)
     bank: Bank | None = None
     resets_ns: list[int] = field(default_factory=list)
@@ -90,6 +92,7 @@ class Navigator:
                 epoch += self._try_start(imu, rows, epoch, out)
                 continue
             work = self.workspace(rows)
+            self.before_loop()
             code, epoch = run_epochs(
                 self.bank, epoch, last, rows, imu, self._parameters, self.setup.log_drop, out, work
             )
@@ -99,9 +102,8 @@ class Navigator:
     def workspace(self, rows: Rows) -> Workspace:
         """Return work space that fits the largest epoch."""
         largest = int(np.diff(rows.first).max()) if len(rows.epoch_ns) else 1
-        n = OFFSETS + self.setup.n_offsets
         if self._work is None or len(self._work.epoch.lines) < largest:
-            self._work = new_workspace(largest, n, self.setup.n_offsets)
+            self._work = new_workspace(largest, self.setup.layout)
         return self._work
 
     def _try_start(self, imu: Imu, rows: Rows, epoch: int, out: Output) -> int:
@@ -114,14 +116,14 @@ class Navigator:
         bank, fix, events = self.starter.try_start(imu, rows, epoch, self._parameters[0])
         self.events += events
         if bank is None:
-            mark_rows(out.ledger, rows, epoch, None)
+            mark_rows(out, rows, epoch, None)
             return 1
         self.bank = bank
         self.started_ns = int(bank.head[0].now_ns)
         self._tell_heading()
         if given:
             return 0
-        mark_rows(out.ledger, rows, epoch, fix)
+        mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)
         return 1
 
@@ -236,10 +238,10 @@ class Navigator:
         delta_clock = float(np.nan_to_num(fix.clocks[0] - lead.clock[0]))
         velocity = "kept" if fix.v_a is None else f"moved by {np.linalg.norm(fix.v_a - lead.v_e):.2f} m/s"
         for i in range(len(bank.state)):
-            reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b)
+            reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b, self.setup.n_offsets)
             if not refusing:
                 doubt_sensors(bank.state[i], bank.P[i], sensor_model(self.setup.grade))
-        mark_rows(out.ledger, rows, epoch, fix)
+        mark_rows(out, rows, epoch, fix)
         detail = (
             f"{reason}: position moved by {delta_r:.1f} m,"
             f" velocity {velocity}, clock moved by {delta_clock:.1f} m; {fix.n_used} satellites"
@@ -277,9 +279,9 @@ def _in_words(t_ns: int, kind: int, a: float) -> Event:
     return Event(t_ns, f"kind_{kind}", f"{a}")
 
 
-def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64) -> None:
+def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64, n_offsets: int) -> None:
     """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states."""
-    states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, P.shape[0])]
+    states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
     kept = P[DV : DV + 3, DV : DV + 3].copy()
     P[states, :] = 0.0
     P[:, states] = 0.0
@@ -296,10 +298,11 @@ def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64) -> No
     else:
         P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
         P[DRIFT, DRIFT] = 10.0**2
-    for i in range(OFFSETS, P.shape[0]):
+    m.clone_ns = 0
+    for i in range(OFFSETS, OFFSETS + n_offsets):
         group = i - OFFSETS + 1
         known = math.isfinite(fix.clocks[group]) and reference == 0
-        m.offsets[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
+        m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
         P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else 3000.0**2
 
 
@@ -316,9 +319,14 @@ def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
         P[PSI + i, PSI + i] += _DOUBTED_ATTITUDE_RAD**2
 
 
-def mark_rows(ledger: npt.NDArray[Any], rows: Rows, epoch: int, fix: Fix | None) -> None:
+def mark_rows(out: Output, rows: Rows, epoch: int, fix: Fix | None) -> None:
     """Write what became of an epoch's usable rows outside the filter: not started, or part of a fix."""
+    ledger = out.ledger
     index = np.arange(rows.first[epoch], rows.first[epoch + 1])
+    if len(out.carrier):
+        carrier = out.carrier["status"][index]
+        carrier[carrier == USED] = NOT_STARTED if fix is None else NO_EPOCH_BEFORE
+        out.carrier["status"][index] = carrier
     status = ledger["status"][index]
     usable = rows.observation["status"][index] == USED
     if fix is None:

@@ -8,12 +8,12 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.fusion.measurements import Epoch
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, MAX_OFFSETS, PSI, Bank, StateRecord
+from insgnss.fusion.lines import Epoch, Line
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, Bank, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
 
@@ -56,7 +56,6 @@ NAV_DTYPE: Final = np.dtype(
         [
             ("t_ns", np.int64),
             ("value", np.float64, (N_NAV,)),  # NAV_COLUMNS
-            ("offsets", np.float64, (MAX_OFFSETS,)),  # inter-system offsets [m]
         ],
     )
 )
@@ -66,11 +65,25 @@ LEDGER_DTYPE: Final = np.dtype(
         np.dtype(
             [  # pairs: 0 pseudorange, 1 range rate; narrow types: a log has millions of entries
                 ("innovation", np.float64, (2,)),
-                ("variance", np.float64, (2,)),  # of the innovation: D + r
-                ("predicted", np.float64, (2,)),  # D = h P h^T
+                ("variance", np.float32, (2,)),  # of the innovation: D + r
+                ("predicted", np.float32, (2,)),  # D = h P h^T
                 ("u_n", np.float32, (3,)),  # line of sight, north-east-down
                 ("u_b", np.float32, (3,)),  # line of sight in body axes
                 ("status", np.int8, (2,)),
+            ],
+            align=True,
+        ),
+    )
+)
+CARRIER_LEDGER_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        np.dtype(
+            [
+                ("innovation", np.float64),
+                ("variance", np.float32),
+                ("predicted", np.float32),
+                ("status", np.int8),
             ],
             align=True,
         ),
@@ -88,27 +101,39 @@ COUNT_DTYPE: Final = np.dtype(
     )
 )
 Table: TypeAlias = npt.NDArray[Any]
+CarrierEntry: TypeAlias = Any  # one element of CARRIER_LEDGER_DTYPE
 
 
 class Output(NamedTuple):
     """Where the loop writes, and when."""
 
     nav: Table  # of NAV_DTYPE, filled from the front
+    optional: Float64  # (n_nav, k) values of the optional states, beside ``nav``
     ledger: Table  # (n,) of LEDGER_DTYPE, one entry per observation
+    carrier: Table  # (n,) or, where no carrier is used, (0,) of CARRIER_LEDGER_DTYPE
     events: Table  # of EVENT_DTYPE, filled from the front
     times_ns: Int64  # (k,) output times; empty for one row per epoch
     counts: Table  # (1,) of COUNT_DTYPE
 
 
-def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64) -> Output:
-    """Return room for ``n_nav`` navigation rows, a ledger of ``rows`` as known before the filter, and events."""
+def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64, n_values: int = 0) -> Output:
+    """Return room for ``n_nav`` navigation rows, a ledger of ``rows`` as known before the filter, and events.
+
+    ``n_values`` is the number of optional states with a value, as the filter's layout has them.
+    """
     ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
     ledger["status"] = rows.observation["status"]
     for name in ("innovation", "variance", "predicted", "u_n", "u_b"):
         ledger[name] = math.nan
+    carrier = np.zeros(len(rows.carrier), CARRIER_LEDGER_DTYPE)
+    carrier["status"] = rows.carrier["status"]
+    for name in ("innovation", "variance", "predicted"):
+        carrier[name] = math.nan
     return Output(
         np.zeros(n_nav, NAV_DTYPE),
+        np.zeros((n_nav, n_values)),
         ledger,
+        carrier,
         np.zeros(n_events, EVENT_DTYPE),
         times_ns,
         np.zeros(1, COUNT_DTYPE),
@@ -128,7 +153,7 @@ def log_event(out: Output, t_ns: int, kind: np.int64, a: float) -> None:
 
 
 @inlined
-def write_ledger(ledger: Table, rows: Rows, epoch: int, s: Epoch) -> None:
+def write_ledger(ledger: Table, carriers: Table, rows: Rows, epoch: int, s: Epoch) -> None:
     """Write an epoch's entries from the work space."""
     first = rows.first[epoch]
     for j in range(rows.first[epoch + 1] - first):
@@ -143,6 +168,18 @@ def write_ledger(ledger: Table, rows: Rows, epoch: int, s: Epoch) -> None:
                 entry.innovation[kind] = line.innovation[kind]
                 entry.predicted[kind] = line.predicted[kind]
                 entry.variance[kind] = line.predicted[kind] + line.variance[kind]
+        if carriers.shape[0] > 0:
+            write_carrier(carriers[first + j], line)
+
+
+@inlined
+def write_carrier(entry: CarrierEntry, line: Line) -> None:
+    """Write the entry of a carrier difference."""
+    entry.status = line.status[CARRIER]
+    if not math.isnan(line.innovation[CARRIER]):
+        entry.innovation = line.innovation[CARRIER]
+        entry.predicted = line.predicted[CARRIER]
+        entry.variance = line.predicted[CARRIER] + line.variance[CARRIER]
 
 
 @inlined
@@ -211,8 +248,8 @@ def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n
     v[32] = math.sqrt(max(P[CLOCK, CLOCK], 0.0))
     v[33] = math.sqrt(max(P[DRIFT, DRIFT], 0.0))
     v[34], v[35] = n_used, n_hypotheses
-    for i in range(MAX_OFFSETS):
-        row.offsets[i] = m.offsets[i]
+    for i in range(out.optional.shape[1]):
+        out.optional[count.nav - 1, i] = m.optional[i]
 
 
 @inlined

@@ -8,11 +8,16 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.filter import FilterConfig, Noise
+from insgnss.config.filter import FilterConfig, Measurements, Noise
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.fusion.state import MAX_OPTIONAL, OFFSETS, Layout
 from insgnss.gnss.noise_model import thermal_factor
+from insgnss.gnss.troposphere import Weather, weather_at_sea_level
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
+
+_KELVIN = 273.15
+_OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``Rows`` holds their delays
 
 PARAMETERS_DTYPE = np.dtype(
     (
@@ -28,7 +33,14 @@ PARAMETERS_DTYPE = np.dtype(
             ("accel_bias_time", np.float64),
             ("clock_bias_density", np.float64),  # [m^2/s]
             ("clock_drift_density", np.float64),  # [m^2/s^3]
-            ("offset_density", np.float64),  # [m^2/s]
+            (
+                "optional_density",
+                np.float64,
+                (MAX_OPTIONAL,),
+            ),  # of each optional state [its unit^2 / s], zero of the clone
+            ("at_channel_bias", np.int64),  # where these stand in the error state, -1 where there is none
+            ("at_zenith_delay", np.int64),
+            ("at_clone", np.int64),
             ("covariance_step", np.float64),  # [s]
             ("longest_step", np.float64),  # [s]
             ("gap_accel_sigma", np.float64),  # [m/s^2]
@@ -38,6 +50,9 @@ PARAMETERS_DTYPE = np.dtype(
             ("cn0_mask", np.float64),  # [dBHz]
             ("use_ionosphere", np.float64),  # 1 or 0
             ("use_troposphere", np.float64),  # 1 or 0
+            ("pressure_0", np.float64),  # air at sea level [hPa]
+            ("temperature_0", np.float64),  # [K]
+            ("humidity", np.float64),  # relative
             ("range_floor2", np.float64),  # [m^2]
             ("range_elevation2", np.float64),
             ("range_cn02", np.float64),
@@ -46,10 +61,21 @@ PARAMETERS_DTYPE = np.dtype(
             ("rate_elevation2", np.float64),
             ("rate_cn02", np.float64),
             ("rate_missing_thermal", np.float64),
+            ("carrier_floor2", np.float64),  # [m^2]
+            ("carrier_elevation2", np.float64),
+            ("carrier_cn02", np.float64),
+            ("carrier_missing_thermal", np.float64),
             ("range_correlation", np.float64),  # [s]
             ("rate_correlation", np.float64),  # [s]
             ("range_gate2", np.float64),  # squared gate [-]
             ("rate_gate2", np.float64),
+            ("carrier_gate2", np.float64),
+            ("robust", np.int64),  # 0 the gate alone, HUBER or STUDENT of ``faults``
+            ("huber_k", np.float64),
+            ("student_freedom", np.float64),
+            ("residual_gate2", np.float64),  # squared, of a residual after the update; 0: not tested
+            ("drift_gate", np.float64),  # sigmas between fast and slow mean; 0: not tested
+            ("reflected_below_db", np.float64),  # [dB]; 0: not tested
             ("clock_jump_min", np.float64),  # [m]
             ("lockout_epochs", np.float64),
             ("strain_limit", np.float64),
@@ -75,12 +101,30 @@ def _noise(noise: Noise) -> tuple[float, float, float, float]:
     )
 
 
+def _optional_densities(config: FilterConfig, layout: Layout) -> npt.NDArray[np.float64]:
+    """Return the random walk of each optional state [m^2/s]; the channel bias is a constant of the receiver."""
+    density = np.zeros(MAX_OPTIONAL)
+    density[: layout.n_offsets] = config.process.inter_system_walk_m_per_sqrt_s**2
+    if layout.zenith_delay:
+        density[layout.at_zenith_delay - OFFSETS] = config.process.zenith_delay_walk_m_per_sqrt_s**2
+    return density
+
+
+def weather_of(use: Measurements) -> Weather:
+    """Return the air at sea level that the settings describe."""
+    air = use.weather
+    kelvin = None if air.temperature_c is None else air.temperature_c + _KELVIN
+    humidity = None if air.humidity_percent is None else air.humidity_percent / 100.0
+    return weather_at_sea_level(air.pressure_hpa, kelvin, humidity, air.h_m)
+
+
 def resolve_parameters(
     config: FilterConfig,
     grade: ImuGrade,
     oscillator: Oscillator,
     lever_arm_m: tuple[float, float, float],
     klobuchar_known: bool,
+    layout: Layout = Layout(),  # noqa: B008 - frozen
 ) -> npt.NDArray[Any]:
     """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
     sensor = sensor_model(grade)
@@ -97,7 +141,10 @@ def resolve_parameters(
         sensor.accel_bias.time_s,
         clock.bias_density,
         clock.drift_density,
-        config.process.inter_system_walk_m_per_sqrt_s**2,
+        _optional_densities(config, layout),
+        layout.at_channel_bias,
+        layout.at_zenith_delay,
+        layout.at_clone,
         config.process.covariance_step_s,
         gaps.longest_step_s,
         gaps.acceleration_sigma_mps2,
@@ -105,14 +152,23 @@ def resolve_parameters(
         gaps.restart_s,
         math.sin(math.radians(use.elevation_mask_deg)),
         use.cn0_mask_dbhz,
-        float(klobuchar_known and use.ionosphere == "klobuchar"),
+        float(use.ionosphere != "none" and (klobuchar_known or use.ionosphere in _OTHER_MODELS)),
         float(use.troposphere == "saastamoinen"),
+        *weather_of(use),
         *_noise(config.pseudorange_noise_m),
         *_noise(config.range_rate_noise_mps),
+        *_noise(config.carrier_noise_m),
         config.pseudorange_noise_m.correlation_time_s,
         config.range_rate_noise_mps.correlation_time_s,
         gates.pseudorange_sigma**2,
         gates.range_rate_sigma**2,
+        gates.carrier_sigma**2,
+        ("gate", "huber", "student").index(config.faults.weights),
+        config.faults.huber_k,
+        config.faults.student_freedom,
+        (config.faults.residual_sigma or 0.0) ** 2,
+        config.faults.drift_sigma or 0.0,
+        config.faults.reflected_below_db or 0.0,
         gates.clock_jump_min_m,
         float(config.health.lockout_epochs),
         config.health.strain_nis,

@@ -17,8 +17,10 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import (
     BA,
     BG,
+    BIAS_FACTOR,
     CLOCK,
     DRIFT,
+    DRIFT_FACTOR,
     DV,
     OFFSETS,
     PSI,
@@ -120,10 +122,10 @@ def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float) -> No
         P[PSI + i, PSI + i] += 0.5 * m.sum_gyro_q
         P[BA + i, BA + i] += half * par.accel_bias_density
         P[BG + i, BG + i] += half * par.gyro_bias_density
-    P[CLOCK, CLOCK] += half * m.noise_factor[2] * par.clock_bias_density
-    P[DRIFT, DRIFT] += half * m.noise_factor[2] * par.clock_drift_density
+    P[CLOCK, CLOCK] += half * m.noise_factor[BIAS_FACTOR] * par.clock_bias_density
+    P[DRIFT, DRIFT] += half * m.noise_factor[DRIFT_FACTOR] * par.clock_drift_density
     for i in range(OFFSETS, P.shape[0]):
-        P[i, i] += half * par.offset_density
+        P[i, i] += half * par.optional_density[i - OFFSETS]
 
 
 @inlined

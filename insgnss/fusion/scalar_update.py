@@ -11,7 +11,7 @@ from insgnss.tables import Float64, Int64
 
 @kernel
 def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
-    """Return D = h P h^T of the row ``h``, whose entries stand in ``columns`` (k,) of the (n, n) covariance."""
+    """Return D = h P h^T of the row ``h`` (>= k,), whose entries stand in ``columns`` (k,) of the (n, n) covariance."""
     total = 0.0
     for a in range(columns.shape[0]):
         row = columns[a]
@@ -24,7 +24,7 @@ def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
 
 @kernel
 def scalar_update(
-    P: Float64, h: Float64, columns: Int64, extra: int, innovation: float, variance: float, v: Float64
+    P: Float64, h: Float64, columns: Int64, innovation: float, variance: float, v: Float64
 ) -> tuple[float, float]:
     """Correct ``P`` (n, n) and the correction in ``v`` by one scalar; return its innovation and that one's variance.
 
@@ -37,15 +37,15 @@ def scalar_update(
     Parameters
     ----------
     P : (n, n) covariance, symmetric
-    h, columns : (k,) non-zero entries of the row and where they stand
-    extra : a further column with the entry 1 (an inter-system offset), or -1
+    h : (>= k,) non-zero entries of the row
+    columns : (k,) where they stand
     innovation : z minus prediction at the prior
     variance : r of the measurement
     v : (>= 3, >= n): v[0] is the correction (truth minus prior estimate as far as known), v[1], v[2] are scratch
     """
     n = P.shape[0]
     for c in range(n):
-        v[1, c] = P[extra, c] if extra >= 0 else 0.0  # g
+        v[1, c] = 0.0  # g
     for a in range(columns.shape[0]):
         ha = h[a]
         row = columns[a]
@@ -53,9 +53,6 @@ def scalar_update(
             v[1, c] += ha * P[row, c]
     S = variance
     y = innovation
-    if extra >= 0:
-        S += v[1, extra]
-        y -= v[0, extra]
     for a in range(columns.shape[0]):
         S += h[a] * v[1, columns[a]]
         y -= h[a] * v[0, columns[a]]

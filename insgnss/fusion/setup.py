@@ -10,8 +10,15 @@ import numpy.typing as npt
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
-from insgnss.fusion.parameters import resolve_parameters
-from insgnss.tables import EphemerisTable, Float64
+from insgnss.fusion.parameters import resolve_parameters, weather_of
+from insgnss.fusion.state import Layout
+from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.gnss.phase_centre import SatelliteAntennas
+from insgnss.gnss.precise_orbit import precise_states
+from insgnss.gnss.satellite_state import SatelliteStates, satellite_states
+from insgnss.gnss.troposphere import Weather
+from insgnss.tables import Float64, GnssTable, NavigationData, PreciseProducts
 
 
 @dataclass(frozen=True)
@@ -22,36 +29,93 @@ class FilterSetup:
     grade: ImuGrade
     oscillator: Oscillator
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    clock_groups: tuple[str, ...] = ("G",)  # constellations in use; the first keeps the receiver clock
+    clock_groups: tuple[str, ...] = ("G",)  # see ``gnss.clock_groups``; the first keeps the receiver clock
     start: GivenStart | None = None  # None: automatic
     start_ns: int | None = None  # GPS time of a given start; None: the first epoch
-    ephemerides: EphemerisTable | None = None  # None: the log carries satellite states
-    klobuchar: Float64 | None = None
+    navigation: NavigationData | None = None  # None: the log carries satellite states
+    with_carrier: bool = False  # the log has carrier phases
+    products: PreciseProducts | None = None  # orbits and clocks instead of the messages'
+    antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
+
+    @property
+    def klobuchar(self) -> Float64 | None:
+        """Coefficients of the ionosphere that the filter's loop evaluates, (8,)."""
+        return None if self.navigation is None else self.navigation.klobuchar
 
     @property
     def n_offsets(self) -> int:
         """Number of inter-system clock offsets."""
         return len(self.clock_groups) - 1
 
+    @property
+    def layout(self) -> Layout:
+        """Which optional states the filter has."""
+        use = self.config.measurements
+        return Layout(
+            n_offsets=self.n_offsets,
+            channel_bias="R" in self.clock_groups and use.glonass_channel_bias,
+            zenith_delay=use.zenith_delay,
+            clone=self.with_carrier and use.carrier,
+        )
+
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""
         return resolve_parameters(
-            self.config, self.grade, self.oscillator, self.lever_arm_m, self.klobuchar is not None
+            self.config,
+            self.grade,
+            self.oscillator,
+            self.lever_arm_m,
+            self.klobuchar is not None,
+            self.layout,
+        )
+
+    @property
+    def weather(self) -> Weather:
+        """The air that the troposphere's model starts from."""
+        return weather_of(self.config.measurements)
+
+    def states(
+        self, gnss: GnssTable, navigation: NavigationData | BroadcastMessages | None
+    ) -> SatelliteStates:
+        """Return the satellite states of a log: by precise products where there are any, else by the messages."""
+        if isinstance(navigation, NavigationData):
+            navigation = broadcast_messages(
+                navigation, max_age_s=self.config.measurements.max_ephemeris_age_s
+            )
+        if self.products is not None and gnss.sat is None:
+            return precise_states(gnss, self.products, navigation, antennas=self.antennas)
+        return satellite_states(gnss, navigation)
+
+    def rows(
+        self,
+        gnss: GnssTable,
+        navigation: NavigationData | BroadcastMessages | None,
+        *,
+        ionosphere_m: Float64 | None = None,
+        correction_m: Float64 | None = None,
+    ) -> Rows:
+        """Return a log as the filter's rows; ``navigation`` is the setup's own, or its messages sorted once."""
+        use = self.config.measurements
+        return prepare_rows(
+            gnss,
+            navigation,
+            self.klobuchar,
+            clock_groups=self.clock_groups,
+            signals=use.signals_of(),
+            every_band=use.every_band,
+            pseudorange=use.pseudorange,
+            range_rate=use.range_rate,
+            carrier=use.carrier if self.with_carrier else None,
+            carrier_max_interval_s=use.carrier_max_interval_s,
+            ionosphere_free=use.ionosphere == "ionosphere_free",
+            max_age_s=use.max_ephemeris_age_s,
+            states=None if self.products is None or gnss.sat is not None else self.states(gnss, navigation),
+            ionosphere_m=ionosphere_m,
+            correction_m=correction_m,
+            variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
         )
 
     @property
     def log_drop(self) -> float:
         """Logarithm of the weight below which a hypothesis of the heading goes."""
         return math.log(self.config.heading.drop_below)
-
-
-def clock_groups(constellations: tuple[str, ...], sv_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the constellations that get a clock of their own, in the order of the settings, of those in the log.
-
-    QZSS keeps GPS time and shares its clock where both are used.
-    """
-    present = {name[0] for name in sv_names}
-    groups = [c for c in constellations if c in present]
-    if "G" in groups and "J" in groups:
-        groups.remove("J")
-    return tuple(groups) or constellations[:1]

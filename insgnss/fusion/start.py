@@ -12,7 +12,7 @@ from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.fusion.fix import Fix
 from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, Layout, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -162,10 +162,10 @@ def open_bank(
     config: FilterConfig,
     grade: ImuGrade,
     t_imu_ns: np.ndarray,
+    layout: Layout,
 ) -> Bank:
     """Return the bank that stands at the start: one filter for each attitude."""
-    n_offsets = len(kin.offsets)
-    bank = new_bank(len(attitudes), n_offsets)
+    bank = new_bank(len(attitudes), layout.n_optional)
     bank.head["now_ns"] = kin.t_ns
     bank.head["next"] = np.searchsorted(t_imu_ns, kin.t_ns, side="right")
     bank.head["heading_open"] = 1
@@ -174,6 +174,7 @@ def open_bank(
     for i, attitude in enumerate(attitudes):
         _place_state(bank.state[i], kin, attitude, w_ib_b, par)
         _place_covariance(bank.state[i], bank.P[i], kin, attitude, sensor, config)
+        _place_optional(bank.P[i], layout, config)
     return bank
 
 
@@ -192,8 +193,18 @@ def _place_state(m: np.record, kin: Kinematics, attitude: Attitude, w_ib_b: Floa
     m.v_e[:] = kin.v_a - turning + WGS84_OMEGA_RADPS * np.array([-l_e[1], l_e[0], 0.0])
     m.b_g[:] = attitude.b_g
     m.clock[:] = (kin.clock, kin.drift)
-    m.offsets[: len(kin.offsets)] = np.nan_to_num(kin.offsets)
+    m.optional[: len(kin.offsets)] = np.nan_to_num(kin.offsets)
     m.log_weight = math.log(attitude.weight)
+
+
+def _place_optional(P: Float64, layout: Layout, config: FilterConfig) -> None:
+    """Write the variances of channel bias and zenith delay where the filter has these states."""
+    for at, sigma in (
+        (layout.at_channel_bias, config.process.channel_bias_sigma_m),
+        (layout.at_zenith_delay, config.process.zenith_delay_sigma_m),
+    ):
+        if at >= 0:
+            P[at, at] = sigma**2
 
 
 def _place_covariance(

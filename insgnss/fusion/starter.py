@@ -9,8 +9,9 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.fix import Fix, fix_epoch
+from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.loop import Imu
-from insgnss.fusion.measurements import new_epoch, observe
+from insgnss.fusion.measurements import observe
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.start import (
@@ -21,7 +22,7 @@ from insgnss.fusion.start import (
     kinematics_from_fix,
     open_bank,
 )
-from insgnss.fusion.state import OFFSETS, Bank
+from insgnss.fusion.state import Bank
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.inertial.alignment import Window, inertial_window
 from insgnss.status import USED
@@ -113,7 +114,7 @@ class Starter:
         kin = kinematics_from_fix(fix, v_a, P_v)
         attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade)
         w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
-        bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns)
+        bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns, self.setup.layout)
         speed = float(np.linalg.norm(v_a))
         how = "at rest, levelled by the accelerometers" if at_rest else f"in motion at {speed:.1f} m/s"
         detail = (
@@ -160,7 +161,9 @@ class Starter:
         return bank, None, [Event(t_ns, "start", "from the given state; the clock is set by the first epoch")]
 
     def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: Imu) -> Bank:  # type: ignore[type-arg]
-        return open_bank(kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns)
+        return open_bank(
+            kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns, self.setup.layout
+        )
 
 
 def clocks_seen(
@@ -171,7 +174,7 @@ def clocks_seen(
     The median over the satellites: one wrong range does not set a clock.
     """
     n_rows = int(rows.first[epoch + 1] - rows.first[epoch])
-    work = new_epoch(n_rows, OFFSETS + n_groups - 1)
+    work = new_epoch(n_rows, bank.P.shape[1])
     observe(bank.state[0], bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
     line = work.lines[:n_rows]
     clocks = np.full(n_groups, math.nan)

@@ -6,11 +6,13 @@ one covariance per hypothesis. Copying the three arrays of a bank copies the fil
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.gnss.observation_rows import N_SLOTS
 from insgnss.tables import Float64, Int64
 
 # error state (estimate minus truth), in this order
@@ -21,8 +23,18 @@ BA: Final = 9  # accelerometer bias, body [m/s^2]
 BG: Final = 12  # gyro bias, body [rad/s]
 CLOCK: Final = 15  # receiver clock bias [m]
 DRIFT: Final = 16  # receiver clock drift [m/s]
+# optional states, where the settings and the log ask for them, in this order (``Layout`` says where each stands):
 OFFSETS: Final = 17  # inter-system clock offsets [m], as many as there are further constellations
-MAX_OFFSETS: Final = 6
+MAX_OPTIONAL: Final = 28  # room for all of them
+N_CLONE: Final = (
+    4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
+)
+ABSENT_STATE: Final = -1
+
+# factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
+N_FACTORS: Final = 5
+DRIFT_FACTOR: Final = 3
+BIAS_FACTOR: Final = 4
 
 STATE_NAMES: Final = (
     *(f"{name}_{axis}" for name in ("dr_e", "dv_e", "psi_e") for axis in "xyz"),
@@ -42,17 +54,26 @@ STATE_DTYPE: Final = np.dtype(
             ("b_a", np.float64, (3,)),  # accelerometer bias [m/s^2]
             ("b_g", np.float64, (3,)),  # gyro bias [rad/s]
             ("clock", np.float64, (2,)),  # receiver clock bias [m] and drift [m/s]
-            ("offsets", np.float64, (MAX_OFFSETS,)),  # inter-system offsets [m]
+            ("optional", np.float64, (MAX_OPTIONAL,)),  # values of the optional states, from OFFSETS on
+            # the epoch before, as the carrier's differences need it
+            ("r_clone", np.float64, (3,)),  # antenna position at its reception, ECEF [m]
+            ("clock_clone", np.float64),  # [m]
+            ("air_clone", np.float64, (2,)),  # zenith delays, dry and wet [m]
+            ("clone_ns", np.int64),  # its time tag; 0: there is none
             # sums since the covariance was last carried on
             ("sum_dt", np.float64),  # time [s]
             ("sum_dv", np.float64, (3,)),  # velocity increment of the specific force, ECEF [m/s]
             ("sum_C", np.float64, (3, 3)),  # integral of C_eb [s]
             ("sum_gyro_q", np.float64),  # attitude variance to add [rad^2]
             ("sum_accel_q", np.float64),  # velocity variance to add [m^2/s^2]
-            # found noise levels: factors on the variances of pseudoranges, range rates, and on the clock's densities
-            ("noise_factor", np.float64, (3,)),
+            ("noise_factor", np.float64, (N_FACTORS,)),  # found noise levels
             ("adapted_ns", np.int64),  # when they were last moved
             ("adapted_count", np.int64),
+            (
+                "cn0_level",
+                np.float64,
+            ),  # strongest signal of late, as it would be at the zenith [dBHz]; 0: none yet
+            ("cn0_level_ns", np.int64),
             ("log_weight", np.float64),  # natural logarithm of the hypothesis' probability
         ],
     )
@@ -87,15 +108,52 @@ class Bank(NamedTuple):
     state: StateArray  # (m,) of STATE_DTYPE
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
+    memory: Float64  # (m, N_SLOTS, 3) of each satellite's range innovations: fast and slow mean [m], when [s]
 
 
-def new_bank(n_hypotheses: int, n_offsets: int) -> Bank:
+@dataclass(frozen=True)
+class Layout:
+    """Which optional states a filter has, and where each stands in the error state."""
+
+    n_offsets: int = 0
+    channel_bias: bool = False  # GLONASS: delay that grows with the frequency channel [m per channel]
+    zenith_delay: bool = False  # what the model leaves of the wet zenith delay [m]
+    clone: bool = False  # antenna position and clock of the epoch before
+
+    @property
+    def at_channel_bias(self) -> int:
+        """Index of the GLONASS channel bias."""
+        return OFFSETS + self.n_offsets if self.channel_bias else ABSENT_STATE
+
+    @property
+    def at_zenith_delay(self) -> int:
+        """Index of the zenith delay."""
+        return OFFSETS + self.n_offsets + self.channel_bias if self.zenith_delay else ABSENT_STATE
+
+    @property
+    def n_values(self) -> int:
+        """Number of optional states that have a value of their own."""
+        return self.n_offsets + self.channel_bias + self.zenith_delay
+
+    @property
+    def at_clone(self) -> int:
+        """First index of the epoch before."""
+        return OFFSETS + self.n_values if self.clone else ABSENT_STATE
+
+    @property
+    def n_optional(self) -> int:
+        """Number of optional states."""
+        return self.n_values + N_CLONE * self.clone
+
+
+def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     """Return an empty bank: zero states, equal weights."""
-    n = OFFSETS + n_offsets
+    n = OFFSETS + n_optional
     state = np.zeros(n_hypotheses, STATE_DTYPE)
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
-    return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE))
+    memory = np.full((n_hypotheses, N_SLOTS, 3), -np.inf)
+    return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), memory)
 
 
 def copy_bank(bank: Bank) -> Bank:
@@ -111,4 +169,4 @@ def select_members(bank: Bank, keep: Int64) -> Bank:
     state["log_weight"] = weight - top - np.log(np.sum(np.exp(weight - top)))
     head = bank.head.copy()
     head["leader"] = int(np.argmax(weight))
-    return Bank(state, np.ascontiguousarray(bank.P[keep]), head)
+    return Bank(state, np.ascontiguousarray(bank.P[keep]), head, np.ascontiguousarray(bank.memory[keep]))

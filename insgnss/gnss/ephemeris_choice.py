@@ -8,25 +8,36 @@ table counts. When no preferred message is valid the next kind is tried (Galileo
 reverse); when none is valid at all the reason is UNHEALTHY if a message marked so is, STALE_EPHEMERIS if the
 satellite has any message, else NO_EPHEMERIS. Messages with a rate of the semi-major axis (CNAV, CNV1, CNV2) are not
 used: the table has no place for it. A message whose numbers describe no ellipse counts as absent.
+States to be integrated (GLONASS, SBAS) are chosen by the same rule; their rows count on after the ephemerides'.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.gnss.ephemeris_rows import ephemeris_rows
+from insgnss.gnss.glonass_orbit import StateVectorArcs, sane_states, state_vector_arcs
+from insgnss.gnss.signals import CHANNELS
 from insgnss.jit import kernel
 from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, USED
-from insgnss.tables import EphemerisTable, Float64, Int64
+from insgnss.tables import EphemerisTable, Float64, Int16, Int64, NavigationData, StateVectorTable
 
 # How far from toe a message without a fit interval may be used [s]: GPS half of 4 h (IS-GPS-200N, 20.3.3.4.3.1),
 # Galileo 4 h (OS SDD, validity of the navigation message), BeiDou 1 h (toe is renewed every hour), QZSS half of 2 h
-# (IS-QZSS-PNT-005, 4.1.2), NavIC half of 4 h (toe is renewed every 2 h)
-VALIDITY_S: Final[dict[str, float]] = {"G": 7200.0, "E": 14400.0, "C": 3600.0, "J": 3600.0, "I": 7200.0}
+# (IS-QZSS-PNT-005, 4.1.2), NavIC half of 4 h (toe is renewed every 2 h), GLONASS 15 min (GLONASS ICD 5.1, 4.4: t_b is
+# the middle of its interval) and half a minute for the next message to be decoded (a frame), SBAS 6 min (RTCA DO-229,
+# table A-25: message 9 outside of precision approaches)
+VALIDITY_S: Final[dict[str, float]] = {
+    **{"G": 7200.0, "E": 14400.0, "C": 3600.0, "J": 3600.0, "I": 7200.0},
+    **{"R": 930.0, "S": 360.0},
+}
+# A state may be used this far from its time if ``max_age_s`` allows: the acceleration of Moon and Sun is then no longer
+# the constant of the message, the orbit 5 m off
+LONGEST_STATE_VECTOR_S: Final = 1800.0
 
 _KINDS: Final[dict[str, tuple[str, ...]]] = {
     "G": ("LNAV", ""),
@@ -43,8 +54,9 @@ _UNUSABLE: Final = -1
 class MessageIndex(NamedTuple):
     """All messages, sorted for the search, as the compiled code takes them."""
 
-    rows: Float64  # (m, N_COLUMNS), in the order of the table
-    toe_ns: Int64  # (m,)
+    rows: Float64  # (k, N_COLUMNS) the ephemerides, in the order of the table
+    arcs: StateVectorArcs  # of the m - k states, in the order of their table
+    toe_ns: Int64  # (m,) of the ephemerides, then of the states
     validity_ns: Int64  # (m,) largest distance from toe
     is_fnav: Int64  # (m,) 1 where the clock is Galileo's F/NAV
     order: Int64  # rows sorted by satellite, class, toe
@@ -57,6 +69,8 @@ class BroadcastMessages:
 
     satellites: tuple[str, ...]
     index: MessageIndex
+    channels: dict[str, int] = field(default_factory=dict)  # GLONASS, where the messages tell
+    inter_signal_s: dict[str, Float64] = field(default_factory=dict)  # see ``NavigationData``
 
 
 def _class_of(system: str, message: str, health: float, galileo_message: str) -> int:
@@ -75,7 +89,7 @@ def _sane(table: EphemerisTable, rows: Float64) -> list[bool]:
 
 
 def _validity_ns(table: EphemerisTable, max_age_s: float | None) -> Int64:
-    """Return how far from toe each message may be used [ns]."""
+    """Return how far from toe each ephemeris may be used [ns]."""
     if max_age_s is not None:
         return np.full(len(table.sv_names), round(max_age_s * NS_PER_S), np.int64)
     limit = np.array([VALIDITY_S.get(name[0], 0.0) for name in table.sv_names], dtype=np.float64)
@@ -84,40 +98,99 @@ def _validity_ns(table: EphemerisTable, max_age_s: float | None) -> Int64:
     return np.asarray(np.rint(half_s * NS_PER_S), dtype=np.int64)
 
 
+def _state_validity_ns(table: StateVectorTable, max_age_s: float | None) -> Int64:
+    """Return how far from its time each state may be used [ns]."""
+    limit = np.array([VALIDITY_S.get(name[0], 0.0) for name in table.sv_names], dtype=np.float64)
+    if max_age_s is not None:
+        limit[:] = min(max_age_s, LONGEST_STATE_VECTOR_S)
+    return np.asarray(np.rint(limit * NS_PER_S), dtype=np.int64)
+
+
+def _no_state_vectors() -> StateVectorTable:
+    """Return the table of no states."""
+    none, nowhere = np.zeros(0), np.zeros((0, 3))
+    return StateVectorTable(
+        sv_names=(),
+        t_ns=np.zeros(0, np.int64),
+        r_e=nowhere,
+        v_e=nowhere,
+        a_e=nowhere,
+        clock_s=none,
+        clock_rate=none,
+        group_delay_s=none,
+        health=none,
+        channel=np.zeros(0, np.int16),
+    )
+
+
+def _channels(sv_names: tuple[str, ...], channel: Int16) -> dict[str, int]:
+    """Return the channel of each GLONASS satellite; its last message counts."""
+    return {
+        name: int(k) for name, k in zip(sv_names, channel, strict=True) if name[0] == "R" and k in CHANNELS
+    }
+
+
+def _classified(
+    table: EphemerisTable, rows: Float64, states: StateVectorTable, galileo_message: str
+) -> list[tuple[str, int, int]]:
+    """Return satellite, class and toe of every message, ephemerides first; _UNUSABLE also where its numbers are."""
+    classes = [
+        _class_of(name[0], message, float(health), galileo_message) if sane else _UNUSABLE
+        for name, message, health, sane in zip(
+            table.sv_names, table.message, table.health, _sane(table, rows), strict=True
+        )
+    ]
+    classes += [
+        (_PREFERRED if health == 0.0 else _UNHEALTHY) if sane else _UNUSABLE
+        for health, sane in zip(states.health, sane_states(states), strict=True)
+    ]
+    toe = [*table.toe_ns.tolist(), *states.t_ns.tolist()]
+    return list(zip((*table.sv_names, *states.sv_names), classes, toe, strict=True))
+
+
 def broadcast_messages(
-    table: EphemerisTable, *, max_age_s: float | None = None, galileo_message: str = "INAV"
+    navigation: EphemerisTable | NavigationData,
+    *,
+    max_age_s: float | None = None,
+    galileo_message: str = "INAV",
 ) -> BroadcastMessages:
     """Return the messages sorted for ``choose_message``; the rule is the module's.
 
     Parameters
     ----------
-    table : the messages as read
-    max_age_s : largest distance from toe [s] for every message; each message's own validity when None
+    navigation : the messages as read; GLONASS and SBAS are in ``NavigationData`` alone
+    max_age_s : largest distance from toe [s] for every message (states to be integrated: 30 min at most); each
+        message's own validity when None
     galileo_message : "INAV" (clock for E1/E5b) or "FNAV" (clock for E1/E5a), the preferred one
     """
-    satellites = tuple(sorted(set(table.sv_names)))
+    whole = navigation if isinstance(navigation, NavigationData) else NavigationData(navigation, None, None)
+    table, states = whole.ephemerides, whole.state_vectors or _no_state_vectors()
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        rows = ephemeris_rows(table)
+        state_validity_ns = _state_validity_ns(states, max_age_s)
+        arcs = state_vector_arcs(states, state_validity_ns)
+    satellites = tuple(sorted({*table.sv_names, *states.sv_names}))
     number = {name: i for i, name in enumerate(satellites)}
     found: dict[tuple[int, int, int], int] = {}  # (satellite, class, toe) -> row, the last one of its kind
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rows = ephemeris_rows(table)
-    sane_rows = _sane(table, rows)
-    for k, (name, message, sane) in enumerate(zip(table.sv_names, table.message, sane_rows, strict=True)):
-        kind = _class_of(name[0], message, float(table.health[k]), galileo_message)
-        if sane and kind != _UNUSABLE:
-            found[number[name], kind, int(table.toe_ns[k])] = k
+    for k, (name, kind, toe_ns) in enumerate(_classified(table, rows, states, galileo_message)):
+        if kind != _UNUSABLE:
+            found[number[name], kind, toe_ns] = k
     keys = sorted(found)
     count = np.zeros(len(satellites) * _N_CLASSES + 1, np.int64)
     for satellite, kind, _ in keys:
         count[satellite * _N_CLASSES + kind + 1] += 1
+    is_fnav = [message == "FNAV" for message in table.message] + [False] * len(states.sv_names)
     index = MessageIndex(
         rows=rows,
-        toe_ns=np.ascontiguousarray(table.toe_ns, dtype=np.int64),
-        validity_ns=_validity_ns(table, max_age_s),
-        is_fnav=np.array([message == "FNAV" for message in table.message], dtype=np.int64),
+        arcs=arcs,
+        toe_ns=np.concatenate([table.toe_ns, states.t_ns]).astype(np.int64),
+        validity_ns=np.concatenate([_validity_ns(table, max_age_s), state_validity_ns]),
+        is_fnav=np.array(is_fnav, dtype=np.int64),
         order=np.array([found[key] for key in keys], dtype=np.int64),
         first=np.cumsum(count),
     )
-    return BroadcastMessages(satellites, index)
+    channels = _channels(states.sv_names, states.channel)
+    return BroadcastMessages(satellites, index, channels, whole.inter_signal_s)
 
 
 @kernel

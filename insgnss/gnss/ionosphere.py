@@ -1,12 +1,16 @@
-"""The ionosphere: Klobuchar's single-layer model with the eight broadcast coefficients (IS-GPS-200N, 20.3.3.5.2.5).
+"""The ionosphere: single-layer models with eight broadcast coefficients, GPS's (Klobuchar) and BeiDou's.
 
-It removes about half of the delay (rms). All arguments in radians and seconds; the model's own semicircles stay inside.
+GPS: IS-GPS-200N, 20.3.3.5.2.5; QZSS and NavIC broadcast coefficients of the same form. BeiDou: BDS-SIS-ICD B1I 3.0,
+5.2.4.7. They remove about half of the delay (rms). All arguments in radians and seconds; the models' own semicircles
+stay inside.
 """
 
 from __future__ import annotations
 
 import math
 from typing import Final
+
+import numpy as np
 
 from insgnss.constants import C_MPS, S_PER_DAY
 from insgnss.jit import kernel
@@ -18,6 +22,11 @@ _PEAK_LOCAL_TIME_S: Final = 50_400.0
 _NORTHERNMOST_SC: Final = 0.416  # of the pierce point's latitude, either way
 _POLE_LATITUDE_SC: Final = 0.064  # tilt of the geomagnetic pole
 _POLE_LONGITUDE_SC: Final = 1.617
+
+# BDS-SIS-ICD B1I 3.0, 5.2.4.7
+_BEIDOU_RADIUS_M: Final = 6_378_000.0
+_BEIDOU_LAYER_M: Final = 375_000.0
+_BEIDOU_LONGEST_PERIOD_S: Final = 172_800.0
 
 _PEAK_HEIGHT_M: Final = 350_000.0  # the model's layer; IS-GPS-200N, 20.3.3.5.2.5
 _SCALE_HEIGHT_M: Final = 80_000.0  # of the ionised gas above the peak, about 70 to 100 km (Chapman layer)
@@ -88,3 +97,41 @@ def ionosphere_above(h: float) -> float:
     if h < 0.0:
         return 1.0
     return math.erf(math.exp(0.5 * (_PEAK_HEIGHT_M - h) / _SCALE_HEIGHT_M) / math.sqrt(2.0))
+
+
+def beidou_delay(
+    coefficients: Float64, lat: Float64, lon: Float64, azimuth: Float64, elevation: Float64, week_s: Float64
+) -> Float64:
+    """Return the ionospheric delay of codes on B1I [m] by BeiDou's model; on another carrier times (f_B1I / f)^2.
+
+    Equation: I = [5 ns + A2 cos(2 pi (t - 50400 s) / A4)] / sqrt(1 - (R / (R + h) cos E)^2), the cosine for
+    |t - 50400 s| < A4 / 4, A2 and A4 cubic in the pierce point's geographic latitude    [BDS-SIS-ICD B1I 3.0, 5.2.4.7]
+    A satellite below the horizon gets the delay at elevation zero. For a receiver on the ground.
+
+    Parameters
+    ----------
+    coefficients : (8,) alpha 0..3 [s, s/semicircle, ...], beta 0..3 [s, s/semicircle, ...]
+    lat, lon : (n,) geodetic, of the antenna [rad]
+    azimuth, elevation : (n,) of the satellite [rad]
+    week_s : (n,) BeiDou time, seconds of the week (or of the day) [s]
+    """
+    cos_at_layer = (
+        _BEIDOU_RADIUS_M / (_BEIDOU_RADIUS_M + _BEIDOU_LAYER_M) * np.cos(np.maximum(elevation, 0.0))
+    )
+    psi = 0.5 * math.pi - np.maximum(elevation, 0.0) - np.arcsin(cos_at_layer)
+    sin_phi = np.sin(lat) * np.cos(psi) + np.cos(lat) * np.sin(psi) * np.cos(azimuth)
+    phi = np.arcsin(np.clip(sin_phi, -1.0, 1.0))
+    # beyond a pole the arcsine would fold the longitude: the same point by the angle's two sides
+    lam = lon + np.arctan2(
+        np.sin(psi) * np.sin(azimuth) * np.cos(lat), np.cos(psi) - np.sin(lat) * np.sin(phi)
+    )
+    local_s = (week_s + lam * (S_PER_DAY / (2.0 * math.pi))) % S_PER_DAY
+    latitude_sc = np.abs(phi) / math.pi
+    a, b = coefficients[0:4], coefficients[4:8]
+    amplitude = np.maximum(a[0] + latitude_sc * (a[1] + latitude_sc * (a[2] + latitude_sc * a[3])), 0.0)
+    period = b[0] + latitude_sc * (b[1] + latitude_sc * (b[2] + latitude_sc * b[3]))
+    period = np.clip(period, _SHORTEST_PERIOD_S, _BEIDOU_LONGEST_PERIOD_S)
+    after_peak = local_s - _PEAK_LOCAL_TIME_S
+    day = np.abs(after_peak) < 0.25 * period
+    vertical = _NIGHT_DELAY_S + np.where(day, amplitude * np.cos(2.0 * math.pi * after_peak / period), 0.0)
+    return np.asarray(C_MPS * vertical / np.sqrt(1.0 - cos_at_layer**2))

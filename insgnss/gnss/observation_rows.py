@@ -6,30 +6,46 @@ Everything here is done for the whole log at once, before the filter's loop.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.gnss.ephemeris_choice import BroadcastMessages
+from insgnss.constants import C_MPS
+from insgnss.gnss.carrier_rows import ABSENT as ABSENT
+from insgnss.gnss.carrier_rows import carrier_rows, no_carriers
+from insgnss.gnss.clock_groups import group_of_rows
+from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.ionosphere_free import combine_pseudoranges
 from insgnss.gnss.noise_model import thermal_factor
-from insgnss.gnss.satellite_state import range_rates, satellite_states, states_given
-from insgnss.gnss.signals import L1_HZ, signal_of
+from insgnss.gnss.satellite_state import (
+    SatelliteStates,
+    glonass_channels,
+    range_rates,
+    satellite_states,
+    states_given,
+)
+from insgnss.gnss.signals import L1_HZ, SIGNALS, carrier_hz, signal_of
 from insgnss.jit import kernel
 from insgnss.status import (
     BAD_SIGMA,
     BAD_VALUE,
     CONSTELLATION_NOT_USED,
     DUPLICATE,
+    NO_CORRECTION,
     NO_EPHEMERIS,
     SIGNAL_NOT_USED,
     SWITCHED_OFF,
     USED,
 )
-from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64
+from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64, NavigationData
 
-PSEUDORANGE, RANGE_RATE = 0, 1
-ABSENT = -1  # the log has no value of this kind in the row: no entry in the ledger
+PSEUDORANGE, RANGE_RATE, CARRIER = 0, 1, 2
+N_KINDS: Final = 3
+_SYSTEMS: Final = "GRECJIS"
+_SLOTS_EACH: Final = 64
+N_SLOTS: Final = _SLOTS_EACH * len(_SYSTEMS)
 _CLOSEST_M, _FARTHEST_M = (
     1.0e5,
     1.0e9,
@@ -44,12 +60,16 @@ OBSERVATION_DTYPE: Final = np.dtype(
         np.dtype(
             [
                 ("value", np.float64, (2,)),  # pseudorange [m], range rate [m/s]
-                ("sigma", np.float64, (2,)),  # stated by the log, NaN elsewhere
-                ("cn0", np.float64),  # [dBHz], NaN where not logged
-                ("thermal", np.float64),  # thermal variance relative to 45 dBHz
+                ("sigma", np.float32, (2,)),  # stated by the log, NaN elsewhere
+                ("cn0", np.float32),  # [dBHz], NaN where not logged
+                ("thermal", np.float32),  # thermal variance relative to 45 dBHz
                 ("ionosphere_factor", np.float64),  # (f_L1 / f)^2
+                ("ionosphere_m", np.float32),  # delay on L1 at the antenna, NaN where the filter computes it
+                ("variance_scale", np.float32),  # of the pseudorange's variance
                 ("sv", np.int16),  # index into the log's satellite names
-                ("group", np.int8),  # clock: 0 reference constellation, 1.. the others
+                ("slot", np.int16),  # number of the satellite in any log, below N_SLOTS
+                ("group", np.int8),  # clock: 0 the reference, 1.. the others
+                ("channel", np.int8),  # GLONASS frequency channel, 0 for all others
                 ("status", np.int8, (2,)),  # per kind: USED when the filter may try it, ABSENT, or why not
                 ("no_satellite", np.int8),  # 1: no satellite state, nothing can be predicted
             ],
@@ -68,50 +88,77 @@ class Rows(NamedTuple):
     observation: npt.NDArray[Any]  # (n,) of OBSERVATION_DTYPE
     sat: Float64  # (n, 8) x y z vx vy vz ECEF at transmit time, clock [m], clock drift [m/s]
     klobuchar: Float64  # (8,)
+    # (n,) of CARRIER_DTYPE: carrier phase less that of the epoch before; (0,) without carrier
+    carrier: npt.NDArray[Any]
+    before: Float64  # (n, 8) as ``sat``, at the epoch before; (0, 8) without carrier
+    before_ns: Int64  # (m,) time tag of the epoch before each epoch; 0 for the first
 
 
 def prepare_rows(
     gnss: GnssTable,
-    ephemerides: EphemerisTable | BroadcastMessages | None,
+    navigation: EphemerisTable | NavigationData | BroadcastMessages | None,
     klobuchar: Float64 | None,
     *,
     clock_groups: tuple[str, ...],
-    signals: dict[str, tuple[str, ...]],
+    signals: Mapping[str, tuple[str, ...]],
+    every_band: bool = False,
     pseudorange: bool = True,
     range_rate: bool = True,
+    carrier: bool | None = None,
+    carrier_max_interval_s: float = 2.0,
+    ionosphere_free: bool = False,
     max_age_s: float | None = None,
+    states: SatelliteStates | None = None,
+    ionosphere_m: Float64 | None = None,
+    correction_m: Float64 | None = None,
+    variance_scale: Mapping[str, float] | None = None,
 ) -> Rows:
     """Return the rows of a log with satellite states and the status each starts with.
 
     Parameters
     ----------
     gnss : the log
-    ephemerides : None when the log carries satellite states
+    navigation : None when the log carries satellite states
     klobuchar : (8,) coefficients or None
-    clock_groups : constellations used, the reference of the receiver clock first
+    clock_groups : groups of ``gnss.clock_groups``, the reference of the receiver clock first
     signals : per constellation the codes that may be used, the preferred first
+    every_band : one signal of each band of a satellite is used, not the most preferred one alone
     pseudorange, range_rate : whether the kind is used at all
+    carrier : whether carrier differences are used; None: they are not looked at, and get no entry in the ledger
+    carrier_max_interval_s : epochs farther apart are not differenced
+    ionosphere_free : the pseudoranges of two bands of a satellite become their ionosphere-free combination
     max_age_s : oldest ephemeris to use; the constellation's own validity when None
+    states : of the satellites, where another source than the messages gives them
+    ionosphere_m : (n,) delays on L1 where they are computed beforehand, NaN elsewhere
+    correction_m : (n,) taken off the pseudoranges; a row with NaN is refused
+    variance_scale : per constellation, of its pseudoranges' variance
     """
-    sat, of_state = _states(gnss, ephemerides, max_age_s)
+    if isinstance(navigation, EphemerisTable | NavigationData):
+        navigation = broadcast_messages(navigation, max_age_s=max_age_s)
+    sat, of_state, message = _states(gnss, navigation, states)
     epoch_ns, first = np.unique(gnss.t_ns, return_index=True)
-    group = _groups(gnss, clock_groups)
-    choice = _signal_choice(gnss, signals)
-    usable = np.where(choice < 0, np.int8(SIGNAL_NOT_USED), of_state)
-    usable[group < 0] = CONSTELLATION_NOT_USED
-    refused_twice = _refused_twice(gnss, np.where(usable == USED, choice, -1))
-    again = (usable == USED) & (refused_twice > 0)
-    usable[again] = refused_twice[again]
+    first = np.append(first, len(gnss.t_ns)).astype(np.int64)
+    channels = glonass_channels(gnss, navigation)
+    carrier_of = _by_signal(gnss, lambda sv, code: carrier_hz(sv[0], code, channels.get(sv)))
+    group = group_of_rows(gnss, clock_groups, signals)
+    usable = _usable(gnss, group, of_state, signals, every_band)
     observation = np.zeros(len(gnss.t_ns), OBSERVATION_DTYPE)
     observation["sv"] = gnss.sv
+    observation["slot"] = np.array([_slot(name) for name in gnss.sv_names] or [0], np.int16)[gnss.sv]
     observation["group"] = np.maximum(group, 0)
+    observation["channel"] = _by_signal(gnss, lambda sv, _: channels.get(sv, 0) if sv[0] == "R" else 0)
+    observation["ionosphere_m"] = math.nan if ionosphere_m is None else ionosphere_m
+    scales = variance_scale or {}
+    observation["variance_scale"] = _by_signal(gnss, lambda sv, _: scales.get(sv[0], 1.0))
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
     observation["cn0"] = gnss.cn0_dbhz
     observation["thermal"] = thermal_factor(gnss.cn0_dbhz)
-    observation["ionosphere_factor"] = _ionosphere_factors(gnss)
+    factor = (L1_HZ / carrier_of) ** 2
+    observation["ionosphere_factor"] = np.where(np.isnan(factor), 1.0, factor)
+    rates = range_rates(gnss, channels)
     for kind, value, sigma, wanted in (
         (PSEUDORANGE, gnss.pseudorange_m, gnss.sigma_pseudorange_m, pseudorange),
-        (RANGE_RATE, range_rates(gnss), gnss.sigma_range_rate_mps, range_rate),
+        (RANGE_RATE, rates, gnss.sigma_range_rate_mps, range_rate),
     ):
         status = _kind_status(kind, value, usable, sigma, wanted)
         bad = gnss.bad_cells
@@ -119,43 +166,99 @@ def prepare_rows(
         observation["value"][:, kind] = value
         observation["sigma"][:, kind] = math.nan if sigma is None else sigma
         observation["status"][:, kind] = status
+    carriers, before = no_carriers()
+    if carrier is not None:
+        carriers, before = carrier_rows(
+            gnss, usable, sat, message, C_MPS / carrier_of, rates,
+            epoch_ns=epoch_ns, first=first, max_interval_s=carrier_max_interval_s, wanted=carrier,
+        )  # fmt: skip
+    if correction_m is not None:
+        take_off(observation, correction_m)
+    if ionosphere_free:
+        sat = combine_pseudoranges(observation, sat, carrier_of, first)
     return Rows(
         epoch_ns=epoch_ns,
-        first=np.append(first, len(gnss.t_ns)).astype(np.int64),
+        first=first,
         observation=observation,
         sat=sat,
         klobuchar=np.zeros(8) if klobuchar is None else np.asarray(klobuchar, dtype=np.float64),
+        carrier=carriers,
+        before=before,
+        before_ns=np.concatenate([[0], epoch_ns])[:-1].astype(np.int64),
     )
 
 
+def take_off(observation: npt.NDArray[Any], correction_m: Float64) -> None:
+    """Take corrections (n,) [m] off the pseudoranges; a usable one without a correction becomes NO_CORRECTION."""
+    known = np.isfinite(correction_m)
+    observation["value"][known, PSEUDORANGE] -= correction_m[known]
+    status = observation["status"][:, PSEUDORANGE]
+    observation["status"][:, PSEUDORANGE] = np.where((status == USED) & ~known, NO_CORRECTION, status)
+
+
+def last_epoch(rows: Rows) -> Rows:
+    """Return the rows of the last epoch alone, which know of the one before what the carrier's differences need."""
+    if len(rows.epoch_ns) <= 1:
+        return rows
+    first = int(rows.first[-2])
+    part = slice(first if len(rows.carrier) else 0, None)
+    return Rows(
+        epoch_ns=rows.epoch_ns[-1:].copy(),
+        first=rows.first[-2:] - first,
+        observation=rows.observation[first:].copy(),
+        sat=rows.sat[first:].copy(),
+        klobuchar=rows.klobuchar,
+        carrier=rows.carrier[part].copy(),
+        before=rows.before[part].copy(),
+        before_ns=rows.before_ns[-1:].copy(),
+    )
+
+
+def _slot(sv: str) -> int:
+    return _SYSTEMS.index(sv[0]) * _SLOTS_EACH + int(sv[1:]) % _SLOTS_EACH
+
+
+def _usable(
+    gnss: GnssTable, group: Int64, of_state: Int8, signals: Mapping[str, tuple[str, ...]], every_band: bool
+) -> Int8:
+    """Return for each row USED, or why neither of its measurements can be used."""
+    choice = _signal_choice(gnss, signals)
+    usable = np.where(choice < 0, np.int8(SIGNAL_NOT_USED), of_state)
+    usable[group < 0] = CONSTELLATION_NOT_USED
+    refused_twice = _refused_twice(gnss, np.where(usable == USED, choice, -1), every_band)
+    again = (usable == USED) & (refused_twice > 0)
+    usable[again] = refused_twice[again]
+    return usable
+
+
+def _by_signal(gnss: GnssTable, value: Callable[[str, str], float]) -> Float64:
+    """Return (n,) what a function of satellite and code says of each row."""
+    table = np.zeros((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)))
+    for i, sv in enumerate(gnss.sv_names):
+        for j, code in enumerate(gnss.signal_names):
+            table[i, j] = value(sv, code)
+    return np.asarray(table[gnss.sv, gnss.signal])
+
+
 def _states(
-    gnss: GnssTable, ephemerides: EphemerisTable | BroadcastMessages | None, max_age_s: float | None
-) -> tuple[Float64, Int8]:
-    """Return position, velocity, clock and its drift (n, 8), NaN where there is no satellite, and why there is none.
+    gnss: GnssTable, messages: BroadcastMessages | None, states: SatelliteStates | None
+) -> tuple[Float64, Int8, Int64 | None]:
+    """Return position, velocity, clock and its drift (n, 8), why there is none, and the messages behind them.
 
     States that stand in the log are not copied where all of them are good: an hour of a big log has 70 MB of them.
     """
     if gnss.sat is None:
-        states = satellite_states(gnss, ephemerides, max_age_s=max_age_s)
+        states = satellite_states(gnss, messages) if states is None else states
         sat = np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps])
-        return sat, states.status.astype(np.int8)
+        return sat, states.status.astype(np.int8), states.message
     given = states_given(gnss.sat)
     sat = np.require(gnss.sat, np.float64, ("C", "W"))
     if not given.all():
         sat = np.where(given[:, None], sat, math.nan)
-    return sat, np.where(given, np.int8(USED), np.int8(NO_EPHEMERIS))
+    return sat, np.where(given, np.int8(USED), np.int8(NO_EPHEMERIS)), None
 
 
-def _groups(gnss: GnssTable, clock_groups: tuple[str, ...]) -> Int64:
-    """Return the clock group of each row, -1 where its constellation is not used; QZSS keeps GPS's time."""
-    order = {letter: i for i, letter in enumerate(clock_groups)}
-    if "G" in order:
-        order.setdefault("J", order["G"])
-    by_name = np.array([order.get(name[0], -1) for name in gnss.sv_names] or [0], np.int64)
-    return np.asarray(by_name[gnss.sv])
-
-
-def _signal_choice(gnss: GnssTable, signals: dict[str, tuple[str, ...]]) -> Int64:
+def _signal_choice(gnss: GnssTable, signals: Mapping[str, tuple[str, ...]]) -> Int64:
     """Return each row's rank in its constellation's list of signals, -1 where the signal is not in it."""
     rank = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), -1, np.int64)
     for i, sv in enumerate(gnss.sv_names):
@@ -164,17 +267,6 @@ def _signal_choice(gnss: GnssTable, signals: dict[str, tuple[str, ...]]) -> Int6
             if code in wanted:
                 rank[i, j] = wanted.index(code)
     return np.asarray(rank[gnss.sv, gnss.signal])
-
-
-def _ionosphere_factors(gnss: GnssTable) -> Float64:
-    """Return (f_L1 / f)^2 of each row, 1 for unknown signals."""
-    factor = np.ones((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)))
-    for i, sv in enumerate(gnss.sv_names):
-        for j, code in enumerate(gnss.signal_names):
-            signal = signal_of(sv[0], code)
-            if signal is not None:
-                factor[i, j] = (L1_HZ / signal.carrier_hz) ** 2
-    return np.asarray(factor[gnss.sv, gnss.signal])
 
 
 def _kind_status(kind: int, value: Float64, usable: Int8, sigma: Float64 | None, wanted: bool) -> Int8:
@@ -194,33 +286,46 @@ def _kind_status(kind: int, value: Float64, usable: Int8, sigma: Float64 | None,
 
 
 @kernel
-def _mark_repeats(t_ns: Int64, sv: Int64, signal: Int64, choice: Int64, n_sv: int, refused: Int64) -> None:
-    """Write DUPLICATE for a satellite's repeated signal, SIGNAL_NOT_USED for its less preferred ones, per epoch."""
-    best = np.full(n_sv, -1, np.int64)  # row that stands for the satellite in this epoch
+def _mark_repeats(
+    t_ns: Int64, slot: Int64, signal: Int64, choice: Int64, n_slots: int, refused: Int64
+) -> None:
+    """Write DUPLICATE for a satellite's repeated signal, SIGNAL_NOT_USED for its less preferred ones, per epoch.
+
+    ``slot`` numbers what can be used once in an epoch: a satellite, or a band of a satellite.
+    """
+    best = np.full(n_slots, -1, np.int64)  # row that stands for the slot in this epoch
     start = 0
     for i in range(len(t_ns)):
         if i > 0 and t_ns[i] != t_ns[i - 1]:
             for k in range(start, i):
-                best[sv[k]] = -1
+                best[slot[k]] = -1
             start = i
         if choice[i] < 0:
             continue
-        other = best[sv[i]]
+        other = best[slot[i]]
         if other < 0:
-            best[sv[i]] = i
+            best[slot[i]] = i
         elif signal[i] == signal[other]:
             refused[i] = DUPLICATE
         elif choice[i] < choice[other]:
             refused[other] = SIGNAL_NOT_USED
-            best[sv[i]] = i
+            best[slot[i]] = i
         else:
             refused[i] = SIGNAL_NOT_USED
 
 
-def _refused_twice(gnss: GnssTable, choice: Int64) -> Int64:
+def _refused_twice(gnss: GnssTable, choice: Int64, every_band: bool) -> Int64:
     """Return, for rows of satellites that stand several times in an epoch, why all but one are refused; 0 elsewhere."""
     refused = np.zeros(len(gnss.t_ns), np.int64)
-    _mark_repeats(
-        gnss.t_ns, gnss.sv.astype(np.int64), gnss.signal.astype(np.int64), choice, len(gnss.sv_names), refused
-    )
+    slot, n_slots = gnss.sv.astype(np.int64), len(gnss.sv_names)
+    if every_band:
+        bands = sorted({signal.band for signal in SIGNALS})
+        number = _by_signal(gnss, lambda sv, code: _band_number(bands, sv, code)).astype(np.int64)
+        slot, n_slots = slot * len(bands) + number, n_slots * len(bands)
+    _mark_repeats(gnss.t_ns, slot, gnss.signal.astype(np.int64), choice, n_slots, refused)
     return refused
+
+
+def _band_number(bands: list[str], sv: str, code: str) -> int:
+    signal = signal_of(sv[0], code)
+    return 0 if signal is None else bands.index(signal.band)

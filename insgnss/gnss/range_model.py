@@ -1,26 +1,99 @@
-"""Every correction of a pseudorange, in one list: what is added to the geometric range, its sign, its size.
+"""Every correction of a pseudorange, in one list (``CORRECTIONS``), and the part of it that an epoch's air makes.
 
-| term                     | sign | size               | where |
-|--------------------------|------|--------------------|-------|
-| Earth's turn (Sagnac)    | in the geometric range    | up to 40 m | ``line_of_sight`` |
-| receiver clock           | +    | metres to 300 km   | filter state |
-| inter-system offset      | +    | up to 1 km         | filter state, further constellations only |
-| satellite clock          | -    | up to 300 km       | ``satellite_clock``, relativity and group delay in it |
-| ionosphere               | +    | 2 to 50 m          | ``ionosphere``, scaled by (f_L1 / f)^2 |
-| troposphere              | +    | 2.4 to 25 m        | ``troposphere`` |
+Equation: P = rho + b + o - c dt_s + I (f_L1 / f)^2 + T, rho between the antennas' phase centres with the Earth's turn,
+b the receiver's clock, o its inter-system offset, dt_s the satellite's clock with relativity and without group delay.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from insgnss.gnss.ionosphere import ionosphere_above, klobuchar_towards
-from insgnss.gnss.troposphere import mapped, mapping_coefficients, standard_atmosphere, zenith_delays
+from insgnss.gnss.troposphere import (
+    STANDARD_WEATHER,
+    mapped,
+    mapping_coefficients,
+    standard_atmosphere,
+    zenith_delays,
+)
 from insgnss.jit import kernel
 from insgnss.tables import Float64
+
+
+class Correction(NamedTuple):
+    """One term of a pseudorange: what it is, how it enters the prediction, and how large it is."""
+
+    name: str
+    adds: str  # "+": lengthens the predicted pseudorange where positive, "-": shortens it, "in rho"
+    symbol: str  # in the equation above
+    size_m: tuple[float, float]  # usual size between a good and a bad case, absolute value [m]
+    where: str  # module of the package that computes it
+    source: str
+
+
+CORRECTIONS: Final = (
+    Correction("light time", "in rho", "rho", (30.0, 80.0), "satellite_state", "IS-GPS-200N, 20.3.3.4.3"),
+    Correction("Earth's turn", "in rho", "rho", (0.0, 45.0), "line_of_sight", "IS-GPS-200N, 20.3.3.4.3.4"),
+    Correction(
+        "satellite antenna",
+        "in rho",
+        "rho",
+        (0.3, 3.0),
+        "phase_centre",
+        "ANTEX 1.4; broadcast orbits hold it",
+    ),
+    Correction("receiver clock", "+", "b", (1.0, 3e5), "fusion.state", "Kaplan and Hegarty (2017), 11.2"),
+    Correction(
+        "inter-system offset", "+", "o", (0.1, 1e3), "fusion.state", "RINEX 4.01, 5.4; receiver's own"
+    ),
+    Correction("satellite clock", "-", "c dt_s", (1.0, 3e5), "satellite_clock", "IS-GPS-200N, 20.3.3.3.3.1"),
+    Correction(
+        "relativity of the eccentricity",
+        "-",
+        "c dt_s",
+        (0.1, 15.0),
+        "satellite_clock",
+        "IS-GPS-200N, 20.3.3.3.3.1",
+    ),
+    Correction(
+        "group delay", "+", "c dt_s", (0.1, 8.0), "signals", "IS-GPS-200N, 20.3.3.3.3.2; other ICDs there"
+    ),
+    Correction(
+        "ionosphere", "+", "I", (1.5, 60.0), "ionosphere", "IS-GPS-200N, 20.3.3.5.2.5; ionosphere_rows"
+    ),
+    Correction(
+        "hydrostatic troposphere",
+        "+",
+        "T",
+        (2.0, 25.0),
+        "troposphere",
+        "Davis et al. 1985, Radio Sci. 20(6), A11",
+    ),
+    Correction("wet troposphere", "+", "T", (0.02, 4.0), "troposphere", "Saastamoinen 1972; Niell 1996"),
+    Correction(
+        "differential correction",
+        "+",
+        "P",
+        (0.1, 30.0),
+        "differential",
+        "RTCM 10402.3, message 1: base minus model",
+    ),
+)
+
+
+def correction_lines() -> list[str]:
+    """Return ``CORRECTIONS`` as the lines of a Markdown table."""
+    lines = ["| term | enters | symbol | size [m] | computed in | source |", "|---|---|---|---|---|---|"]
+    for term in CORRECTIONS:
+        least, most = term.size_m
+        lines.append(
+            f"| {term.name} | {term.adds} | {term.symbol} | {least:g} to {most:g} | {term.where} | {term.source} |"
+        )
+    return lines
+
 
 AIR_DTYPE: Final = np.dtype(
     (
@@ -33,6 +106,10 @@ AIR_DTYPE: Final = np.dtype(
             ("dry", np.float64),  # zenith delays of the troposphere [m]
             ("wet", np.float64),
             ("mapping", np.float64, (9,)),  # ``mapping_coefficients``
+            (
+                "wet_factor",
+                np.float64,
+            ),  # of the last row: d delay / d (zenith delay left over), by ``slant_delay``
         ],
     )
 )
@@ -40,19 +117,43 @@ Air: TypeAlias = Any  # one element of AIR_DTYPE: what all delays of an epoch sh
 
 
 @kernel
-def place_air(air: Air, lat: float, lon: float, h: float, week_s: float, troposphere_factor: float) -> None:
-    """Write what the delays of all satellites share at an antenna; ``troposphere_factor`` is one, or zero for none."""
+def place_air(
+    air: Air,
+    lat: float,
+    lon: float,
+    h: float,
+    week_s: float,
+    troposphere_factor: float,
+    pressure_0: float = STANDARD_WEATHER.pressure_hpa,
+    temperature_0: float = STANDARD_WEATHER.temperature_k,
+    humidity: float = STANDARD_WEATHER.humidity,
+) -> None:
+    """Write what the delays of all satellites share at an antenna.
+
+    Parameters
+    ----------
+    air : output
+    lat, lon, h : of the antenna [rad, rad, m]
+    week_s : GPS seconds of the week
+    troposphere_factor : one, or zero for no correction
+    pressure_0, temperature_0, humidity : ``troposphere.Weather`` at sea level [hPa, K, 0 to 1]
+    """
     air.lat, air.lon, air.week_s = lat, lon, week_s
     air.above = ionosphere_above(h)
-    pressure, temperature, vapour = standard_atmosphere(h)
+    pressure, temperature, vapour = standard_atmosphere(h, pressure_0, temperature_0, humidity)
     dry, wet = zenith_delays(lat, h, pressure, temperature, vapour)
     air.dry, air.wet = troposphere_factor * dry, troposphere_factor * wet
+    air.wet_factor = 0.0
     mapping_coefficients(lat, h, air.mapping)
 
 
 @kernel
-def slant_delay(air: Air, klobuchar: Float64, u_n: Float64, ionosphere_factor: float) -> float:
-    """Return the delay of a pseudorange by the atmosphere [m].
+def slant_delay(
+    air: Air, klobuchar: Float64, u_n: Float64, ionosphere_factor: float, ionosphere_m: float = math.nan
+) -> float:
+    """Return the delay of a pseudorange by the atmosphere [m]; the wet mapping factor stays in ``air.wet_factor``.
+
+    The factor is the row's derivative by a residual zenith delay; it is zero where there is no troposphere.
 
     Parameters
     ----------
@@ -60,19 +161,26 @@ def slant_delay(air: Air, klobuchar: Float64, u_n: Float64, ionosphere_factor: f
     klobuchar : (8,) alpha 0..3, beta 0..3
     u_n : (3,) unit line of sight, north-east-down
     ionosphere_factor : (f_L1 / f)^2 of the signal, zero for no ionosphere
+    ionosphere_m : the delay on L1 at this antenna where another model gave it (``ionosphere_rows``), NaN for
+        Klobuchar's model with ``klobuchar``
     """
     delay = 0.0
     if ionosphere_factor > 0.0:
-        sine = min(max(-u_n[2], -1.0), 1.0)
-        level = math.sqrt(max(1.0 - sine * sine, 1e-24))
-        elevation = math.asin(sine)
-        on_ground = klobuchar_towards(
-            klobuchar, air.lat, air.lon, u_n[0] / level, u_n[1] / level, elevation, air.week_s
-        )
-        delay += ionosphere_factor * air.above * on_ground
+        if math.isnan(ionosphere_m):
+            sine = min(max(-u_n[2], -1.0), 1.0)
+            level = math.sqrt(max(1.0 - sine * sine, 1e-24))
+            elevation = math.asin(sine)
+            on_ground = klobuchar_towards(
+                klobuchar, air.lat, air.lon, u_n[0] / level, u_n[1] / level, elevation, air.week_s
+            )
+            delay += ionosphere_factor * air.above * on_ground
+        else:
+            delay += ionosphere_factor * ionosphere_m
+    air.wet_factor = 0.0
     if air.dry > 0.0:
         dry_factor, wet_factor = mapped(air.mapping, -u_n[2])
         delay += air.dry * dry_factor + air.wet * wet_factor
+        air.wet_factor = wet_factor
     return delay
 
 

@@ -35,7 +35,7 @@ _GATE: Final = 4.0  # sigmas of the residual's own deviation: 6e-5 of true rows 
 
 
 @kernel
-def _spread(P: Float64, u: Float64, j: int) -> float:
+def spread(P: Float64, u: Float64, j: int) -> float:
     """Return h P h^T for the row h = (-u, 1 in column ``j``)."""
     value: float = P[j, j]
     for a in range(3):
@@ -105,13 +105,13 @@ def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, 
                 continue
             misfit = abs(residual(rows, k, x, work))
             variance = rows.sigma[k] * rows.sigma[k]
-            spread = _spread(P, work.u, 3 + rows.group[k])
-            if use[k] and variance - spread > 1e-6 * variance:
-                normal = misfit / math.sqrt(variance - spread)
+            own = spread(P, work.u, 3 + rows.group[k])
+            if use[k] and variance - own > 1e-6 * variance:
+                normal = misfit / math.sqrt(variance - own)
                 if normal > worst:
                     worst, worst_k = normal, k
             elif not use[k]:
-                normal = misfit / math.sqrt(variance + spread)
+                normal = misfit / math.sqrt(variance + own)
                 if normal < closest:
                     closest, closest_k = normal, k
         if worst_k >= 0:

@@ -9,6 +9,7 @@ Positions are in the Earth-fixed frame of the transmission; ``line_of_sight`` tu
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -23,12 +24,13 @@ from insgnss.gnss.ephemeris_choice import (
     choose_message,
 )
 from insgnss.gnss.ephemeris_rows import M0, E, N
+from insgnss.gnss.glonass_orbit import StateVectorArcs, arc_state
 from insgnss.gnss.satellite_clock import group_delay, satellite_clock
-from insgnss.gnss.signals import signal_of, wavelength_m
-from insgnss.jit import kernel
+from insgnss.gnss.signals import inter_signal_index, signal_of, wavelength_m
+from insgnss.jit import inlined, kernel
 from insgnss.median import median_of
-from insgnss.status import NO_EPHEMERIS, UNKNOWN_SIGNAL, USED
-from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64
+from insgnss.status import NO_CHANNEL, NO_EPHEMERIS, UNKNOWN_SIGNAL, USED
+from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64, NavigationData
 
 UInt8 = npt.NDArray[np.uint8]
 Bool = npt.NDArray[np.bool_]
@@ -50,8 +52,8 @@ class SatelliteStates(NamedTuple):
     )
     drift_mps: Float64  # (n,) its rate: to be added to a range rate
     age_s: Float64  # (n,) time of transmission minus toe; negative when the message lies ahead
-    status: UInt8  # (n,) USED (0), NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL
-    message: Int64  # (n,) row of the ephemeris table, -1 without
+    status: UInt8  # (n,) USED (0), NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, NO_CHANNEL
+    message: Int64  # (n,) row of the ephemeris table, then of the states' (counted on), -1 without
 
     @property
     def position(self) -> Float64:
@@ -71,7 +73,7 @@ class SatelliteStates(NamedTuple):
 
 def satellite_states(
     gnss: GnssTable,
-    nav: EphemerisTable | BroadcastMessages | None,
+    nav: EphemerisTable | NavigationData | BroadcastMessages | None,
     *,
     max_age_s: float | None = None,
     galileo_message: str = "INAV",
@@ -80,7 +82,8 @@ def satellite_states(
 
     The message is chosen by the rule of ``ephemeris_choice``: nearest toe among the healthy ones within their
     validity. States that stand in the log itself are passed through, clock included, without group delay. A row
-    whose signal is unknown keeps its orbit and a clock without group delay, and the status UNKNOWN_SIGNAL.
+    whose signal is unknown keeps its orbit and a clock without group delay, and the status UNKNOWN_SIGNAL; a GLONASS
+    row whose channel neither the messages nor the log tell keeps both, and the status NO_CHANNEL.
 
     Parameters
     ----------
@@ -97,23 +100,35 @@ def satellite_states(
         nav = broadcast_messages(nav, max_age_s=max_age_s, galileo_message=galileo_message)
     number = {name: i for i, name in enumerate(nav.satellites)}
     of_sv = np.array([number.get(name, -1) for name in gnss.sv_names], dtype=np.int64)
-    known, factors = _signal_factors(gnss)
+    signals = _signal_facts(gnss, nav)
     states = _no_states(len(gnss.t_ns))
     tau = np.empty(len(gnss.t_ns))
     # one kind of array, writable, so that the kernels are compiled once whatever reader made the table
     t_ns = np.require(gnss.t_ns, np.int64, ("C", "W"))
     sv, signal = np.require(gnss.sv, np.int16, ("C", "W")), np.require(gnss.signal, np.int16, ("C", "W"))
     flight_times(t_ns, np.require(gnss.pseudorange_m, np.float64, ("C", "W")), tau)
-    _broadcast_states(t_ns, sv, signal, tau, of_sv, known, factors, nav.index, states)
+    _broadcast_states(t_ns, sv, signal, tau, of_sv, signals, nav.index, states)
     return states
 
 
-def range_rates(gnss: GnssTable) -> Float64:
-    """Return the range rate of every row [m/s]: as logged, else -wavelength * Doppler, NaN where neither is known."""
+def glonass_channels(gnss: GnssTable, nav: BroadcastMessages | None = None) -> dict[str, int]:
+    """Return the channel of each GLONASS satellite ("R07"), from the messages, else from the log's own header."""
+    return gnss.glonass_channels | ({} if nav is None else nav.channels)
+
+
+def range_rates(gnss: GnssTable, channels: Mapping[str, int] | None = None) -> Float64:
+    """Return the range rate of every row [m/s]: as logged, else -wavelength * Doppler, NaN where neither is known.
+
+    Parameters
+    ----------
+    gnss : the log
+    channels : GLONASS channels (``glonass_channels``); those of the log when None
+    """
+    channels = gnss.glonass_channels if channels is None else channels
     wavelength = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), math.nan)
     for i, name in enumerate(gnss.sv_names):
         for j, code in enumerate(gnss.signal_names):
-            wavelength[i, j] = wavelength_m(name[0], code)
+            wavelength[i, j] = wavelength_m(name[0], code, channels.get(name))
     from_doppler = -wavelength[gnss.sv, gnss.signal] * gnss.doppler_hz
     return np.where(np.isnan(gnss.range_rate_mps), from_doppler, gnss.range_rate_mps)
 
@@ -154,18 +169,35 @@ def states_given(sat: Float64) -> Bool:
     return np.isfinite(sat[:, 6]) & (square > _NEAREST_SATELLITE_M**2) & np.isfinite(square)
 
 
-def _signal_factors(gnss: GnssTable) -> tuple[Bool, Float64]:
-    """Return whether each signal of each satellite is known, and its group delay factors (sv, signal, F/NAV, 2)."""
-    known = np.zeros((len(gnss.sv_names), len(gnss.signal_names)), dtype=bool)
-    factors = np.zeros((*known.shape, 2, 2))
+class _SignalFacts(NamedTuple):
+    """What the log's signals mean for each of its satellites, (sv, signal)."""
+
+    status: UInt8  # USED, UNKNOWN_SIGNAL or NO_CHANNEL
+    factors: Float64  # (sv, signal, 2, 2) of the group delays, for I/NAV and for F/NAV clocks
+    ahead_m: Float64  # added to the clock: the inter-signal correction of CNAV
+
+
+def _signal_facts(gnss: GnssTable, nav: BroadcastMessages) -> _SignalFacts:
+    """Return the facts of each signal of each satellite in the log."""
+    shape = (len(gnss.sv_names), len(gnss.signal_names))
+    facts = _SignalFacts(np.full(shape, UNKNOWN_SIGNAL, np.uint8), np.zeros((*shape, 2, 2)), np.zeros(shape))
+    channels = glonass_channels(gnss, nav)
     for i, name in enumerate(gnss.sv_names):
+        corrections = nav.inter_signal_s.get(name)
         for j, code in enumerate(gnss.signal_names):
             signal = signal_of(name[0], code)
-            if signal is not None:
-                known[i, j] = True
-                factors[i, j, 0] = signal.group_delay
-                factors[i, j, 1] = signal.group_delay_fnav or signal.group_delay
-    return known, factors
+            if signal is None:
+                continue
+            no_carrier = math.isnan(wavelength_m(name[0], code, channels.get(name)))
+            facts.status[i, j] = NO_CHANNEL if no_carrier else USED
+            facts.factors[i, j, 0] = signal.group_delay
+            facts.factors[i, j, 1] = signal.group_delay_fnav or signal.group_delay
+            place = inter_signal_index(name[0], code)
+            if corrections is not None and place >= 0 and math.isfinite(corrections[place]):
+                # dt - TGD + ISC, on every frequency    [IS-GPS-200N, 30.3.3.3.1.1; IS-GPS-705J, 20.3.3.3.1.2]
+                facts.factors[i, j] = (1.0, 0.0)
+                facts.ahead_m[i, j] = C_MPS * corrections[place]
+    return facts
 
 
 @kernel
@@ -217,6 +249,20 @@ def _broadcast_state(
     return t, clock, drift
 
 
+@inlined
+def _integrated_state(
+    arcs: StateVectorArcs, m: int, t_tag: float, tau: float, out: Float64, i: int
+) -> tuple[float, float, float]:
+    """Write the state at transmission into ``out[i]``; return time since the message's, clock [m] and drift [m/s].
+
+    Equation: dt = -tau_n + gamma_n (t - t_b)    [GLONASS ICD 5.1, 3.3.3], relativity of the orbit included in both.
+    """
+    t = t_tag - tau
+    t -= arcs.clock[m, 0] + arcs.clock[m, 1] * t
+    arc_state(arcs, m, t, out, i)
+    return t, C_MPS * (arcs.clock[m, 0] + arcs.clock[m, 1] * t), C_MPS * arcs.clock[m, 1]
+
+
 @kernel
 def _broadcast_states(
     t_ns: Int64,
@@ -224,8 +270,7 @@ def _broadcast_states(
     signal: Int16,
     tau: Float64,
     of_sv: Int64,
-    known: Bool,
-    factors: Float64,
+    signals: _SignalFacts,
     index: MessageIndex,
     states: SatelliteStates,
 ) -> None:
@@ -235,13 +280,21 @@ def _broadcast_states(
         s, code = sv[i], signal[i]
         t_transmit_ns = t_ns[i] - np.int64(tau[i] * NS_PER_S)
         k, reason = choose_message(t_transmit_ns, of_sv[s], index, place)
-        states.status[i] = reason if known[s, code] else UNKNOWN_SIGNAL
+        of_signal = signals.status[s, code]
+        # a missing channel is worth telling only where nothing else is missing
+        states.status[i] = of_signal if of_signal == UNKNOWN_SIGNAL or reason == USED else reason
         if k < 0:
             continue
         t_tag = (t_ns[i] - index.toe_ns[k]) / NS_PER_S
-        t, clock, drift = _broadcast_state(index.rows, k, t_tag, tau[i], states.sat, i)
-        factor = factors[s, code, index.is_fnav[k]]
-        states.clock_m[i] = clock - group_delay(index.rows, k, factor[0], factor[1])
+        factor = signals.factors[s, code, index.is_fnav[k]]
+        if k < len(index.rows):
+            t, clock, drift = _broadcast_state(index.rows, k, t_tag, tau[i], states.sat, i)
+            delay = group_delay(index.rows, k, factor[0], factor[1])
+        else:
+            m = k - len(index.rows)
+            t, clock, drift = _integrated_state(index.arcs, m, t_tag, tau[i], states.sat, i)
+            delay = C_MPS * factor[0] * index.arcs.clock[m, 2]
+        states.clock_m[i] = clock - delay + signals.ahead_m[s, code]
         states.drift_mps[i] = drift
         states.age_s[i] = t
         states.message[i] = k

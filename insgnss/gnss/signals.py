@@ -3,13 +3,16 @@
 A broadcast clock holds for one combination of signals (GPS: the ionosphere-free L1/L2 P(Y); Galileo I/NAV:
 E1/E5b, F/NAV: E1/E5a; BeiDou: B3I alone). For another signal the delay ``k . d`` is subtracted, d the two
 delays of the message (``EphemerisTable.group_delay_s``), k the factors kept here. Where a message lacks the
-delay of a signal, the nearest one is used and ``neglects`` says what is left out.
+delay of a signal, the nearest one is used and ``neglects`` says what is left out. GPS and QZSS send the differences of
+their signals in CNAV: where the navigation data have them, ``inter_signal_index`` says which is added.
+GLONASS satellites share two bands, each on a channel of its own: carrier and all that follows from it need the channel.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from insgnss.constants import C_MPS
 
@@ -22,6 +25,11 @@ E6_HZ: Final = 1_278.75e6  # Galileo E6, QZSS L6; Galileo OS SIS ICD 2.1, table 
 B1I_HZ: Final = 1_561.098e6  # BDS-SIS-ICD B1I 3.0, 4.2.1
 B3I_HZ: Final = 1_268.52e6  # BDS-SIS-ICD B3I 1.0, 4.2.1
 S_HZ: Final = 2_492.028e6  # NavIC S; NavIC SPS ICD 1.1, table 3
+G1_HZ: Final = 1_602.0e6  # GLONASS channel 0 and the spacing of channels; GLONASS ICD 5.1, 3.3.1.1
+G1_STEP_HZ: Final = 0.5625e6
+G2_HZ: Final = 1_246.0e6
+G2_STEP_HZ: Final = 0.4375e6
+CHANNELS: Final = range(-7, 14)  # in use since 2005: -7 to 6; 7 to 13 before; GLONASS ICD 5.1, table 3.1
 
 _GAMMA_L2: Final = (L1_HZ / L2_HZ) ** 2
 _GAMMA_E5A: Final = (L1_HZ / L5_HZ) ** 2
@@ -37,10 +45,21 @@ _BDS = "BDS-SIS-ICD B1I 3.0, 5.2.4.10: dt(B1I) = dt - TGD1, dt(B2I) = dt - TGD2,
 _BDS_CNAV = "BDS-SIS-ICD B1C 1.0, 7.6, and B2a 1.0, 7.6: delays against B3I, broadcast in CNAV only"
 _QZS = "IS-QZSS-PNT-005, 5.8: as GPS, reference L1 C/A with TGD"
 _NAVIC = "NavIC SPS ICD 1.1, 6.2.1.5: (dt)S = dt - TGD, (dt)L5 = dt - (fS/fL5)^2 TGD"
+_GLO = "GLONASS ICD 5.1, 4.4: the clock holds for L1, dt(L2) = dt - dtau_n"
 _SBAS = "RTCA DO-229, A.4.4.11: the message's clock holds for L1"
 
-_NO_ISC = "the inter-signal correction (CNAV only), about 1 m"
-_NO_ISC_L5 = "the inter-signal correction (CNAV only), up to 3 m"
+# Entry of ``NavigationData.inter_signal_s`` for each code: L1 C/A, L2C, L5I, L5Q, L1C data, L1C pilot. L1 P(Y) and
+# L2 P(Y) have none: TGD is defined by them. A receiver that tracks data and pilot together (X) gets the pilot's.
+INTER_SIGNAL: Final = {
+    **{"C1C": 0, "C2L": 1, "C2X": 1, "C2S": 1, "C5I": 2, "C5Q": 3, "C5X": 3},
+    **{"C1S": 4, "C1L": 5, "C1X": 5},
+}
+
+_NO_ISC = "the inter-signal correction, about 1 m, where no CNAV message gives it"
+_NO_ISC_L5 = "the inter-signal correction, up to 3 m, where no CNAV message gives it"
+_NO_G1 = (
+    "the receiver's delays, different on each channel, up to 5 m, and the reference of the clock, about 1 m"
+)
 
 
 @dataclass(frozen=True)
@@ -51,12 +70,13 @@ class Signal:
     name: str  # the ICD's name
     band: str  # "L1", "L2", "L5", "E5b", "E5", "E6", "B1", "B3", "S"
     codes: tuple[str, ...]  # RINEX 3 pseudorange codes, the preferred one first
-    carrier_hz: float
+    carrier_hz: float  # GLONASS: of channel 0
     group_delay: tuple[float, float]  # factors of the message's two group delays
     source: str  # section of the ICD in words
     group_delay_fnav: tuple[float, float] | None = None  # instead, when the clock is Galileo's F/NAV
     neglects: str = ""  # what the group delay leaves out
-    default_used: bool = False  # the one L1-band signal of the satellite used unless told otherwise
+    default_used: bool = False  # the one signal of the satellite used unless told otherwise
+    channel_step_hz: float = 0.0  # between GLONASS channels
 
 
 @dataclass(frozen=True)
@@ -115,6 +135,7 @@ def _beidou() -> tuple[Signal, ...]:
 
 def _regional() -> tuple[Signal, ...]:
     l6 = ("C6L", "C6X", "C6S", "C6E", "C6Z")
+    l5_navic = ("C5A", "C5X", "C5B", "C5C")
     no_l5 = "the difference of L1 and L5, up to 3 m"
     return (
         Signal("J", "L1 C/A", "L1", ("C1C", "C1E"), L1_HZ, (1, 0), _QZS, default_used=True),
@@ -124,21 +145,47 @@ def _regional() -> tuple[Signal, ...]:
         Signal("J", "L5", "L5", ("C5Q", "C5X", "C5I"), L5_HZ, (1, 0), _QZS, neglects=_NO_ISC_L5),
         Signal("J", "L5S", "L5", ("C5P", "C5Z", "C5D"), L5_HZ, (1, 0), _QZS, neglects=_NO_ISC_L5),
         Signal("J", "L6", "E6", l6, E6_HZ, (1, 0), _QZS, neglects=_NO_ISC_L5),
-        Signal("I", "L5 SPS", "L5", ("C5A", "C5X", "C5B", "C5C"), L5_HZ, (_GAMMA_NAVIC_L5, 0), _NAVIC),
+        Signal("I", "L5 SPS", "L5", l5_navic, L5_HZ, (_GAMMA_NAVIC_L5, 0), _NAVIC, default_used=True),
         Signal("I", "S SPS", "S", ("C9A", "C9X", "C9B", "C9C"), S_HZ, (1, 0), _NAVIC),
         Signal("S", "L1 C/A", "L1", ("C1C",), L1_HZ, (0, 0), _SBAS),
         Signal("S", "L5", "L5", ("C5I", "C5X", "C5Q"), L5_HZ, (0, 0), _SBAS, neglects=no_l5),
     )
 
 
-SIGNALS: Final[tuple[Signal, ...]] = _gps() + _galileo() + _beidou() + _regional()
+def _glonass() -> tuple[Signal, ...]:
+    g1, g2 = (G1_HZ, G1_STEP_HZ), (G2_HZ, G2_STEP_HZ)
 
-_FDMA = "FDMA: carrier needs the channel"
-_GLONASS_CDMA = "GLONASS orbits are numerical: no Keplerian ephemeris"
+    def signal(name: str, band: str, code: str, carrier: tuple[float, float], **options: Any) -> Signal:
+        # the one group delay of the message is that of L2 against L1
+        delay = (1.0 if band == "L2" else 0.0, 0.0)
+        step = carrier[1]
+        return Signal(
+            "R",
+            name,
+            band,
+            (code,),
+            carrier[0],
+            delay,
+            _GLO,
+            neglects=_NO_G1,
+            channel_step_hz=step,
+            **options,
+        )
+
+    return (
+        signal("G1 C/A", "L1", "C1C", g1, default_used=True),
+        signal("G1 P", "L1", "C1P", g1),
+        signal("G2 C/A", "L2", "C2C", g2),
+        signal("G2 P", "L2", "C2P", g2),
+    )
+
+
+SIGNALS: Final[tuple[Signal, ...]] = _gps() + _glonass() + _galileo() + _beidou() + _regional()
+
+_GLONASS_CDMA = "CDMA signal of GLONASS-K: its clock and group delays are in the CDMA messages only"
 _REGULATED = "regulated service: no public group delay"
 
 UNSUPPORTED: Final[tuple[UnsupportedSignal, ...]] = (
-    UnsupportedSignal("R", ("C1C", "C1P", "C2C", "C2P"), _FDMA),
     UnsupportedSignal("R", ("C3I", "C3Q", "C3X", "C4A", "C4B", "C4X", "C6A", "C6B", "C6X"), _GLONASS_CDMA),
     UnsupportedSignal("G", ("C1M", "C2M"), _REGULATED),
     UnsupportedSignal("E", ("C1A", "C1Z", "C6A", "C6Z"), _REGULATED),
@@ -163,16 +210,37 @@ def reason_unsupported(system: str, code: str) -> str:
     return _REASONS.get((system, code), f"no signal {code} of system {system} in RINEX 3")
 
 
-def wavelength_m(system: str, code: str) -> float:
-    """Return the carrier's wavelength [m], NaN when the signal is unknown or unsupported."""
+def carrier_hz(system: str, code: str, channel: int | None = None) -> float:
+    """Return the carrier [Hz], NaN when the signal is unknown or unsupported.
+
+    Parameters
+    ----------
+    system, code : RINEX letter and code
+    channel : the satellite's GLONASS channel, without which its carrier is NaN; of no account to the other systems
+    """
     signal = signal_of(system, code)
-    return float("nan") if signal is None else C_MPS / signal.carrier_hz
+    if signal is None:
+        return math.nan
+    if signal.channel_step_hz == 0.0:
+        return signal.carrier_hz
+    if channel is None or channel not in CHANNELS:
+        return math.nan
+    return signal.carrier_hz + channel * signal.channel_step_hz
 
 
-def ionosphere_factor(system: str, code: str) -> float:
-    """Return (f_L1 / f)^2, the ionosphere's delay on this signal over that on L1; NaN when unknown."""
-    signal = signal_of(system, code)
-    return float("nan") if signal is None else (L1_HZ / signal.carrier_hz) ** 2
+def wavelength_m(system: str, code: str, channel: int | None = None) -> float:
+    """Return the carrier's wavelength [m], NaN where ``carrier_hz`` is."""
+    return C_MPS / carrier_hz(system, code, channel)
+
+
+def ionosphere_factor(system: str, code: str, channel: int | None = None) -> float:
+    """Return (f_L1 / f)^2, the ionosphere's delay on this signal over that on L1 (GPS's); NaN where no carrier is."""
+    return float((L1_HZ / carrier_hz(system, code, channel)) ** 2)
+
+
+def inter_signal_index(system: str, code: str) -> int:
+    """Return which entry of ``NavigationData.inter_signal_s`` belongs to a signal, -1 for none."""
+    return INTER_SIGNAL[code] if system in "GJ" and code in INTER_SIGNAL else -1
 
 
 def default_rank(system: str, code: str) -> int:

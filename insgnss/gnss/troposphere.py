@@ -1,15 +1,21 @@
 """The troposphere: Saastamoinen's zenith delays in the standard atmosphere, Niell's mapping to the elevation.
 
-The zenith delay is good to about 5 cm (the weather of the day is unknown), the mapping to 1 cm above 5 deg.
+The zenith delay is good to about 5 cm (the weather of the day is unknown), the mapping to 1 cm above 5 deg. A measured
+pressure makes the hydrostatic part good to 2 mm for each hPa of its error; the wet part stays within 3 to 5 cm, because
+the humidity at the ground says little of that above.
+
+Weather is kept as three numbers at sea level (pressure, temperature, relative humidity), to which
+``weather_at_sea_level`` brings a measurement made at any height; the standard atmosphere is the default of all three.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.errors import ConfigError
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
@@ -26,6 +32,9 @@ _SCALE_HEIGHT_M: Final = (
 _HUMIDITY: Final = (
     0.7  # relative, at sea level: 0.12 m of wet delay at the zenith, near the mean over the Earth
 )
+
+# What weather at sea level can be: records of pressure 870 and 1085 hPa, of temperature -90 and +57 degC, with a margin
+_POSSIBLE_WEATHER: Final = ((850.0, 1100.0), (180.0, 335.0), (0.0, 1.0))
 
 _LOWEST_H_M: Final = -1000.0  # no antenna is lower; a wrong height must not make a wild delay
 _HIGHEST_GRAVITY_H_M: Final = 100_000.0  # above, nothing is left to weigh
@@ -53,19 +62,79 @@ _HEIGHT: Final = (2.53e-5, 5.49e-3, 1.14e-3)
 _HEIGHT_AT_ZENITH: Final = 1.0 + _HEIGHT[0] / (1.0 + _HEIGHT[1] / (1.0 + _HEIGHT[2]))
 
 
+class Weather(NamedTuple):
+    """The state of the air, brought to sea level."""
+
+    pressure_hpa: float = _P0_HPA
+    temperature_k: float = _T0_K
+    humidity: float = _HUMIDITY  # relative, 0 to 1, taken as the same at all heights
+
+
+STANDARD_WEATHER: Final = Weather()
+
+
+def weather_at_sea_level(
+    pressure_hpa: float | None = None,
+    temperature_k: float | None = None,
+    humidity: float | None = None,
+    h: float = 0.0,
+) -> Weather:
+    """Return the weather at sea level that gives the measured values at height ``h``; None is as in the standard.
+
+    Equation: T0 = T + L h, p0 = p (T0 / T)^5.256, the inverse of ``standard_atmosphere``.
+
+    Parameters
+    ----------
+    pressure_hpa : air pressure at the station, not reduced to sea level [hPa]
+    temperature_k : [K]
+    humidity : relative, 0 to 1
+    h : height of the instruments above the ellipsoid, below the tropopause [m]
+
+    Raises
+    ------
+    ConfigError : a value that no weather on Earth has
+    """
+    low = min(max(h, _LOWEST_H_M), _TROPOPAUSE_M)
+    cooling = _LAPSE_K_PER_M * low
+    temperature = _T0_K - cooling if temperature_k is None else temperature_k
+    sea_level_k = temperature + cooling
+    reduced = _P0_HPA
+    if pressure_hpa is not None:
+        # a temperature that is none is refused below
+        reduced = pressure_hpa * (sea_level_k / max(temperature, 1.0)) ** _PRESSURE_EXPONENT
+    weather = Weather(reduced, sea_level_k, _HUMIDITY if humidity is None else humidity)
+    for key, value, (least, most) in zip(Weather._fields, weather, _POSSIBLE_WEATHER, strict=True):
+        if not least <= value <= most:
+            raise ConfigError(
+                f"{value:g} at sea level is no weather",
+                key=key,
+                advice=f"give the values measured at the stated height; at sea level {least:g} to {most:g}",
+            )
+    return weather
+
+
 @kernel
-def standard_atmosphere(h: float) -> tuple[float, float, float]:
+def standard_atmosphere(
+    h: float, pressure_0: float = _P0_HPA, temperature_0: float = _T0_K, humidity: float = _HUMIDITY
+) -> tuple[float, float, float]:
     """Return pressure [hPa], temperature [K] and water vapour pressure [hPa] at height ``h`` [m].
 
     Equation: p = p0 (1 - L h / T0)^5.256, T = T0 - L h up to 11 km; above, T stays and both pressures fall as
-    exp(-(h - 11 km) / 6.34 km), to nothing. e = 0.7 * 6.108 exp((17.15 T - 4684) / (T - 38.45)).
+    exp(-(h - 11 km) / H), H = 6.34 km T(11 km) / 216.65 K, to nothing.
+    e = humidity * 6.108 exp((17.15 T - 4684) / (T - 38.45)).
+
+    Parameters
+    ----------
+    h : height [m]
+    pressure_0, temperature_0, humidity : ``Weather`` at sea level; the standard atmosphere when not given
     """
     low = min(max(h, _LOWEST_H_M), _TROPOPAUSE_M)
-    temperature = _T0_K - _LAPSE_K_PER_M * low
-    thinning = math.exp(-max(h - _TROPOPAUSE_M, 0.0) / _SCALE_HEIGHT_M)
-    pressure = _P0_HPA * math.pow(temperature / _T0_K, _PRESSURE_EXPONENT) * thinning
+    temperature = temperature_0 - _LAPSE_K_PER_M * low
+    scale = _SCALE_HEIGHT_M * ((temperature_0 - _LAPSE_K_PER_M * _TROPOPAUSE_M) / _T_TROPOPAUSE_K)
+    thinning = math.exp(-max(h - _TROPOPAUSE_M, 0.0) / scale)
+    pressure = pressure_0 * math.pow(temperature / temperature_0, _PRESSURE_EXPONENT) * thinning
     saturation = 6.108 * math.exp((17.15 * temperature - 4684.0) / (temperature - 38.45))
-    return pressure, temperature, _HUMIDITY * saturation * thinning
+    return pressure, temperature, humidity * saturation * thinning
 
 
 @kernel

@@ -36,7 +36,7 @@ class Wanted:
     A row whose ``numeric`` or ``exact`` cell is not a finite number is refused. An ``optional`` column may be absent,
     its cells may be empty (NaN); a cell that is neither empty nor a finite number is NaN and listed in ``bad_cells``.
     ``exact`` columns are returned as integers in units of 10^-digits. ``text`` columns must exist, ``optional_text``
-    ones may.
+    ones may. The numbers of columns named ``together`` lie side by side in memory where the file has all of them.
     """
 
     numeric: Sequence[str] = ()
@@ -44,6 +44,7 @@ class Wanted:
     text: Sequence[str] = ()
     optional_text: Sequence[str] = ()
     exact: Mapping[str, int] = field(default_factory=dict)
+    together: Sequence[str] = ()
 
     @property
     def required(self) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
 """One reader for every numeric CSV file: fast where the file is clean, exact about each bad cell where it is not.
 
-The fast path hands the file to Arrow's multi-threaded reader. Whenever that one objects, or a required cell is not a
-finite number, the file is read again line by line (``csv_exact``), so that each bad row is reported with its file line,
-column and text and none is dropped silently.
+The fast path hands the file to Arrow's reader, piece by piece (``csv_fast``). Whenever that one objects, or a required
+cell is not a finite number, the file is read again line by line (``csv_exact``), so that each bad row is reported with
+its file line, column and text and none is dropped silently.
 """
 
 from __future__ import annotations
@@ -15,18 +15,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv
 
 from insgnss.errors import InputError
-from insgnss.log.csv_columns import EMPTY_CELLS, Wanted, column_places
+from insgnss.log.csv_columns import Wanted, column_places
 from insgnss.log.csv_dialect import DELIMITER_NAMES, Dialect, detect_dialect
 from insgnss.log.csv_exact import ExactRows, last_line_is_cut, read_exact
-from insgnss.log.files import file_buffer
+from insgnss.log.csv_fast import read_fast
+from insgnss.log.files import byte_stream, file_buffer
 from insgnss.tables import Event, Float64, Int64
-
-THREADS_FROM_BYTES = 8 << 20  # below this, starting the threads costs more than it gains
-_DECIMALS = pa.decimal128(38, 18)
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,7 @@ class CsvTable:
     events: list[Event]
     dialect: Dialect
     lines: Int64 | None = None  # file line of each row, where the exact path found it
+    block: Float64 | None = None  # (n, k) the columns wanted together, where they lie so
 
     @cached_property
     def line(self) -> Int64:
@@ -74,6 +71,7 @@ class CsvTable:
             text={name: TextColumn(column.codes[rows], column.words) for name, column in self.text.items()},
             bad_cells=bad,
             lines=self.line[rows],
+            block=None,
         )
 
 
@@ -122,79 +120,12 @@ def _read_fast(
     """Return the table as Arrow reads it, None when anything in the file needs the exact path."""
     if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer)):
         return None
-    types = {name: pa.float64() for name in (*wanted.numeric, *wanted.optional)}
-    types |= {name: _DECIMALS for name in wanted.exact}
-    types |= {name: pa.dictionary(pa.int32(), pa.string()) for name in (*wanted.text, *wanted.optional_text)}
-    try:
-        arrow = pyarrow.csv.read_csv(
-            pa.BufferReader(buffer),
-            read_options=pyarrow.csv.ReadOptions(
-                column_names=[str(place) for place in range(len(dialect.columns))],
-                skip_rows=dialect.skip,
-                use_threads=buffer.size > THREADS_FROM_BYTES,
-                block_size=4 << 20,
-            ),
-            parse_options=pyarrow.csv.ParseOptions(delimiter=dialect.delimiter),
-            convert_options=pyarrow.csv.ConvertOptions(
-                include_columns=[str(place) for place in places.values()],
-                column_types={str(place): types[name] for name, place in places.items()},
-                null_values=list(EMPTY_CELLS),
-                strings_can_be_null=False,
-            ),
-        )
-    except pa.ArrowInvalid:
+    with byte_stream(path, buffer) as stream:
+        found = read_fast(stream, buffer.size, dialect, places, wanted)
+    if found is None:
         return None
-    return _from_arrow(arrow, path, dialect, places, wanted, events)
-
-
-def _from_arrow(
-    arrow: pa.Table, path: Path, dialect: Dialect, places: dict[str, int], wanted: Wanted, events: list[Event]
-) -> CsvTable | None:
-    """Return Arrow's columns as NumPy arrays, None when a required cell is empty or any cell is infinite."""
-    columns: dict[str, Float64] = {}
-    exact: dict[str, Int64] = {}
-    text: dict[str, TextColumn] = {}
-    for name, place in places.items():
-        column = arrow.column(str(place))
-        if name in wanted.exact:
-            if column.null_count:
-                return None
-            exact[name] = _decimals_to_int64(column, wanted.exact[name])
-        elif name in wanted.text or name in wanted.optional_text:
-            text[name] = _text_column(column)
-        else:
-            values = column.to_numpy()
-            optional = name in wanted.optional
-            if (column.null_count and not optional) or not _all_finite(values, optional):
-                return None
-            columns[name] = values
-    return CsvTable(path, arrow.num_rows, columns, exact, text, {}, events, dialect)
-
-
-def _all_finite(values: Float64, allow_nan: bool) -> bool:
-    if allow_nan:
-        return not bool(np.isinf(values).any())
-    return bool(np.isfinite(values).all())
-
-
-def _decimals_to_int64(column: pa.ChunkedArray, digits: int) -> Int64:
-    """Return decimal cells in units of 10^-digits, rounded half to even."""
-    rounded = pc.round(column, ndigits=digits, round_mode="half_to_even").cast(pa.decimal128(38, digits))
-    parts = [
-        np.frombuffer(c.buffers()[1], np.int64)[2 * c.offset : 2 * (c.offset + len(c)) : 2]
-        for c in rounded.chunks
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0, np.int64)
-
-
-def _text_column(column: pa.ChunkedArray) -> TextColumn:
-    """Return a dictionary-encoded column with one dictionary of stripped words."""
-    whole = column.unify_dictionaries().combine_chunks()
-    chunks = whole.chunks if isinstance(whole, pa.ChunkedArray) else [whole]
-    if not chunks:
-        return TextColumn(np.zeros(0, np.int32), ())
-    codes = np.concatenate([chunk.indices.to_numpy(zero_copy_only=False) for chunk in chunks])
-    return merge_words(codes, chunks[0].dictionary.to_pylist())
+    text = {name: TextColumn(codes, found.words[name]) for name, codes in found.text.items()}
+    return CsvTable(path, found.n, found.columns, found.exact, text, {}, events, dialect, block=found.block)
 
 
 def merge_words(codes: npt.NDArray[np.int32], words: Sequence[str]) -> TextColumn:

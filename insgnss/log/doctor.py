@@ -9,15 +9,18 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
+from insgnss.gnss.signals import CHANNELS
 from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
 from insgnss.log.doctor_imu import imu_findings
-from insgnss.log.flight import Flight, check_overlap, missing_navigation
-from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.flight import Flight, check_overlap
+from insgnss.log.gnss_log import has_messages, merged, missing_navigation, read_receiver
 from insgnss.log.imu_csv import read_imu
+from insgnss.log.navigation_span import check_navigation_time
+from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
 from insgnss.log.report import CheckReport, Finding, from_events
 from insgnss.log.rinex import read_navigation
-from insgnss.tables import Event, GnssTable, ImuTable, ReferenceTable
+from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
 Table = TypeVar("Table")
 
@@ -27,10 +30,15 @@ NOTICES: Final = frozenset(
     {
         "csv_delimiter",
         "csv_header_in_comment",
+        "android_lines_not_read",
         "leap_seconds_by_date",
         "navigation_not_used",
         "navigation_repeated",
+        "rinex_event",
         "signal_assumed",
+        "time_mark",
+        "ubx_foreign_bytes",
+        "ubx_not_used",
         "week_crossover",
     }
 )
@@ -48,10 +56,14 @@ def check_flight(flight: Flight) -> CheckReport:
     imu = _attempt(findings, "imu", lambda: read_imu(config.imu, config.gps_week, flight.imu_grade))
     if imu is not None:
         findings += imu_findings(imu, config.gps_week)
-    gnss = _attempt(findings, "gnss", lambda: read_gnss(config.gnss, config.gps_week))
+    receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))
+    gnss = None if receiver is None else receiver.gnss
+    of_messages: list[Finding] = []
+    navigation = _read_messages(of_messages, flight, receiver)
     if gnss is not None:
-        findings += gnss_findings(gnss, config.gps_week)
-    _check_navigation(findings, flight, gnss)
+        findings += gnss_findings(gnss, config.gps_week, _channels(flight, gnss, navigation))
+    findings += of_messages
+    _check_navigation(findings, flight, receiver, navigation)
     if config.reference is not None:
         reference_config = config.reference
         reference = _attempt(findings, "reference", lambda: read_reference(reference_config, config.gps_week))
@@ -81,16 +93,54 @@ def _error_finding(topic: str, error: InsGnssError) -> Finding:
     return Finding("error", topic, f"{place}: {error.message}" if place else error.message, error.advice)
 
 
-def _check_navigation(findings: list[Finding], flight: Flight, gnss: GnssTable | None) -> None:
+def _told(log: ReceiverLog) -> tuple[ReceiverLog, list[Event]]:
+    return log, log.events
+
+
+def _read_messages(
+    findings: list[Finding], flight: Flight, receiver: ReceiverLog | None
+) -> NavigationData | None:
+    """Return the messages of the navigation files and of the receiver's own log, None without any."""
     files = flight.config.gnss.navigation
+    navigation = None
+    if receiver is not None and receiver.navigation is not None and has_messages(receiver.navigation):
+        navigation = receiver.navigation
     if files:
-        navigation = _attempt(findings, "navigation", lambda: read_navigation(files))
-        if navigation is not None and gnss is not None:
-            findings += ephemeris_findings(gnss, navigation)
-    elif gnss is not None and gnss.sat is None:
-        findings.append(_error_finding("navigation", missing_navigation(flight.path)))
-    elif gnss is not None:
+        from_files = _attempt(findings, "navigation", lambda: read_navigation(files))
+        if from_files is not None:
+            navigation = from_files if navigation is None else merged(from_files, navigation)
+    return navigation
+
+
+def _channels(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> dict[str, int]:
+    """Return the GLONASS channels that messages, flight file or log tell, in this order of trust."""
+    states = None if navigation is None else navigation.state_vectors
+    told = {} if states is None else dict(zip(states.sv_names, states.channel.tolist(), strict=True))
+    known = {name: channel for name, channel in told.items() if channel in CHANNELS}
+    return gnss.glonass_channels | flight.config.gnss.glonass_channels | known
+
+
+def _check_navigation(
+    findings: list[Finding], flight: Flight, receiver: ReceiverLog | None, navigation: NavigationData | None
+) -> None:
+    """Report on the messages against the observations."""
+    if receiver is None:
+        return
+    files = flight.config.gnss.navigation
+    if navigation is not None:
+        findings += ephemeris_findings(receiver.gnss, navigation)
+        _attempt(
+            findings,
+            "navigation",
+            lambda: (
+                None,
+                check_navigation_time(navigation, receiver.gnss.t_ns, files or flight.config.gnss.files),
+            ),
+        )
+    elif receiver.gnss.sat is not None:
         findings.append(Finding("ok", "navigation", "satellite states stand in the GNSS log"))
+    elif not files and not flight.config.gnss.precise:
+        findings.append(_error_finding("navigation", missing_navigation(flight.path)))
 
 
 def _overlap_findings(flight: Flight, imu: ImuTable, gnss: GnssTable) -> list[Finding]:

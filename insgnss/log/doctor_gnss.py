@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from insgnss.constants import C_MPS, NS_PER_S
-from insgnss.gnss.signals import wavelength_m
+from insgnss.gnss.ephemeris_choice import VALIDITY_S
+from insgnss.gnss.satellite_state import range_rates
+from insgnss.gnss.signals import CHANNELS, wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.gnss_rows import epochs
 from insgnss.log.report import Finding
@@ -22,13 +25,6 @@ MIN_RATE_MPS: Final = 30.0
 SLOPE_TOLERANCE: Final = 0.15
 # A common step of half a microsecond: no receiver clock wanders so far within an epoch
 CLOCK_JUMP_M: Final = 150.0
-MAX_AGE_S: Final = {
-    "G": 7200.0,
-    "J": 7200.0,
-    "E": 14_400.0,
-    "C": 7200.0,
-    "I": 7200.0,
-}  # half the usual fit interval
 MIN_SATELLITES: Final = 4
 
 
@@ -42,12 +38,14 @@ class _Pairs:
     dt_s: Float64  # (p,)
 
 
-def gnss_findings(gnss: GnssTable, week: int) -> list[Finding]:
-    """Return what a GNSS log shows by itself."""
+def gnss_findings(gnss: GnssTable, week: int, channels: Mapping[str, int] | None = None) -> list[Finding]:
+    """Return what a GNSS log shows by itself; ``channels`` of GLONASS are those of the log when None."""
     t_ns, starts = epochs(gnss)
     findings = [_span_finding(t_ns, week), *_gap_findings(t_ns, week), *_satellite_findings(gnss, starts)]
     findings += _duplicate_findings(gnss, starts)
-    pairs = _pairs(gnss, t_ns, starts)
+    channels = gnss.glonass_channels if channels is None else channels
+    findings += _channel_findings(gnss, channels)
+    pairs = _pairs(gnss, t_ns, starts, range_rates(gnss, channels))
     return findings + _rate_findings(gnss, pairs) + _clock_findings(pairs, t_ns, week)
 
 
@@ -91,8 +89,11 @@ def _satellite_findings(gnss: GnssTable, starts: Int64) -> list[Finding]:
         findings.append(Finding("warning", "gnss", text))
     missing = [
         name
-        for name, values in (("range rate", _range_rate(gnss)), ("C/N0", gnss.cn0_dbhz))
-        if not np.isfinite(values).any()
+        for name, columns in (
+            ("range rate", (gnss.range_rate_mps, gnss.doppler_hz)),
+            ("C/N0", (gnss.cn0_dbhz,)),
+        )
+        if not any(np.isfinite(values).any() for values in columns)
     ]
     if missing:
         findings.append(Finding("warning", "gnss", f"no {' and no '.join(missing)} in the log"))
@@ -122,14 +123,20 @@ def _duplicate_findings(gnss: GnssTable, starts: Int64) -> list[Finding]:
     return [Finding("warning", "gnss", text, "the first of each counts")]
 
 
-def _range_rate(gnss: GnssTable) -> Float64:
-    """Return the logged range rate, from the Doppler where only that was logged [m/s]."""
-    wavelength = np.array([[wavelength_m(sv[0], code) for code in gnss.signal_names] for sv in gnss.sv_names])
-    from_doppler = -wavelength[gnss.sv, gnss.signal] * gnss.doppler_hz
-    return np.where(np.isnan(gnss.range_rate_mps), from_doppler, gnss.range_rate_mps)
+def _channel_findings(gnss: GnssTable, channels: Mapping[str, int]) -> list[Finding]:
+    """Report GLONASS satellites whose frequency nothing tells: they are not used."""
+    unknown = [
+        name
+        for index, name in enumerate(gnss.sv_names)
+        if name[0] == "R" and channels.get(name) not in CHANNELS and (gnss.sv == index).any()
+    ]
+    if not unknown:
+        return []
+    text = f"no frequency channel of {', '.join(sorted(unknown))}: not used"
+    return [Finding("warning", "gnss", text, "give them as gnss.glonass_channels, or GLONASS messages")]
 
 
-def _pairs(gnss: GnssTable, t_ns: Int64, starts: Int64) -> _Pairs:
+def _pairs(gnss: GnssTable, t_ns: Int64, starts: Int64, rate: Float64) -> _Pairs:
     """Return the rows that have the same satellite and signal in the epoch before, the first where it stands twice."""
     epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     channel = gnss.sv.astype(np.int64) * len(gnss.signal_names) + gnss.signal
@@ -137,7 +144,6 @@ def _pairs(gnss: GnssTable, t_ns: Int64, starts: Int64) -> _Pairs:
     later = np.flatnonzero(np.diff(keys) == 1) + 1
     a, b = row[later - 1], row[later]
     dt_s = (gnss.t_ns[b] - gnss.t_ns[a]) / NS_PER_S
-    rate = _range_rate(gnss)
     pairs = _Pairs(
         epoch[b], (gnss.pseudorange_m[b] - gnss.pseudorange_m[a]) / dt_s, 0.5 * (rate[a] + rate[b]), dt_s
     )
@@ -184,7 +190,7 @@ def _slope_finding(slope: float, gnss: GnssTable) -> Finding:
             "error", "gnss", f"range-rate sign reversed: {logged} runs against the pseudoranges", advice
         )
     sign = "" if slope > 0.0 else " and the sign reversed"
-    wavelength = wavelength_m(gnss.sv_names[0][0], gnss.signal_names[0])
+    wavelength = _usual_wavelength_m(gnss)
     if logged == "range_rate_mps" and abs(abs(slope) / wavelength - 1.0) < SLOPE_TOLERANCE:
         sign = " and the sign of a range rate" if slope > 0.0 else ", with the sign of Doppler"
         advice = "map the column as gnss.columns.doppler"
@@ -195,6 +201,14 @@ def _slope_finding(slope: float, gnss: GnssTable) -> Finding:
         return Finding("error", "gnss", f"doppler_hz looks like metres per second{sign}", advice)
     text = f"range rates and pseudoranges disagree: pseudoranges change {slope:.3g} times as fast"
     return Finding("error", "gnss", text, "check the unit and the signal codes")
+
+
+def _usual_wavelength_m(gnss: GnssTable) -> float:
+    """Return the wavelength of the log's most frequent signal, of GLONASS that of channel 0 [m]."""
+    n = max(len(gnss.signal_names), 1)
+    pairs, count = np.unique(gnss.sv.astype(np.int64) * n + gnss.signal, return_counts=True)
+    most = int(pairs[np.argmax(count)])
+    return wavelength_m(gnss.sv_names[most // n][0], gnss.signal_names[most % n], 0)
 
 
 def _clock_findings(pairs: _Pairs, t_ns: Int64, week: int) -> list[Finding]:
@@ -215,14 +229,14 @@ def _clock_findings(pairs: _Pairs, t_ns: Int64, week: int) -> list[Finding]:
 
 def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Finding]:
     """Return how well the navigation data cover the log: per system, per epoch, and which satellites lack it."""
-    table = navigation.ephemerides
+    messages = _messages(navigation)
     counts: dict[str, int] = {}
-    for name in table.sv_names:
+    for name in messages.sv_names:
         counts[name[0]] = counts.get(name[0], 0) + 1
     listed = ", ".join(f"{count} {system}" for system, count in sorted(counts.items()))
     findings = [Finding("ok", "navigation", f"messages: {listed}")]
     _, starts = epochs(gnss)
-    covered = _covered_rows(gnss, navigation)
+    covered = _covered_rows(gnss, messages)
     count = _distinct_per_epoch(gnss, starts, covered & np.isfinite(gnss.pseudorange_m))
     few = int(np.count_nonzero(count < MIN_SATELLITES))
     spread = f"{count.min()} to {count.max()}, median {np.median(count):.0f}"
@@ -233,14 +247,14 @@ def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Find
     without = [
         name
         for index, name in enumerate(gnss.sv_names)
-        if (gnss.sv == index).any() and not covered[gnss.sv == index].any() and name[0] in MAX_AGE_S
+        if (gnss.sv == index).any() and not covered[gnss.sv == index].any() and name[0] in VALIDITY_S
     ]
     if without:
         text = f"no current ephemeris for {', '.join(sorted(without))}"
         findings.append(
             Finding("warning", "navigation", text, "add navigation files of the hours of the flight")
         )
-    unhealthy = sorted({name for name, h in zip(table.sv_names, table.health, strict=True) if h != 0.0})
+    unhealthy = sorted({name for name, h in zip(messages.sv_names, messages.health, strict=True) if h != 0.0})
     if unhealthy:
         findings.append(
             Finding("ok", "navigation", f"marked unhealthy by their own message: {', '.join(unhealthy)}")
@@ -253,22 +267,44 @@ def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Find
     return findings
 
 
-def _covered_rows(gnss: GnssTable, navigation: NavigationData) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which rows have an ephemeris of their satellite within its time of use."""
-    table = navigation.ephemerides
-    names = np.array(table.sv_names)
+class _Messages(NamedTuple):
+    """What the messages of both kinds say of their use."""
+
+    sv_names: tuple[str, ...]
+    t_ns: Int64  # (n,) reference time
+    limit_s: Float64  # (n,) how far from it each may be used
+    health: Float64  # (n,)
+
+
+def _messages(navigation: NavigationData) -> _Messages:
+    """Return ephemerides and, behind them, states to be integrated."""
+    table, states = navigation.ephemerides, navigation.state_vectors
+    usual = np.array([VALIDITY_S.get(name[0], 7200.0) for name in table.sv_names])
+    limit_s = np.where(table.fit_interval_s > 0.0, 0.5 * table.fit_interval_s, usual)
+    if states is None:
+        return _Messages(table.sv_names, table.toe_ns, limit_s, table.health)
+    of_states = np.array([VALIDITY_S.get(name[0], 0.0) for name in states.sv_names])
+    return _Messages(
+        (*table.sv_names, *states.sv_names),
+        np.concatenate([table.toe_ns, states.t_ns]),
+        np.concatenate([limit_s, of_states]),
+        np.concatenate([table.health, states.health]),
+    )
+
+
+def _covered_rows(gnss: GnssTable, messages: _Messages) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which rows have a message of their satellite within its time of use."""
+    names = np.array(messages.sv_names)
     covered = np.zeros(len(gnss.t_ns), np.bool_)
     for index, name in enumerate(gnss.sv_names):
         rows = np.flatnonzero(gnss.sv == index)
         own = np.flatnonzero(names == name)
         if not len(own) or not len(rows):
             continue
-        half = np.where(np.isnan(table.fit_interval_s[own]), np.nan, 0.5 * table.fit_interval_s[own])
-        limit = np.where(np.isnan(half), MAX_AGE_S.get(name[0], 7200.0), half)
-        toe = table.toe_ns[own]
-        order = np.argsort(toe, kind="stable")
-        nearest = np.searchsorted(toe[order], gnss.t_ns[rows])
+        order = own[np.argsort(messages.t_ns[own], kind="stable")]
+        nearest = np.searchsorted(messages.t_ns[order], gnss.t_ns[rows])
         for candidate in (np.maximum(nearest - 1, 0), np.minimum(nearest, len(own) - 1)):
             which = order[candidate]
-            covered[rows] |= np.abs(gnss.t_ns[rows] - toe[which]) <= limit[which] * NS_PER_S
+            away_ns = np.abs(gnss.t_ns[rows] - messages.t_ns[which])
+            covered[rows] |= away_ns <= messages.limit_s[which] * NS_PER_S
     return covered

@@ -6,6 +6,7 @@ import gzip
 import hashlib
 import zlib
 from pathlib import Path
+from typing import BinaryIO
 
 import pyarrow as pa
 
@@ -46,6 +47,21 @@ def file_buffer(path: Path) -> pa.Buffer:
         ) from error
     except OSError as error:
         raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
+    """Return the bytes of ``buffer``, that of a file, as a stream.
+
+    Of a plain file it is the file itself: pages of a memory map would stay with the process, however often they are
+    read once only.
+    """
+    stream = path.open("rb")
+    if stream.read(2) == GZIP_MAGIC:
+        stream.close()
+        unpacked: BinaryIO = pa.BufferReader(buffer)
+        return unpacked
+    stream.seek(0)
+    return stream
 
 
 def file_text(path: Path) -> str:

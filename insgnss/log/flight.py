@@ -7,17 +7,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pyarrow as pa
+
 from insgnss.config.flight import FlightConfig, ImuGrade, Oscillator
 from insgnss.config.strict import load_toml
-from insgnss.errors import NavigationDataError, TimeError
+from insgnss.errors import TimeError
+from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gpstime import ns_to_datetime, ns_to_week_seconds
 from insgnss.library import imu_grade, oscillator
 from insgnss.log.files import sha256
-from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
 from insgnss.log.imu_csv import read_imu
 from insgnss.log.reference import read_reference
-from insgnss.log.rinex import read_navigation
-from insgnss.tables import Event, GnssTable, ImuTable, Int64, NavigationData, ReferenceTable
+from insgnss.tables import Event, GnssTable, ImuTable, Int64, NavigationData, PreciseProducts, ReferenceTable
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,9 @@ class FlightLogs:
     reference: ReferenceTable | None
     events: list[Event]
     input_hashes: dict[str, str]  # SHA-256 of each file read
+    products: PreciseProducts | None = None
+    antennas: SatelliteAntennas | None = None
+    base: GnssTable | None = None  # a base station's observations
 
 
 @dataclass(frozen=True)
@@ -79,24 +84,19 @@ class Flight:
         InputError and its kin : a log is missing, unreadable, or contradicts the flight file
         TimeError : inertial and GNSS log do not overlap in time
         """
-        with ThreadPoolExecutor(1) as beside:  # hashing leaves Python's lock free
+        with ThreadPoolExecutor(2) as beside:  # parsing and hashing leave Python's lock free
+            gnss = beside.submit(read_gnss_logs, self.config.gnss, self.config.gps_week, self.path)
             hashes = beside.submit(self._hashes)
-            logs = self._read_logs()
-            return replace(logs, input_hashes=hashes.result())
+            imu, events = read_imu(self.config.imu, self.config.gps_week, self.imu_grade)
+            logs = self._checked_logs(imu, gnss.result(), events + gnss.result().events)
+            logs = replace(logs, input_hashes=hashes.result())
+        pa.default_memory_pool().release_unused()  # what the parsing threads have left there
+        return logs
 
-    def _read_logs(self) -> FlightLogs:
-        """Return the logs, not yet hashed."""
+    def _checked_logs(self, imu: ImuTable, logs: GnssLogs, events: list[Event]) -> FlightLogs:
+        """Hold both logs against each other and read the reference."""
         config = self.config
-        imu, events = read_imu(config.imu, config.gps_week, self.imu_grade)
-        gnss, found = read_gnss(config.gnss, config.gps_week)
-        events += found
-        check_overlap(imu.t_ns, gnss.t_ns, config)
-        navigation = None
-        if config.gnss.navigation:
-            navigation, found = read_navigation(config.gnss.navigation)
-            events += found
-        elif gnss.sat is None:
-            raise missing_navigation(self.path)
+        check_overlap(imu.t_ns, logs.gnss.t_ns, config)
         reference = None
         if config.reference is not None:
             reference, found = read_reference(config.reference, config.gps_week)
@@ -104,13 +104,19 @@ class Flight:
         if config.gnss.lever_arm_m is None:
             detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
             events.append(Event(None, "lever_arm_not_given", detail))
-        return FlightLogs(imu, gnss, navigation, reference, events, {})
+        return FlightLogs(
+            imu, logs.gnss, logs.navigation, reference, events, {}, logs.products, logs.antennas, logs.base
+        )
 
     def files(self) -> tuple[Path, ...]:
         """Return every file the flight reads, the flight file first."""
         config = self.config
         reference = () if config.reference is None else (config.reference.file,)
-        return (self.path, *config.imu.files, *config.gnss.files, *config.gnss.navigation, *reference)
+        gnss = config.gnss
+        antennas = () if gnss.antennas is None else (gnss.antennas,)
+        base = () if gnss.base is None else gnss.base.files
+        satellites = (*gnss.files, *gnss.navigation, *gnss.precise, *antennas, *base)
+        return (self.path, *config.imu.files, *satellites, *reference)
 
     def _hashes(self) -> dict[str, str]:
         return {str(path): sha256(path) for path in self.files()}
@@ -127,22 +133,16 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
         update={
             "files": tuple(map(absolute, config.gnss.files)),
             "navigation": tuple(map(absolute, config.gnss.navigation)),
+            "precise": tuple(map(absolute, config.gnss.precise)),
+            "antennas": None if config.gnss.antennas is None else absolute(config.gnss.antennas),
+            "base": config.gnss.base
+            and config.gnss.base.model_copy(update={"files": tuple(map(absolute, config.gnss.base.files))}),
         }
     )
     update: dict[str, object] = {"imu": imu, "gnss": gnss}
     if config.reference is not None:
         update["reference"] = config.reference.model_copy(update={"file": absolute(config.reference.file)})
     return config.model_copy(update=update)
-
-
-def missing_navigation(path: Path) -> NavigationDataError:
-    """Return the error of a flight that says nothing about where the satellites were."""
-    return NavigationDataError(
-        "no satellite positions: the GNSS log has no satellite states and there is no navigation file",
-        file=path,
-        key="gnss.navigation",
-        advice="name a RINEX navigation file of the day, or give the columns sat_x_m ... sat_clock_drift_mps",
-    )
 
 
 def check_overlap(imu_ns: Int64, gnss_ns: Int64, config: FlightConfig) -> None:

@@ -14,10 +14,11 @@ import numpy as np
 from insgnss.config.flight import Gnss, GnssColumns, TimeScale
 from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
+from insgnss.gnss.table_joining import joined
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import CsvTable, TextColumn, read_csv_table
-from insgnss.log.gnss_rows import in_time_order, joined
-from insgnss.log.rinex import read_rinex_obs
+from insgnss.log.gnss_rows import in_time_order
+from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.log.satellites import normalised_name
 from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
@@ -121,6 +122,7 @@ def _wanted(names: GnssColumns) -> Wanted:
         ),
         text=(names.sv,),
         optional_text=(names.signal,),
+        together=_state_columns(names),
     )
 
 
@@ -170,6 +172,8 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> Float64 | No
     """
     columns = _state_columns(config.columns)
     missing = [name for name in columns if name not in table.columns]
+    if not missing and table.block is not None:
+        return table.block
     if not missing:
         return np.column_stack([table.columns[name] for name in columns])
     if len(missing) < len(columns) and not config.navigation:

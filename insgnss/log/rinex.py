@@ -1,4 +1,4 @@
-"""RINEX observation and navigation files, read through the compiled reader ``sidereon``; the only file that knows it.
+"""RINEX navigation files, read through the compiled reader ``sidereon``.
 
 What it returns becomes the package's own tables, times as integer nanoseconds of GPS time. Nothing is filtered: the
 message of an unhealthy satellite is data that the selection of ephemerides judges.
@@ -6,9 +6,9 @@ message of an unhealthy satellite is data that the selection of ephemerides judg
 
 from __future__ import annotations
 
-import datetime as dt
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,13 +16,19 @@ import numpy as np
 import sidereon
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.errors import InputError, NavigationDataError
-from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET, datetime_to_ns, leap_seconds
+from insgnss.errors import NavigationDataError
+from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
 from insgnss.log.files import file_text
-from insgnss.log.gnss_rows import in_time_order, joined
-from insgnss.log.rinex_rows import ObservationValues, observation_rows
-from insgnss.log.rinex_text import parse_around_damage, split_epochs
-from insgnss.tables import EphemerisTable, Event, Float64, GnssTable, NavigationData
+from insgnss.log.rinex_ionosphere import read_ionosphere
+from insgnss.log.rinex_states import (
+    IMPOSSIBLE_DATE,
+    NO_CHANNEL,
+    StateVector,
+    is_date,
+    read_state_vectors,
+    state_vector_table,
+)
+from insgnss.tables import EphemerisTable, Event, Float64, NavigationData
 
 MESSAGES: Final = {
     "gps_lnav": "LNAV",
@@ -34,164 +40,66 @@ MESSAGES: Final = {
     "beidou_d1": "D1",
     "beidou_d2": "D2",
 }
-OBSERVATION_FLAGS: Final = (
-    0,
-    1,
-)  # 1: after a power failure, the values are good; 2 to 6 carry no measurements
+_READ_ELSEWHERE: Final = ("glonass", "sbas", "ionosphere")
+_MOST_TOLD: Final = 20
 _ELEMENTS: Final = (
     *("sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot"),
     *("cuc", "cus", "crc", "crs", "cic", "cis"),
 )
 
 
-# ---------------------------------------------------------------------------------------------------- observations
+@dataclass
+class _Found:
+    """What the files gave so far."""
 
-
-def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTable, list[Event]]:
-    """Read RINEX observation files (2.11, 3, 4; plain, gzipped or Hatanaka-compressed), merged and in time order.
-
-    One row for each satellite, epoch and pseudorange code that has a pseudorange or a Doppler.
-
-    Parameters
-    ----------
-    paths : the files
-    offset_s : added to each time tag [s]
-
-    Raises
-    ------
-    InputError : a file is no RINEX observation file, or holds no epoch that can be read
-    """
-    parts = []
-    events: list[Event] = []
-    for path in paths:
-        part, found = _read_observation_file(path, offset_s)
-        parts.append(part)
-        events += found
-    table, reordered = in_time_order(joined(parts), str(paths[0]))
-    return table, events + reordered
-
-
-def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list[Event]]:
-    text = _observation_text(path)
-    try:
-        parsed = [sidereon.parse_rinex_obs(text)]
-        damaged: list[tuple[int, str]] = []
-    except sidereon.SidereonError as error:
-        blocks = split_epochs(text)
-        if not blocks.epochs:
-            raise InputError(f"no RINEX observation file: {error}", file=path) from error
-        parsed, damaged = parse_around_damage(blocks, sidereon.parse_rinex_obs, sidereon.SidereonError)
-    events = [
-        Event(None, "rinex_epoch_damaged", f"{path}:{line}: {why}; epoch refused")
-        for line, why in damaged[:20]
-    ]
-    if len(damaged) > 20:
-        events.append(Event(None, "rinex_epoch_damaged", f"{path}: {len(damaged)} damaged epochs in all"))
-    values = ObservationValues()
-    for product in parsed:
-        events += _collect(product, values, round(offset_s * NS_PER_S), path)
-    table = observation_rows(values)
-    if not len(table.t_ns):
-        why = f": {damaged[0][1]}" if damaged else ""
-        raise InputError(f"the RINEX file holds no observation that can be read{why}", file=path)
-    return table, events
-
-
-def _observation_text(path: Path) -> str:
-    """Return the file's text, Hatanaka compression undone."""
-    text = file_text(path)
-    try:
-        if "CRINEX VERS" in text[:200]:
-            text = sidereon.decode_crinex(text)
-    except sidereon.SidereonError as error:
-        raise InputError(f"the Hatanaka compression cannot be undone: {error}", file=path) from error
-    if "RINEX VERSION / TYPE" not in text[:400]:
-        raise InputError(
-            "this is no RINEX file: the first line lacks 'RINEX VERSION / TYPE'",
-            file=path,
-            advice="for CSV set gnss.format = 'csv'",
-        )
-    return text
-
-
-def _collect(product: Any, values: ObservationValues, offset_ns: int, path: Path) -> list[Event]:
-    """Append the product's observations to ``values``; epochs that report an event are passed over with one of ours."""
-    values.version = product.header.version
-    shift_ns = offset_ns + _scale_shift_ns(product)
-    events = []
-    for index in range(product.epoch_count):
-        epoch = product.epoch(index)
-        t_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds) + shift_ns
-        if epoch.flag not in OBSERVATION_FLAGS or t_ns is None:
-            detail = f"{path}: epoch with flag {epoch.flag} and {epoch.declared_record_count} record(s) passed over"
-            events.append(Event(t_ns, "rinex_event", detail))
-            continue
-        if epoch.flag == 1:
-            events.append(Event(t_ns, "rinex_event", f"{path}: power failure before this epoch"))
-        series = product.observation_values(index)
-        values.append(t_ns, series.satellites, series.codes, series.values)
-    if product.skipped_records:
-        detail = f"{path}: {product.skipped_records} observation record(s) could not be read"
-        events.append(Event(None, "rinex_record_skipped", detail))
-    return events
-
-
-def _civil_ns(civil: Any, picoseconds: int | None = None) -> int:
-    """Return a civil date of any time scale as nanoseconds since 1980-01-06 of that scale."""
-    minute = dt.datetime(civil.year, civil.month, civil.day, civil.hour, civil.minute)
-    fraction = float(civil.second) * NS_PER_S + (picoseconds or 0) / 1000.0
-    return datetime_to_ns(minute) + round(fraction)
-
-
-def _scale_shift_ns(product: Any) -> int:
-    """Return what is added to the file's time tags to make them GPS time [ns]."""
-    first = product.header.time_of_first_obs
-    if first is None:
-        return 0
-    civil, scale = first
-    if scale == sidereon.TimeScale.BDT:
-        return -BDT_MINUS_GPST_S * NS_PER_S
-    if scale in (sidereon.TimeScale.UTC, sidereon.TimeScale.GLONASST):
-        return leap_seconds(dt.datetime(civil.year, civil.month, civil.day)) * NS_PER_S
-    return 0
-
-
-# ------------------------------------------------------------------------------------------------------ navigation
+    keplerian: list[Any] = field(default_factory=list)
+    states: list[StateVector] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    klobuchar: Float64 | None = None
+    leap_seconds: int | None = None
+    ionosphere: dict[str, Float64] = field(default_factory=dict)
+    inter_signal_s: dict[str, Float64] = field(default_factory=dict)
 
 
 def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]:
     """Read RINEX navigation files and merge them: repeated messages once, sorted by satellite and reference time.
 
     The week of the reference time follows from the calendar date of the clock's epoch, so a week field of ten bits or
-    counted from another start does no harm. The Klobuchar coefficients and leap seconds are those of the first file
-    that has them.
+    counted from another start does no harm. Ionosphere coefficients and leap seconds are those of the first file
+    that has them, inter-signal corrections those of a satellite's last CNAV message.
 
     Raises
     ------
     NavigationDataError : a file is no RINEX navigation file, or there is no ephemeris in any
     """
-    records: list[Any] = []
-    events: list[Event] = []
-    klobuchar: Float64 | None = None
-    leap: int | None = None
+    found = _Found()
     for path in paths:
         text = _navigation_text(path)
-        found, told = _read_records(text, path)
-        records += found
-        events += told
-        klobuchar = _klobuchar(text) if klobuchar is None else klobuchar
-        leap = _leap_seconds(text) if leap is None else leap
-    if not records:
+        _read_records(text, path, found)
+        found.klobuchar = _klobuchar(text) if found.klobuchar is None else found.klobuchar
+        found.leap_seconds = _leap_seconds(text) if found.leap_seconds is None else found.leap_seconds
+        found.ionosphere = read_ionosphere(text) | found.ionosphere
+    if not found.keplerian and not found.states:
         names = ", ".join(str(path) for path in paths)
         raise NavigationDataError(
             "no ephemeris that can be used",
             file=names,
             advice="give the broadcast navigation file of the flight's day",
         )
-    table, repeated = _ephemerides(records)
-    if repeated:
-        events.append(Event(None, "navigation_repeated", f"{repeated} repeated message(s) left out"))
-    return NavigationData(table, klobuchar, leap), events
+    table, repeated = _ephemerides(found.keplerian)
+    states, repeated_states = state_vector_table(found.states)
+    if repeated + repeated_states:
+        detail = f"{repeated + repeated_states} repeated message(s) left out"
+        found.events.append(Event(None, "navigation_repeated", detail))
+    navigation = NavigationData(
+        ephemerides=table,
+        klobuchar=found.klobuchar,
+        leap_seconds=found.leap_seconds,
+        state_vectors=states,
+        ionosphere=found.ionosphere,
+        inter_signal_s=found.inter_signal_s,
+    )
+    return navigation, found.events
 
 
 def _navigation_text(path: Path) -> str:
@@ -206,27 +114,65 @@ def _navigation_text(path: Path) -> str:
     return text
 
 
-def _read_records(text: str, path: Path) -> tuple[list[Any], list[Event]]:
-    """Return the Keplerian records of a file, and an event for what is damaged or of another kind."""
+def _read_records(text: str, path: Path, found: _Found) -> None:
+    """Add the messages of a file, and an event for what is damaged or of another kind."""
     try:
         parsed = sidereon.parse_rinex_nav_lenient(text)
     except sidereon.SidereonError as error:
         raise NavigationDataError(f"the navigation file cannot be read: {error}", file=path) from error
-    events = []
-    for block in parsed.skipped[:20]:
-        detail = f"{path}:{block.line}: {block.satellite}: {block.message}; message refused"
-        events.append(Event(None, "navigation_damaged", detail))
-    if parsed.skipped_count > 20:
-        events.append(
-            Event(None, "navigation_damaged", f"{path}: {parsed.skipped_count} damaged messages in all")
-        )
-    used = [record for record in parsed.records if record.message.label in MESSAGES]
-    kinds = Counter(record.message.label for record in parsed.records if record.message.label not in MESSAGES)
-    kinds += Counter(block.kind for block in parsed.other)
+    states = read_state_vectors(
+        text,
+        glonass=[b.line for b in parsed.other if b.kind == "glonass"]
+        + [b.line for b in parsed.skipped if b.satellite[:1] == "R"],
+        sbas=[b.line for b in parsed.other if b.kind == "sbas"],
+    )
+    found.states += states.found
+    told_twice = {line for line, _, _ in states.refused} | states.mended
+    damaged = [(b.line, b.satellite, b.message) for b in parsed.skipped if b.line not in told_twice]
+    damaged += states.refused
+    kinds: Counter[str] = Counter()
+    for record in parsed.records:
+        label = record.message.label
+        if label in MESSAGES and not all(map(is_date, _reference_times_ns(record))):
+            damaged.append((1, record.satellite, IMPOSSIBLE_DATE))
+        elif label in MESSAGES:
+            found.keplerian.append(record)
+        elif record.is_cnav_family:
+            kinds[f"{label} (orbit)"] += 1
+            found.inter_signal_s[record.satellite] = _inter_signal(record)
+        else:
+            kinds[label] += 1
+    _tell_damage(damaged, path, found.events)
+    _tell_channels(states.found, path, found.events)
+    kinds += Counter(block.kind for block in parsed.other if block.kind not in _READ_ELSEWHERE)
     if kinds:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-        events.append(Event(None, "navigation_not_used", f"{path}: messages of a kind not used: {listed}"))
-    return used, events
+        detail = f"{path}: messages of a kind not used: {listed}"
+        found.events.append(Event(None, "navigation_not_used", detail))
+
+
+def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[Event]) -> None:
+    """Add an event for each damaged message (line, satellite, reason) up to a number, then one with the total."""
+    for line, sv, why in sorted(damaged)[:_MOST_TOLD]:
+        events.append(Event(None, "navigation_damaged", f"{path}:{line}: {sv}: {why}; message refused"))
+    if len(damaged) > _MOST_TOLD:
+        detail = f"{path}: {len(damaged)} damaged messages in all"
+        events.append(Event(None, "navigation_damaged", detail))
+
+
+def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:
+    """Add an event that names the GLONASS satellites whose channel the file does not tell."""
+    without = sorted({state.sv for state in states if state.sv[0] == "R" and state.channel == NO_CHANNEL})
+    if without:
+        detail = f"{path}: no frequency channel for {', '.join(without)}: taken from the observations, if they have it"
+        events.append(Event(None, "glonass_channel_missing", detail))
+
+
+def _inter_signal(record: Any) -> Float64:
+    """Return the corrections of ``NavigationData.inter_signal_s``."""
+    delays = record.group_delays
+    names = ("l1ca", "l2c", "l5i5", "l5q5", "l1cd", "l1cp")
+    return np.array([_or_nan(getattr(delays, f"cnav_isc_{name}_s")) for name in names])
 
 
 def _klobuchar(text: str) -> Float64 | None:
@@ -268,7 +214,7 @@ def _ephemerides(records: list[Any]) -> tuple[EphemerisTable, int]:
         af0=np.array([row.clock.af0 for row in rows], dtype=np.float64),
         af1=np.array([row.clock.af1 for row in rows], dtype=np.float64),
         af2=np.array([row.clock.af2 for row in rows], dtype=np.float64),
-        group_delay_s=np.array([_group_delays(row) for row in rows], dtype=np.float64),
+        group_delay_s=np.array([_group_delays(row) for row in rows], dtype=np.float64).reshape(-1, 2),
         health=np.array([row.sv_health for row in rows], dtype=np.float64),
         accuracy_m=np.array([_or_nan(row.sv_accuracy_m) for row in rows], dtype=np.float64),
         issue=np.array([_or_nan(row.issue) for row in rows], dtype=np.float64),
@@ -298,6 +244,8 @@ def _group_delays(record: Any) -> tuple[float, float]:
         pair = (delays.galileo_bgd_e5a_e1_s, delays.galileo_bgd_e5b_e1_s)
     elif system == "C":
         pair = (delays.beidou_tgd1_s, delays.beidou_tgd2_s)
+    elif system == "I":
+        pair = (delays.gps_tgd_s, None)  # as broadcast; the record's own delay is scaled to L5 already
     else:
         pair = (record.group_delay_s, None)
     return pair[0] or 0.0, pair[1] or 0.0

@@ -1,4 +1,8 @@
-"""Observation values as RINEX lists them, one per code, become rows: pseudorange, Doppler and C/N0 of one signal."""
+"""Observation values as RINEX lists them, one per code, become rows: all that was measured of one signal.
+
+Epochs that show the same satellites with the same codes share a layout: which value of the epoch goes into which row
+and column is worked out once for a layout, and all its epochs are then placed at once.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +12,26 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
-import pyarrow as pa
 
-from insgnss.tables import Float64, GnssTable, Int64
+from insgnss.tables import Float64, GnssTable, Int8, Int64
 
-# RINEX 2 names one Doppler and one signal strength for each band, whatever the code
+# RINEX 2 names one phase, one Doppler and one signal strength for each band, whatever the code
 SHARED_BAND_BELOW_VERSION: Final = 3.0
-_CODE: Final = re.compile(r"[CDS]\d[A-Z]?")
+KINDS: Final = "CLDS"  # pseudorange, carrier phase, Doppler, signal strength
+_CODE: Final = re.compile(r"[CLDS]\d[A-Z]?")
+_LLI_BITS: Final = 7.0  # RINEX 3.05, table A3: bits 0 to 2
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The rows of an epoch with these satellites and codes, sorted by satellite and signal."""
+
+    satellites: tuple[str, ...]  # of each row
+    signals: tuple[str, ...]  # of each row
+    source: dict[
+        str, Int64
+    ]  # for each kind, the place of each row's value in the epoch's values; past the end if none
+    size: int  # values of an epoch
 
 
 @dataclass
@@ -23,108 +39,109 @@ class ObservationValues:
     """All observations of a file, in the order they stand in it."""
 
     version: float = 3.0
+    layouts: list[Layout] = field(default_factory=list)
     t_ns: list[int] = field(default_factory=list)  # of each epoch
-    counts: list[int] = field(default_factory=list)  # values of each epoch
-    satellites: list[str] = field(default_factory=list)  # of each value
-    codes: list[str] = field(default_factory=list)  # "C1C", "L1C", "D1C", "S1C"
-    values: list[Float64] = field(default_factory=list)  # one array for each epoch
+    layout_of: list[int] = field(default_factory=list)  # of each epoch
+    values: list[Float64] = field(default_factory=list)  # of each epoch
+    lli: list[Float64] = field(default_factory=list)  # of each epoch, NaN where blank
+    phases_alone: int = 0  # carrier phases that have neither pseudorange nor Doppler beside them
 
-    def append(self, t_ns: int, satellites: Sequence[str], codes: Sequence[str], values: Float64) -> None:
+    def new_layout(self, satellites: Sequence[str], codes: Sequence[str]) -> int:
+        """Return the number of a new layout for values of these satellites and codes."""
+        self.layouts.append(_layout(satellites, codes, self.version < SHARED_BAND_BELOW_VERSION))
+        return len(self.layouts) - 1
+
+    def append(self, t_ns: int, layout: int, values: Float64, lli: Float64) -> None:
         """Add the observations of one epoch."""
         self.t_ns.append(t_ns)
-        self.counts.append(len(codes))
-        self.satellites += satellites
-        self.codes += codes
+        self.layout_of.append(layout)
         self.values.append(values)
+        self.lli.append(lli)
 
 
-def observation_rows(observed: ObservationValues) -> GnssTable:
+def _layout(satellites: Sequence[str], codes: Sequence[str], shared: bool) -> Layout:
+    place: dict[tuple[str, str], int] = {}
+    for index, (sv, code) in enumerate(zip(satellites, codes, strict=True)):
+        if _CODE.fullmatch(code):
+            place.setdefault((sv, code), index)
+            if shared and code[0] != "C":
+                place.setdefault((sv, code[:2]), index)
+    makes_row = "C" if shared else "CDL"
+    rows = sorted({(sv, "C" + code[1:]) for sv, code in place if code[0] in makes_row})
+    missing = len(codes)
+
+    def source(kind: str) -> Int64:
+        end = 2 if shared and kind != "C" else 3
+        return np.array([place.get((sv, kind + code[1:end]), missing) for sv, code in rows], dtype=np.int64)
+
+    return Layout(
+        tuple(sv for sv, _ in rows), tuple(code for _, code in rows), {k: source(k) for k in KINDS}, missing
+    )
+
+
+def observation_rows(observed: ObservationValues, channels: dict[str, int]) -> GnssTable:
     """Return one row for each epoch, satellite and signal that has a pseudorange or a Doppler.
 
-    A pseudorange of zero means "missing" (RINEX 2.11, 6.7; RINEX 3.05, 6.7).
+    A pseudorange or a carrier phase of zero means "missing" (RINEX 2.11, 6.7; RINEX 3.05, 6.7).
     """
-    sv, sv_names = _encoded(observed.satellites)
-    code, codes = _encoded(observed.codes)
-    epoch = np.repeat(np.arange(len(observed.t_ns)), observed.counts)
-    value = np.concatenate(observed.values) if observed.values else np.zeros(0)
-    shared = observed.version < SHARED_BAND_BELOW_VERSION
-    kinds_of_rows = "C" if shared else "CD"
-    measured = [name for name in codes if _CODE.fullmatch(name)]
-    signal_names = tuple(sorted({"C" + name[1:] for name in measured if name[0] in kinds_of_rows}))
-    kinds = {"C": _Kind(), "D": _Kind(), "S": _Kind()}
-    present = ~np.isnan(value)
-    for index, name in enumerate(codes):
-        if name not in measured:
-            continue
-        rows = np.flatnonzero((code == index) & present & ((value != 0.0) | (name[0] != "C")))
-        for target in _signals_of(name, signal_names, shared):
-            key = (epoch[rows] * len(sv_names) + sv[rows]) * len(signal_names) + target
-            kinds[name[0]].add(key, value[rows])
-    return _table(kinds, np.array(observed.t_ns, dtype=np.int64), sv_names, signal_names, shared)
-
-
-class _Kind:
-    """Values of one kind by row key; of two values with one key the first counts."""
-
-    def __init__(self) -> None:
-        self._keys: list[Int64] = []
-        self._values: list[Float64] = []
-
-    def add(self, keys: Int64, values: Float64) -> None:
-        self._keys.append(keys)
-        self._values.append(values)
-
-    def keys(self) -> Int64:
-        return np.concatenate([np.zeros(0, np.int64), *self._keys])
-
-    def at(self, wanted: Int64) -> Float64:
-        """Return the value of each wanted key (ascending), NaN where there is none."""
-        keys, first = np.unique(self.keys(), return_index=True)
-        values = np.concatenate([np.zeros(0), *self._values])[first]
-        result = np.full(len(wanted), np.nan)
-        if len(keys):
-            place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-            found = keys[place] == wanted
-            result[found] = values[place[found]]
-        return result
-
-
-def _encoded(words: list[str]) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
-    """Return the index of each word into the sorted distinct words."""
-    encoded = pa.array(words, pa.string()).dictionary_encode()
-    names = encoded.dictionary.to_pylist()
-    order = np.argsort(np.array(names)) if names else np.zeros(0, np.int64)
-    rank = np.empty(len(names), np.int64)
-    rank[order] = np.arange(len(names))
-    return rank[encoded.indices.to_numpy(zero_copy_only=False)], tuple(names[i] for i in order)
-
-
-def _signals_of(code: str, signal_names: tuple[str, ...], shared: bool) -> list[int]:
-    """Return the signals that a code's value belongs to."""
-    same_band = [i for i, name in enumerate(signal_names) if name[1] == code[1]]
-    if shared and code[0] != "C":
-        return same_band
-    return [i for i in same_band if signal_names[i][1:] == code[1:]]
-
-
-def _table(
-    kinds: dict[str, _Kind],
-    t_ns: Int64,
-    sv_names: tuple[str, ...],
-    signal_names: tuple[str, ...],
-    shared: bool,
-) -> GnssTable:
-    keys = np.unique(kinds["C"].keys() if shared else np.concatenate([kinds["C"].keys(), kinds["D"].keys()]))
-    per_epoch = max(1, len(sv_names) * len(signal_names))
-    n_signals = max(1, len(signal_names))
+    layouts = observed.layouts
+    sv_names = tuple(sorted({sv for layout in layouts for sv in layout.satellites}))
+    signal_names = tuple(sorted({code for layout in layouts for code in layout.signals}))
+    layout_of = np.array(observed.layout_of, dtype=np.int64)
+    counts = np.array([len(layout.signals) for layout in layouts], dtype=np.int64)[layout_of]
+    starts = np.concatenate(([0], np.cumsum(counts)))
+    n = int(starts[-1])
+    sv, signal = np.zeros(n, np.int16), np.zeros(n, np.int16)
+    columns = {kind: np.full(n, np.nan) for kind in KINDS}
+    lli = np.zeros(n)
+    for epochs, layout in zip(_epochs_of(layout_of, len(layouts)), layouts, strict=True):
+        rows = starts[epochs][:, None] + np.arange(len(layout.signals))
+        sv[rows] = [sv_names.index(name) for name in layout.satellites]
+        signal[rows] = [signal_names.index(name) for name in layout.signals]
+        values = _matrix(observed.values, epochs, layout.size)
+        for kind in KINDS:
+            columns[kind][rows] = values[:, layout.source[kind]]
+        lli[rows] = _matrix(observed.lli, epochs, layout.size)[:, layout.source["L"]]
+    for kind in "CL":
+        columns[kind][columns[kind] == 0.0] = np.nan
+    measured = ~np.isnan(columns["C"])
+    if observed.version >= SHARED_BAND_BELOW_VERSION:  # before, a Doppler names no code
+        measured |= ~np.isnan(columns["D"])
+    phase = ~np.isnan(columns["L"])
+    observed.phases_alone = int(np.count_nonzero(phase & ~measured))
+    kept = np.flatnonzero(measured)
+    with_phase = bool(phase[kept].any())
     return GnssTable(
-        t_ns[keys // per_epoch] if len(t_ns) else np.zeros(0, np.int64),
-        (keys % per_epoch // n_signals).astype(np.int16),
-        (keys % n_signals).astype(np.int16),
-        kinds["C"].at(keys),
-        kinds["D"].at(keys),
-        np.full(len(keys), np.nan),
-        kinds["S"].at(keys),
+        np.repeat(np.array(observed.t_ns, dtype=np.int64), counts)[kept],
+        sv[kept],
+        signal[kept],
+        columns["C"][kept],
+        columns["D"][kept],
+        np.full(len(kept), np.nan),
+        columns["S"][kept],
         sv_names,
         signal_names,
+        carrier_cycles=columns["L"][kept] if with_phase else None,
+        lli=_flags(lli[kept], phase[kept]) if with_phase else None,
+        glonass_channels=channels,
     )
+
+
+def _epochs_of(layout_of: Int64, n: int) -> list[Int64]:
+    """Return the epochs of each layout."""
+    order = np.argsort(layout_of, kind="stable")
+    return np.split(order, np.searchsorted(layout_of[order], np.arange(1, n))) if n else []
+
+
+def _matrix(arrays: list[Float64], epochs: Int64, size: int) -> Float64:
+    """Return (epochs, size + 1) the arrays of these epochs, NaN in the last column."""
+    matrix = np.full((len(epochs), size + 1), np.nan)
+    if len(epochs) and size:
+        matrix[:, :size] = np.concatenate([arrays[k] for k in epochs]).reshape(len(epochs), size)
+    return matrix
+
+
+def _flags(lli: Float64, phase: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> Int8:
+    """Return the indicators of the phases; blank, beyond RINEX's three bits, or without a phase is zero."""
+    known = phase & (lli >= 0.0) & (lli <= _LLI_BITS)
+    return np.where(known, lli, 0.0).astype(np.int8)

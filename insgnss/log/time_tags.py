@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -35,10 +36,8 @@ def is_exact(scale: TimeScale) -> bool:
 def wanted_with_time(column: str, scale: TimeScale, wanted: Wanted) -> Wanted:
     """Return ``wanted`` with the time column added in the way its scale needs."""
     if is_exact(scale):
-        return Wanted(
-            wanted.numeric, wanted.optional, wanted.text, wanted.optional_text, {column: _DIGITS[scale.unit]}
-        )
-    return Wanted((column, *wanted.numeric), wanted.optional, wanted.text, wanted.optional_text)
+        return replace(wanted, exact={column: _DIGITS[scale.unit]})
+    return replace(wanted, numeric=(column, *wanted.numeric))
 
 
 def gps_times(

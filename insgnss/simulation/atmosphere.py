@@ -1,8 +1,8 @@
-"""What the atmosphere adds to a pseudorange: none, or the broadcast model. Any function of the same form will do."""
+"""What the atmosphere adds to a signal: nothing, or the broadcast model. Any function of the same form will do."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
@@ -10,12 +10,32 @@ from insgnss.gnss.range_model import path_delay
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
-# geodetic (m, 3) latitude, longitude [rad] and height [m]; azimuth (m, n) and elevation (m, n) [rad]; seconds of the
-# week (m,); it returns the delay (m, n) [m]
-Atmosphere = Callable[[Float64, Float64, Float64, Float64], Float64]
+
+class Atmosphere(Protocol):
+    """An atmosphere, asked for the delay of all paths at once."""
+
+    def __call__(
+        self,
+        geodetic: Float64,
+        azimuth: Float64,
+        elevation: Float64,
+        week_s: Float64,
+        ionosphere: float = 1.0,
+    ) -> Float64:
+        """Return the delay (m, n) [m].
+
+        Parameters
+        ----------
+        geodetic : (m, 3) latitude, longitude [rad] and height [m] of the antenna
+        azimuth, elevation : (m, n) of the satellites [rad]
+        week_s : (m,) seconds of the week
+        ionosphere : delay over that of the code on L1, (f_L1 / f)^2; negative for a carrier, which is advanced
+        """
 
 
-def vacuum(geodetic: Float64, azimuth: Float64, elevation: Float64, week_s: Float64) -> Float64:
+def vacuum(
+    geodetic: Float64, azimuth: Float64, elevation: Float64, week_s: Float64, ionosphere: float = 1.0
+) -> Float64:
     """Return no delay at all."""
     return np.zeros_like(elevation)
 
@@ -39,7 +59,7 @@ def _delays(
 
 
 def broadcast_atmosphere(klobuchar: Float64 | None) -> Atmosphere:
-    """Return the delay on L1 by Klobuchar's ionosphere (none without coefficients) and Saastamoinen's troposphere.
+    """Return the delay by Klobuchar's ionosphere (none without coefficients) and Saastamoinen's troposphere.
 
     These are the models that the engine corrects with: what remains of them is simulated as noise. The residuals of a
     real atmosphere need a function of one's own.
@@ -47,9 +67,11 @@ def broadcast_atmosphere(klobuchar: Float64 | None) -> Atmosphere:
     factor = 0.0 if klobuchar is None else 1.0
     coefficients = np.zeros(8) if klobuchar is None else klobuchar
 
-    def delay(geodetic: Float64, azimuth: Float64, elevation: Float64, week_s: Float64) -> Float64:
+    def delay(
+        geodetic: Float64, azimuth: Float64, elevation: Float64, week_s: Float64, ionosphere: float = 1.0
+    ) -> Float64:
         result = np.empty_like(elevation)
-        _delays(coefficients, geodetic, azimuth, elevation, week_s, factor, result)
+        _delays(coefficients, geodetic, azimuth, elevation, week_s, factor * ionosphere, result)
         return result
 
     return delay

@@ -11,15 +11,23 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.simulation.observations import Fault, Observations
+from insgnss.errors import ConfigError
+from insgnss.gnss.signals import wavelength_m
+from insgnss.simulation.observations import SYSTEM, Fault, Observations
+from insgnss.tables import Float64, Int8
+
+_SLIP_LIT, _HALF_CYCLE_LIT = 1, 2  # bits of the loss-of-lock indicator, RINEX 4.01, 6.5.2
 
 
 def _where(
-    observations: Observations, sv: Iterable[str], from_s: float, to_s: float
+    observations: Observations, sv: Iterable[str], from_s: float, to_s: float, signal: str | None = None
 ) -> npt.NDArray[np.bool_]:
-    """Return (m, n), true for these satellites within the window."""
+    """Return (m, n), true for these satellites within the window, on one signal or on all."""
     window = (observations.tag_s >= from_s) & (observations.tag_s < to_s)
-    return np.asarray(np.outer(window, np.isin(observations.sv_names, list(sv))))
+    columns = np.isin(observations.sv_names, list(sv))
+    if signal is not None:
+        columns &= np.array(observations.signals) == signal
+    return np.asarray(np.outer(window, columns))
 
 
 def range_step(sv: str, size_m: float, from_s: float, to_s: float = np.inf) -> Fault:
@@ -60,5 +68,71 @@ def reversed_range_rate() -> Fault:
 
     def fault(observations: Observations) -> Observations:
         return replace(observations, range_rate_mps=-observations.range_rate_mps)
+
+    return fault
+
+
+def _phases(observations: Observations) -> tuple[Float64, Int8]:
+    """Return carrier phases and indicators; an error where the receiver logs none."""
+    if observations.carrier_cycles is None or observations.lli is None:
+        raise ConfigError(
+            "a fault of the carrier needs a receiver that logs it", advice="give Receiver a carrier_noise"
+        )
+    return observations.carrier_cycles, observations.lli
+
+
+def cycle_slip(
+    sv: Iterable[str], cycles: float, at_s: float, *, signal: str | None = None, indicated: bool = False
+) -> Fault:
+    """Return the fault that shifts the carrier of satellites by ``cycles`` from a tag on, as a loss of lock does.
+
+    ``indicated`` lets the receiver notice: its indicator is set at the first epoch with the new ambiguity.
+    """
+
+    def fault(observations: Observations) -> Observations:
+        carrier, lli = _phases(observations)
+        slipped = _where(observations, sv, at_s, np.inf, signal)
+        first = slipped & (np.cumsum(slipped, axis=0) == 1)
+        marked = np.where(first & indicated, lli | _SLIP_LIT, lli).astype(np.int8)
+        return replace(observations, carrier_cycles=carrier + cycles * slipped, lli=marked)
+
+    return fault
+
+
+def half_cycle(sv: Iterable[str], from_s: float, to_s: float, *, flagged: bool = True) -> Fault:
+    """Return the fault of a carrier that is half a cycle off within a window, as before its data bits are known."""
+
+    def fault(observations: Observations) -> Observations:
+        carrier, lli = _phases(observations)
+        off = _where(observations, sv, from_s, to_s)
+        marked = np.where(off & flagged, lli | _HALF_CYCLE_LIT, lli).astype(np.int8)
+        return replace(observations, carrier_cycles=carrier + 0.5 * off, lli=marked)
+
+    return fault
+
+
+def carrier_without_clock_step(at_s: float, size_m: float) -> Fault:
+    """Return the fault of a receiver that steps its clock in tags and pseudoranges, but not in its carriers."""
+
+    def fault(observations: Observations) -> Observations:
+        carrier, _ = _phases(observations)
+        wavelength = np.array([wavelength_m(SYSTEM, code) for code in observations.signals])
+        stepped = (observations.tag_s >= at_s)[:, None]
+        return replace(observations, carrier_cycles=carrier - stepped * size_m / wavelength)
+
+    return fault
+
+
+def carrier_alone(sv: Iterable[str], from_s: float, to_s: float) -> Fault:
+    """Return the fault of a log that holds carriers without pseudorange and Doppler."""
+
+    def fault(observations: Observations) -> Observations:
+        _phases(observations)
+        bare = _where(observations, sv, from_s, to_s)
+        return replace(
+            observations,
+            pseudorange_m=np.where(bare, np.nan, observations.pseudorange_m),
+            range_rate_mps=np.where(bare, np.nan, observations.range_rate_mps),
+        )
 
     return fault

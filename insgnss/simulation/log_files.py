@@ -33,12 +33,20 @@ def _time_decimals(t_ns: Int64) -> int:
 
 
 def write_gnss(path: Path, gnss: GnssTable, week: int) -> None:
-    """Write one row per satellite and epoch: pseudorange [m], Doppler [Hz], C/N0 [dBHz]."""
+    """Write one row per signal and epoch: pseudorange [m], Doppler [Hz], C/N0 [dBHz]; carrier phase where there is one.
+
+    Phases have three decimals, as in RINEX: 0.1 mm, a tenth of their noise.
+    """
+    phase, lli = gnss.carrier_cycles, gnss.lli
     lines = ["time_s,sv,signal,pseudorange_m,doppler_hz,cn0_dbhz"]
+    if phase is not None and lli is not None:
+        lines[0] += ",carrier_phase_cycles,lli"
     time_s = ns_to_week_seconds(gnss.t_ns, week)
     for k in range(len(gnss.t_ns)):
         name, signal = gnss.sv_names[gnss.sv[k]], gnss.signal_names[gnss.signal[k]]
         numbers = f"{gnss.pseudorange_m[k]:.3f},{gnss.doppler_hz[k]:.3f},{gnss.cn0_dbhz[k]:.1f}"
+        if phase is not None and lli is not None:
+            numbers += f",{phase[k]:.3f},{lli[k]}"
         lines.append(f"{time_s[k]:.3f},{name},{signal},{numbers}")
     path.write_bytes(("\n".join(lines) + "\n").encode("ascii"))
 

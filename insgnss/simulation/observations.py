@@ -1,28 +1,32 @@
-"""Pseudorange and Doppler as a receiver reports them: light time and Earth's turn solved in the inertial frame.
+"""Pseudorange, Doppler and carrier phase as a receiver reports them: light time and Earth's turn in the inertial frame.
 
 A receiver tags its measurements with its own clock: at tag T the true time is ``t = T - bias / c``. The pseudorange is
 ``c (T - the satellite's clock reading at transmission)`` plus the atmosphere, and the range rate its derivative by T.
+The carrier phase, where it is asked for, is the same path with the sign of the ionosphere turned, and cycles of its
+own for each signal.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
-from insgnss.gnss.signals import wavelength_m
+from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
 from insgnss.simulation.constellation import SatelliteStates, satellite_states
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
-from insgnss.tables import EphemerisTable, Float64, GnssTable
+from insgnss.tables import EphemerisTable, Float64, GnssTable, Int8
 
+SYSTEM = "G"  # all simulated satellites are GPS's
 SIGNAL = "C1C"
-WAVELENGTH_M = wavelength_m("G", SIGNAL)
+WAVELENGTH_M = wavelength_m(SYSTEM, SIGNAL)
+MOST_AMBIGUITY_CYCLES = 1_000_000
 LIGHT_TIME_STEPS = 4  # each multiplies the error by (satellite velocity) / c = 1e-5, from 20 ms on
 REFERENCE_CN0_DBHZ = 45.0
 LOWEST_ANTENNA_GAIN = 1e-3  # of the field: -60 dB, straight below the antenna
@@ -59,6 +63,10 @@ class Receiver:
     pseudorange_noise: NoiseTerms = NoiseTerms(2.0)
     range_rate_noise: NoiseTerms = NoiseTerms(0.1)
     atmosphere: Atmosphere = vacuum
+    signals: tuple[str, ...] = (SIGNAL,)  # RINEX codes, each tracked on every satellite
+    carrier_noise: NoiseTerms | None = (
+        None  # of one phase, not of a difference; None: no carrier phase is logged
+    )
 
 
 @dataclass(frozen=True)
@@ -85,14 +93,17 @@ class SignalPaths:
 
 @dataclass(frozen=True)
 class Observations:
-    """Observations of all satellites at all tags, tracked or not: the form in which faults are put in."""
+    """Observations of all signals at all tags, tracked or not: the form in which faults are put in."""
 
-    sv_names: tuple[str, ...]
+    sv_names: tuple[str, ...]  # of each column
+    signals: tuple[str, ...]  # RINEX code of each column
     tag_s: Float64  # (m,)
     pseudorange_m: Float64  # (m, n)
     range_rate_mps: Float64  # (m, n)
     cn0_dbhz: Float64  # (m, n)
     tracked: npt.NDArray[np.bool_]  # (m, n)
+    carrier_cycles: Float64 | None = None  # (m, n)
+    lli: Int8 | None = None  # (m, n) loss-of-lock indicator, beside the carrier
 
 
 Fault = Callable[[Observations], Observations]
@@ -155,7 +166,9 @@ def observe(
 ) -> Observations:
     """Return what the receiver observes at the tags of its clock; without a generator, free of noise.
 
-    Equation: ``P = rho + b - c (dt_s - TGD) + delay``; ``dP/dT = c - c (1 + dt_s') (1 - rho'/c) (1 - b'/c)``.
+    Equation: ``P = rho + b - c (dt_s - k TGD) + T + I``; ``dP/dT = c - c (1 + dt_s') (1 - rho'/c) (1 - b'/c)``;
+    ``lambda Phi = rho + b - c dt_s + T - I + lambda N``. The columns are all satellites of the first signal, then of
+    the next.
     Neglects: the change of the atmosphere's delay in the rate, below 5 mm/s in a climb of 8 m/s.
 
     Parameters
@@ -168,22 +181,75 @@ def observe(
     t_s = clock.true_s
     paths = signal_paths(antenna_motion(trajectory, t_s, receiver.lever_arm_b), eph, start_ns, t_s)
     week_s = start_ns % NS_PER_WEEK / NS_PER_S + t_s
-    delay = receiver.atmosphere(paths.geodetic, paths.azimuth, paths.elevation, week_s)
-    satellite_clock = paths.satellite.clock_s - eph.group_delay_s[:, 0]
-    pseudorange = paths.range_m + clock.bias_m[:, None] - C_MPS * satellite_clock + delay
+    codes = receiver.signals
+    elevation = np.tile(paths.elevation, len(codes))
     ticks = (1.0 + paths.satellite.clock_rate) * (1.0 - paths.range_rate_mps / C_MPS)
-    range_rate = C_MPS * (1.0 - ticks * (1.0 - clock.drift_mps[:, None] / C_MPS))
-    cn0 = receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation)
+    range_rate = np.tile(C_MPS * (1.0 - ticks * (1.0 - clock.drift_mps[:, None] / C_MPS)), len(codes))
+    pseudorange = _code_m(paths, eph, clock, receiver, week_s)
+    cn0 = np.tile(receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation), len(codes))
     if rng is not None:
         white = rng.standard_normal((3, *pseudorange.shape))
         cn0 = cn0 + receiver.cn0_sigma_db * white[0]
-        pseudorange = pseudorange + receiver.pseudorange_noise.sigma(paths.elevation, cn0) * white[1]
-        range_rate = range_rate + receiver.range_rate_noise.sigma(paths.elevation, cn0) * white[2]
-    tracked = _above_masks(paths, receiver)
-    observations = Observations(eph.sv_names, clock.tag_s, pseudorange, range_rate, cn0, tracked)
+        pseudorange = pseudorange + receiver.pseudorange_noise.sigma(elevation, cn0) * white[1]
+        range_rate = range_rate + receiver.range_rate_noise.sigma(elevation, cn0) * white[2]
+    observations = Observations(
+        sv_names=eph.sv_names * len(codes),
+        signals=tuple(code for code in codes for _ in eph.sv_names),
+        tag_s=clock.tag_s,
+        pseudorange_m=pseudorange,
+        range_rate_mps=range_rate,
+        cn0_dbhz=cn0,
+        tracked=np.tile(_above_masks(paths, receiver), len(codes)),
+    )
+    if receiver.carrier_noise is not None:
+        phase = _carrier_m(paths, clock, receiver, week_s)
+        observations = _with_carrier(observations, phase, receiver.carrier_noise, elevation, rng)
     for fault in faults:
         observations = fault(observations)
     return observations
+
+
+def _code_m(
+    paths: SignalPaths, eph: EphemerisTable, clock: ClockTruth, receiver: Receiver, week_s: Float64
+) -> Float64:
+    """Return the pseudoranges of all signals without noise."""
+    parts = []
+    for code in receiver.signals:
+        signal = signal_of(SYSTEM, code)
+        assert signal is not None, code
+        satellite_clock = paths.satellite.clock_s - signal.group_delay[0] * eph.group_delay_s[:, 0]
+        delay = receiver.atmosphere(
+            paths.geodetic, paths.azimuth, paths.elevation, week_s, ionosphere_factor(SYSTEM, code)
+        )
+        parts.append(paths.range_m + clock.bias_m[:, None] - C_MPS * satellite_clock + delay)
+    return np.hstack(parts)
+
+
+def _carrier_m(paths: SignalPaths, clock: ClockTruth, receiver: Receiver, week_s: Float64) -> Float64:
+    """Return the carrier phases of all signals without noise and ambiguity [m]; a group delay is part of the latter."""
+    path = paths.range_m + clock.bias_m[:, None] - C_MPS * paths.satellite.clock_s
+    where = paths.geodetic, paths.azimuth, paths.elevation, week_s
+    return np.hstack(
+        [path + receiver.atmosphere(*where, -ionosphere_factor(SYSTEM, code)) for code in receiver.signals]
+    )
+
+
+def _with_carrier(
+    observations: Observations,
+    phase_m: Float64,
+    noise: NoiseTerms,
+    elevation: Float64,
+    rng: np.random.Generator | None,
+) -> Observations:
+    """Return the observations with carrier phases: white noise and an ambiguity for each column."""
+    wavelength = np.array([wavelength_m(SYSTEM, code) for code in observations.signals])
+    ambiguity = np.zeros(len(wavelength))
+    if rng is not None:
+        phase_m = phase_m + noise.sigma(elevation, observations.cn0_dbhz) * rng.standard_normal(phase_m.shape)
+        ambiguity += rng.integers(-MOST_AMBIGUITY_CYCLES, MOST_AMBIGUITY_CYCLES, len(wavelength))
+    return replace(
+        observations, carrier_cycles=phase_m / wavelength + ambiguity, lli=np.zeros(phase_m.shape, np.int8)
+    )
 
 
 def cardioid_gain_db(antenna_elevation: Float64) -> Float64:
@@ -201,16 +267,21 @@ def _above_masks(paths: SignalPaths, receiver: Receiver) -> npt.NDArray[np.bool_
 
 def to_table(observations: Observations, start_ns: int) -> GnssTable:
     """Return the tracked observations as a log would give them: rows by epoch, Doppler only."""
-    epoch, sv = np.nonzero(observations.tracked)
+    names, codes = (tuple(dict.fromkeys(n)) for n in (observations.sv_names, observations.signals))
+    epoch, column = np.nonzero(observations.tracked)
     t_ns = start_ns + np.rint(observations.tag_s * NS_PER_S).astype(np.int64)
+    wavelength = np.array([wavelength_m(SYSTEM, code) for code in observations.signals])
+    carrier, lli = observations.carrier_cycles, observations.lli
     return GnssTable(
         t_ns=t_ns[epoch],
-        sv=sv.astype(np.int16),
-        signal=np.zeros(len(sv), dtype=np.int16),
-        pseudorange_m=observations.pseudorange_m[epoch, sv],
-        doppler_hz=-observations.range_rate_mps[epoch, sv] / WAVELENGTH_M,
-        range_rate_mps=np.full(len(sv), np.nan),
-        cn0_dbhz=observations.cn0_dbhz[epoch, sv],
-        sv_names=observations.sv_names,
-        signal_names=(SIGNAL,),
+        sv=np.array([names.index(name) for name in observations.sv_names], np.int16)[column],
+        signal=np.array([codes.index(code) for code in observations.signals], np.int16)[column],
+        pseudorange_m=observations.pseudorange_m[epoch, column],
+        doppler_hz=-observations.range_rate_mps[epoch, column] / wavelength[column],
+        range_rate_mps=np.full(len(column), np.nan),
+        cn0_dbhz=observations.cn0_dbhz[epoch, column],
+        sv_names=names,
+        signal_names=codes,
+        carrier_cycles=None if carrier is None else carrier[epoch, column],
+        lli=None if lli is None else lli[epoch, column],
     )

@@ -24,10 +24,11 @@ from typing import Any
 
 import numpy as np
 
+from insgnss.corrected_rows import corrected_rows
 from insgnss.jit import cache_root
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.replay import rows_of, run_filter, setup_filter
+from insgnss.replay import run_filter, setup_filter
 from insgnss.run import Run
 from tests.benchmarks.limit_log import write_limit_log
 from tests.benchmarks.long_log import LongLog, write_log
@@ -47,19 +48,31 @@ class Cost:
     peak_mib: float
 
 
+# The peak of a process counts that of the one it was forked from: a small one stands between
+_LAUNCHER = """
+import json, resource, subprocess, sys, time
+began = time.perf_counter()
+code = subprocess.call(sys.argv[1:], stdout=subprocess.DEVNULL)
+wall = time.perf_counter() - began
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([code, wall, used.ru_utime + used.ru_stime, used.ru_maxrss]))
+"""
+
+
 def command(flight: Path, output: Path, environment: Mapping[str, str] | None = None) -> Cost:
-    """Return the cost of ``insgnss replay`` on a flight."""
+    """Return the cost of ``insgnss replay`` on a flight, processes that it starts included."""
     arguments = [sys.executable, "-m", "insgnss.cli", "replay", str(flight), "--output", str(output)]
-    began = time.perf_counter()
-    process = subprocess.Popen(
-        arguments, cwd=REPOSITORY, stdout=subprocess.DEVNULL, env={**os.environ, **(environment or {})}
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", _LAUNCHER, *arguments],
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        env={**os.environ, **(environment or {})},
+        check=True,
     )
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    wall_s = time.perf_counter() - began
-    if process.returncode:
-        raise SystemExit(f"{' '.join(arguments)} ended with {process.returncode}")
-    return Cost(wall_s, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * ON_LINUX_KIB / MIB)
+    code, wall_s, cpu_s, peak_kib = json.loads(done.stdout)
+    if code:
+        raise SystemExit(f"{' '.join(arguments)} ended with {code}")
+    return Cost(wall_s, cpu_s, peak_kib * ON_LINUX_KIB / MIB)
 
 
 def best_command(flight: Path, output: Path, repetitions: int) -> Cost:
@@ -101,7 +114,7 @@ def stages(flight: Path, output: Path) -> None:
     logs = loaded.read()
     lap("read")
     setup = setup_filter(loaded, logs, filter_config("tight17"))
-    rows = rows_of(setup, logs)
+    rows, _ = corrected_rows(setup, logs, loaded)
     lap("rows")
     run_filter(setup, logs.imu, rows, "gnss")
     lap("filter")
@@ -118,7 +131,7 @@ def filter_seconds(folder: Path, repetitions: int) -> tuple[float, FlightLogs]:
     flight = Flight.load(folder / "flight.toml")
     logs = flight.read()
     setup = setup_filter(flight, logs, filter_config("tight17"))
-    rows = rows_of(setup, logs)
+    rows, _ = corrected_rows(setup, logs, flight)
     run_filter(setup, logs.imu, rows, "gnss")
     least = np.inf
     for _ in range(repetitions):

@@ -92,7 +92,7 @@ class DenseFilter:
 
     def noise(self) -> Float64:
         """Return Q of the step before the transition spreads it."""
-        p = {name: float(self.par[name]) for name in self.par.dtype.names if name != "lever_b"}
+        p = {name: float(self.par[name]) for name in self.par.dtype.names if self.par[name].ndim == 0}
         names = ("accel_density", "gyro_density", "accel_bias_density", "gyro_bias_density")
         three = np.repeat([0.0, *(p[name] for name in names)], 3)
         return np.diag(

@@ -17,13 +17,15 @@ import pymap3d
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.fusion.lines import RANGE_COLUMNS, RATE_COLUMNS, Epoch, new_epoch
 from insgnss.fusion.loop import Imu, Workspace, new_workspace, run_epochs
-from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS, Epoch, new_epoch, observe
+from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.parameters import resolve_parameters
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, Layout, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
+from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import ABSENT, OBSERVATION_DTYPE, Rows
 from insgnss.status import USED
 from insgnss.tables import Float64, Int64
@@ -78,10 +80,11 @@ def parameters(lever_b: Sequence[float] = (0.0, 0.0, 0.0), **changes: Any) -> np
             "range_rate_noise_mps": {"floor": RATE_SIGMA_MPS, **noise},
             "measurements": {"elevation_mask_deg": -90.0, "ionosphere": "none", "troposphere": "none"},
             "adaptation": {"on": False},
+            "faults": {"residual_sigma": 0.0, "drift_sigma": 0.0, "reflected_below_db": 0.0},
         }
     )
     lever = (float(lever_b[0]), float(lever_b[1]), float(lever_b[2]))
-    par = resolve_parameters(config, TACTICAL, TCXO, lever, klobuchar_known=True)
+    par = resolve_parameters(config, TACTICAL, TCXO, lever, klobuchar_known=True, layout=Layout(n_offsets=6))
     for name, value in changes.items():
         par[name] = value
     return par
@@ -110,7 +113,7 @@ def new_filter(
     m.C_eb[:] = at.C_ne.T if C_eb is None else C_eb
     matrix_to_quaternion(m.C_eb, m.q_eb)
     m.r_e[:], m.v_e[:] = at.r_e, at.C_ne.T @ np.array(v_n)
-    m.clock[:], m.offsets[: len(offsets)] = clock, offsets
+    m.clock[:], m.optional[: len(offsets)] = clock, offsets
     sigma = {**SIGMAS, **(sigmas or {})}
     for first in (DR, DV, PSI, BA, BG):
         bank.P[0, range(first, first + 3), range(first, first + 3)] = sigma[first] ** 2
@@ -151,7 +154,18 @@ def rows_of(
     row["sigma"] = math.nan
     row["cn0"], row["ionosphere_factor"] = 45.0, 1.0
     first = np.arange(0, m * k + 1, max(k, 1), dtype=np.int64) if k else np.zeros(m + 1, np.int64)
-    return Rows(np.array(epoch_ns, np.int64), first, row, sat.reshape(m * k, 8), np.zeros(8))
+    row["variance_scale"], row["ionosphere_m"] = 1.0, math.nan
+    carrier, before = no_carriers()
+    return Rows(
+        np.array(epoch_ns, np.int64),
+        first,
+        row,
+        sat.reshape(m * k, 8),
+        np.zeros(8),
+        carrier,
+        before,
+        np.zeros(m, np.int64),
+    )
 
 
 def steady_force(m: np.record) -> Float64:
@@ -182,8 +196,8 @@ def dense_rows(work: Epoch, n: int) -> Float64:
     """Return (2, k, n) rows of H over all states, pseudoranges first, of a work space that ``observed`` filled."""
     lines = work.lines
     H = np.zeros((2, len(lines), n))
-    H[0][:, RANGE_COLUMNS] = lines["h_range"][:, : len(RANGE_COLUMNS)]
-    H[1][:, RATE_COLUMNS] = lines["h_rate"][:, : len(RATE_COLUMNS)]
+    H[0][:, RANGE_COLUMNS] = lines["h"][:, 0, : len(RANGE_COLUMNS)]
+    H[1][:, RATE_COLUMNS] = lines["h"][:, 1, : len(RATE_COLUMNS)]
     for line in np.flatnonzero(lines["group"]):
         H[0, line, OFFSETS + lines["group"][line] - 1] = 1.0
     return H
@@ -206,7 +220,7 @@ def perfect_rows(
             truth.state["clock"][0, 1] * (t_ns - int(truth.head["now_ns"][0])) * 1e-9
         )
         work = observed(moved, par, log, epoch, w_ib_b)
-        log.observation["value"][log.first[epoch] : log.first[epoch + 1]] = -work.lines["innovation"]
+        log.observation["value"][log.first[epoch] : log.first[epoch + 1]] = -work.lines["innovation"][:, :2]
     return log
 
 
@@ -230,7 +244,7 @@ def run(bank: Bank, log: Rows, imu: Imu, par: npt.NDArray[Any]) -> Result:
     """Run the compiled loop over all epochs of the rows."""
     n = bank.P.shape[1]
     out = new_output(log, len(log.epoch_ns), 100, np.zeros(0, np.int64))
-    work = new_workspace(max(1, int(np.diff(log.first).max())), n, n - OFFSETS)
+    work = new_workspace(max(1, int(np.diff(log.first).max())), Layout(n_offsets=n - OFFSETS))
     code, _ = run_epochs(bank, 0, len(log.epoch_ns), log, imu, par, -1e9, out, work)
     return Result(code, out, work)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insgnss.fusion.lines import Epoch
 from insgnss.fusion.loop import DONE, carry_bank, new_workspace, run_epochs
-from insgnss.fusion.measurements import Epoch
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.prediction import new_scratch, predict_covariance
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, copy_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, Layout, copy_bank
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.fusion.scene import (
@@ -43,7 +43,7 @@ def smallest_eigenvalue(P: Float64) -> float:
 
 def dense_joseph(P: Float64, work: Epoch) -> tuple[Float64, Float64]:
     """Return covariance and correction of one epoch by the textbook Joseph form, every matrix dense."""
-    H, y, r = dense_rows(work, N), work.lines["innovation"], work.lines["variance"]
+    H, y, r = dense_rows(work, N), work.lines["innovation"][:, :2], work.lines["variance"][:, :2]
     x, unit = np.zeros(N), np.eye(N)
     for kind in range(2):
         for j in range(len(y)):
@@ -62,7 +62,7 @@ def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.
     par = parameters(LEVER_B, longest_step=1.0, covariance_step=0.1)
     t = turning(par, seconds, imu_hz, rng)
     bank, dense = t.bank, copy_bank(t.bank)
-    out, work, scratch = room(t), new_workspace(12, N, 0), new_scratch(N)
+    out, work, scratch = room(t), new_workspace(12, Layout()), new_scratch(N)
     apart, of_P = np.zeros((seconds, N)), []
     for epoch in range(seconds):
         dense.state[:] = bank.state
@@ -88,7 +88,7 @@ def test_covariance_of_a_ten_hour_run_is_symmetric_and_positive_throughout(rng: 
     hours, imu_hz = 10, 10
     par = parameters(LEVER_B, longest_step=1.0, covariance_step=0.1)
     t = turning(par, hours * 3600, imu_hz, rng)
-    out, work = room(t), new_workspace(12, N, 0)
+    out, work = room(t), new_workspace(12, Layout())
     truth, smallest = t.bank.state["r_e"][0].copy(), []
     for first in range(0, hours * 3600, 120):
         code, _ = run_epochs(t.bank, first, first + 120, t.rows, t.imu, par, -1e9, out, work)
@@ -131,7 +131,7 @@ def test_biases_without_process_noise_are_learnt_without_end(rng: np.random.Gene
     for name in ("accel_bias", "gyro_bias"):
         par[f"{name}_density"], par[f"{name}_time"] = 0.0, np.inf
     t = turning(par, 3600, 10, rng)
-    out, work, sigmas = room(t), new_workspace(12, N, 0), []
+    out, work, sigmas = room(t), new_workspace(12, Layout()), []
     for first in range(0, 3600, 600):
         code, _ = run_epochs(t.bank, first, first + 600, t.rows, t.imu, par, -1e9, out, work)
         assert code == DONE

@@ -70,7 +70,7 @@ def moved(bank: Bank, d: Float64) -> Bank:
     m.b_a += d[BA : BA + 3]
     m.b_g += d[BG : BG + 3]
     m.clock += d[CLOCK : DRIFT + 1]
-    m.offsets[0] += d[OFFSETS]
+    m.optional[0] += d[OFFSETS]
     turn = np.zeros((3, 3))
     x, y, z = d[PSI : PSI + 3]
     # exact rotation by Rodrigues' formula, not through the package's quaternions
@@ -86,7 +86,7 @@ def moved(bank: Bank, d: Float64) -> Bank:
 def predictions(case: Case, d: Float64) -> Float64:
     """Return (24,) predicted pseudoranges [m], then range rates [m/s], of the state changed by ``d``."""
     work = observed(moved(case.bank, d), case.par, case.log, w_ib_b=case.w_ib_b)
-    return -work.lines["innovation"].T.ravel()
+    return -work.lines["innovation"][:, :2].T.ravel()
 
 
 def rows_of_H(case: Case) -> Float64:

@@ -41,7 +41,7 @@ def innovations(
 ) -> Float64:
     """Return (k, 2) innovations of the first epoch."""
     numbers = parameters() if par is None else par
-    return np.array(observed(bank, numbers, log, w_ib_b=w_ib_b).lines["innovation"])
+    return np.array(observed(bank, numbers, log, w_ib_b=w_ib_b).lines["innovation"][:, :2])
 
 
 def directions(at: Place) -> Float64:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.fusion.measurements import RANGE_COLUMNS, RATE_COLUMNS
+from insgnss.fusion.lines import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.scalar_update import predicted_variance, scalar_update
 from insgnss.fusion.state import BA, CLOCK, DR, DRIFT, OFFSETS
 from insgnss.tables import Float64, Int64
@@ -24,12 +24,10 @@ def random_covariance(rng: np.random.Generator, n: int = N) -> Float64:
     return 0.5 * (P + P.T)
 
 
-def dense_row(h: Float64, columns: Int64, extra: int, n: int = N) -> Float64:
+def dense_row(h: Float64, columns: Int64, n: int = N) -> Float64:
     """Return the row of H over all states."""
     row = np.zeros((1, n))
     row[0, columns] = h
-    if extra >= 0:
-        row[0, extra] = 1.0
     return row
 
 
@@ -54,22 +52,22 @@ def relative(difference: Float64, P: Float64) -> float:
 
 
 @pytest.mark.parametrize(
-    ("columns", "extra", "sigma"),
-    [(RANGE_COLUMNS, -1, 1.0), (RANGE_COLUMNS, OFFSETS, 1.0), (RATE_COLUMNS, -1, 0.05)],
+    ("columns", "sigma"),
+    [(RANGE_COLUMNS, 1.0), (np.append(RANGE_COLUMNS, OFFSETS), 1.0), (RATE_COLUMNS, 0.05)],
     ids=["range", "range of a further constellation", "rate"],
 )
 def test_scalar_update_equals_the_dense_joseph_form(
-    rng: np.random.Generator, columns: Int64, extra: int, sigma: float
+    rng: np.random.Generator, columns: Int64, sigma: float
 ) -> None:
     for _ in range(20):
         P, x, h = random_covariance(rng), rng.normal(size=N), rng.normal(size=len(columns))
         innovation = float(rng.normal())
-        H = dense_row(h, columns, extra)
+        H = dense_row(h, columns)
         v = np.vstack([x, rng.normal(size=(2, N))])
         P_expected, x_expected, y_expected, S_expected = joseph(P, H, innovation, sigma**2, x)
         x_sigma = np.sqrt(np.diag(P))
 
-        y, S = scalar_update(P, h, columns, extra, innovation, sigma**2, v)
+        y, S = scalar_update(P, h, columns, innovation, sigma**2, v)
 
         # rounding of sums of 17 products: reached 2e-14
         assert relative(P - P_expected, P_expected) < 1e-12
@@ -80,7 +78,7 @@ def test_scalar_update_equals_the_dense_joseph_form(
 @pytest.mark.parametrize("columns", [RANGE_COLUMNS, RATE_COLUMNS], ids=["range", "rate"])
 def test_predicted_variance_is_h_P_h_transposed(rng: np.random.Generator, columns: Int64) -> None:
     P, h = random_covariance(rng), rng.normal(size=len(columns))
-    H = dense_row(h, columns, -1)
+    H = dense_row(h, columns)
 
     assert predicted_variance(P, h, columns) == pytest.approx(float((H @ P @ H.T)[0, 0]), rel=1e-13)
 
@@ -89,15 +87,15 @@ def test_covariance_stays_symmetric_bit_for_bit(rng: np.random.Generator) -> Non
     P, v = random_covariance(rng), np.zeros((3, N))
     for _ in range(200):
         h = rng.normal(size=len(RATE_COLUMNS))
-        scalar_update(P, h, RATE_COLUMNS, -1, float(rng.normal()), 0.0025, v)
+        scalar_update(P, h, RATE_COLUMNS, float(rng.normal()), 0.0025, v)
         assert np.array_equal(P, P.T)
 
 
 def test_covariance_is_at_the_minimum_over_all_gains(rng: np.random.Generator) -> None:
     """An error dK of the gain enters a Joseph covariance squared: P(K + dK) = P(K) + S dK dK^T, no first-order term."""
     P, h = random_covariance(rng), rng.normal(size=len(RANGE_COLUMNS))
-    H, prior, v = dense_row(h, RANGE_COLUMNS, -1), P.copy(), np.zeros((3, N))
-    _, S = scalar_update(P, h, RANGE_COLUMNS, -1, 0.0, 1.0, v)
+    H, prior, v = dense_row(h, RANGE_COLUMNS), P.copy(), np.zeros((3, N))
+    _, S = scalar_update(P, h, RANGE_COLUMNS, 0.0, 1.0, v)
     K = (prior @ H.T)[:, 0] / S
     dK = 0.01 * np.sqrt(np.diag(P)) * rng.normal(size=N)
     left = np.eye(N) - np.outer(K + dK, H)
@@ -109,11 +107,11 @@ def test_covariance_is_at_the_minimum_over_all_gains(rng: np.random.Generator) -
 def test_repeated_identical_measurements_average_down_and_stay_positive(rng: np.random.Generator) -> None:
     """A million rows of one satellite: the sigma along the row falls as 1/sqrt(n), nothing turns negative."""
     P, v, h = random_covariance(rng), np.zeros((3, N)), rng.normal(size=len(RANGE_COLUMNS))
-    H = dense_row(h, RANGE_COLUMNS, -1)
+    H = dense_row(h, RANGE_COLUMNS)
     n = 1_000_000
     expected = 1.0 / (1.0 / float((H @ P @ H.T)[0, 0]) + n)
     for _ in range(n):
-        scalar_update(P, h, RANGE_COLUMNS, -1, 0.0, 1.0, v)
+        scalar_update(P, h, RANGE_COLUMNS, 0.0, 1.0, v)
 
     # 1 mm is left of 100 m; the prior's rounding, 1e4 m^2 * 1e-16, walks over a million updates: reached 1e-9 m^2
     assert float((H @ P @ H.T)[0, 0]) == pytest.approx(expected, abs=1e-8)
@@ -133,10 +131,10 @@ def test_a_measurement_far_better_than_the_state_leaves_a_positive_covariance(
 ) -> None:
     """S and P differ by 1e10 to 1e16: what is left along the row is the rounding of P, and never negative beyond it."""
     P, v, h = random_covariance(rng), np.zeros((3, N)), rng.normal(size=len(RANGE_COLUMNS))
-    H = dense_row(h, RANGE_COLUMNS, -1)
+    H = dense_row(h, RANGE_COLUMNS)
     before = P.copy()
     D = float((H @ P @ H.T)[0, 0])
-    scalar_update(P, h, RANGE_COLUMNS, -1, 1.0, variance, v)
+    scalar_update(P, h, RANGE_COLUMNS, 1.0, variance, v)
 
     left = float((H @ P @ H.T)[0, 0])
     assert left == pytest.approx(variance, abs=1e-13 * D)
@@ -150,7 +148,7 @@ def test_a_measurement_far_better_than_the_state_leaves_a_positive_covariance(
 def test_nearly_singular_innovation_of_a_perfectly_known_state_changes_nothing() -> None:
     """Nothing is uncertain and the row is nearly free of noise: S = 1e-300, the gain is zero and not NaN."""
     P, v, h = np.zeros((N, N)), np.zeros((3, N)), np.ones(len(RANGE_COLUMNS))
-    y, S = scalar_update(P, h, RANGE_COLUMNS, -1, 5.0, 1e-300, v)
+    y, S = scalar_update(P, h, RANGE_COLUMNS, 5.0, 1e-300, v)
 
     assert (y, S) == (5.0, 1e-300)
     assert not P.any()
@@ -163,7 +161,7 @@ def test_state_with_zero_variance_is_never_corrected(rng: np.random.Generator) -
     P[known, :] = 0.0
     P[:, known] = 0.0
     for columns in (RANGE_COLUMNS, RATE_COLUMNS) * 50:
-        scalar_update(P, rng.normal(size=len(columns)), columns, -1, float(rng.normal()), 1.0, v)
+        scalar_update(P, rng.normal(size=len(columns)), columns, float(rng.normal()), 1.0, v)
 
     assert not v[0][known].any()
     assert not P[known].any()

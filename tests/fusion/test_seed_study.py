@@ -15,7 +15,8 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.constants import C_MPS, STANDARD_GRAVITY_MPS2
-from insgnss.fusion.measurements import ANTENNA_DTYPE, RANGE_COLUMNS, RATE_COLUMNS, range_row, rate_row
+from insgnss.fusion.lines import ANTENNA_DTYPE, RANGE_COLUMNS, RATE_COLUMNS
+from insgnss.fusion.measurements import range_row, rate_row
 from insgnss.fusion.prediction import new_scratch, predict_covariance
 from insgnss.fusion.scalar_update import predicted_variance, scalar_update
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
@@ -138,7 +139,7 @@ def hidden_variances(grade: Grade, clock: tuple[float, float]) -> dict[int, list
         ):
             for sv in SKY_DEG:
                 if sv not in off:
-                    scalar_update(P, rows[sv][kind], columns, -1, 0.0, variance, v)
+                    scalar_update(P, rows[sv][kind], columns, 0.0, variance, v)
     return found
 
 

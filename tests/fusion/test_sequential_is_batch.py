@@ -64,9 +64,9 @@ def batch(bank: Bank, par: npt.NDArray[Any], log: Rows) -> tuple[Float64, Float6
     Equation: K = P H^T (H P H^T + R)^-1, x = K y, P = (I - K H) P (I - K H)^T + K R K^T      [Groves 2013, 3.2]
     """
     work = observed(bank, par, log, w_ib_b=W_IB_B)
-    used = (work.lines["status"] == USED).T.ravel()
+    used = (work.lines["status"][:, :2] == USED).T.ravel()
     H = dense_rows(work, N).reshape(-1, N)[used]
-    y, R = work.lines["innovation"].T.ravel()[used], np.diag(work.lines["variance"].T.ravel()[used])
+    y, R = work.lines["innovation"][:, :2].T.ravel()[used], np.diag(work.lines["variance"][:, :2].T.ravel()[used])
     P = bank.P[0]
     K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     left = np.eye(N) - K @ H
@@ -161,6 +161,6 @@ def test_an_epoch_without_satellites_changes_nothing(rng: np.random.Generator) -
 
     assert update(bank, log, par, W_IB_B).code == DONE
     assert np.array_equal(bank.P, before.P)
-    for name in ("r_e", "v_e", "b_a", "b_g", "clock", "offsets"):
+    for name in ("r_e", "v_e", "b_a", "b_g", "clock", "optional"):
         assert np.array_equal(bank.state[name], before.state[name]), name
     np.testing.assert_allclose(bank.state["q_eb"], before.state["q_eb"], rtol=0, atol=3e-16)

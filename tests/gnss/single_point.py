@@ -9,13 +9,14 @@ import numpy.typing as npt
 import pymap3d
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.ionosphere import klobuchar_delay
 from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight, line_of_sight_range
 from insgnss.gnss.point_solution import SOLVED, UNCHECKED, point_position, point_velocity
-from insgnss.gnss.satellite_state import range_rates, satellite_states
+from insgnss.gnss.satellite_state import glonass_channels, range_rates, satellite_states
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.gnss.troposphere import tropospheric_delay
-from insgnss.tables import EphemerisTable, Float64, GnssTable
+from insgnss.tables import EphemerisTable, Float64, GnssTable, NavigationData
 
 RANGE_SIGMA_M = 2.0  # at the zenith
 RATE_SIGMA_MPS = 0.1
@@ -42,13 +43,15 @@ class Solutions:
 
 def solve_log(
     log: GnssTable,
-    nav: EphemerisTable,
+    nav: EphemerisTable | NavigationData,
     klobuchar: Float64 | None,
     codes: set[tuple[str, str]],
     mask_deg: float = 10.0,
 ) -> Solutions:
     """Solve every epoch with the given (system, code) pairs, ionosphere and troposphere corrected."""
-    states, rates = satellite_states(log, nav), range_rates(log)
+    messages = broadcast_messages(nav)
+    channels = glonass_channels(log, messages)
+    states, rates = satellite_states(log, messages), range_rates(log, channels)
     systems = sorted({system for system, _ in codes})
     wanted = np.array(
         [(log.sv_names[a][0], log.signal_names[b]) in codes for a, b in zip(log.sv, log.signal, strict=True)]
@@ -59,7 +62,7 @@ def solve_log(
     excluded, times = 0, np.unique(log.t_ns)
     for t in times:
         index = np.flatnonzero((log.t_ns == t) & wanted)
-        epoch = _Epoch(log, states.sat[index].copy(), index, systems)
+        epoch = _Epoch(log, states.sat[index].copy(), index, systems, channels)
         epoch.ranges = log.pseudorange_m[index] + states.clock_m[index]
         x = epoch.solve(int(t), klobuchar, np.radians(mask_deg))
         if x is None:
@@ -89,14 +92,22 @@ class _Epoch:
     """One epoch's rows and the corrections for where it was seen from."""
 
     def __init__(
-        self, log: GnssTable, sat: Float64, index: npt.NDArray[np.int64], systems: list[str]
+        self,
+        log: GnssTable,
+        sat: Float64,
+        index: npt.NDArray[np.int64],
+        systems: list[str],
+        channels: dict[str, int],
     ) -> None:
         self.sat, self.index = sat, index
         names = [log.sv_names[k] for k in log.sv[index]]
         self.group = np.array([systems.index(name[0]) for name in names], np.int64)
         self.n_groups = len(systems)
         codes = [log.signal_names[k] for k in log.signal[index]]
-        self.factor = [ionosphere_factor(name[0], code) for name, code in zip(names, codes, strict=True)]
+        self.factor = [
+            ionosphere_factor(name[0], code, channels.get(name))
+            for name, code in zip(names, codes, strict=True)
+        ]
         self.ranges, self.corrected = np.zeros(len(index)), np.zeros(len(index))
         self.sigma = np.full(len(index), 15.0)
         self.use = np.ones(len(index), np.bool_)

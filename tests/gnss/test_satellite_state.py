@@ -14,7 +14,7 @@ from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.satellite_state import flight_times, range_rates, satellite_states
 from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, USED
-from insgnss.tables import EphemerisTable, GnssTable
+from insgnss.tables import EphemerisTable, GnssTable, NavigationData
 from tests.gnss.broadcast_sample import (
     ORBITS,
     TOE_NS,
@@ -122,7 +122,7 @@ def test_every_reason_for_a_missing_state_is_told(table: EphemerisTable) -> None
     log = observations(names[:4] + names[5:], [TOE_NS] * 6, [2.2e7] * 6, sv=[0, 1, 2, 3, 0, 4])
     log = with_signals(log, ("C1C", "C9Z"), [0, 0, 0, 0, 1, 0])
     states = satellite_states(log, nav)
-    reasons = [USED, STALE_EPHEMERIS, UNHEALTHY, NO_EPHEMERIS, UNKNOWN_SIGNAL, UNKNOWN_SIGNAL]
+    reasons = [USED, STALE_EPHEMERIS, UNHEALTHY, NO_EPHEMERIS, UNKNOWN_SIGNAL, NO_EPHEMERIS]
     assert list(states.status) == reasons
     assert list(states.message) == [0, -1, -1, -1, 0, -1]
     present = np.isfinite(states.position).all(axis=1)
@@ -158,6 +158,25 @@ def test_epoch_by_epoch_gives_the_bits_of_the_whole_log(
         part = observations(names, t[rows], ranges[rows])
         for of_part, of_whole in zip(satellite_states(part, source), whole, strict=True):
             np.testing.assert_array_equal(of_part, of_whole[rows])
+
+
+@pytest.mark.parametrize(
+    ("code", "place", "name"), [("C1C", 0, "L1 C/A"), ("C2L", 1, "L2C"), ("C5I", 2, "L5I"), ("C5Q", 3, "L5Q")]
+)
+def test_inter_signal_correction_of_cnav_is_added_to_the_clock_less_tgd(
+    table: EphemerisTable, code: str, place: int, name: str
+) -> None:
+    """IS-GPS-200N, 30.3.3.3.1.1, and IS-GPS-705J, 20.3.3.3.1.2: dt - TGD + ISC, on every frequency."""
+    corrections = np.full(6, np.nan)
+    corrections[place] = 3.5e-9
+    nav = NavigationData(table, None, None, inter_signal_s={"G01": corrections})
+    log = observations(("G01", "G02"), [TOE_NS] * 2, [2.2e7] * 2, code=code)
+    reference = replace(log, signal_names=("C1W",))
+    with_it, plain = satellite_states(log, nav).clock_m, satellite_states(log, table).clock_m
+    of_l1p = satellite_states(reference, table).clock_m
+    assert with_it[0] - of_l1p[0] == pytest.approx(C_MPS * 3.5e-9, abs=1e-6), name
+    # a satellite without CNAV stays as it was
+    assert with_it[1] == plain[1]
 
 
 def test_states_in_the_log_are_passed_through(table: EphemerisTable, log: GnssTable) -> None:
@@ -200,6 +219,10 @@ def test_range_rate_is_taken_as_logged_else_from_doppler() -> None:
     assert rates[0] == pytest.approx(-1000.0 * C_MPS / 1575.42e6)
     assert rates[1] == -7.0
     assert np.isnan(rates[2:]).all()
+    # GLONASS: with the channel, of the log's header or given
+    in_header = range_rates(replace(log, glonass_channels={"R03": 5}))
+    given = range_rates(log, {"R03": 5})
+    assert in_header[2] == given[2] == pytest.approx(-1000.0 * C_MPS / (1602e6 + 5 * 562.5e3))
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="plain Python takes minutes for a million rows")

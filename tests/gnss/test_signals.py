@@ -9,11 +9,15 @@ import sidereon
 
 from insgnss.constants import C_MPS
 from insgnss.gnss.signals import (
+    CHANNELS,
+    INTER_SIGNAL,
     L1_HZ,
     SIGNALS,
     UNSUPPORTED,
     Signal,
+    carrier_hz,
     default_rank,
+    inter_signal_index,
     ionosphere_factor,
     reason_unsupported,
     signal_of,
@@ -44,6 +48,7 @@ SYSTEMS = {
     "I": sidereon.GnssSystem.NAVIC,
     "S": sidereon.GnssSystem.SBAS,
 }
+CHANNEL = 5  # of the GLONASS satellite in these tests
 
 
 @pytest.mark.parametrize(("system", "code"), ALL_CODES)
@@ -63,17 +68,47 @@ def test_every_signal_answers_everything(signal: Signal) -> None:
     assert signal.name and signal.band and signal.source and signal.codes
     assert len(signal.group_delay) == 2
     assert (signal.group_delay_fnav is not None) == (signal.system == "E")
+    assert (signal.channel_step_hz > 0.0) == (signal.system == "R")
     for code in signal.codes:
         assert signal_of(signal.system, code) is signal
-        assert wavelength_m(signal.system, code) == C_MPS / signal.carrier_hz
-        assert ionosphere_factor(signal.system, code) == pytest.approx((L1_HZ / signal.carrier_hz) ** 2)
+        carrier = signal.carrier_hz + CHANNEL * signal.channel_step_hz
+        assert carrier_hz(signal.system, code, CHANNEL) == carrier
+        assert wavelength_m(signal.system, code, CHANNEL) == C_MPS / carrier
+        assert ionosphere_factor(signal.system, code, CHANNEL) == pytest.approx((L1_HZ / carrier) ** 2)
         assert (default_rank(signal.system, code) >= 0) == signal.default_used
 
 
-@pytest.mark.parametrize("signal", SIGNALS, ids=lambda s: f"{s.system} {s.name}")
+@pytest.mark.parametrize(
+    "signal", [s for s in SIGNALS if s.system != "R"], ids=lambda s: f"{s.system} {s.name}"
+)
 def test_carrier_equals_an_independent_table(signal: Signal) -> None:
     band = signal.codes[0][1]
     assert sidereon.rinex_band_frequency_hz(SYSTEMS[signal.system], band) == pytest.approx(signal.carrier_hz)
+
+
+@pytest.mark.parametrize("channel", range(-7, 7))
+@pytest.mark.parametrize("code", ["C1C", "C1P", "C2C", "C2P"])
+def test_glonass_carrier_of_each_channel_equals_an_independent_table(code: str, channel: int) -> None:
+    theirs = sidereon.rinex_observation_wavelength_m(sidereon.GnssSystem.GLONASS, code, 3.05, channel)
+    assert wavelength_m("R", code, channel) == pytest.approx(theirs, rel=1e-12)
+
+
+def test_glonass_bands_stand_as_nine_to_seven_on_every_channel() -> None:
+    """GLONASS ICD 5.1, 3.3.1.1: f2 / f1 = 7/9."""
+    for channel in CHANNELS:
+        ratio = carrier_hz("R", "C2C", channel) / carrier_hz("R", "C1C", channel)
+        assert ratio == pytest.approx(7.0 / 9.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("channel", [None, -8, 14, -128, 99])
+def test_glonass_has_no_carrier_without_a_channel(channel: int | None) -> None:
+    assert math.isnan(carrier_hz("R", "C1C", channel))
+    assert math.isnan(wavelength_m("R", "C1C", channel))
+    assert math.isnan(ionosphere_factor("R", "C1C", channel))
+
+
+def test_channel_is_of_no_account_to_other_systems() -> None:
+    assert wavelength_m("G", "C1C", 4) == wavelength_m("G", "C1C")
 
 
 def test_no_code_stands_twice() -> None:
@@ -87,8 +122,19 @@ def test_unknown_code_has_a_reason_that_names_it() -> None:
     assert "C9Z" in reason_unsupported("G", "C9Z")
 
 
-def test_glonass_is_refused_because_its_carrier_needs_the_channel() -> None:
-    assert reason_unsupported("R", "C1C") == "FDMA: carrier needs the channel"
+@pytest.mark.parametrize("code", ["C3I", "C4A", "C6X"])
+def test_glonass_cdma_is_refused_with_its_reason(code: str) -> None:
+    assert "CDMA" in reason_unsupported("R", code)
+
+
+def test_every_inter_signal_correction_belongs_to_a_signal_without_it() -> None:
+    """Codes with a correction say that it may be missing; those that define TGD have none."""
+    for code, place in INTER_SIGNAL.items():
+        signal = signal_of("G", code)
+        assert signal is not None and "inter-signal" in signal.neglects
+        assert inter_signal_index("G", code) == inter_signal_index("J", code) == place
+    assert {inter_signal_index("G", code) for code in ("C1W", "C2W", "C1P", "C2P")} == {-1}
+    assert inter_signal_index("E", "C1C") == inter_signal_index("R", "C1C") == -1
 
 
 def test_default_signals_are_one_band_per_satellite_in_a_fixed_order() -> None:
@@ -97,6 +143,7 @@ def test_default_signals_are_one_band_per_satellite_in_a_fixed_order() -> None:
     )
     assert 0 <= default_rank("C", "C2I") < default_rank("C", "C1P")
     assert default_rank("G", "C1C") >= 0 and default_rank("J", "C1C") >= 0
+    assert default_rank("R", "C1C") >= 0 and default_rank("I", "C5A") >= 0
     assert default_rank("G", "C5Q") == default_rank("G", "C1W") == -1
 
 

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 import sidereon
 
-from insgnss.gnss.troposphere import mapping_factors, standard_atmosphere, tropospheric_delay, zenith_delays
+from insgnss.errors import ConfigError
+from insgnss.gnss.troposphere import (
+    STANDARD_WEATHER,
+    mapping_factors,
+    standard_atmosphere,
+    tropospheric_delay,
+    weather_at_sea_level,
+    zenith_delays,
+)
 
 # Niell's season has its zero crossing a quarter of a year after day 28
 NO_SEASON_US = int((1_672_531_200 + (28 - 1 + 365.25 / 4) * 86_400) * 1e6)
@@ -89,3 +97,60 @@ def test_delay_goes_smoothly_to_nothing_with_height() -> None:
 def test_wild_height_makes_no_wild_delay() -> None:
     for h in (-6.4e6, -1e12, 1e12):
         assert 0.0 <= tropospheric_delay(0.3, h, 0.5) < 6.0
+
+
+def test_weather_of_the_standard_atmosphere_is_the_standard_at_every_height() -> None:
+    assert weather_at_sea_level() == weather_at_sea_level(h=800.0) == STANDARD_WEATHER
+    for h in (0.0, 1500.0, 9000.0):
+        pressure, temperature, _ = standard_atmosphere(h)
+        assert weather_at_sea_level(pressure, temperature, 0.7, h) == pytest.approx(
+            STANDARD_WEATHER, rel=1e-12
+        )
+        assert standard_atmosphere(h, *STANDARD_WEATHER) == standard_atmosphere(h)
+
+
+def test_measured_weather_returns_at_the_height_where_it_was_measured() -> None:
+    weather = weather_at_sea_level(843.2, 291.0, 0.35, 1580.0)
+    pressure, temperature, vapour = standard_atmosphere(1580.0, *weather)
+    assert (pressure, temperature) == pytest.approx((843.2, 291.0), abs=1e-9)
+    # 35 % of the 20.6 hPa at which water boils away at 17.85 degC (steam tables: 20.5 hPa)
+    assert vapour == pytest.approx(0.35 * 20.5, rel=0.01)
+
+
+def test_pressure_moves_the_hydrostatic_delay_by_two_millimetres_for_each_hectopascal() -> None:
+    low, high = (
+        zenith_delays(0.8, 0.0, *standard_atmosphere(0.0, *weather_at_sea_level(p)))[0]
+        for p in (980.0, 1040.0)
+    )
+    assert high - low == pytest.approx(60 * 2.28e-3, rel=5e-3)
+
+
+def test_humidity_and_temperature_must_matter_in_the_wet_delay() -> None:
+    def wet(temperature: float, humidity: float) -> float:
+        weather = weather_at_sea_level(None, temperature, humidity)
+        return zenith_delays(0.8, 0.0, *standard_atmosphere(0.0, *weather))[1]
+
+    assert wet(288.15, 0.0) == 0.0
+    assert wet(288.15, 1.0) == pytest.approx(2.0 * wet(288.15, 0.5), rel=1e-12)
+    # a tropical day holds three times the water of a spring day: 0.4 m against 0.1 m
+    assert 0.3 < wet(303.0, 0.9) < 0.45
+    assert 0.01 < wet(263.0, 0.7) < 0.03
+
+
+@pytest.mark.parametrize(
+    ("pressure", "temperature", "humidity", "key"),
+    [
+        (101_325.0, None, None, "pressure_hpa"),
+        (29.92, None, None, "pressure_hpa"),
+        (None, 15.0, None, "temperature_k"),
+        (None, -3.0, None, "temperature_k"),
+        (None, None, 70.0, "humidity"),
+        (math.nan, None, None, "pressure_hpa"),
+        (1000.0, 0.0, None, "pressure_hpa"),
+    ],
+)
+def test_weather_in_another_unit_is_refused(
+    pressure: float | None, temperature: float | None, humidity: float | None, key: str
+) -> None:
+    with pytest.raises(ConfigError, match=key):
+        weather_at_sea_level(pressure, temperature, humidity)

@@ -14,7 +14,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.fusion.loop import Imu, new_workspace, run_epochs, run_to
 from insgnss.fusion.output import new_output
 from insgnss.fusion.parameters import resolve_parameters
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, Layout, new_bank
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -120,7 +120,9 @@ def parameters() -> npt.NDArray[Any]:
             "range_rate_noise_mps": {"floor": 0.03, "elevation": 0.02, "cn0_at_45_dbhz": 0.03},
         }
     )
-    return resolve_parameters(config, grade, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True)
+    return resolve_parameters(
+        config, grade, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True, Layout(n_offsets=1)
+    )
 
 
 def rows() -> Rows:
@@ -169,7 +171,7 @@ def short_log(output_between: bool) -> list[Any]:
     made, log = bank(), rows()
     times = START_NS + np.arange(1, 22) * 50_000_000 + 3_000_000 if output_between else np.zeros(0)
     out = new_output(log, 40, 20, times.astype(np.int64))
-    work = new_workspace(len(SKY), OFFSETS + 1, 1)
+    work = new_workspace(len(SKY), Layout(n_offsets=1))
     ended = run_epochs(made, 0, EPOCHS, log, imu(), parameters(), -30.0, out, work)
     if output_between:
         run_to(made, int(times[-1]), imu(), parameters(), out, work)

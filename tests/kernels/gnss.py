@@ -11,7 +11,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.point_solution import point_position, point_velocity
 from insgnss.gnss.satellite_state import satellite_states
-from insgnss.tables import EphemerisTable, GnssTable
+from insgnss.tables import EphemerisTable, GnssTable, NavigationData, StateVectorTable
 from tests.kernels import KernelCase
 
 _SIGHT = "insgnss.gnss.line_of_sight"
@@ -57,6 +57,41 @@ def ephemerides() -> EphemerisTable:
         "fit_interval_s": np.full(n, np.nan),
     }
     return EphemerisTable(**same)
+
+
+def state_vectors() -> StateVectorTable:
+    """Return the message of one GLONASS satellite."""
+    return StateVectorTable(
+        sv_names=("R03",),
+        t_ns=np.array([_TOE_NS]),
+        r_e=np.array([[-23_809.82128906e3, -8_908.935546875e3, 2_209.434082031e3]]),
+        v_e=np.array([[228.9457321167, 253.6134719849, 3_556.049346924]]),
+        a_e=np.array([[-3.725290298462e-6, 9.313225746155e-7, -1.862645149231e-6]]),
+        clock_s=np.array([-1.236097887158e-4]),
+        clock_rate=np.array([9.1e-13]),
+        group_delay_s=np.array([4e-9]),
+        health=np.zeros(1),
+        channel=np.array([5], np.int16),
+    )
+
+
+def integrated_states() -> list[np.ndarray]:
+    """Return the satellite states of five rows of a GLONASS satellite: within its message's time and outside."""
+    n = 5
+    none = np.full(n, np.nan)
+    log = GnssTable(
+        t_ns=_TOE_NS + np.array([-929, -30, 0, 459, 960]) * NS_PER_S,
+        sv=np.zeros(n, np.int16),
+        signal=np.array([0, 1, 0, 1, 0], np.int16),
+        pseudorange_m=np.linspace(2.0e7, 2.3e7, n),
+        doppler_hz=none,
+        range_rate_mps=none,
+        cn0_dbhz=none,
+        sv_names=("R03",),
+        signal_names=("C1C", "C2C"),
+    )
+    navigation = NavigationData(ephemerides(), None, None, state_vectors())
+    return list(satellite_states(log, navigation))
 
 
 def broadcast_states() -> list[np.ndarray]:
@@ -113,7 +148,23 @@ CASES = [
     KernelCase("insgnss.gnss.troposphere:mapping_factors", (1.0, 300.0, 0.6)),
     KernelCase("insgnss.gnss.troposphere:tropospheric_delay", (1.0, 300.0, 0.6)),
     KernelCase("insgnss.gnss.range_model:path_delay", (_KLOBUCHAR, 1.0, 0.5, 300.0, 2.0, 0.6, 2e5, 1.6, 1.0)),
+    KernelCase(
+        "insgnss.gnss.differential:base_ranges",
+        (
+            np.full(2, _TOE_NS),
+            _SAT,
+            np.zeros(2),
+            _R_E,
+            _KLOBUCHAR,
+            np.array([1.0, 1.8]),
+            np.array([np.nan, 4.0]),
+            np.array([1.0, 1013.25, 288.15, 0.7]),
+            np.zeros(2),
+            np.zeros(2),
+        ),
+    ),
     KernelCase("tests.kernels.gnss:broadcast_states"),
+    KernelCase("tests.kernels.gnss:integrated_states"),
     # Gauss-Newton ends when its step is below 1e-5 m, which is 1e-12 of the position
     KernelCase("tests.kernels.gnss:point_fix", (8, 0), rtol=1e-11, label="all good"),
     KernelCase("tests.kernels.gnss:point_fix", (8, 1), rtol=1e-11, label="one false, all subsets"),

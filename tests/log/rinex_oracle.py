@@ -67,3 +67,23 @@ def observations(text: str) -> dict[tuple[dt.datetime, str, str], float]:
             if cell:
                 values[epoch, sv, code] = float(cell)
     return values
+
+
+def indicators(text: str) -> dict[tuple[dt.datetime, str, str], int]:
+    """Return every loss-of-lock indicator of a RINEX 3 observation file that is not blank."""
+    header, body = text.split("END OF HEADER", 1)
+    codes = {
+        line[0]: line[6:60].split() for line in header.splitlines() if line[60:].startswith("SYS / # / OBS")
+    }
+    flags = {}
+    epoch = dt.datetime.min
+    for line in body.splitlines()[1:]:
+        if line.startswith(">"):
+            minute = dt.datetime.strptime(" ".join(line[2:18].split()), "%Y %m %d %H %M")
+            epoch = minute + dt.timedelta(microseconds=round(float(line[18:29]) * 1e6))
+            continue
+        for k, code in enumerate(codes[line[0]]):
+            flag = line[17 + 16 * k : 18 + 16 * k].strip()
+            if flag:
+                flags[epoch, f"{line[0]}{int(line[1:3]):02d}", code] = int(flag)
+    return flags

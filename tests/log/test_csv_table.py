@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from insgnss.errors import ColumnError, InputError, MissingFileError
+from insgnss.log import csv_fast
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import CsvTable, read_csv_table
 from tests.log.writing import write_lines
@@ -289,3 +290,59 @@ def test_large_file_reads_the_same_with_threads(tmp_path: Path, rng: np.random.G
     assert path.stat().st_size > 8 << 20
     table = read_csv_table(path, WANTED)
     assert np.array_equal(np.column_stack([table.columns[name] for name in ("time_s", "x", "y")]), values)
+
+
+@pytest.fixture
+def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have files parsed in pieces of a few lines."""
+    monkeypatch.setattr(csv_fast, "PIECE_BYTES", 64)
+
+
+@pytest.mark.usefixtures("small_pieces")
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_file_in_many_pieces_is_read_whole_and_in_order(tmp_path: Path, end: str) -> None:
+    table = read(tmp_path, [HEADER, *ROWS], end)
+
+    assert_complete(table)
+    assert table.events == []
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_rows_that_become_shorter_find_room(tmp_path: Path) -> None:
+    wide = [f"{k}.500000000000,{k * 0.25:020.12f},{-k},n{k % 3}" for k in range(10)]
+
+    assert_complete(read(tmp_path, [HEADER, *wide, *ROWS[10:]]))
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_bad_cell_in_a_late_piece_is_reported_with_its_line(tmp_path: Path) -> None:
+    table = read(tmp_path, [HEADER, *ROWS[:90], "90.5,oops,1,n0", *ROWS[91:]])
+
+    assert table.n == 99
+    assert any(":92" in event.detail and "oops" in event.detail for event in table.events)
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_word_that_first_appears_in_a_late_piece_keeps_its_name(tmp_path: Path) -> None:
+    column = read(tmp_path, [HEADER, *ROWS[:90], "90.5,1,1, late ", *ROWS[91:]]).text["name"]
+
+    assert column.words[column.codes[90]] == "late"
+    assert len(column.words) == 4
+
+
+@pytest.mark.usefixtures("small_pieces")
+def test_columns_wanted_together_lie_in_one_array(tmp_path: Path) -> None:
+    path = write_lines(tmp_path / "log.csv", [HEADER, *ROWS], "\n")
+    table = read_csv_table(path, Wanted(numeric=("time_s",), optional=("x", "y"), together=("y", "x")))
+
+    assert table.block is not None
+    assert np.array_equal(table.block, np.column_stack([table.columns["y"], table.columns["x"]]))
+    assert np.shares_memory(table.block, table.columns["x"])
+
+
+def test_columns_wanted_together_are_single_where_one_is_missing(tmp_path: Path) -> None:
+    path = write_lines(tmp_path / "log.csv", [HEADER, *ROWS], "\n")
+    table = read_csv_table(path, Wanted(numeric=("time_s",), optional=("x", "z"), together=("x", "z")))
+
+    assert table.block is None
+    assert np.array_equal(table.columns["x"], np.arange(100) * 0.25)

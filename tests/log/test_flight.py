@@ -33,7 +33,7 @@ lever_arm_m = [0.0, 0.0, 0.0]
 def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     write_imu(tmp_path / "imu.csv", rest(rng, n=2000))
     write_gnss(tmp_path / "gnss.csv", gnss_lines())
-    (tmp_path / "nav.rnx").write_text(NAV_HEADER + message())
+    (tmp_path / "nav.rnx").write_text(NAV_HEADER + message(toc="2023 06 25 00 00 00", toe=0.0))
     (tmp_path / "flight.toml").write_text(FLIGHT)
     return tmp_path
 

@@ -16,7 +16,8 @@ from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import read_csv_table
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.imu_csv import read_imu
-from insgnss.log.rinex import read_navigation, read_rinex_obs
+from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex_obs import read_rinex_obs
 from tests.config.test_strict import GOOD
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
 from tests.log.test_rinex_navigation import message

@@ -13,9 +13,10 @@ import sidereon
 from insgnss.errors import InputError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.rinex import read_rinex_obs
+from insgnss.log.hatanaka import epoch_starts
+from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.tables import GnssTable
-from tests.log.rinex_oracle import observations
+from tests.log.rinex_oracle import indicators, observations
 from tests.log.writing import WEEK, gnss_config
 
 HEADER = """\
@@ -57,6 +58,15 @@ def rows(table: GnssTable) -> dict[tuple[int, str, str], tuple[float, float, flo
     }
 
 
+def phases(table: GnssTable) -> dict[tuple[int, str, str], tuple[float, int]]:
+    assert table.carrier_cycles is not None and table.lli is not None
+    columns = (table.t_ns, table.sv, table.signal, table.carrier_cycles, table.lli)
+    return {
+        (t, table.sv_names[s], table.signal_names[c]): (cycles, flag)
+        for t, s, c, cycles, flag in zip(*(column.tolist() for column in columns), strict=True)
+    }
+
+
 def test_one_row_for_each_epoch_satellite_and_signal(tmp_path: Path) -> None:
     table, events = read_rinex_obs([write(tmp_path, HEADER + epoch() + epoch("43.0050001", shift=100.0))])
     first = datetime_to_ns(dt.datetime(2023, 6, 29, 11, 11, 42))
@@ -81,6 +91,22 @@ def test_every_value_of_a_real_file_is_that_of_the_text(data_root: Path) -> None
     for when, sv, code in keys:
         values = [expected.get((when, sv, kind + code[1:]), np.nan) for kind in "CDS"]
         assert np.array_equal(found[datetime_to_ns(when), sv, code], values, equal_nan=True)
+
+
+@pytest.mark.real_data
+def test_every_phase_and_indicator_of_a_real_file_is_that_of_the_text(data_root: Path) -> None:
+    path = data_root / "instinct_static_20230629" / "reach_m2_static_10min.23O.gz"
+    text = gzip.decompress(path.read_bytes()).decode()
+    table, _ = read_rinex_obs([path])
+    expected, flags = observations(text), indicators(text)
+    found = phases(table)
+    keys = {(t, sv, "C" + code[1:]) for (t, sv, code) in expected if code[0] in "CD"}
+    assert len(found) == len(keys) and sum(flag != 0 for _, flag in found.values()) > 5
+    for when, sv, code in keys:
+        cycles, flag = found[datetime_to_ns(when), sv, code]
+        name = when, sv, "L" + code[1:]
+        assert np.array_equal(cycles, expected.get(name, np.nan), equal_nan=True)
+        assert flag == (flags.get(name, 0) if name in expected else 0)
 
 
 @pytest.mark.real_data
@@ -112,6 +138,144 @@ def test_rinex_2_codes_become_those_of_rinex_3_and_share_their_bands_doppler(tmp
     assert found["G05", "C1C"] == (22e6, 1234.5, 45.0)
     assert found["G05", "C1W"] == (22e6 + 1, 1234.5, 45.0)
     assert found["G05", "C2W"][0] == 22e6 + 5 and np.isnan(found["G05", "C2W"][1])
+
+
+SATELLITES_2 = "G05G07R01R02R03E11E12S20G08G09G10G11G12 13"  # a blank system is the file's own: here GPS
+RINEX_2_MANY = """\
+     2.11           OBSERVATION DATA    M (MIXED)           RINEX VERSION / TYPE
+     6    C1    L1    D1    S1    P2    L2                  # / TYPES OF OBSERV
+  2023     6    29    11    11   42.0000000     GPS         TIME OF FIRST OBS
+                                                            END OF HEADER
+""" + "".join(
+    f" 23  6 29 11 11 {second:2d}.0000000  0 14{SATELLITES_2[:36]}       .000000123\n{' ' * 32}{SATELLITES_2[36:]}\n"
+    + "".join(
+        f"{2e7 + 1000 * k:14.3f}  {1e8 + second + k:14.3f}1{k % 3} {1.0 * k:13.3f}  {40.0 + k:14.3f}  "
+        f"{2e7 + 1000 * k + 1:14.3f}  \n{9e7 + k:14.3f} 7\n"
+        for k in range(14)
+    )
+    for second in (42, 43)
+)
+
+
+def test_rinex_2_epoch_of_more_than_twelve_satellites_of_all_systems_is_read(tmp_path: Path) -> None:
+    table, events = read_rinex_obs([write(tmp_path, RINEX_2_MANY)])
+    start = datetime_to_ns(dt.datetime(2023, 6, 29, 11, 11, 42))
+    assert events == [] and np.unique(table.t_ns).tolist() == [start, start + 10**9]
+    names = [SATELLITES_2[3 * k : 3 * k + 3].replace(" ", "G") for k in range(14)]
+    assert set(table.sv_names) == set(names)
+    found, carrier = rows(table), phases(table)
+    for k, name in enumerate(names):
+        code = "C1X" if name[0] == "E" else "C1C"
+        assert found[start, name, code] == (2e7 + 1000 * k, k, 40 + k)
+        assert carrier[start + 10**9, name, code] == (1e8 + 43 + k, 1)
+    second_band = next(key for key in carrier if key[1] == "G07" and key[2].startswith("C2"))
+    assert carrier[second_band][0] == 9e7 + 1
+
+
+def test_half_cycle_and_slip_flags_stay_with_their_phase(tmp_path: Path) -> None:
+    cell = f"{1e8:14.3f}"
+    for flag in range(8):
+        text = HEADER + epoch().replace(f"{cell}  ", f"{cell}{flag}7", 1)
+        table, _ = read_rinex_obs([write(tmp_path, text)])
+        assert phases(table)[int(table.t_ns[0]), "G05", "C1C"] == (1e8, flag)
+        assert table.lli is not None and int(table.lli.sum()) == flag
+
+
+def test_file_without_phases_has_no_carrier_column(tmp_path: Path) -> None:
+    text = HEADER.replace(" L1C", " X1C") + epoch()
+    table, _ = read_rinex_obs([write(tmp_path, text)])
+    assert table.carrier_cycles is None and table.lli is None and len(table.t_ns) == 4
+
+
+def test_phase_without_range_and_doppler_is_left_out_and_told(tmp_path: Path) -> None:
+    text = HEADER + epoch().replace("G07" + cells(23e6, None, -50.0), "G07" + cells(None, 1e8))
+    table, events = read_rinex_obs([write(tmp_path, text)])
+    assert len(table.t_ns) == 3 and [event.kind for event in events] == ["rinex_phase_alone"]
+
+
+def test_glonass_channels_of_the_header_are_kept(tmp_path: Path) -> None:
+    line = "  3 R01  1 R07 -4 R24  2                                    GLONASS SLOT / FRQ #\n"
+    text = HEADER.replace("E    2", line + "E    2", 1) + epoch()
+    table, _ = read_rinex_obs([write(tmp_path, text)])
+    assert table.glonass_channels == {"R01": 1, "R07": -4, "R24": 2}
+
+
+def test_receiver_clock_offset_changes_nothing(tmp_path: Path) -> None:
+    text = HEADER + epoch().replace("  0 3\n", "  0 3      0.000123456789\n")
+    table, events = read_rinex_obs([write(tmp_path, text)])
+    plain, _ = read_rinex_obs([write(tmp_path, HEADER + epoch())])
+    assert "0.000123456789" in text and events == []
+    assert np.array_equal(table.t_ns, plain.t_ns) and np.array_equal(
+        table.pseudorange_m, plain.pseudorange_m, equal_nan=True
+    )
+
+
+@pytest.mark.parametrize("end", ["\r\n", "\r", "mixed"])
+def test_line_ends_of_any_kind_give_the_same_table(tmp_path: Path, end: str) -> None:
+    text = HEADER + "".join(epoch(f"{42 + k}.0000000") for k in range(4))
+    ends = ["\n", "\r\n", "\r\r\n", "\r"] if end == "mixed" else [end]
+    path = tmp_path / "ends.rnx"
+    path.write_bytes("".join(x + ends[k % len(ends)] for k, x in enumerate(text.splitlines())).encode())
+    table, events = read_rinex_obs([path])
+    assert events == [] and rows(table).keys() == rows(read_rinex_obs([write(tmp_path, text)])[0]).keys()
+
+
+def test_header_in_mid_file_changes_the_codes_from_there_on(tmp_path: Path) -> None:
+    change = (
+        "> 2023 06 29 11 11 42.5000000  4 1\n"
+        "G    6 D1C C1C L1C S1C C5Q D5Q                              SYS / # / OBS TYPES\n"
+    )
+    later = (
+        epoch("43.0000000")
+        .replace(cells(22e6, 1e8, 1234.5, 45.0), cells(1234.5, 22e6, 1e8, 45.0))
+        .replace(cells(23e6, None, -50.0), cells(-50.0, 23e6))
+    )
+    table, events = read_rinex_obs([write(tmp_path, HEADER + epoch() + change + later)])
+    found = rows(table)
+    first = datetime_to_ns(dt.datetime(2023, 6, 29, 11, 11, 42))
+    assert [event.kind for event in events] == ["rinex_event"]
+    for key in (("G05", "C1C"), ("G07", "C1C"), ("G05", "C5Q")):
+        assert np.array_equal(found[first, *key], found[first + 10**9, *key], equal_nan=True)
+
+
+def test_header_in_mid_file_with_as_many_other_codes_names_the_values_anew(tmp_path: Path) -> None:
+    head = HEADER.replace("G    6 C1C L1C D1C S1C C5Q D5Q", "G    2 C1C D1C                ")
+    change = (
+        "> 2023 06 29 11 11 42.5000000  4 1\n"
+        "G    2 C5Q D5Q                                              SYS / # / OBS TYPES\n"
+    )
+    body = "> 2023 06 29 11 11 42.0000000  0 1\nG05" + cells(22e6, 500.0) + "\n"
+    later = body.replace("42.0000000", "43.0000000")
+    table, _ = read_rinex_obs([write(tmp_path, head + body + change + later)])
+    first = datetime_to_ns(dt.datetime(2023, 6, 29, 11, 11, 42))
+    assert {key: value[:2] for key, value in rows(table).items()} == {
+        (first, "G05", "C1C"): (22e6, 500.0),
+        (first + 10**9, "G05", "C5Q"): (22e6, 500.0),
+    }
+
+
+def test_epoch_that_stands_twice_is_kept_twice(tmp_path: Path) -> None:
+    table, _ = read_rinex_obs([write(tmp_path, HEADER + epoch() + epoch())])
+    assert len(table.t_ns) == 8 and len(np.unique(table.t_ns)) == 1
+
+
+def test_unknown_codes_and_high_satellite_numbers_stay_in_the_table(tmp_path: Path) -> None:
+    text = HEADER.replace("C5Q D5Q", "C9Y D9Y").replace("E    2", "C    2") + epoch()
+    text = text.replace("G05", "G33").replace("E11", "C62")
+    table, events = read_rinex_obs([write(tmp_path, text)])
+    assert events == [] and table.sv_names == ("C62", "G07", "G33") and "C9Y" in table.signal_names
+
+
+def test_version_4_is_read_as_version_3(tmp_path: Path) -> None:
+    four, _ = read_rinex_obs([write(tmp_path, HEADER.replace("3.04", "4.01") + epoch())])
+    three, _ = read_rinex_obs([write(tmp_path, HEADER + epoch())])
+    assert rows(four).keys() == rows(three).keys()
+
+
+def test_scale_factor_of_the_header_is_applied(tmp_path: Path) -> None:
+    line = "G  10   1 C1C                                               SYS / SCALE FACTOR\n"
+    table, _ = read_rinex_obs([write(tmp_path, HEADER.replace("E    2", line + "E    2", 1) + epoch())])
+    assert {key[1:]: value[0] for key, value in rows(table).items()}["G05", "C1C"] == 2.2e6
 
 
 def test_event_epochs_are_passed_over_with_an_event(tmp_path: Path) -> None:
@@ -157,10 +321,55 @@ def test_file_without_observations_is_a_typed_error(tmp_path: Path, text: str) -
         read_rinex_obs([write(tmp_path, text)])
 
 
-def test_damaged_hatanaka_file_is_a_typed_error(tmp_path: Path) -> None:
+def test_hatanaka_file_cut_in_its_first_epoch_is_a_typed_error(tmp_path: Path) -> None:
     packed = sidereon.encode_crinex(HEADER + epoch() + epoch("43.0000000", shift=5.0))
     with pytest.raises(InputError):
-        read_rinex_obs([write(tmp_path, packed[:400], "log.crx")])
+        read_rinex_obs([write(tmp_path, packed[: packed.index("> 2023") + 60], "log.crx")])
+
+
+@pytest.mark.parametrize("version", [1, 3])
+@pytest.mark.parametrize("damage", ["cut", "letters"])
+def test_hatanaka_file_is_read_up_to_its_damage(tmp_path: Path, version: int, damage: str) -> None:
+    plain = RINEX_2_MANY if version == 1 else HEADER + "".join(epoch(f"{42 + k}.0000000") for k in range(9))
+    packed = sidereon.encode_crinex(plain)
+    assert packed.startswith(f"{version}.0")
+    per_epoch = 2 + (14 if version == 1 else 3)
+    lines = packed.splitlines(keepends=True)
+    first = next(k for k, line in enumerate(lines) if "END OF HEADER" in line) + 1
+    whole = 1 if version == 1 else 5
+    bad = first + whole * per_epoch + 3
+    kept = [*lines[:bad], lines[bad][:1]] if damage == "cut" else [*lines[:bad], "1&12x\n", *lines[bad + 1 :]]
+    path = write(tmp_path, "".join(kept), "log.crx")
+    table, events = read_rinex_obs([path])
+    expected, _ = read_rinex_obs([write(tmp_path, plain)])
+    assert [event.kind for event in events] == ["rinex_hatanaka_damaged"]
+    assert f"log.crx:{first + whole * per_epoch + 1}:" in events[0].detail
+    n = len(table.t_ns)
+    assert len(np.unique(table.t_ns)) == whole
+    assert np.array_equal(table.pseudorange_m, expected.pseudorange_m[:n], equal_nan=True)
+
+
+def test_hatanaka_epochs_are_found_past_events_and_falling_counts(tmp_path: Path) -> None:
+    event = "> 2023 06 29 11 11 41.5000000  4 1\nnothing new                                                 COMMENT\n"
+    one = "> 2023 06 29 11 11 40.0000000  0 1\nG05" + cells(22e6, 1e8) + "\n"
+    many = "> 2023 06 29 11 11 41.0000000  0 12\n" + "".join(
+        f"G{k:02d}{cells(22e6, 1e8)}\n" for k in range(1, 13)
+    )
+    body = [one, many, one.replace("40.0", "41.2"), event, epoch(), epoch("43.0000000")]
+    packed = sidereon.encode_crinex(HEADER + "".join(body)).splitlines(keepends=True)
+    # the third epoch as a difference to the second: twelve satellites become one, " 12" -> "  1"
+    third = next(k for k, line in enumerate(packed) if "41.2000000" in line)
+    assert packed[third][32:35].strip() == "1" and packed[third][0] == ">"
+    packed[third] = " " * 20 + "2" + " " * 12 + "&1" + " " * 6 + "G05" + "&" * 33 + "\n"
+    packed[third] = packed[third][:35] + " " * 6 + "G05\n"
+    starts = epoch_starts(packed)
+    assert [packed[k][:1] for k in starts[:-1]] == [">", ">", " ", ">", ">", ">"] and starts[-1] == len(
+        packed
+    )
+    path = write(tmp_path, "".join(packed[:-1]), "log.crx")
+    table, events = read_rinex_obs([path])
+    assert events[0].kind == "rinex_hatanaka_damaged" and f":{starts[-2] + 1}:" in events[0].detail
+    assert "G07" in table.sv_names
 
 
 def test_flight_files_time_settings_are_told_to_be_without_use(tmp_path: Path) -> None:

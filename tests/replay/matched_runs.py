@@ -81,7 +81,7 @@ def matched_setup() -> FilterSetup:
         range_rate_noise_mps=_noise(RATE_NOISE),
         adaptation=Adaptation(on=False),
     )
-    return FilterSetup(config, GRADE, CLOCK_TYPE, LEVER_ARM_B, ephemerides=paper_sky().ephemerides)
+    return FilterSetup(config, GRADE, CLOCK_TYPE, LEVER_ARM_B, navigation=paper_sky())
 
 
 def _noise(terms: NoiseTerms) -> Noise:
@@ -104,7 +104,7 @@ def matched_run(
     """Open a filter at the first epoch, which is spent on that, and run it through the log, looking at ``epochs``."""
     use = setup.config.measurements
     rows = prepare_rows(
-        log.gnss, setup.ephemerides, None, clock_groups=setup.clock_groups, signals=dict(use.signals)
+        log.gnss, setup.navigation, None, clock_groups=setup.clock_groups, signals=dict(use.signals)
     )
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64))
     imu = Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)

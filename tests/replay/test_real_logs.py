@@ -21,7 +21,7 @@ from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightLogs
-from insgnss.replay import rows_of, run_filter, setup_filter
+from insgnss.replay import run_filter, setup_filter
 from insgnss.result_tables import nav_table
 from insgnss.run import Run
 from insgnss.tables import Float64
@@ -113,7 +113,7 @@ def test_solution_is_whole(replayed: dict[str, Replayed], name: str) -> None:
 def antenna_against_fixes(found: Replayed) -> tuple[Float64, Float64]:
     """Return antenna position and velocity of the solution minus those of each epoch's own fix, NED (n, 3)."""
     nav = found.run.nav
-    rows, par = rows_of(found.setup, found.logs), found.setup.parameters()[0]
+    rows, par = found.setup.rows(found.logs.gnss, found.setup.navigation), found.setup.parameters()[0]
     times = ns_to_week_seconds(rows.epoch_ns, found.week)
     position, velocity = [], []
     for row in nav.itertuples():
@@ -170,8 +170,8 @@ def test_car_drifts_less_than_a_metre_in_twenty_seconds_without_satellites(
 def solution(found: Replayed, logs: FlightLogs) -> pd.DataFrame:
     """Return the navigation table of other logs of the same flight, ten rows a second."""
     setup = dataclasses.replace(found.setup)
-    out, _ = run_filter(setup, logs.imu, rows_of(setup, logs), 10.0)
-    nav = nav_table(out, found.week, setup.clock_groups)
+    out, _ = run_filter(setup, logs.imu, setup.rows(logs.gnss, setup.navigation), 10.0)
+    nav = nav_table(out, found.week, setup)
     return nav.assign(time_s=nav["time_s"].round(1))
 
 

@@ -1,0 +1,263 @@
+"""The aiding of a whole run, or of one instant of a live one: from the filter's trace to the table ``run.aiding``.
+
+| column | what |
+|--------|------|
+| time_s | seconds of the GPS week, the time of use |
+| sv | satellite |
+| range_rate_mps, range_acceleration_mps2, range_jerk_mps3 | of the distance to the phase centre, no clocks |
+| pseudorange_m | distance, clocks, inter-system offset, air; NaN where the offset is not known to the filter |
+| doppler_hz, doppler_rate_hz_per_s | at the carrier, RINEX sign, satellite's clock in, receiver's as asked |
+| code_delay_rate_s_per_s | what the Doppler says of the code: the rate of pseudorange / c |
+| sd_* | one sigma of each, of the code delay rate that of the Doppler in s/s |
+| sd_rate_*_mps, cross_rate_m2ps2 | parts of the Doppler's sigma in m/s (``uncertainty.PARTS``), what correlation adds |
+| sd_acceleration_*_mps2, cross_acceleration_m2ps4 | the same of the Doppler rate in m/s^2 |
+| age_s | time of use less the inertial sample that the value rests on |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.aiding.delays import AirModel, fill_delays
+from insgnss.aiding.observables import Spans, Values, fill_values
+from insgnss.aiding.satellite_arcs import PIECE_NS, SatelliteArcs, elevations
+from insgnss.aiding.trace import Covariances, Samples, Trace
+from insgnss.aiding.uncertainty import (
+    ACCELERATION_PARTS,
+    N_PARTS,
+    N_SIGMA,
+    PARTS,
+    RATE_PARTS,
+    SD_ACCELERATION,
+    SD_DOPPLER,
+    SD_DOPPLER_RATE,
+    SD_JERK,
+    SD_RANGE,
+    SD_RATE,
+    Doubts,
+    fill_sigma,
+)
+from insgnss.config.aiding import AidingConfig
+from insgnss.constants import C_MPS, NS_PER_S, WGS84_E2
+from insgnss.fusion.state import OFFSETS
+from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
+from insgnss.gnss.troposphere import STANDARD_WEATHER, Weather
+from insgnss.gpstime import ns_to_week_seconds
+from insgnss.inertial.clock_model import ClockModel
+from insgnss.inertial.sensor_model import SensorModel
+from insgnss.tables import Float64, Int16, Int64
+
+
+@dataclass(frozen=True)
+class AidingSetup:
+    """Everything that fixes the aiding before the first sample."""
+
+    config: AidingConfig
+    sensor: SensorModel
+    clock: ClockModel
+    lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    clock_groups: tuple[str, ...] = ("G",)  # of the filter, see ``gnss.clock_groups``
+    channels: Mapping[str, int] | None = None  # of the GLONASS satellites
+    klobuchar: Float64 | None = None  # (8,); None: no ionosphere
+    troposphere: bool = True
+    weather: Weather = STANDARD_WEATHER
+
+    def doubts(self) -> Doubts:
+        """Return the numbers that the sigma needs beside the covariance."""
+        use = self.config
+        return Doubts(
+            gyro_density=self.sensor.gyro_density,
+            accel_density=self.sensor.accel_density,
+            gyro_scale=self.sensor.gyro_scale,
+            accel_scale=self.sensor.accel_scale,
+            drift_density=self.clock.drift_density,
+            receiver_clock=float(use.receiver_clock),
+            clock_averaging_s=use.clock_averaging_s,
+            latency_s=use.latency_s,
+            jerk_sigma=use.jerk_sigma_mps3,
+            satellite_range=use.satellite_range_sigma_m,
+            satellite_rate=use.satellite_rate_sigma_mps,
+            satellite_acceleration=use.satellite_acceleration_sigma_mps2,
+        )
+
+    def wavelengths(self, sv_names: tuple[str, ...]) -> Float64:
+        """Return the carrier's wavelength of each satellite [m], NaN for GLONASS without a channel."""
+        channels = self.channels or {}
+        signals = self.config.signals
+        return np.array([wavelength_m(n[0], signals[n[0]], channels.get(n)) for n in sv_names], np.float64)
+
+    def groups(self, sv_names: tuple[str, ...]) -> Int64:
+        """Return the clock group of each satellite's signal, -1 where the filter estimates none."""
+        return np.array([self._group(name[0]) for name in sv_names], np.int64)
+
+    def _group(self, letter: str) -> int:
+        signal = signal_of(letter, self.config.signals[letter])
+        homes = (letter, "G") if letter == "J" else (letter,)
+        for home in homes:
+            for name in (f"{home}:{'' if signal is None else signal.band}", home):
+                if name in self.clock_groups:
+                    return self.clock_groups.index(name)
+        return -1
+
+    def air(self, sv_names: tuple[str, ...]) -> AirModel:
+        """Return the delays' model for these satellites."""
+        channels, signals = self.channels or {}, self.config.signals
+        factor = [ionosphere_factor(n[0], signals[n[0]], channels.get(n)) for n in sv_names]
+        on = self.klobuchar is not None
+        return AirModel(
+            klobuchar=np.zeros(8) if self.klobuchar is None else np.ascontiguousarray(self.klobuchar),
+            ionosphere=np.nan_to_num(np.array(factor, np.float64)) if on else np.zeros(len(sv_names)),
+            troposphere=float(self.troposphere),
+            pressure_0=self.weather.pressure_hpa,
+            temperature_0=self.weather.temperature_k,
+            humidity=self.weather.humidity,
+        )
+
+
+@dataclass(frozen=True)
+class AidingTable:
+    """Aiding of some satellites at some times; rows are in the order of time, then of the span's satellites."""
+
+    t_ns: Int64  # (n,) of the inertial samples behind the rows
+    sv_names: tuple[str, ...]
+    wavelength_m: Float64  # (s,)
+    spans: Spans
+    values: Values  # (rows,)
+    sigma: npt.NDArray[np.float32]  # (q, N_SIGMA) of each span's satellites
+    latency_s: float
+
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return len(self.values.range_rate)
+
+    def _entries(self) -> Int64:
+        """Return for each row the entry of its span and satellite."""
+        per_time = np.diff(self.spans.first_satellite)
+        times = np.diff(self.spans.first_time)
+        pieces = [
+            np.tile(np.arange(first, first + count), n)
+            for first, count, n in zip(self.spans.first_satellite[:-1], per_time, times, strict=True)
+        ]
+        return np.concatenate([np.zeros(0, np.int64), *pieces]).astype(np.int64)
+
+    def satellite(self) -> Int16:
+        """Return the satellite of each row, its number in ``sv_names``."""
+        return np.asarray(self.spans.satellite[self._entries()], np.int16)
+
+    def row_times_ns(self) -> Int64:
+        """Return the time of the inertial sample behind each row."""
+        return np.repeat(self.t_ns, np.repeat(np.diff(self.spans.first_satellite), np.diff(self.spans.first_time)))
+
+    def columns(self, week: int, *, parts: bool = True) -> dict[str, npt.NDArray[Any]]:
+        """Return the columns of the table, at the time of use; ``sv`` as number in ``sv_names``.
+
+        Equation: rate + acceleration L, pseudorange + rate L + acceleration L^2 / 2, L the latency; the jerk is too
+        noisy to be used (``sd_range_jerk_mps3``).
+
+        Parameters
+        ----------
+        week : GPS week that the seconds count from
+        parts : the sigma's parts too
+        """
+        entries, v, lag = self._entries(), self.values, self.latency_s
+        satellite = self.spans.satellite[entries]
+        per_cycle = 1.0 / self.wavelength_m[satellite]
+        sigma = self.sigma[entries]
+        rate = v.range_rate + lag * v.acceleration
+        pseudorange_rate = rate + v.clock_rate
+        used_ns = self.row_times_ns() + round(lag * NS_PER_S)
+        table: dict[str, npt.NDArray[Any]] = {
+            "time_s": ns_to_week_seconds(used_ns, week),
+            "sv": satellite.astype(np.int16),
+            "range_rate_mps": rate,
+            "range_acceleration_mps2": v.acceleration,
+            "range_jerk_mps3": v.jerk,
+            "doppler_hz": -pseudorange_rate * per_cycle,
+            "doppler_rate_hz_per_s": -v.acceleration * per_cycle,
+            "pseudorange_m": v.pseudorange + lag * (v.range_rate + v.clock_rate + 0.5 * lag * v.acceleration),
+            "code_delay_rate_s_per_s": pseudorange_rate / C_MPS,
+            "sd_range_rate_mps": sigma[:, SD_RATE],
+            "sd_range_acceleration_mps2": sigma[:, SD_ACCELERATION],
+            "sd_range_jerk_mps3": sigma[:, SD_JERK],
+            "sd_doppler_hz": sigma[:, SD_DOPPLER] * per_cycle,
+            "sd_doppler_rate_hz_per_s": sigma[:, SD_DOPPLER_RATE] * per_cycle,
+            "sd_pseudorange_m": sigma[:, SD_RANGE],
+            "sd_code_delay_rate_s_per_s": sigma[:, SD_DOPPLER] / C_MPS,
+            "age_s": np.full(len(rate), lag),
+        }
+        if parts:
+            table |= {f"sd_rate_{name}_mps": sigma[:, RATE_PARTS + i] for i, name in enumerate(PARTS)}
+            table["cross_rate_m2ps2"] = sigma[:, RATE_PARTS + N_PARTS]
+            for i, name in enumerate(PARTS):
+                table[f"sd_acceleration_{name}_mps2"] = sigma[:, ACCELERATION_PARTS + i]
+            table["cross_acceleration_m2ps4"] = sigma[:, ACCELERATION_PARTS + N_PARTS]
+        return table
+
+
+def compute_aiding(
+    setup: AidingSetup, satellites: SatelliteArcs, trace: Trace, imu: Samples, covariances: Covariances
+) -> AidingTable:
+    """Return the aiding of every satellite above the horizon at all times of a trace.
+
+    Parameters
+    ----------
+    satellites : pieces that cover the trace
+    trace : the filter's states at the output times
+    imu : the inertial samples that ``trace.sample`` counts
+    covariances : at least one not later than the trace's first time, else the first rows have no sigma
+    """
+    names, arcs = satellites.sv_names, satellites.arcs
+    lever_b = np.array(setup.lever_arm_m, np.float64)
+    groups = setup.groups(names)
+    spans = visible_spans(setup.config, satellites, trace, lever_b)
+    at = np.repeat(spans.first_time[:-1], np.diff(spans.first_satellite))
+    offset = np.column_stack([np.full(len(trace.t_ns), np.nan), np.zeros(len(trace.t_ns)), trace.offset])
+    spans.delay_m[:] = offset[at, groups[spans.satellite] + 1]
+    fill_delays(trace, arcs, spans, lever_b, setup.air(names))
+    rows = int(np.sum(np.diff(spans.first_time) * np.diff(spans.first_satellite)))
+    values = Values(*(np.empty(rows) for _ in Values._fields))
+    slope, doubts = setup.config.slope_samples, setup.doubts()
+    fill_values(
+        trace, imu, arcs, spans, lever_b, slope, doubts.receiver_clock, np.zeros((20, 3)), values
+    )  # fmt: skip
+    sigma = np.full((len(spans.satellite), N_SIGMA), np.nan)
+    first_ns = trace.t_ns[spans.first_time[:-1]]
+    newest = np.searchsorted(covariances.t_ns, first_ns, side="right").astype(np.int64) - 1
+    fill_sigma(
+        trace, imu, covariances, newest, arcs, spans, groups, lever_b, slope, doubts,
+        np.zeros((28, 3)), np.zeros((4, OFFSETS)), sigma,
+    )  # fmt: skip
+    sigma[groups[spans.satellite] < 0, SD_RANGE] = np.nan
+    wavelength = setup.wavelengths(names)
+    return AidingTable(
+        trace.t_ns, names, wavelength, spans, values, sigma.astype(np.float32), setup.config.latency_s
+    )
+
+
+def visible_spans(config: AidingConfig, satellites: SatelliteArcs, trace: Trace, lever_b: Float64) -> Spans:
+    """Return the spans of a trace and the satellites above the horizon at the first time of each.
+
+    Spans are counted in GPS time, so that a live run parts them as a replay does; none goes over a piece's border.
+    """
+    if len(trace.t_ns) == 0:
+        nothing = np.zeros(0, np.int64)
+        return Spans(np.zeros(1, np.int64), np.zeros(1, np.int64), nothing, np.zeros(0))
+    tick = trace.t_ns // max(round(config.sigma_interval_s * NS_PER_S), 1)
+    piece = trace.t_ns // PIECE_NS
+    begins = np.flatnonzero((np.diff(tick, prepend=-1) != 0) | (np.diff(piece, prepend=-1) != 0))
+    r_e = trace.r_e[begins] + trace.C_eb[begins] @ lever_b
+    # the ellipsoid's vertical where it is cut by the position vector: within 1e-5 rad up to 20 km
+    up = r_e / np.array([1.0, 1.0, 1.0 - WGS84_E2])
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    sine = elevations(satellites.arcs, trace.t_ns[begins], r_e, up)
+    seen = sine >= np.sin(np.radians(config.horizon_deg))  # False for NaN
+    satellite = np.nonzero(seen)[1].astype(np.int64)
+    first_satellite = np.concatenate([[0], np.cumsum(seen.sum(axis=1))]).astype(np.int64)
+    first_time = np.append(begins, len(trace.t_ns)).astype(np.int64)
+    return Spans(first_time, first_satellite, satellite, np.zeros(len(satellite)))

@@ -1,0 +1,185 @@
+"""The visibility stage, compiled: whether an antenna of the vehicle sees a satellite, in the attitude it has.
+
+The line of sight is turned into the body, then into each antenna's frame; the gain there is held against a threshold.
+A decision changes only when the gain is beyond the threshold by ``margin_sigma`` of what the attitude's uncertainty
+makes of it, and a hidden satellite needs ``hysteresis_db`` more to return, so nothing flickers. The airframe's edges
+are treated alike: within ``margin_sigma`` of an edge the decision stays. Of several antennas the best one counts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.antenna.gain_pattern import gain_at
+from insgnss.antenna.installation import Installation, clearance_at
+from insgnss.jit import inlined, kernel
+from insgnss.status import MASKED_GAIN, MASKED_OBSTRUCTION, USED
+from insgnss.tables import Float64, Int8
+
+# A satellite's decision. Bit 0: it counts as visible; bit 1: that is uncertain, and what was decided before stays.
+HIDDEN: Final = 0
+VISIBLE: Final = 1
+UNCERTAIN_HIDDEN: Final = 2
+UNCERTAIN_VISIBLE: Final = 3
+UNDECIDED: Final = -1  # nothing was decided yet; it counts as visible (bit 0 is set)
+IS_VISIBLE: Final = 1  # the bit: ``decision & IS_VISIBLE``
+IS_UNCERTAIN: Final = 2
+DECISIONS: Final = ("hidden", "visible", "uncertain_hidden", "uncertain_visible")
+
+
+class Limits(NamedTuple):
+    """The stage's settings, as the kernels read them."""
+
+    threshold_dbic: float  # least gain
+    hysteresis_db: float  # more than that, for a hidden satellite to return
+    margin_sigma: float  # of the gain's sigma: nearer to the threshold is uncertain
+    heading_variance: float  # of a heading that is too uncertain to mask by [rad^2]
+
+
+class Look(NamedTuple):
+    """What the stage tells of one satellite."""
+
+    decision: int  # HIDDEN ... UNCERTAIN_VISIBLE
+    gain_dbic: float  # of the antenna that decided
+    sigma_db: float  # of the gain, by the attitude's uncertainty
+    reason: int  # USED, MASKED_GAIN or MASKED_OBSTRUCTION
+    antenna: int  # the one that decided, -1 without any
+
+
+@inlined
+def attitude_covariance(P: Float64, at: int, C_eb: Float64, P_b: Float64) -> None:
+    """Write the covariance (3, 3) of the attitude error in body axes, C_be P_psi C_eb, into ``P_b`` [rad^2].
+
+    Parameters
+    ----------
+    P : (n, n) covariance of the filter, the attitude error psi_e from row ``at`` on
+    """
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for a in range(3):
+                for b in range(3):
+                    total += C_eb[a, i] * P[at + a, at + b] * C_eb[b, j]
+            P_b[i, j] = total
+
+
+@inlined
+def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
+    """Return d^T P d of d = (x, y, z): of the rotation about d where d has length one.
+
+    Towards the centre of the Earth this is the heading's variance, in any attitude.
+    """
+    return (
+        x * (P_b[0, 0] * x + 2.0 * P_b[0, 1] * y + 2.0 * P_b[0, 2] * z)
+        + y * (P_b[1, 1] * y + 2.0 * P_b[1, 2] * z)
+        + z * P_b[2, 2] * z
+    )
+
+
+@inlined
+def compare(excess: float, margin: float) -> int:
+    """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between."""
+    if excess >= margin:
+        return 1
+    return -1 if excess < -margin else 0
+
+
+@inlined
+def look_at(
+    u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: Limits, before: int
+) -> Look:
+    """Return whether a satellite is seen, by which antenna, and with what gain.
+
+    Equation: u_a = C_ab u_b; a rotation error phi of the body turns u_b by u_b x phi, so
+    dg/dphi = grad_b g x u_b and sigma_g^2 = (dg/dphi) P_b (dg/dphi)^T    [first order]
+    Neglects: the bend of the pattern over the attitude's uncertainty; the parallax between antennas (1e-7 rad).
+
+    Parameters
+    ----------
+    u_b : (3,) unit line of sight to the satellite, body axes
+    P_b : (3, 3) covariance of the attitude error, body axes [rad^2]
+    waits : whether the heading is still too uncertain to mask anything
+    before : the satellite's decision so far, UNDECIDED at first
+    """
+    x, y, z = u_b[0], u_b[1], u_b[2]
+    needed = limits.threshold_dbic + (0.0 if before & IS_VISIBLE else limits.hysteresis_db)
+    off2 = P_b[0, 0] + P_b[1, 1] + P_b[2, 2] - variance_along(P_b, x, y, z)
+    off = math.sqrt(max(off2, 0.0))
+    best, best_gain, best_sigma, reason, chosen = -2, math.nan, 0.0, USED, -1
+    for k in range(len(antennas.lever_b)):
+        C = antennas.C_ab[k]
+        gain, a0, a1, a2 = gain_at(
+            antennas.pattern,
+            k,
+            C[0, 0] * x + C[0, 1] * y + C[0, 2] * z,
+            C[1, 0] * x + C[1, 1] * y + C[1, 2] * z,
+            C[2, 0] * x + C[2, 1] * y + C[2, 2] * z,
+        )
+        b0 = C[0, 0] * a0 + C[1, 0] * a1 + C[2, 0] * a2
+        b1 = C[0, 1] * a0 + C[1, 1] * a1 + C[2, 1] * a2
+        b2 = C[0, 2] * a0 + C[1, 2] * a1 + C[2, 2] * a2
+        sigma2 = variance_along(P_b, b1 * z - b2 * y, b2 * x - b0 * z, b0 * y - b1 * x)
+        sigma = math.sqrt(max(sigma2, 0.0))
+        by_gain = compare(gain - needed, limits.margin_sigma * sigma)
+        by_frame = 1
+        if antennas.is_obstructed[k]:
+            by_frame = compare(clearance_at(antennas.clearance_deg, k, x, y, z), limits.margin_sigma * off)
+        seen = min(by_gain, by_frame)
+        if seen > best or (seen == best and gain > best_gain):
+            best, best_gain, best_sigma, chosen = seen, gain, sigma, k
+            reason = MASKED_OBSTRUCTION if by_frame < by_gain else MASKED_GAIN
+    decision = VISIBLE
+    if waits:
+        decision = UNCERTAIN_VISIBLE
+    elif best == 0:
+        decision = IS_UNCERTAIN | (before & IS_VISIBLE)
+    elif best == -1:
+        decision = HIDDEN
+    return Look(decision, best_gain, best_sigma, USED if decision & IS_VISIBLE else reason, chosen)
+
+
+@kernel
+def look_at_all(
+    C_nb: Float64,
+    P_b: Float64,
+    u_n: Float64,
+    antennas: Installation,
+    limits: Limits,
+    decision: Int8,
+    reason: Int8,
+    antenna: Int8,
+    gain: Float64,
+) -> None:
+    """Take the decisions for n attitudes, one after another, and s satellites.
+
+    A satellite whose direction is NaN is undecided from then on.
+
+    Parameters
+    ----------
+    C_nb : (n, 3, 3)
+    P_b : (n, 3, 3) covariance of the attitude error, body axes [rad^2]
+    u_n : (n, s, 3) unit lines of sight, north-east-down
+    decision, reason, antenna : (n, s) outputs, as in ``Look``
+    gain : (n, s, 2) output: gain [dBic] and its sigma [dB]
+    """
+    n, s = u_n.shape[0], u_n.shape[1]
+    u_b = np.empty(3)
+    for t in range(n):
+        C = C_nb[t]
+        # the third row of C_nb is down in body axes
+        waits = not variance_along(P_b[t], C[2, 0], C[2, 1], C[2, 2]) <= limits.heading_variance
+        for i in range(s):
+            decision[t, i], reason[t, i], antenna[t, i] = UNDECIDED, USED, -1
+            gain[t, i, 0] = gain[t, i, 1] = math.nan
+            u = u_n[t, i]
+            if not math.isfinite(u[0]):
+                continue
+            for k in range(3):
+                u_b[k] = C[0, k] * u[0] + C[1, k] * u[1] + C[2, k] * u[2]
+            before = decision[t - 1, i] if t > 0 else UNDECIDED
+            look = look_at(u_b, P_b[t], waits, antennas, limits, before)
+            decision[t, i], reason[t, i], antenna[t, i] = look.decision, look.reason, look.antenna
+            gain[t, i, 0], gain[t, i, 1] = look.gain_dbic, look.sigma_db

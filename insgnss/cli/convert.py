@@ -1,0 +1,60 @@
+"""``insgnss convert``: receivers' own files become our CSV pair, a navigation file and a first flight file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+
+if TYPE_CHECKING:
+    from insgnss.log.convert import Conversion
+
+
+def convert(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(help="UBX, SBF, Android GnssLogger, RINEX observation (and navigation) files."),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+) -> None:
+    """Read receivers' files of any format and write CSV, a RINEX navigation file and a first flight file."""
+    began = time.perf_counter()
+    # the readers and their libraries are loaded only when the command runs
+    from insgnss.log.convert import convert as convert_files
+
+    with own_errors_told():
+        done = convert_files(inputs, output)
+    for line in _summary(done):
+        typer.echo(line)
+    files = (
+        f"read {len(inputs)} file{'s' if len(inputs) > 1 else ''}, wrote {len(done.written)} into {output}"
+    )
+    typer.echo(f"{files}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _summary(done: Conversion) -> list[str]:
+    import numpy as np
+
+    from insgnss.log.detect import NAMES
+    from insgnss.log.report import from_events
+
+    gnss = done.log.gnss
+    lines = [f"{path}: {NAMES[kind]}" for path, kind in done.formats]
+    span_s = (int(gnss.t_ns[-1]) - int(gnss.t_ns[0])) / 1e9
+    epochs = len(np.unique(gnss.t_ns))
+    lines.append(
+        f"{len(gnss.t_ns)} measurements of {len(np.unique(gnss.sv))} satellites, signals"
+        f" {', '.join(gnss.signal_names)}; {epochs} epochs over {span_s:.1f} s"
+    )
+    if done.messages:
+        lines.append(f"{done.messages} broadcast messages")
+    if done.log.imu is not None:
+        lines.append(f"{len(done.log.imu.t_ns)} inertial samples, in the sensor's axes")
+    lines += [finding.line() for finding in from_events("input", done.events, frozenset())]
+    lines += [f"wrote {path}" for path in done.written]
+    lines += [f"kept {path}, which was there before" for path in done.kept]
+    return lines

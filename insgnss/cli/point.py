@@ -1,0 +1,127 @@
+"""``insgnss point``: solves every GNSS epoch for itself, prints the summary, writes the tables."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from insgnss.point import PointRun
+
+
+def point(
+    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the tables; none is written without it.")
+    ] = None,
+    filter: Annotated[
+        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
+    ] = "tight17",
+    false_alarm: Annotated[
+        float, typer.Option("--false-alarm", help="Probability that an epoch without a fault is refused.")
+    ] = 1e-3,
+    missed_detection: Annotated[
+        float,
+        typer.Option(
+            "--missed-detection", help="Probability of an unseen fault beyond the protection level."
+        ),
+    ] = 1e-3,
+    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+) -> None:
+    """Solve each GNSS epoch alone: position, velocity, clocks, dilution, residuals, fault exclusion."""
+    began = time.perf_counter()
+    with own_errors_told():
+        form = _form(format)
+        # pandas and the compiled code are loaded only once the options are known to be right
+        from rich.console import Console
+
+        from insgnss.log.flight import Flight
+        from insgnss.point import point as solve
+
+        loaded = Flight.load(flight)
+        with Console(stderr=True).status("starting") as status:
+            run = solve(
+                loaded,
+                filter,
+                false_alarm=false_alarm,
+                missed_detection=missed_detection,
+                progress=lambda text: status.update(f"{text} ..."),
+            )
+            if output is not None:
+                status.update("saving the tables ...")
+                run.save(output, form)
+    _print_summary(Console(file=sys.stdout, width=120), loaded.name, run)
+    where = f"; wrote {output}" if output is not None else "; nothing was written (no --output)"
+    n_read = len(loaded.files()) - len(loaded.config.imu.files)
+    typer.echo(f"read {n_read} files{where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _form(text: str) -> Literal["parquet", "csv"]:
+    if text == "parquet":
+        return "parquet"
+    if text == "csv":
+        return "csv"
+    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
+
+
+def _print_summary(console: Console, name: str, run: PointRun) -> None:
+    """Print verdicts, errors against the reference, satellites and dilution, residuals by satellite."""
+    table, took = run.point, run.settings["took"]
+    console.print(
+        f"[bold]{name}[/bold]: {len(table)} epochs, {int(run.trusted().sum())} with a trusted position",
+        highlight=False,
+    )
+    console.print(_count_table(run))
+    if run.errors is not None and not run.errors.empty:
+        console.print(_error_table(run))
+    middle = table[
+        ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m", "sd_e_m", "sd_d_m"]
+    ].median()
+    console.print(
+        "median: " + ", ".join(f"{label} {value:.2f}" for label, value in middle.items()), highlight=False
+    )
+    rate = len(table) / max(took["solve_s"], 1e-9)
+    console.print(
+        f"reading {took['read_s']:.2f} s, solving {took['solve_s']:.2f} s ({rate:.0f} epochs/s)",
+        highlight=False,
+    )
+
+
+def _count_table(run: PointRun) -> Table:
+    """Return the number of epochs with each verdict, and of rows with each status."""
+    from rich.table import Table
+
+    table = Table(title="epochs and measurements")
+    table.add_column("")
+    table.add_column("position", justify="right")
+    table.add_column("velocity", justify="right")
+    for verdict, row in run.verdict_counts().iterrows():
+        table.add_row(str(verdict), *(str(int(count)) for count in row))
+    table.add_section()
+    for status, row in run.status_counts().iterrows():
+        table.add_row(str(status), *(str(int(row.get(kind, 0))) for kind in ("pseudorange", "range_rate")))
+    return table
+
+
+def _error_table(run: PointRun) -> Table:
+    """Return the errors of the trusted epochs against the reference."""
+    from rich.table import Table
+
+    table = Table(title="trusted epochs against reference")
+    for name in ("", "epochs", "50 %", "95 %", "largest"):
+        table.add_column(name, justify="left" if not name else "right")
+    for label, row in run.error_summary().iterrows():
+        stem, _, unit = str(label).rpartition("_")
+        sizes = (f"{row[name]:.3f}" for name in ("p50", "p95", "max"))
+        table.add_row(f"{stem}, {'m/s' if unit == 'mps' else unit}", str(int(row["n"])), *sizes)
+    return table

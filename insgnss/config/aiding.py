@@ -1,0 +1,57 @@
+"""The schema of loop aiding: for which satellites and carriers, how often, how differentiated, and what is assumed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+from pydantic import Field
+
+from insgnss.config.strict import StrictModel
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+System = Literal["G", "E", "J", "C", "R", "I", "S"]
+
+# The carrier of each constellation whose loops are aided: the one that the most receivers track first
+DEFAULT_SIGNALS: Final[dict[System, str]] = {
+    "G": "C1C",
+    "E": "C1C",
+    "J": "C1C",
+    "C": "C2I",
+    "R": "C1C",
+    "I": "C5A",
+    "S": "C1C",
+}
+
+
+class AidingConfig(StrictModel):
+    """What the tracking channels are told."""
+
+    rate_hz: Positive = Field(50.0, description="outputs per second, at inertial samples: at most their rate")
+    signals: dict[System, str] = Field(
+        DEFAULT_SIGNALS, description="RINEX code of the carrier aided; a constellation left out is not aided"
+    )
+    horizon_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = Field(
+        0.0, description="satellites above it at the antenna are predicted, tracked or not"
+    )
+    receiver_clock: bool = Field(
+        True, description="clock and drift of the receiver in pseudorange, Doppler and code delay rate"
+    )
+    latency_s: NotNegative = Field(
+        0.0, description="from the inertial sample to the use: values and sigma hold at the time of use"
+    )
+    slope_samples: Annotated[int, Field(ge=1, le=50)] = Field(
+        2, description="over how many samples rates and forces are differenced: noise falls, delay grows"
+    )
+    sigma_interval_s: Positive = Field(
+        0.5, description="satellites, air delays and sigma are computed anew so often"
+    )
+    # The jerk that a loop must stand between sample and use: 0.5 g within a second, a car or a transport aircraft
+    jerk_sigma_mps3: NotNegative = 5.0
+    # Of position, rate and acceleration along the line of sight: URA of a healthy GPS satellite, and half of the
+    # 95 % limits on URRE and URAE [GPS SPS Performance Standard 2020, table 3.4-2]
+    satellite_range_sigma_m: NotNegative = 2.0
+    satellite_rate_sigma_mps: NotNegative = 0.003
+    satellite_acceleration_sigma_mps2: NotNegative = 0.001
+    # Over which the drift's random walk counts as a rate of the Doppler: the memory of a narrow carrier loop
+    clock_averaging_s: Positive = 1.0

@@ -1,0 +1,224 @@
+"""Which pseudoranges of an epoch contradict the others: a search over subsets, bounded in cost, compiled.
+
+Taking out the row that stands out most, again and again, fails where several are wrong at once: under a wide prior
+three wrong rows of twelve pull the solution so far that in one case of four a sound row stands out most. Here all sets
+of one, two and three rows are compared, the smallest that leaves the others in agreement wins, and what then agrees
+with those is taken back. Nothing is looked at beyond the epoch's innovations and their covariance at the prior.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.fusion.lines import Epoch
+from insgnss.fusion.scalar_update import predicted_variance
+from insgnss.jit import inlined, kernel
+from insgnss.status import INCONSISTENT, USED
+from insgnss.tables import Float64, Int64
+
+_LEAST_WITNESSES: Final = 6  # fewer rows cannot tell which of them is wrong
+_LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's: below, a residual says nothing
+_LARGEST_SET: Final = 3
+_MOST_CANDIDATES: Final = 20  # rows that stand out most: 1140 sets of three
+
+
+@inlined
+def disagrees(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread: float) -> bool:
+    """Return whether a used row's residual after the update may be beyond the gate.
+
+    Equation: e = z - h x+, var e >= (spread r - h P+ h^T) / spread, the update having taken r ``spread`` times
+    """
+    correction = s.vectors[0]
+    beyond = False
+    for j in range(n_rows):
+        line = s.lines[j]
+        if line.status[kind] != USED:
+            continue
+        h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
+        residual = line.innovation[kind]
+        for a in range(columns.shape[0]):
+            residual -= h[a] * correction[columns[a]]
+        r = line.variance[kind]
+        # most rows are far from the gate, whatever their redundancy
+        if residual * residual > gate2 * _LEAST_REDUNDANCY * r:
+            variance = max(r - predicted_variance(P, h, columns) / spread, _LEAST_REDUNDANCY * r)
+            beyond = beyond or residual * residual > gate2 * variance
+    return beyond
+
+
+@kernel
+def refuse_inconsistent(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, most: int) -> int:
+    """Mark the rows of a kind that the others contradict, ``most`` of them at most; return how many.
+
+    Equation: with the innovations y of covariance S = H P H^T + R at the prior and W = S^-1, a row's distance from all
+    others is w^2 = (W y)_j^2 / W_jj; a set's (W y)_J^T W_JJ^-1 (W y)_J is by how much y^T W y falls without it
+                                                                                   [Baarda 1968; Teunissen 2000, ch. 4]
+    It allocates its work space: only an epoch that ``disagrees`` comes here.
+    """
+    index = np.empty(n_rows, np.int64)
+    n = 0
+    for j in range(n_rows):
+        if s.lines[j].status[kind] == USED:
+            index[n] = j
+            n += 1
+    if n < _LEAST_WITNESSES:
+        return 0
+    T = np.empty((n, n + 1))
+    write_innovations(T, P, s, kind, index[:n])
+    active = np.ones(n, np.int64)
+    for j in range(n):
+        exchange(T, j)
+    removed = 0
+    while removed < most and farthest(T, active, 1)[1] > gate2:
+        removed += remove_smallest_set(T, active, gate2, most - removed)
+    for _ in range(removed):
+        nearest, distance2 = farthest(T, active, 0)
+        if distance2 > gate2:
+            break
+        exchange(T, nearest)
+        active[nearest] = 1
+        removed -= 1
+    for a in range(n):
+        if active[a] == 0:
+            s.lines[index[a]].status[kind] = INCONSISTENT
+    return removed
+
+
+@inlined
+def write_innovations(T: Float64, P: Float64, s: Epoch, kind: int, index: Int64) -> None:
+    """Write S and behind it y of the rows ``index`` (n,) into ``T`` (n, n + 1)."""
+    n = index.shape[0]
+    for a in range(n):
+        one = s.lines[index[a]]
+        for b in range(a + 1):
+            other = s.lines[index[b]]
+            total = one.variance[kind] if a == b else 0.0
+            for i in range(one.count[kind]):
+                for k in range(other.count[kind]):
+                    p = P[one.columns[kind, i], other.columns[kind, k]]
+                    total += one.h[kind, i] * p * other.h[kind, k]
+            T[a, b] = total
+            T[b, a] = total
+        T[a, n] = one.innovation[kind]
+
+
+@kernel
+def exchange(T: Float64, j: int) -> None:
+    """Take row ``j`` into the set A of active rows, or out of it again: a step of Gauss and Jordan, its own inverse.
+
+    Within A then stand S_AA^-1 and S_AA^-1 y_A; outside what is left of S and y given the rows of A.
+    """
+    n, width = T.shape
+    pivot = T[j, j]
+    for c in range(width):
+        T[j, c] /= pivot
+    T[j, j] = 1.0 / pivot
+    for i in range(n):
+        if i != j:
+            share = T[i, j]
+            for c in range(width):
+                if c != j:
+                    T[i, c] -= share * T[j, c]
+            T[i, j] = -share / pivot
+
+
+@kernel
+def farthest(T: Float64, active: Int64, which: int) -> tuple[int, float]:
+    """Return the active row (``which`` 1) farthest from the others, or the inactive one (0) nearest, and w^2 of it."""
+    n = T.shape[0]
+    found, distance2 = -1, 0.0
+    for j in range(n):
+        if active[j] == which:
+            w2 = T[j, n] * T[j, n] / T[j, j]
+            if found < 0 or (w2 > distance2) == (which == 1):
+                found, distance2 = j, w2
+    return found, distance2
+
+
+@kernel
+def remove_smallest_set(T: Float64, active: Int64, gate2: float, most: int) -> int:
+    """Take out the smallest set of rows that leaves all others within the gate; return its size.
+
+    The largest set that may be tried goes in any case.
+    """
+    candidates = np.empty(_MOST_CANDIDATES, np.int64)
+    n_candidates = stand_out_most(T, active, candidates)
+    chosen = np.empty(_LARGEST_SET, np.int64)
+    largest = min(most, _LARGEST_SET)
+    for size in range(1, largest + 1):
+        best_set(T, candidates[:n_candidates], size, chosen)
+        for i in range(size):
+            exchange(T, chosen[i])
+            active[chosen[i]] = 0
+        if size == largest or farthest(T, active, 1)[1] <= gate2:
+            return size
+        for i in range(size):
+            exchange(T, chosen[i])
+            active[chosen[i]] = 1
+    return 0
+
+
+@kernel
+def stand_out_most(T: Float64, active: Int64, candidates: Int64) -> int:
+    """Write the active rows of the largest w^2, at most as many as there is room for; return how many."""
+    n = T.shape[0]
+    count = 0
+    for j in range(n):
+        if active[j] == 0:
+            continue
+        w2 = T[j, n] * T[j, n] / T[j, j]
+        place = min(count, candidates.shape[0] - 1)
+        if count == candidates.shape[0]:
+            last = candidates[place]
+            if w2 <= T[last, n] * T[last, n] / T[last, last]:
+                continue
+        else:
+            count += 1
+        while place > 0:
+            above = candidates[place - 1]
+            if T[above, n] * T[above, n] / T[above, above] >= w2:
+                break
+            candidates[place] = above
+            place -= 1
+        candidates[place] = j
+    return count
+
+
+@kernel
+def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> None:
+    """Write the set of ``size`` (1 to 3) candidates without which y^T W y is least.
+
+    Equation: (W y)_J^T W_JJ^-1 (W y)_J, built up row by row: what the next row adds given those before
+    """
+    n, m = T.shape[0], candidates.shape[0]
+    largest = -1.0
+    for i in range(m):
+        a = candidates[i]
+        of_a = T[a, n] * T[a, n] / T[a, a]
+        if size == 1:
+            if of_a > largest:
+                largest = of_a
+                chosen[0] = a
+            continue
+        for j in range(i + 1, m):
+            b = candidates[j]
+            ba = T[b, a] / T[a, a]
+            W_bb = T[b, b] - ba * T[a, b]
+            u_b = T[b, n] - ba * T[a, n]
+            of_b = of_a + u_b * u_b / W_bb
+            if size == 2:
+                if of_b > largest:
+                    largest = of_b
+                    chosen[0], chosen[1] = a, b
+                continue
+            for k in range(j + 1, m):
+                c = candidates[k]
+                ca = T[c, a] / T[a, a]
+                cb = (T[c, b] - ca * T[a, b]) / W_bb
+                W_cc = T[c, c] - ca * T[a, c] - cb * (T[b, c] - ba * T[a, c])
+                u_c = T[c, n] - ca * T[a, n] - cb * u_b
+                if of_b + u_c * u_c / W_cc > largest:
+                    largest = of_b + u_c * u_c / W_cc
+                    chosen[0], chosen[1], chosen[2] = a, b, c

@@ -1,0 +1,86 @@
+"""The work space of an epoch: one line for each row of the log, with what the filter expects of its measurements."""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.fusion.state import ABSENT_STATE, BG, CLOCK, DR, DRIFT, DV, N_CLONE, PSI
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
+from insgnss.gnss.range_model import AIR_DTYPE
+from insgnss.tables import Float64, Int64
+
+RANGE_COLUMNS: Final = np.array((DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK), np.int64)
+RATE_COLUMNS: Final = np.array(
+    (
+        *(DR, DR + 1, DR + 2, DV, DV + 1, DV + 2),
+        *(PSI, PSI + 1, PSI + 2, BG, BG + 1, BG + 2, DRIFT),
+    ),
+    np.int64,
+)
+N_RANGE: Final = len(RANGE_COLUMNS)  # and up to three optional ones: clock offset, channel bias, zenith delay
+N_RATE: Final = len(RATE_COLUMNS)
+N_CARRIER: Final = N_RANGE + N_CLONE
+WIDTH: Final = 14  # of the longest row, so that one compiled update serves all kinds
+
+LINE_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("status", np.int64, (N_KINDS,)),  # per kind: 0 pseudorange, 1 range rate, 2 carrier difference
+            ("innovation", np.float64, (N_KINDS,)),  # at the prior
+            ("variance", np.float64, (N_KINDS,)),  # r of the measurement
+            ("predicted", np.float64, (N_KINDS,)),  # D = h P h^T at the prior
+            ("h", np.float64, (N_KINDS, WIDTH)),  # row of H: its entries ...
+            ("columns", np.int64, (N_KINDS, WIDTH)),  # ... where they stand ...
+            ("count", np.int64, (N_KINDS,)),  # ... and how many they are
+            ("group", np.int64),
+            ("u_n", np.float64, (3,)),  # line of sight, north-east-down
+            ("u_b", np.float64, (3,)),  # line of sight in body axes
+        ],
+    )
+)
+ANTENNA_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("r_a", np.float64, (3,)),  # antenna position, ECEF, at reception
+            ("v_a", np.float64, (3,)),  # antenna velocity, ECEF
+            ("l_e", np.float64, (3,)),  # lever arm, ECEF
+            ("a_e", np.float64, (3,)),  # C_eb (w_ib x l)
+            ("C_ne", np.float64, (3, 3)),
+            ("u", np.float64, (3,)),  # line of sight
+            ("dr", np.float64, (3,)),  # derivative of the range rate by position
+            ("u_before", np.float64, (3,)),  # line of sight at the epoch before
+        ],
+    )
+)
+Line: TypeAlias = Any  # one element of LINE_DTYPE: what the filter expects of one row
+Antenna: TypeAlias = Any  # one element of ANTENNA_DTYPE
+
+
+class Epoch(NamedTuple):
+    """Work space of one epoch."""
+
+    lines: npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row
+    antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
+    air: npt.NDArray[Any]  # (1,) of AIR_DTYPE
+    vectors: Float64  # (4, n or k): correction, two of scratch, one to sort
+
+
+def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
+    """Return work space for epochs of at most ``k`` rows and ``n`` error states, the clone from ``at_clone`` on."""
+    lines = np.zeros(k, LINE_DTYPE)
+    for kind, columns in enumerate(columns_of(at_clone)):
+        lines["columns"][:, kind, : len(columns)] = columns
+        lines["count"][:, kind] = len(columns)
+    return Epoch(lines, np.zeros(1, ANTENNA_DTYPE), np.zeros(1, AIR_DTYPE), np.zeros((4, max(k, n))))
+
+
+def columns_of(at_clone: int) -> tuple[Int64, Int64, Int64]:
+    """Return where the entries of each kind's row stand, the optional ones of a range left out."""
+    by_kind = {PSEUDORANGE: RANGE_COLUMNS, RANGE_RATE: RATE_COLUMNS}
+    by_kind[CARRIER] = np.append(RANGE_COLUMNS, np.arange(max(at_clone, 0), max(at_clone, 0) + N_CLONE))
+    return by_kind[PSEUDORANGE], by_kind[RANGE_RATE], by_kind[CARRIER]

@@ -1,0 +1,86 @@
+"""Clock groups: which signals share one receiver clock, and which need an offset of their own against it.
+
+Each constellation keeps its own time and takes its own way through the receiver; so does each carrier. A group is
+named by its constellation ("E"), a further carrier of the constellation by its band too ("G:L5"). QZSS keeps GPS time
+and shares its groups where both are used. Within a group the signals of a band differ by less than a metre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from insgnss.gnss.signals import signal_of
+from insgnss.tables import GnssTable, Int64
+
+Pair = tuple[str, str]  # constellation letter and RINEX code: ("G", "C1C")
+
+
+def pairs_of(gnss: GnssTable) -> set[Pair]:
+    """Return the constellations and codes that stand in a log."""
+    n = max(len(gnss.signal_names), 1)
+    seen = np.unique(gnss.sv.astype(np.int64) * n + gnss.signal)
+    return {(gnss.sv_names[k // n][0], gnss.signal_names[k % n]) for k in seen.tolist()}
+
+
+def clock_groups(
+    constellations: tuple[str, ...],
+    signals: Mapping[str, tuple[str, ...]],
+    present: Iterable[Pair],
+    *,
+    every_band: bool,
+) -> tuple[str, ...]:
+    """Return the groups in use, in the order of the settings; the first keeps the receiver clock.
+
+    Parameters
+    ----------
+    constellations : letters that the filter uses, in order of preference
+    signals : per letter the codes that may be used, in order of preference
+    present : what the log holds
+    every_band : one signal of each band is used, not the most preferred one alone
+    """
+    present = set(present)
+    shared = {"J": "G"} if "G" in {letter for letter, _ in present} and "G" in constellations else {}
+    groups: list[str] = []
+    for letter in constellations:
+        home = shared.get(letter, letter)
+        for code in signals.get(letter, ()):
+            if (letter, code) not in present:
+                continue
+            name = _group(home, _band(letter, code), _first_band(home, signals, present))
+            if name not in groups and (every_band or ":" not in name):
+                groups.append(name)
+    return tuple(groups) or constellations[:1]
+
+
+def group_of_rows(gnss: GnssTable, groups: tuple[str, ...], signals: Mapping[str, tuple[str, ...]]) -> Int64:
+    """Return the index of each row's group, -1 where its constellation has none or is not in ``signals``."""
+    index = {name: i for i, name in enumerate(groups)}
+    table = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), -1, np.int64)
+    for i, sv in enumerate(gnss.sv_names):
+        letter = sv[0]
+        home = letter if letter in index or letter != "J" else "G"
+        if letter not in signals:
+            continue
+        for j, code in enumerate(gnss.signal_names):
+            further = index.get(f"{home}:{_band(letter, code)}")
+            table[i, j] = index.get(home, -1) if further is None else further
+    return np.asarray(table[gnss.sv, gnss.signal])
+
+
+def _band(letter: str, code: str) -> str:
+    signal = signal_of(letter, code)
+    return "" if signal is None else signal.band
+
+
+def _first_band(letter: str, signals: Mapping[str, tuple[str, ...]], present: set[Pair]) -> str:
+    """Return the band of the most preferred signal of a constellation that the log has."""
+    for code in signals.get(letter, ()):
+        if (letter, code) in present:
+            return _band(letter, code)
+    return ""
+
+
+def _group(letter: str, band: str, first: str) -> str:
+    return letter if band == first or not first else f"{letter}:{band}"

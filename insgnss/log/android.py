@@ -1,0 +1,137 @@
+"""Android GnssLogger files become tables: raw measurements, and the phone's accelerometer and gyroscope."""
+
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.errors import InputError
+from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds
+from insgnss.log.android_lines import Cells, Lines, cells, lines_by_kind
+from insgnss.log.android_measurements import measurements
+from insgnss.log.files import file_text
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.sensor_pairs import paired
+from insgnss.tables import Event, Float64, ImuTable, Int64
+
+READ_KINDS: Final = frozenset({"Raw", "UncalAccel", "UncalGyro", "Accel", "Gyro"})
+_NS_PER_MS: Final = NS_PER_S // 1000
+# Kinds of line in the order of preference, with the columns of the three axes
+_ACCELERATION: Final = (
+    ("UncalAccel", ("UncalAccelXMps2", "UncalAccelYMps2", "UncalAccelZMps2")),
+    ("Accel", ("AccelXMps2", "AccelYMps2", "AccelZMps2")),
+)
+_ANGULAR_RATE: Final = (
+    ("UncalGyro", ("UncalGyroXRadPerSec", "UncalGyroYRadPerSec", "UncalGyroZRadPerSec")),
+    ("Gyro", ("GyroXRadPerSec", "GyroYRadPerSec", "GyroZRadPerSec")),
+)
+_DRIFT_FITTED_FROM_S: Final = (
+    60.0  # below, the scatter of single epochs (ms) would give a worse rate than zero
+)
+
+
+def read_android(path: Path) -> ReceiverLog:
+    """Read an Android GnssLogger file (plain or gzipped).
+
+    The inertial table has a row for each gyro sample, the specific force interpolated to it, in the phone's axes (x
+    right, y to the top, z out of the screen). Both sensors are stamped with the time since the phone started; the
+    measurements' ``ChipsetElapsedRealtimeNanos`` ties it to GPS time: a straight line through all epochs. A log without
+    it leaves the phone's own UTC, good to some tens of milliseconds at best; an event says so.
+
+    Raises
+    ------
+    InputError : no "Raw" line with its header, or no measurement that can be used
+    """
+    kinds = lines_by_kind(file_text(path))
+    if "Raw" not in kinds or not kinds["Raw"].columns or "TimeNanos" not in kinds["Raw"].columns:
+        raise InputError(
+            "no raw measurements: the line '# Raw,...,TimeNanos,...' is missing",
+            file=path,
+            advice="log with 'Raw measurements' switched on, and keep the comment lines",
+        )
+    raw = cells(kinds["Raw"])
+    gnss, events = measurements(raw)
+    events += _refused("Raw", raw)
+    if not len(gnss.t_ns):
+        why = "; ".join(event.detail for event in events)
+        raise InputError(f"no measurement that can be used{': ' + why if why else ''}", file=path)
+    imu, told = _inertial(kinds, raw)
+    other = {
+        kind: len(lines.texts) for kind, lines in kinds.items() if kind not in READ_KINDS and lines.texts
+    }
+    if other:
+        listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
+        told.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
+    return ReceiverLog(gnss, None, imu, [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told])
+
+
+def _refused(kind: str, found: Cells) -> list[Event]:
+    if not found.refused:
+        return []
+    return [Event(None, "bad_row", f"{found.refused} {kind} line(s) with a wrong number of cells refused")]
+
+
+def _inertial(kinds: dict[str, Lines], raw: Cells) -> tuple[ImuTable | None, list[Event]]:
+    clock, events = _elapsed_to_gps(raw)
+    samples = []
+    for choices in (_ANGULAR_RATE, _ACCELERATION):
+        kind, axes = next((c for c in choices if c[0] in kinds and kinds[c[0]].texts), choices[0])
+        found = cells(kinds.get(kind, Lines()))
+        events += _refused(kind, found)
+        t_ns, timed = _sample_times(found, clock)
+        values = np.stack([found.decimals(name) for name in axes], axis=1) if found.n else np.zeros((0, 3))
+        if not timed.all():
+            detail = f"{kind}: {int((~timed).sum())} sample(s) without a time left out"
+            events.append(Event(None, "imu_time_unknown", detail))
+        samples.append((t_ns[timed], values[timed]))
+    if not len(samples[0][0]) and not len(samples[1][0]):
+        return None, []
+    imu, told = paired(*samples[0], *samples[1], "phone")
+    return imu, events + told
+
+
+def _elapsed_to_gps(raw: Cells) -> tuple[tuple[int, int, float] | None, list[Event]]:
+    """Return (elapsed_0, gps_0, rate) with gps = gps_0 + (elapsed - elapsed_0) (1 + rate), None when not known."""
+    elapsed, given = raw.integers("ChipsetElapsedRealtimeNanos")
+    time_ns, timed = raw.integers("TimeNanos")
+    bias, biased = raw.integers("FullBiasNanos")
+    rows = np.flatnonzero(given & timed & biased & (elapsed > 0) & (bias != 0))
+    if not len(rows):
+        detail = "no ChipsetElapsedRealtimeNanos: inertial samples carry the phone's own UTC, some 10 ms wrong or more"
+        return None, [Event(None, "imu_time_uncertain", detail)]
+    elapsed, gps = elapsed[rows], (time_ns - bias)[rows]
+    offset = (gps - elapsed) - (gps[0] - elapsed[0])
+    since_s = (elapsed - elapsed[0]) / NS_PER_S
+    good = _without_outliers(offset.astype(np.float64))
+    rate, constant = 0.0, float(np.median(offset[good]))
+    if np.ptp(since_s[good]) > _DRIFT_FITTED_FROM_S:
+        slope, constant = np.polyfit(since_s[good], offset[good].astype(np.float64), 1)
+        rate = float(slope) / NS_PER_S
+    return (int(elapsed[0]), int(gps[0]) + round(constant), rate), []
+
+
+def _without_outliers(values: Float64) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which values lie within five robust sigmas of the median, and a millisecond."""
+    deviation = np.abs(values - np.median(values))
+    return np.asarray(deviation <= 5 * 1.4826 * np.median(deviation) + _NS_PER_MS)
+
+
+def _sample_times(
+    found: Cells, clock: tuple[int, int, float] | None
+) -> tuple[Int64, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Return the GPS time of each sample and where it is known."""
+    if clock is not None:
+        elapsed, given = found.integers("elapsedRealtimeNanos")
+        since = elapsed - clock[0]
+        return clock[1] + since + np.rint(since * clock[2]).astype(np.int64), given
+    unix_ms, given = found.integers("utcTimeMillis")
+    given &= (unix_ms > UNIX_TO_GPS_S * 1000) & (unix_ms < 10 * UNIX_TO_GPS_S * 1000)
+    if not given.any():
+        return np.zeros(found.n, np.int64), given
+    first = dt.datetime(1970, 1, 1) + dt.timedelta(milliseconds=int(unix_ms[given][0]))
+    shift = (leap_seconds(first) - UNIX_TO_GPS_S) * NS_PER_S
+    return np.where(given, unix_ms * _NS_PER_MS + shift, 0), given

@@ -1,0 +1,64 @@
+"""Writes our CSV pair, GNSS observations and inertial samples, so that reading it gives the same numbers.
+
+Numbers are written with as many digits as it takes to get the same float64 back; an empty cell is a missing value.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv
+
+from insgnss.errors import ResultError
+from insgnss.gpstime import ns_to_week_seconds
+from insgnss.tables import Float64, GnssTable, ImuTable
+
+IMU_COLUMNS: Final = ("time_s", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+
+
+def write_gnss_csv(path: Path, gnss: GnssTable, week: int) -> None:
+    """Write one row for each epoch, satellite and signal; columns that the table has not are left out."""
+    columns: dict[str, Any] = {
+        "time_s": pa.array(ns_to_week_seconds(gnss.t_ns, week)),
+        "sv": pa.array(np.array(gnss.sv_names, dtype=object)[gnss.sv], pa.string()),
+        "signal": pa.array(np.array(gnss.signal_names, dtype=object)[gnss.signal], pa.string()),
+        "pseudorange_m": _nullable(gnss.pseudorange_m),
+        "doppler_hz": _nullable(gnss.doppler_hz),
+    }
+    optional: dict[str, Float64 | None] = {
+        "range_rate_mps": None if np.isnan(gnss.range_rate_mps).all() else gnss.range_rate_mps,
+        "cn0_dbhz": gnss.cn0_dbhz,
+        "carrier_phase_cycles": gnss.carrier_cycles,
+        "sigma_pseudorange_m": gnss.sigma_pseudorange_m,
+        "sigma_range_rate_mps": gnss.sigma_range_rate_mps,
+    }
+    columns |= {name: _nullable(values) for name, values in optional.items() if values is not None}
+    if gnss.lli is not None:
+        columns["lli"] = pa.array(gnss.lli)
+    _write(path, columns)
+
+
+def write_imu_csv(path: Path, imu: ImuTable, week: int) -> None:
+    """Write one row for each sample: rates in rad/s, specific forces in m/s^2, in the sensor's axes."""
+    values = [ns_to_week_seconds(imu.t_ns, week), *imu.w_ib_b.T, *imu.f_b.T]
+    _write(
+        path, {name: pa.array(np.ascontiguousarray(v)) for name, v in zip(IMU_COLUMNS, values, strict=True)}
+    )
+
+
+def _nullable(values: Float64) -> Any:
+    return pa.array(values, mask=np.isnan(values))
+
+
+def _write(path: Path, columns: dict[str, Any]) -> None:
+    table = pa.table(columns)
+    options = csv.WriteOptions(include_header=False, quoting_style="none")
+    try:
+        with path.open("wb") as stream:
+            stream.write((",".join(columns) + "\n").encode())
+            csv.write_csv(table, stream, options)
+    except OSError as error:
+        raise ResultError(f"cannot be written: {error}", file=path) from error

@@ -1,0 +1,101 @@
+"""Which format a receiver's file has, by what stands in it; names and extensions count for nothing."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final, Literal
+
+from insgnss.errors import InputError
+from insgnss.log.files import file_buffer
+from insgnss.log.sbf_blocks import find_blocks
+
+Format = Literal["ubx", "sbf", "android", "rinex_observation", "rinex_navigation"]
+NAMES: Final[dict[Format, str]] = {
+    "ubx": "u-blox UBX",
+    "sbf": "Septentrio SBF",
+    "android": "Android GnssLogger",
+    "rinex_observation": "RINEX observation",
+    "rinex_navigation": "RINEX navigation",
+}
+_LOOKED_AT: Final = 1 << 18  # bytes; more than a second of any receiver
+_HEAD: Final = 4096  # of text
+_UBX_SYNC: Final = b"\xb5\x62"
+_UBX_TRIES: Final = 500  # sync words looked at, so that bytes made of them alone cost no more than a second
+_UBX_LONGEST: Final = 8192  # a RAWX of 255 measurements
+_RINEX_TYPE: Final = re.compile(r"^.{20}(.).{39}RINEX VERSION / TYPE", re.MULTILINE)
+_ANDROID: Final = re.compile(r"^(#\s*Raw\s*,.*TimeNanos|Raw,)", re.MULTILINE)
+
+
+def detect_format(path: Path) -> Format:
+    """Return the format of a file (plain or gzipped).
+
+    Binary formats are told by blocks whose check sums hold; of two kinds the one with more bytes counts.
+
+    Raises
+    ------
+    MissingFileError : no such file
+    InputError : no format that is known; the advice says what the file looks like
+    """
+    buffer = file_buffer(path)
+    data = bytes(buffer.slice(0, min(len(buffer), _LOOKED_AT)).to_pybytes())
+    head = data[:_HEAD].decode("latin-1")
+    if "CRINEX VERS" in head[:200]:
+        return "rinex_observation"
+    rinex = _RINEX_TYPE.search(head.replace("\r", "\n"))
+    if rinex is not None:
+        return "rinex_observation" if rinex[1] in "OoCc" else "rinex_navigation"
+    ubx, sbf = _ubx_bytes(data), _sbf_bytes(data)
+    if ubx or sbf:
+        return "ubx" if ubx >= sbf else "sbf"
+    if _ANDROID.search(data.decode("latin-1")):
+        return "android"
+    raise InputError(
+        "no receiver format that is known",
+        file=path,
+        advice=f"{_looks_like(data)}; read are {', '.join(NAMES.values())}",
+    )
+
+
+def _ubx_bytes(data: bytes) -> int:
+    """Return how many bytes lie in UBX frames with a sound check sum (ISO 1145, 8-bit Fletcher)."""
+    total, tries, at = 0, _UBX_TRIES, data.find(_UBX_SYNC)
+    while 0 <= at <= len(data) - 8 and tries:
+        tries -= 1
+        end = at + 6 + int.from_bytes(data[at + 4 : at + 6], "little")
+        fits = end + 2 <= len(data) and end - at <= _UBX_LONGEST
+        if fits and _fletcher(data[at + 2 : end]) == data[end : end + 2]:
+            total += end + 2 - at
+            if total > _HEAD:
+                break
+            at = data.find(_UBX_SYNC, end + 2)
+        else:
+            at = data.find(_UBX_SYNC, at + 1)
+    return total
+
+
+def _fletcher(data: bytes) -> bytes:
+    a = b = 0
+    for byte in data:
+        a = (a + byte) & 0xFF
+        b = (b + a) & 0xFF
+    return bytes((a, b))
+
+
+def _sbf_bytes(data: bytes) -> int:
+    """Return how many bytes lie in SBF blocks with a sound check sum, the least that the blocks can have."""
+    found = find_blocks(data)
+    known = (
+        int.from_bytes(data[at + 6 : at + 8], "little") for starts in found.starts.values() for at in starts
+    )
+    return sum(known) + 8 * found.unread
+
+
+def _looks_like(data: bytes) -> str:
+    if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
+        return "this is NMEA: it holds positions, no measurements"
+    if data[:1] == b"\xd3":
+        return "this looks like RTCM: convert it to RINEX first"
+    if data[:1] == b"#" or b"," in data[:200]:
+        return "this looks like CSV: name it in a flight file with its columns instead"
+    return "it is empty of what the formats begin with"

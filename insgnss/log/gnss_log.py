@@ -1,0 +1,155 @@
+"""All that a flight file names of the satellites: the receiver's log in any format, messages, products, base."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.config.flight import Base, Gnss, TimeScale
+from insgnss.constants import NS_PER_S
+from insgnss.errors import NavigationDataError
+from insgnss.gnss.phase_centre import SatelliteAntennas
+from insgnss.gnss.table_joining import joined
+from insgnss.log.android import read_android
+from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.gnss_rows import in_time_order
+from insgnss.log.navigation_span import check_navigation_time
+from insgnss.log.precise import read_antennas, read_precise
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.rinex import read_navigation
+from insgnss.log.sbf import read_sbf
+from insgnss.log.ubx import read_ubx
+from insgnss.tables import Event, GnssTable, NavigationData, PreciseProducts
+
+
+@dataclass(frozen=True)
+class GnssLogs:
+    """The observations and all that says where the satellites were."""
+
+    gnss: GnssTable
+    navigation: NavigationData | None
+    products: PreciseProducts | None
+    antennas: SatelliteAntennas | None
+    base: GnssTable | None
+    events: list[Event]
+
+
+def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
+    """Read the GNSS log of a flight and what goes with it.
+
+    Messages that stand in a receiver's own file are used beside those of the navigation files.
+
+    Raises
+    ------
+    InputError and its kin : a file is missing or cannot be read
+    NavigationDataError : there is nothing that says where the satellites were, or it is of another day
+    """
+    log = read_receiver(config, week)
+    gnss, events = log.gnss, list(log.events)
+    if config.glonass_channels:
+        gnss = replace(gnss, glonass_channels=gnss.glonass_channels | config.glonass_channels)
+    navigation = log.navigation if log.navigation is not None and has_messages(log.navigation) else None
+    if config.navigation:
+        from_files, found = read_navigation(config.navigation)
+        events += found
+        navigation = from_files if navigation is None else merged(from_files, navigation)
+    products = antennas = base = None
+    if config.precise:
+        products, found = read_precise(config.precise)
+        events += found
+    if config.antennas is not None:
+        antennas, found = read_antennas(config.antennas)
+        events += found
+    if gnss.sat is None and navigation is None and products is None:
+        raise missing_navigation(flight_file)
+    if gnss.sat is None and navigation is not None and products is None:
+        events += check_navigation_time(navigation, gnss.t_ns, config.navigation or config.files)
+    if config.base is not None:
+        of_base = read_base(config.base, week)
+        channels = of_base.gnss.glonass_channels | config.glonass_channels
+        base = replace(of_base.gnss, glonass_channels=channels)
+        events += [replace(event, detail=f"base: {event.detail}") for event in of_base.events]
+    return GnssLogs(gnss, navigation, products, antennas, base, events)
+
+
+def read_receiver(config: Gnss, week: int) -> ReceiverLog:
+    """Read the observations in the format that the flight file names."""
+    if config.format in ("csv", "rinex"):
+        gnss, events = read_gnss(config, week)
+        return ReceiverLog(gnss, events=events)
+    log = _whole(config.files, _READERS[config.format])
+    events = list(log.events)
+    if config.time != TimeScale(offset_s=config.time.offset_s):
+        detail = f"{config.format} states its own time scale: of gnss.time only offset_s is used"
+        events.append(Event(None, "time_settings_not_used", detail))
+    shift_ns = round(config.time.offset_s * NS_PER_S)
+    return replace(log, gnss=replace(log.gnss, t_ns=log.gnss.t_ns + shift_ns), events=events)
+
+
+def read_base(config: Base, week: int) -> ReceiverLog:
+    """Read the base station's observations."""
+    return read_receiver(Gnss(files=config.files, format=config.format), week)
+
+
+def _whole(paths: Sequence[Path], read: Callable[[Path], ReceiverLog]) -> ReceiverLog:
+    """Return the logs of all files as one."""
+    logs = [read(path) for path in paths]
+    if len(logs) == 1:
+        return logs[0]
+    gnss, reordered = in_time_order(joined([log.gnss for log in logs]), str(paths[0]))
+    navigation: NavigationData | None = None
+    for log in logs:
+        if log.navigation is not None:
+            navigation = log.navigation if navigation is None else merged(navigation, log.navigation)
+    return ReceiverLog(gnss, navigation, None, [e for log in logs for e in log.events] + reordered)
+
+
+_READERS: Final[dict[str, Callable[[Path], ReceiverLog]]] = {
+    "ubx": lambda path: read_ubx([path]),
+    "sbf": read_sbf,
+    "android": read_android,
+}
+
+
+def has_messages(navigation: NavigationData) -> bool:
+    """Return whether there is a message of any satellite."""
+    states = navigation.state_vectors
+    return bool(len(navigation.ephemerides.sv_names)) or (states is not None and bool(len(states.sv_names)))
+
+
+def merged(first: NavigationData, second: NavigationData) -> NavigationData:
+    """Return the messages of both; of a message that both have, and of all coefficients, the first's count."""
+    # the choice of messages takes the last of those with one reference time, so the first comes last
+    states = [n.state_vectors for n in (second, first) if n.state_vectors is not None]
+    return NavigationData(
+        _stacked([second.ephemerides, first.ephemerides]),
+        second.klobuchar if first.klobuchar is None else first.klobuchar,
+        second.leap_seconds if first.leap_seconds is None else first.leap_seconds,
+        _stacked(states) if states else None,
+        second.ionosphere | first.ionosphere,
+        second.inter_signal_s | first.inter_signal_s,
+    )
+
+
+def _stacked(tables: list[Any]) -> Any:
+    """Return several tables of one kind, row under row."""
+    columns = {}
+    for field in fields(tables[0]):
+        parts = [getattr(table, field.name) for table in tables]
+        columns[field.name] = sum(parts, ()) if isinstance(parts[0], tuple) else np.concatenate(parts)
+    return type(tables[0])(**columns)
+
+
+def missing_navigation(path: Path) -> NavigationDataError:
+    """Return the error of a flight that says nothing about where the satellites were."""
+    return NavigationDataError(
+        "no satellite positions: the GNSS log has no satellite states and there is no navigation file",
+        file=path,
+        key="gnss.navigation",
+        advice="name a RINEX navigation file of the day under gnss.navigation, precise products under gnss.precise,"
+        " or give the columns sat_x_m ... sat_clock_drift_mps",
+    )

@@ -1,0 +1,90 @@
+"""Bit fields of broadcast messages: a message is one integer, its first transmitted bit the most significant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+
+class Field(NamedTuple):
+    """One field of a message; fields follow each other without a gap."""
+
+    name: str  # "" for bits that are passed over
+    bits: int
+    scale: float = 1.0
+    signed: bool = False  # two's complement
+
+
+def angle(power: int) -> float:
+    """Return the scale of an angle sent in units of 2^power semicircles [rad]."""
+    return math.ldexp(math.pi, power)
+
+
+def power(exponent: int) -> float:
+    """Return 2^exponent."""
+    return math.ldexp(1.0, exponent)
+
+
+def unsigned(message: int, length: int, start: int, bits: int) -> int:
+    """Return ``bits`` bits of a message of ``length`` bits, from bit ``start`` on (0 is sent first)."""
+    return message >> (length - start - bits) & ((1 << bits) - 1)
+
+
+def twos_complement(value: int, bits: int) -> int:
+    """Return the signed number that ``bits`` bits hold."""
+    return value - (1 << bits) if value >> (bits - 1) else value
+
+
+def sign_and_magnitude(value: int, bits: int) -> int:
+    """Return the number whose first of ``bits`` bits is its sign (GLONASS ICD 5.1, 4.4)."""
+    magnitude = value & ((1 << (bits - 1)) - 1)
+    return -magnitude if value >> (bits - 1) else magnitude
+
+
+def unpack(message: int, length: int, fields: Sequence[Field]) -> dict[str, float]:
+    """Return the named fields of a message, scaled; the fields count from the first bit sent."""
+    values = {}
+    at = 0
+    for name, bits, scale, signed in fields:
+        if name:
+            raw = unsigned(message, length, at, bits)
+            values[name] = (twos_complement(raw, bits) if signed else raw) * scale
+        at += bits
+    return values
+
+
+def joined(words: Sequence[int], bits: int) -> int:
+    """Return words of ``bits`` bits as one integer, the first word in front."""
+    message = 0
+    for word in words:
+        message = message << bits | (word & ((1 << bits) - 1))
+    return message
+
+
+CRC24Q: Final = (
+    0x1864CFB  # x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1
+)
+
+
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        remainder = byte << 16
+        for _ in range(8):
+            remainder <<= 1
+            if remainder & 0x1000000:
+                remainder ^= CRC24Q
+        table.append(remainder)
+    return tuple(table)
+
+
+_CRC_TABLE: Final = _crc_table()
+
+
+def crc24q(message: int, length: int) -> int:
+    """Return the CRC-24Q of a message of ``length`` bits (Galileo OS SIS ICD 2.1, 5.1.9.4)."""
+    remainder = 0
+    for byte in message.to_bytes((length + 7) // 8, "big"):  # zeros in front leave the remainder at zero
+        remainder = (remainder << 8 & 0xFFFFFF) ^ _CRC_TABLE[remainder >> 16 ^ byte]
+    return remainder

@@ -1,0 +1,175 @@
+"""SBF blocks: found in the bytes by their sync word and check sum, and the layouts of those that are read.
+
+Septentrio SBF reference (PolaRx5TR reference guide, firmware 5.5.0, chapter 4): a block is "$@", a CRC-16-CCITT over
+what follows it, the block's number with its revision in the upper three bits, and its length, a multiple of four.
+"""
+
+from __future__ import annotations
+
+import binascii
+import struct
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+
+SYNC: Final = b"$@"
+HEADER_LENGTH: Final = 8
+FIRST_NUMBER: Final = 4000  # of a block; appendix A of the guide
+# Times from here on are none: TOW's and WNc's "do not use" values are the largest of their types
+TOW_END_MS: Final = 604_800_000
+WEEK_END: Final = 10_000  # the year 2171
+FLOAT_MISSING: Final = -2e10
+
+_TIME: Final = (("tow_ms", "<u4"), ("week", "<u2"))
+_KEPLER_LNAV: Final = (
+    *(("af2", "<f4"), ("af1", "<f4"), ("af0", "<f4"), ("crs", "<f4"), ("delta_n", "<f4"), ("m0", "<f8")),
+    *(("cuc", "<f4"), ("e", "<f8"), ("cus", "<f4"), ("sqrt_a", "<f8"), ("toe_s", "<u4"), ("cic", "<f4")),
+    *(("omega0", "<f8"), ("cis", "<f4"), ("i0", "<f8"), ("crc", "<f4"), ("omega", "<f8")),
+    *(("omega_dot", "<f4"), ("idot", "<f4"), ("week_toc", "<u2"), ("week_toe", "<u2")),
+)
+_LNAV: Final = (
+    *_TIME,
+    *(("svid", "u1"), ("", "u1"), ("week_sent", "<u2"), ("l2_codes", "u1"), ("ura", "u1"), ("health", "u1")),
+    *(("l2_flag", "u1"), ("iodc", "<u2"), ("iode", "u1"), ("iode3", "u1"), ("fit", "u1"), ("", "u1")),
+    *(("tgd", "<f4"), ("toc_s", "<u4")),
+    *_KEPLER_LNAV,
+)
+_KLOBUCHAR: Final = (*_TIME, ("svid", "u1"), ("", "u1"), ("coefficients", "<f4", (8,)))
+_UTC: Final = (("a1", "<f4"), ("a0", "<f8"), ("tot_s", "<u4"), ("week_t", "u1"), ("leap", "i1"))
+
+
+def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.dtype[np.void]:
+    """Return a packed layout; fields without a name are passed over."""
+    named = [(name or f"_{k}", *rest) for k, (name, *rest) in enumerate(fields)]
+    return np.dtype(named)
+
+
+MEAS_EPOCH: Final = 4027
+EXT_SENSOR: Final = 4050
+GPS_NAV, GPS_ION, GPS_UTC = 5891, 5893, 5894
+GAL_NAV, GAL_ION = 4002, 4030
+GLO_NAV: Final = 4004
+BDS_NAV, BDS_ION = 4081, 4120
+QZS_NAV: Final = 4095
+
+LAYOUTS: Final = {
+    MEAS_EPOCH: _layout(
+        *_TIME,
+        *(("n1", "u1"), ("length1", "u1"), ("length2", "u1"), ("flags", "u1"), ("clock_jumps_ms", "u1")),
+        ("", "u1"),
+    ),
+    EXT_SENSOR: _layout(*_TIME, ("n", "u1"), ("length", "u1")),
+    GPS_NAV: _layout(*_LNAV),
+    QZS_NAV: _layout(*_LNAV),
+    GPS_ION: _layout(*_KLOBUCHAR),
+    BDS_ION: _layout(*_KLOBUCHAR),
+    GPS_UTC: _layout(*_TIME, ("svid", "u1"), ("", "u1"), *_UTC),
+    GAL_ION: _layout(*_TIME, ("svid", "u1"), ("source", "u1"), ("coefficients", "<f4", (3,))),
+    GAL_NAV: _layout(
+        *_TIME,
+        *(("svid", "u1"), ("source", "u1"), ("sqrt_a", "<f8"), ("m0", "<f8"), ("e", "<f8"), ("i0", "<f8")),
+        *(("omega", "<f8"), ("omega0", "<f8"), ("omega_dot", "<f4"), ("idot", "<f4"), ("delta_n", "<f4")),
+        *(("cuc", "<f4"), ("cus", "<f4"), ("crc", "<f4"), ("crs", "<f4"), ("cic", "<f4"), ("cis", "<f4")),
+        *(("toe_s", "<u4"), ("toc_s", "<u4"), ("af2", "<f4"), ("af1", "<f4"), ("af0", "<f8")),
+        *(("week_toe", "<u2"), ("week_toc", "<u2"), ("iod", "<u2"), ("health", "<u2"), ("", "u1")),
+        *(("sisa_e5a", "u1"), ("sisa_e5b", "u1"), ("", "u1"), ("bgd_e5a", "<f4"), ("bgd_e5b", "<f4")),
+    ),
+    GLO_NAV: _layout(
+        *_TIME,
+        *(("svid", "u1"), ("channel", "u1"), ("r_km", "<f8", (3,)), ("v_kmps", "<f4", (3,))),
+        *(("a_kmps2", "<f4", (3,)), ("gamma", "<f4"), ("tau", "<f4"), ("dtau", "<f4"), ("toe_s", "<u4")),
+        *(("week_toe", "<u2"), ("p1", "u1"), ("p2", "u1"), ("age", "u1"), ("health_b", "u1"), ("tb", "<u2")),
+        *(("m", "u1"), ("p", "u1"), ("health_l", "u1")),
+    ),
+    BDS_NAV: _layout(
+        *_TIME,
+        *(("svid", "u1"), ("", "u1"), ("week_sent", "<u2"), ("ura", "u1"), ("health", "u1"), ("aodc", "u1")),
+        *(("aode", "u1"), ("", "<u2"), ("tgd1", "<f4"), ("tgd2", "<f4"), ("toc_s", "<u4")),
+        *_KEPLER_LNAV,
+    ),
+}
+# The sub-blocks of MeasEpoch
+CHANNEL_1: Final = _layout(
+    *(("rx", "u1"), ("type", "u1"), ("svid", "u1"), ("misc", "u1"), ("code_lsb", "<u4"), ("doppler", "<i4")),
+    *(("carrier_lsb", "<u2"), ("carrier_msb", "i1"), ("cn0", "u1"), ("lock_s", "<u2"), ("info", "u1")),
+    ("n2", "u1"),
+)
+CHANNEL_2: Final = _layout(
+    *(("type", "u1"), ("lock_s", "u1"), ("cn0", "u1"), ("offsets_msb", "u1"), ("carrier_msb", "i1")),
+    *(("info", "u1"), ("code_lsb", "<u2"), ("carrier_lsb", "<u2"), ("doppler_lsb", "<u2")),
+)
+SENSOR: Final = _layout(
+    *(("source", "u1"), ("model", "u1"), ("type", "u1"), ("info", "u1"), ("xyz", "<f8", (3,))),
+)
+
+
+@dataclass
+class Blocks:
+    """Where the blocks of a file begin, by number, and what could not be read."""
+
+    starts: dict[int, list[int]] = field(default_factory=dict)
+    damaged: int = 0  # sync words with a sound header but a wrong check sum, or cut by the end
+    unread: int = 0  # sound blocks of another number
+
+
+def find_blocks(data: bytes) -> Blocks:
+    """Return where the sound blocks of ``data`` begin; bytes between them (NMEA, RTCM, noise) are passed over."""
+    found = Blocks()
+    at = data.find(SYNC)
+    while at >= 0:
+        length = _sound_length(data, at, found)
+        at = data.find(SYNC, at + (length or 1))
+    return found
+
+
+def _sound_length(data: bytes, at: int, found: Blocks) -> int:
+    """Note the block at ``at`` and return its length, zero when there is none."""
+    if at + HEADER_LENGTH > len(data):
+        found.damaged += 1
+        return 0
+    crc, number, length = struct.unpack_from("<HHH", data, at + 2)
+    if length < HEADER_LENGTH or length % 4 or number & 0x1FFF < FIRST_NUMBER:
+        return 0
+    if at + length > len(data) or binascii.crc_hqx(data[at + 4 : at + length], 0) != crc:
+        found.damaged += 1
+        return 0
+    number &= 0x1FFF
+    layout = LAYOUTS.get(number)
+    if layout is None:
+        found.unread += 1
+    elif length >= HEADER_LENGTH + layout.itemsize:
+        found.starts.setdefault(number, []).append(at)
+    else:
+        found.damaged += 1
+    return int(length)
+
+
+def records(
+    data: bytes, starts: list[int], layout: np.dtype[np.void]
+) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+    """Return the records of a layout that begin at ``starts``, one for each."""
+    if not starts:
+        return np.zeros(0, layout)
+    at = np.array(starts, dtype=np.int64)[:, None] + np.arange(layout.itemsize)
+    return np.ascontiguousarray(np.frombuffer(data, np.uint8)[at]).view(layout)[:, 0]
+
+
+def time_known(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> npt.NDArray[np.bool_]:
+    """Return which of the blocks' contents carry a time."""
+    return np.asarray((rows["tow_ms"] < TOW_END_MS) & (rows["week"] < WEEK_END))
+
+
+def block_times_ns(rows: np.ndarray[tuple[int], np.dtype[np.void]]) -> npt.NDArray[np.int64]:
+    """Return the GPS time of blocks whose time is known [ns]."""
+    tow_ns = rows["tow_ms"].astype(np.int64) * (NS_PER_S // 1000)
+    return np.asarray(tow_ns + rows["week"].astype(np.int64) * NS_PER_WEEK)
+
+
+def block_records(data: bytes, blocks: Blocks, number: int) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+    """Return the contents of all blocks of a number."""
+    starts = [at + HEADER_LENGTH for at in blocks.starts.get(number, [])]
+    return records(data, starts, LAYOUTS[number])

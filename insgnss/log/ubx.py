@@ -1,0 +1,139 @@
+"""u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
+
+Read are RXM-RAWX, RXM-SFRBX, ESF-RAW or ESF-MEAS and TIM-TM2; NAV-PVT serves to tell the time where there is no
+RXM-RAWX yet. Everything else is counted. Read by ``insgnss.log.ubx_frames`` rather than by ``pyubx2``: see there.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import InputError
+from insgnss.gpstime import datetime_to_ns, leap_seconds
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.ubx_frames import UbxFrames, find_frames
+from insgnss.log.ubx_imu import MEAS, RAW, imu_table
+from insgnss.log.ubx_messages import SFRBX, UbxMessages
+from insgnss.log.ubx_observations import LATEST_WEEK, RAWX, RawEpochs, observation_table, raw_epochs
+from insgnss.tables import Event, ImuTable, Int64
+
+PVT: Final = 0x0107
+TM2: Final = 0x0D03
+KNOWN: Final = {RAWX, SFRBX, MEAS, RAW, PVT, TM2}
+_TM2_LAYOUT: Final = np.dtype(
+    [("channel", "u1"), ("flags", "u1"), ("count", "<u2"), ("week_rise", "<u2"), ("week_fall", "<u2")]
+    + [(name, "<u4") for name in ("rise_ms", "rise_ns", "fall_ms", "fall_ns", "accuracy_ns")]
+)
+_TIME_VALID, _NEW_RISE, _NEW_FALL, _UTC_BASE = 64, 128, 4, 16  # bits of the time mark's flags
+_PVT_LAYOUT: Final = np.dtype(
+    [("tow_ms", "<u4"), ("year", "<u2")]
+    + [(name, "u1") for name in ("month", "day", "hour", "minute", "second", "valid")]
+)
+_DATE_AND_TIME_VALID: Final = 3
+
+
+def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
+    """Read UBX files (plain or gzipped) of one receiver, merged and in time order.
+
+    Raises
+    ------
+    InputError : a file cannot be read or holds no UBX frame, or there is no raw measurement in any
+    """
+    epochs: list[RawEpochs] = []
+    imu: list[ImuTable] = []
+    events: list[Event] = []
+    messages = UbxMessages()
+    for path in paths:
+        frames = find_frames(path)
+        if not frames.count:
+            raise InputError(
+                "the file holds no UBX frame",
+                file=path,
+                advice="give the receiver's own log; for NMEA or RTCM there is no reader",
+            )
+        part, found = raw_epochs(frames)
+        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _solution_times(frames)
+        messages.add_file(frames, offset, t_ns)
+        table, told = imu_table(frames, offset, t_ns)
+        events += [*frames.events(KNOWN), *found, *told, *_time_marks(frames)]
+        epochs.append(part)
+        imu += [] if table is None else [table]
+    gnss, told = observation_table(epochs, paths[0])
+    if not len(gnss.t_ns):
+        raise InputError(
+            "the UBX file holds no raw measurement",
+            file=paths[0],
+            advice="the receiver must be told to log UBX-RXM-RAWX (and UBX-RXM-SFRBX for the ephemerides)",
+        )
+    leaps = np.concatenate([part.leap_s for part in epochs])
+    if (leaps != -128).any():
+        messages.broadcast.leap_seconds = int(leaps[leaps != -128][-1])
+    events += [*told, *messages.events(str(paths[0]))]
+    joined_imu, told = _joined_imu(imu, str(paths[0]))
+    return ReceiverLog(gnss, messages.broadcast.navigation(), joined_imu, events + told)
+
+
+def _joined_imu(parts: list[ImuTable], file: str) -> tuple[ImuTable | None, list[Event]]:
+    """Return the samples of all files, those left out whose time does not advance."""
+    if not parts:
+        return None, []
+    t_ns = np.concatenate([part.t_ns for part in parts])
+    order = np.argsort(t_ns, kind="stable")
+    rows = order[np.concatenate(([True], np.diff(t_ns[order]) > 0))]
+    events = []
+    if len(rows) < len(t_ns):
+        detail = f"{file}: {len(t_ns) - len(rows)} samples with a time that was there already left out"
+        events.append(Event(None, "imu_repeated", detail))
+    rates, forces = (
+        np.concatenate([getattr(part, name) for part in parts])[rows] for name in ("w_ib_b", "f_b")
+    )
+    return ImuTable(t_ns[rows], rates, forces), events
+
+
+def _time_marks(frames: UbxFrames) -> list[Event]:
+    """Return an event for each edge that the receiver timed (TIM-TM2), UTC turned into GPS time."""
+    body = b"".join([frames.data[o : o + n] for o, n in frames.of(TM2) if n == _TM2_LAYOUT.itemsize])
+    events = []
+    for mark in np.frombuffer(body, _TM2_LAYOUT):
+        flags = int(mark["flags"])
+        for edge, new in (("rise", _NEW_RISE), ("fall", _NEW_FALL)):
+            if not flags & new or not flags & _TIME_VALID or mark[f"week_{edge}"] > LATEST_WEEK:
+                continue
+            ms, ns = int(mark[f"{edge}_ms"]), int(mark[f"{edge}_ns"])
+            t_ns = int(mark[f"week_{edge}"]) * NS_PER_WEEK + ms * 1_000_000 + ns
+            if flags & _UTC_BASE:
+                t_ns += (
+                    leap_seconds(dt.datetime(1980, 1, 6) + dt.timedelta(microseconds=t_ns // 1000)) * NS_PER_S
+                )
+            detail = f"{frames.path}: {edge} on input {mark['channel']}, to {mark['accuracy_ns']} ns"
+            events.append(Event(t_ns, "time_mark", detail))
+    return events
+
+
+def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
+    """Return where the receiver's solutions (NAV-PVT) stand in a file and their GPS times."""
+    size = _PVT_LAYOUT.itemsize
+    offsets, times = [], []
+    for offset, length in frames.of(PVT):
+        if length < size:
+            continue
+        row = np.frombuffer(frames.data, _PVT_LAYOUT, 1, offset)[0]
+        if row["valid"] & _DATE_AND_TIME_VALID != _DATE_AND_TIME_VALID or not 1980 < row["year"] < 2171:
+            continue
+        try:
+            utc = dt.datetime(int(row["year"]), int(row["month"]), int(row["day"]))
+        except ValueError:
+            continue  # no date of the calendar
+        # the date tells the week, the milliseconds of the week the time in it
+        midday = datetime_to_ns(utc) + NS_PER_S * 43_200
+        tow = int(row["tow_ms"]) * 1_000_000
+        half = NS_PER_WEEK // 2
+        offsets.append(offset)
+        times.append(midday + (tow - midday + half) % NS_PER_WEEK - half)
+    return np.array(offsets, dtype=np.int64), np.array(times, dtype=np.int64)

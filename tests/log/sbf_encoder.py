@@ -1,0 +1,99 @@
+"""Writes SBF blocks from physical numbers, field by field as the reference guide lists them: the source of the tests.
+
+Independent of the reader: ``struct`` codes and a check sum computed bit by bit.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+C_MPS = 299_792_458.0
+WEEK = 2367
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16-CCITT, polynomial 0x1021, start 0, bit by bit."""
+    value = 0
+    for byte in data:
+        value ^= byte << 8
+        for _ in range(8):
+            value = (value << 1) ^ 0x1021 if value & 0x8000 else value << 1
+            value &= 0xFFFF
+    return value
+
+
+def block(number: int, body: bytes, revision: int = 1) -> bytes:
+    body += b"\0" * (-len(body) % 4)
+    rest = struct.pack("<HH", number | revision << 13, 8 + len(body)) + body
+    return b"$@" + struct.pack("<H", crc16(rest)) + rest
+
+
+def time(tow_s: float, week: int = WEEK) -> bytes:
+    return struct.pack("<IH", round(tow_s * 1000), week)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What was measured of one signal, and how the block names it."""
+
+    number: int  # of the signal
+    carrier_hz: float
+    pseudorange_m: float
+    doppler_hz: float
+    cycles: float | None
+    cn0_dbhz: float
+    lock_s: int = 100
+    half_cycle: bool = False
+    antenna: int = 0
+
+
+def _type_and_info(channel: Channel, glonass: int) -> tuple[int, int]:
+    low = channel.number if channel.number < 31 else 31
+    high = channel.number - 32 if low == 31 else glonass + 8 if channel.number in (8, 9, 10, 11) else 0
+    return low | channel.antenna << 5, high << 3 | (4 if channel.half_cycle else 0)
+
+
+def _cn0(channel: Channel) -> int:
+    return round((channel.cn0_dbhz - (0 if channel.number in (1, 2) else 10)) * 4)
+
+
+def _carrier(channel: Channel, code_m: float) -> tuple[int, int]:
+    if channel.cycles is None:
+        return -128, 0
+    return divmod(round((channel.cycles - code_m * channel.carrier_hz / C_MPS) * 1000), 65_536)
+
+
+def satellite(svid: int, channels: list[Channel], glonass: int = 0, padding: int = 0) -> bytes:
+    """A type 1 sub-block and its type 2 sub-blocks, each ``padding`` bytes longer than needed."""
+    first, *others = channels
+    kind, info = _type_and_info(first, glonass)
+    code_mm = round(first.pseudorange_m * 1000)
+    msb, lsb = _carrier(first, code_mm / 1000)
+    doppler = round(first.doppler_hz * 1e4)
+    misc = code_mm >> 32
+    text = struct.pack("<BBBBIi", 7, kind, svid, misc, code_mm & 0xFFFFFFFF, doppler)
+    text += struct.pack("<HbBHBB", lsb, msb, _cn0(first), first.lock_s, info, len(others)) + b"\0" * padding
+    for other in others:
+        kind, info = _type_and_info(other, glonass)
+        code_msb, code_lsb = divmod(round(other.pseudorange_m * 1000) - code_mm, 65_536)
+        scaled = doppler * 1e-4 * other.carrier_hz / first.carrier_hz
+        rate_msb, rate_lsb = divmod(round((other.doppler_hz - scaled) * 1e4), 65_536)
+        msb, lsb = _carrier(other, round(other.pseudorange_m * 1000) / 1000)
+        offsets = (code_msb & 7) | (rate_msb & 31) << 3
+        text += struct.pack("<BBBBbB", kind, min(other.lock_s, 254), _cn0(other), offsets, msb, info)
+        text += struct.pack("<HHH", code_lsb, lsb, rate_lsb) + b"\0" * padding
+    return text
+
+
+def epoch(
+    tow_s: float, satellites: list[bytes], jumps_ms: int = 0, flags: int = 0, padding: int = 0
+) -> bytes:
+    head = struct.pack("<BBBBBB", len(satellites), 20 + padding, 12 + padding, flags, jumps_ms % 256, 0)
+    return block(4027, time(tow_s) + head + b"".join(satellites))
+
+
+def sensor(tow_s: float, rates_dps: tuple[float, ...] | None, forces: tuple[float, ...] | None) -> bytes:
+    parts = [(1, rates_dps), (0, forces)]
+    sets = [struct.pack("<BBBB3d", 1, 2, kind, 0, *xyz) for kind, xyz in parts if xyz is not None]
+    return block(4050, time(tow_s) + struct.pack("<BB", len(sets), 28) + b"".join(sets))

@@ -1,0 +1,212 @@
+"""Android GnssLogger files: measurements and sensors from lines made of known travel times."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.errors import InputError
+from insgnss.log.android import read_android
+from insgnss.log.receiver import ReceiverLog
+from insgnss.tables import GnssTable
+from tests.log.android_generator import (
+    BOOT_FULL_BIAS_NS,
+    C_MPS,
+    ELAPSED_MINUS_TIME_NS,
+    HEADER,
+    Sat,
+    epoch,
+    sensor,
+)
+
+L1, L5, B1, G1 = 1575.42e6, 1176.45e6, 1561.098e6, 1602e6
+T = 5_000_000_000
+GPS_5 = Sat(1, 5, 70_123_456, L1, "C")
+
+
+def read(folder: Path, *texts: str, header: str = HEADER) -> ReceiverLog:
+    path = folder / "gnss_log.txt"
+    path.write_text(header + "".join(texts))
+    return read_android(path)
+
+
+def rows(table: GnssTable) -> dict[tuple[int, str, str], tuple[float, float]]:
+    keys = zip(table.t_ns.tolist(), table.sv.tolist(), table.signal.tolist(), strict=True)
+    values = zip(table.pseudorange_m.tolist(), table.doppler_hz.tolist(), strict=True)
+    return {
+        (t, table.sv_names[s], table.signal_names[c]): v for (t, s, c), v in zip(keys, values, strict=True)
+    }
+
+
+SKY = {
+    ("G05", "C1C"): GPS_5,
+    ("G08", "C5Q"): Sat(1, 8, 80_000_001, 1176450048.0, "Q"),
+    ("R02", "C1C"): Sat(3, 2, 66_000_007, G1 - 4 * 562.5e3, "C", 0x1 | 0x80),
+    ("C21", "C2I"): Sat(5, 21, 75_000_003, B1, "I"),
+    ("C30", "C1P"): Sat(5, 30, 75_000_003, L1, ""),
+    ("E11", "C1C"): Sat(6, 11, 85_000_005, L1, "C", 0x400 | 0x8),
+    ("E12", "C1C"): Sat(6, 12, 92_345_678, L1, "C", 0x400 | 0x800),
+    ("E13", "C5Q"): Sat(6, 13, 92_345_678, L5, "Q"),
+    ("J02", "C1C"): Sat(4, 194, 120_000_000, L1, "C"),
+    ("S33", "C1C"): Sat(2, 133, 125_000_000, L1, "C"),
+    ("I05", "C5A"): Sat(7, 5, 125_000_000, L5, "A"),
+}
+
+
+@pytest.mark.parametrize("shift_ns", [0, 345_600 * 10**9 - 41, 86_400 * 10**9 * 3 - 40_000_000])
+def test_pseudoranges_are_those_of_the_travel_times_in_every_system(tmp_path: Path, shift_ns: int) -> None:
+    # the shifts let weeks and days turn over between transmission and reception
+    to_week_end = -(T - BOOT_FULL_BIAS_NS) % (604_800 * 10**9)
+    time_ns = T + to_week_end + shift_ns if shift_ns else T
+    log = read(tmp_path, epoch(time_ns, SKY.values()), epoch(time_ns + 10**9, SKY.values()))
+    found = rows(log.gnss)
+    assert len(found) == 2 * len(SKY) and log.events == []
+    for key, sat in SKY.items():
+        code, doppler = found[time_ns - BOOT_FULL_BIAS_NS, *key]
+        assert code == pytest.approx(sat.travel_ns * C_MPS / 1e9, abs=1e-6)
+        assert sat.carrier_hz is not None and doppler == pytest.approx(
+            -12.5 * sat.carrier_hz / C_MPS, rel=1e-6
+        )
+    assert log.gnss.glonass_channels == {"R02": -4}
+
+
+def test_time_tag_and_pseudorange_are_exact_to_the_nanosecond_late_in_the_clocks_life(tmp_path: Path) -> None:
+    time_ns = 40_000_000_000_000_001  # more digits than a float64 keeps next to the bias
+    found = rows(read(tmp_path, epoch(time_ns, [GPS_5])).gnss)
+    assert found[time_ns - BOOT_FULL_BIAS_NS, "G05", "C1C"][0] == pytest.approx(
+        70_123_456 * C_MPS / 1e9, abs=1e-6
+    )
+
+
+def test_bias_of_the_first_epoch_is_kept_until_the_clock_is_set_anew(tmp_path: Path) -> None:
+    texts = [epoch(T + k * 10**9, [GPS_5], count=k // 2, extra_bias=1000 * k) for k in range(4)]
+    log = read(tmp_path, *texts)
+    ranges = log.gnss.pseudorange_m / (C_MPS / 1e9) - 70_123_456
+    assert np.round(ranges, 3).tolist() == [0.0, 1000.0, 0.0, 1000.0]
+    kinds = [(e.t_ns, e.kind) for e in log.events]
+    assert kinds == [(T + 2 * 10**9 - BOOT_FULL_BIAS_NS - 2000, "receiver_clock_discontinuity")]
+
+
+def test_offset_within_the_epoch_moves_the_range_with_its_rate(tmp_path: Path) -> None:
+    late = dataclasses.replace(GPS_5, offset_ns=2_000_000.0, rate_mps=-700.0)
+    found = rows(read(tmp_path, epoch(T, [late])).gnss)
+    expected = 70_123_456 * C_MPS / 1e9 + 700.0 * 2e-3
+    assert found[T - BOOT_FULL_BIAS_NS, "G05", "C1C"][0] == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sat", "why"),
+    [
+        (dataclasses.replace(GPS_5, state=0x1 | 0x4), "ambiguous"),
+        (dataclasses.replace(GPS_5, state=0x1 | 0x8 | 0x10), "ambiguous"),
+        (Sat(6, 11, 85_000_005, L1, "C", 0x400), "ambiguous"),
+        (Sat(3, 2, 66_000_007, G1, "C", 0x1 | 0x8), "ambiguous"),
+        (Sat(3, 97, 66_000_007, G1, "C", 0x1 | 0x80), "unknown satellite"),
+        (dataclasses.replace(GPS_5, constellation=0), "unknown satellite"),
+        (dataclasses.replace(GPS_5, carrier_hz=1400e6), "unknown satellite or signal"),
+        (dataclasses.replace(GPS_5, travel_ns=900_000_000), "impossible travel time"),
+        (dataclasses.replace(GPS_5, drop="FullBiasNanos"), "before the receiver knew"),
+        (dataclasses.replace(GPS_5, drop="ReceivedSvTimeNanos"), "ambiguous"),
+    ],
+)
+def test_measurement_that_cannot_be_used_is_told_with_its_reason(tmp_path: Path, sat: Sat, why: str) -> None:
+    log = read(tmp_path, epoch(T, [dataclasses.replace(GPS_5, svid=7), sat]))
+    assert log.gnss.sv_names == ("G07",) and len(log.gnss.t_ns) == 1
+    assert [e.kind for e in log.events] == ["android_not_used"] and why in log.events[0].detail
+
+
+@pytest.mark.parametrize(
+    ("state", "valid", "lli"),
+    [(0, False, 0), (1, True, 0), (1 | 2, True, 1), (1 | 4, True, 1), (1 | 16, True, 2)],
+)
+def test_carrier_phase_follows_the_state_of_the_delta_range(
+    tmp_path: Path, state: int, valid: bool, lli: int
+) -> None:
+    good = dataclasses.replace(GPS_5, svid=7, adr_state=1 | 8 | 16, adr_m=-100.0)
+    log = read(tmp_path, epoch(T, [dataclasses.replace(GPS_5, adr_state=state, adr_m=12345.678), good]))
+    assert log.gnss.carrier_cycles is not None and log.gnss.lli is not None
+    expected = 12345.678 * L1 / C_MPS if valid else np.nan
+    assert log.gnss.carrier_cycles[0] == pytest.approx(expected, nan_ok=True)
+    assert log.gnss.lli.tolist() == [lli, 0]
+
+
+def test_clock_set_anew_marks_a_slip(tmp_path: Path) -> None:
+    sat = dataclasses.replace(GPS_5, adr_state=1, adr_m=5.0)
+    log = read(tmp_path, *(epoch(T + k * 10**9, [sat], count=k // 2) for k in range(4)))
+    assert log.gnss.lli is not None and log.gnss.lli.tolist() == [0, 0, 1, 0]
+
+
+def test_log_without_carrier_frequencies_is_the_first_band(tmp_path: Path) -> None:
+    sats = [dataclasses.replace(sat, carrier_hz=None, code="") for sat in SKY.values()]
+    found = read(tmp_path, epoch(T, sats)).gnss
+    assert set(found.signal_names) == {"C1C", "C2I", "C5A"} and found.glonass_channels == {}
+
+
+def test_sensors_are_put_on_gps_time_and_the_accelerometer_on_the_gyros_times(tmp_path: Path) -> None:
+    start = T + ELAPSED_MINUS_TIME_NS
+    gyro = [sensor("UncalGyro", start + k * 5_000_000, (0.01 * k, 0.0, -0.5)) for k in range(40)]
+    # specific force linear in time, sampled elsewhere and less often: interpolation must give it exactly
+    force = [
+        sensor("UncalAccel", start - 3_000_000 + k * 7_000_000, (0.25 * (7 * k - 3), 9.81, 0.0))
+        for k in range(29)
+    ]
+    texts = [epoch(T + k * 10**9, [GPS_5]) for k in range(3)]
+    log = read(tmp_path, texts[0], *gyro, *force, *texts[1:])
+    assert log.imu is not None and [e.kind for e in log.events] == ["imu_unpaired"]  # the last gyro sample
+    since_ms = (log.imu.t_ns - (T - BOOT_FULL_BIAS_NS)) / 1e6
+    assert np.allclose(since_ms, 5.0 * np.arange(len(since_ms))) and len(since_ms) == 39
+    assert np.allclose(log.imu.w_ib_b[:, 0], 0.01 * np.arange(39))
+    assert np.allclose(log.imu.f_b[:, 0], 0.25 * since_ms) and np.allclose(log.imu.f_b[:, 1], 9.81)
+
+
+def test_gap_of_one_sensor_is_not_bridged(tmp_path: Path) -> None:
+    start = T + ELAPSED_MINUS_TIME_NS
+    gyro = [sensor("UncalGyro", start + k * 10_000_000, (0.1, 0.0, 0.0)) for k in range(100)]
+    force = [
+        sensor("UncalAccel", start + k * 10_000_000, (0.0, 0.0, 9.8)) for k in range(100) if not 30 < k < 60
+    ]
+    log = read(tmp_path, epoch(T, [GPS_5]), *gyro, *force)
+    assert log.imu is not None and len(log.imu.t_ns) == 71
+    assert [e.kind for e in log.events] == ["imu_unpaired"] and "29 angular" in log.events[0].detail
+
+
+def test_drift_of_the_phones_clock_is_followed(tmp_path: Path) -> None:
+    drift = 20e-6
+    texts, start = [], T + ELAPSED_MINUS_TIME_NS
+    for k in range(0, 600, 5):
+        text = epoch(T + k * 10**9, [GPS_5])
+        texts.append(text.replace(str(start + k * 10**9), str(start + round(k * 1e9 * (1 + drift)))))
+    late = start + round(590e9 * (1 + drift))
+    for kind in ("UncalGyro", "UncalAccel"):
+        texts.append(sensor(kind, late, (0.0, 0.0, 9.8)))
+    imu = read(tmp_path, *texts).imu
+    assert imu is not None and abs(imu.t_ns[0] - (T + 590 * 10**9 - BOOT_FULL_BIAS_NS)) < 1000
+
+
+def test_sensors_without_the_chipsets_time_carry_utc_and_an_event(tmp_path: Path) -> None:
+    start = T + ELAPSED_MINUS_TIME_NS
+    samples = [
+        sensor(kind, start + k * 10_000_000, (0.0, 0.0, 9.8))
+        for k in range(5)
+        for kind in ("UncalGyro", "UncalAccel")
+    ]
+    log = read(tmp_path, epoch(T, [dataclasses.replace(GPS_5, drop="ChipsetElapsedRealtimeNanos")]), *samples)
+    assert log.imu is not None and [e.kind for e in log.events] == ["imu_time_uncertain"]
+    assert abs(log.imu.t_ns[0] - (T - BOOT_FULL_BIAS_NS)) <= 10**6
+
+
+def test_lines_with_a_wrong_number_of_cells_and_other_kinds_are_told(tmp_path: Path) -> None:
+    text = epoch(T, [GPS_5])
+    log = read(tmp_path, text, text[:120] + "\n", "Fix,GPS,47.0,8.0,400.0\n", "Nav,1,2\n", "garbage\n")
+    assert len(log.gnss.t_ns) == 1
+    assert [e.kind for e in log.events] == ["bad_row", "android_lines_not_read"]
+    assert "1 Fix, 1 Nav" in log.events[1].detail
+
+
+@pytest.mark.parametrize("text", ["", "# Raw,a,b\nRaw,1,2\n", HEADER, "Raw,1,2,3\n", HEADER + "Raw,,,\n"])
+def test_file_without_raw_measurements_is_a_typed_error(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError):
+        read(tmp_path, header=text)

@@ -1,0 +1,179 @@
+"""Receivers' files converted and read again through the flight file that was written: the same numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from insgnss.cli.convert import convert as command
+from insgnss.errors import InputError
+from insgnss.log.convert import convert
+from insgnss.log.flight import Flight
+from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.imu_csv import read_imu
+from insgnss.log.rinex import read_navigation
+from insgnss.tables import GnssTable
+from tests.log.android_generator import ELAPSED_MINUS_TIME_NS
+from tests.log.android_generator import HEADER as ANDROID_HEADER
+from tests.log.android_generator import epoch as android_epoch
+from tests.log.android_generator import sensor as android_sensor
+from tests.log.sbf_encoder import Channel, epoch, satellite, sensor
+from tests.log.test_android import SKY, T
+from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
+from tests.log.test_rinex_navigation import message
+from tests.log.test_rinex_observations import HEADER as OBS_HEADER
+from tests.log.test_rinex_observations import epoch as rinex_epoch
+from tests.log.test_sbf import bds_nav, gal_nav, gps_nav
+
+APP = typer.Typer()
+APP.command()(command)
+
+
+def same(a: GnssTable, b: GnssTable) -> None:
+    assert np.array_equal(a.t_ns, b.t_ns)
+    for name in ("pseudorange_m", "doppler_hz", "cn0_dbhz", "carrier_cycles", "lli"):
+        one, other = getattr(a, name), getattr(b, name)
+        assert (one is None) == (other is None)
+        assert one is None or np.array_equal(one, other, equal_nan=True), name
+    assert [a.sv_names[k] for k in a.sv] == [b.sv_names[k] for k in b.sv]
+    assert [a.signal_names[k] for k in a.signal] == [b.signal_names[k] for k in b.signal]
+
+
+def read_again(folder: Path) -> tuple[Flight, GnssTable]:
+    flight = Flight.load(folder / "flight.toml")
+    table, events = read_gnss(flight.config.gnss, flight.config.gps_week)
+    assert events == []
+    return flight, table
+
+
+def sbf_file(folder: Path) -> Path:
+    sky = [satellite(k, [Channel(0, 1575.42e6, 2.3e7 + k / 7, -0.1 * k, None, 40.0)]) for k in range(1, 9)]
+    blocks = [epoch(340_000.0 + k / 10, sky) for k in range(20)]
+    blocks += [sensor(340_000.0 + k / 100, (1.0, 0.0, -k), (0.5 * k, 0.0, -9.8)) for k in range(200)]
+    path = folder / "receiver.bin"
+    path.write_bytes(b"".join([*blocks, gps_nav(), bds_nav(), gal_nav(2, 1)]))
+    return path
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    "name",
+    [
+        "walk_boulder_20250828/raw/gnss_1730.ubx",
+        "instinct_static_20230629/reach_m2_static_10min.23O.gz",
+    ],
+)
+def test_real_file_converted_gives_the_same_measurements(data_root: Path, tmp_path: Path, name: str) -> None:
+    done = convert([data_root / name], tmp_path / "out")
+    flight, table = read_again(tmp_path / "out")
+    same(done.log.gnss, table)
+    if done.log.navigation is not None:
+        again, events = read_navigation(flight.config.gnss.navigation)
+        assert events == [] and len(again.ephemerides.sv_names) == len(
+            done.log.navigation.ephemerides.sv_names
+        )
+    assert bool(flight.config.gnss.navigation) == (done.log.navigation is not None)
+
+
+@pytest.mark.real_data
+def test_real_u_blox_log_holds_what_another_decoder_found_in_it(data_root: Path, tmp_path: Path) -> None:
+    convert([data_root / "walk_boulder_20250828" / "raw" / "gnss_1730.ubx"], tmp_path / "out")
+    flight, table = read_again(tmp_path / "out")
+    theirs = data_root / "walk_boulder_20250828" / "nav_decoded_from_ubx.rnx"
+    expected = read_navigation([theirs])[0].ephemerides
+    found = read_navigation(flight.config.gnss.navigation)[0].ephemerides
+    rows = {(sv, int(toe)): k for k, (sv, toe) in enumerate(zip(found.sv_names, found.toe_ns, strict=True))}
+    assert table.t_ns[0] == (2381 * 604_800 + 408_639) * 10**9 + 748_000_000
+    for k, key in enumerate(zip(expected.sv_names, expected.toe_ns.tolist(), strict=True)):
+        for name in ("sqrt_a", "e", "m0", "omega0", "crs", "af0"):
+            ours, other = getattr(found, name)[rows[key]], getattr(expected, name)[k]
+            assert ours == pytest.approx(other, rel=1e-11), (key, name)
+
+
+def test_septentrio_log_becomes_a_whole_flight(tmp_path: Path) -> None:
+    done = convert([sbf_file(tmp_path)], tmp_path / "out")
+    assert [path.name for path in done.written] == [
+        "gnss_obs.csv",
+        "navigation.rnx",
+        "imu.csv",
+        "flight.toml",
+    ]
+    flight, table = read_again(tmp_path / "out")
+    same(done.log.gnss, table)
+    logs, _ = read_imu(flight.config.imu, flight.config.gps_week, flight.imu_grade)
+    assert done.log.imu is not None and logs.t_ns[-1] == done.log.imu.t_ns[-1]
+    assert read_navigation(flight.config.gnss.navigation)[0].ephemerides.sv_names == ("C20", "E36", "G05")
+
+
+def test_phone_log_becomes_measurements_and_samples(tmp_path: Path) -> None:
+    texts = [android_epoch(T + k * 10**9, SKY.values()) for k in range(3)]
+    start = T + ELAPSED_MINUS_TIME_NS
+    for kind in ("UncalGyro", "UncalAccel"):
+        texts += [android_sensor(kind, start + k * 5_000_000, (0.0, 0.1, 9.8)) for k in range(100)]
+    path = tmp_path / "log"
+    path.write_text(ANDROID_HEADER + "".join(texts))
+    done = convert([path], tmp_path / "out")
+    same(done.log.gnss, read_again(tmp_path / "out")[1])
+    text = (tmp_path / "out" / "flight.toml").read_text()
+    assert "R02 -4" in text and "# navigation" in text and "DECLARE" in text and "# lever_arm_m" in text
+
+
+def test_navigation_file_given_is_copied_and_named(tmp_path: Path) -> None:
+    (tmp_path / "obs").write_text(OBS_HEADER + rinex_epoch())
+    (tmp_path / "brdc.rnx").write_text(NAV_HEADER + message())
+    convert([tmp_path / "brdc.rnx", tmp_path / "obs"], tmp_path / "out")
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    assert [path.name for path in flight.config.gnss.navigation] == ["brdc.rnx"]
+    assert flight.config.gnss.navigation[0].read_text() == NAV_HEADER + message()
+
+
+def test_flight_file_that_is_there_is_kept(tmp_path: Path) -> None:
+    path = sbf_file(tmp_path)
+    convert([path], tmp_path / "out")
+    (tmp_path / "out" / "flight.toml").write_text("mine")
+    done = convert([path], tmp_path / "out")
+    assert (tmp_path / "out" / "flight.toml").read_text() == "mine" and done.kept != ()
+
+
+def test_files_of_two_receivers_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "obs").write_text(OBS_HEADER + rinex_epoch())
+    with pytest.raises(InputError, match="RINEX observation and Septentrio"):
+        convert([tmp_path / "obs", sbf_file(tmp_path)], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_command_says_what_it_read_and_wrote(tmp_path: Path) -> None:
+    result = CliRunner().invoke(APP, [str(sbf_file(tmp_path)), "--output", str(tmp_path / "out")])
+    assert result.exit_code == 0
+    for word in (
+        "Septentrio SBF",
+        "160 measurements of 8 satellites",
+        "3 broadcast messages",
+        "flight.toml",
+        " s in all",
+    ):
+        assert word in result.output
+
+
+@pytest.mark.parametrize(
+    ("content", "code"), [(None, 3), (b"nothing of the kind", 3), (OBS_HEADER.encode(), 3), (b"", 3)]
+)
+def test_command_ends_with_the_exit_code_of_an_input_error(
+    tmp_path: Path, content: bytes | None, code: int
+) -> None:
+    path = tmp_path / "file"
+    if content is not None:
+        path.write_bytes(content)
+    result = CliRunner().invoke(APP, [str(path), "-o", str(tmp_path / "out")])
+    assert result.exit_code == code and "error: " in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_command_ends_with_the_code_of_a_result_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file where the folder should be")
+    result = CliRunner().invoke(APP, [str(sbf_file(tmp_path)), "-o", str(tmp_path / "out")])
+    assert result.exit_code == 5

@@ -1,0 +1,74 @@
+"""The format of a file by what stands in it."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import pytest
+
+from insgnss.errors import InputError, MissingFileError
+from insgnss.log.detect import Format, detect_format
+from tests.log.android_generator import HEADER as ANDROID_HEADER
+from tests.log.sbf_encoder import Channel, epoch, satellite
+from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
+from tests.log.test_rinex_observations import HEADER as OBS_HEADER
+
+PAYLOAD = bytes(range(20))
+
+
+def ubx(kind: bytes = b"\x02\x15", payload: bytes = PAYLOAD) -> bytes:
+    body = kind + len(payload).to_bytes(2, "little") + payload
+    a = b = 0
+    for byte in body:
+        a = (a + byte) % 256
+        b = (b + a) % 256
+    return b"\xb5\x62" + body + bytes((a, b))
+
+
+SBF = epoch(1.0, [satellite(5, [Channel(0, 1575.42e6, 2.3e7, 0.0, None, 40.0)])])
+FILES: list[tuple[bytes, Format]] = [
+    (OBS_HEADER.encode(), "rinex_observation"),
+    (OBS_HEADER.replace("\n", "\r\n").encode(), "rinex_observation"),
+    (
+        b"3.0                 COMPACT RINEX FORMAT                    CRINEX VERS   / TYPE\n",
+        "rinex_observation",
+    ),
+    (NAV_HEADER.encode(), "rinex_navigation"),
+    (ANDROID_HEADER.encode(), "android"),
+    (ubx(), "ubx"),
+    (b"$GNGGA,1*00\r\n" * 40 + ubx(), "ubx"),
+    (b"\xb5\x62\xff\xff" * 20 + SBF * 3, "sbf"),
+    (b"$@" * 30 + SBF, "sbf"),
+]
+
+
+@pytest.mark.parametrize(("data", "expected"), FILES)
+@pytest.mark.parametrize("packed", [False, True])
+def test_format_is_told_by_content(tmp_path: Path, data: bytes, expected: Format, packed: bool) -> None:
+    path = tmp_path / "misleading.csv"
+    path.write_bytes(gzip.compress(data) if packed else data)
+    assert detect_format(path) == expected
+
+
+@pytest.mark.parametrize(
+    ("data", "hint"),
+    [
+        (b"$GPGGA,123519,4807.038,N*47\r\n", "NMEA"),
+        (b"\xd3\x00\x13\x3e", "RTCM"),
+        (b"time_s,sv\n1,G05\n", "CSV"),
+        (b"\x00" * 50, "empty"),
+        (ubx()[:-1] + b"\x00", "formats"),
+        (SBF[:-4], "formats"),
+    ],
+)
+def test_unknown_content_is_refused_with_a_hint(tmp_path: Path, data: bytes, hint: str) -> None:
+    path = tmp_path / "log.ubx"
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=hint):
+        detect_format(path)
+
+
+def test_missing_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(MissingFileError):
+        detect_format(tmp_path / "none.ubx")

@@ -1,0 +1,46 @@
+"""What a replay costs: memory in proportion to its files, and a loop that is compiled once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from insgnss.fusion import compile_loop
+from insgnss.fusion.loop import run_epochs
+from insgnss.replay import replay
+from tests.benchmarks.bench_replay import SAMPLE, command
+from tests.benchmarks.long_log import LongLog, write_log
+
+MIB = 2**20
+# An array of final size is filled in one place while another is read: what lives at once is about what is on the disk
+MOST_PER_BYTE = 1.5
+MOST_AT_REST_MIB = 300.0  # interpreter, libraries, machine code
+
+
+@pytest.mark.skipif(not hasattr(run_epochs, "signatures"), reason="the compiler is switched off")
+def test_loop_compiled_ahead_has_the_types_that_a_replay_needs() -> None:
+    replay(SAMPLE)
+    known = list(run_epochs.signatures)  # type: ignore[attr-defined]
+
+    compile_loop.compile_loop()
+
+    assert list(run_epochs.signatures) == known  # type: ignore[attr-defined]
+
+
+def peak_and_files_mib(folder: Path, hours: float) -> tuple[float, float]:
+    """Return the peak of the command on a log of that length, and the size of what it reads and writes."""
+    flight = write_log(LongLog(hours=hours), folder / f"log_{hours}")
+    output = folder / f"out_{hours}"
+    command(flight, output)
+    peak = command(flight, output).peak_mib
+    return peak, sum(path.stat().st_size for path in (*flight.parent.iterdir(), *output.iterdir())) / MIB
+
+
+@pytest.mark.slow
+def test_memory_grows_no_faster_than_the_files(tmp_path: Path) -> None:
+    short_peak, short_files = peak_and_files_mib(tmp_path, 0.05)
+    long_peak, long_files = peak_and_files_mib(tmp_path, 0.25)
+
+    assert long_peak - short_peak < MOST_PER_BYTE * (long_files - short_files)
+    assert short_peak < MOST_AT_REST_MIB + MOST_PER_BYTE * short_files
