@@ -17,6 +17,8 @@ import numba
 import numpy as np
 import pandas as pd
 
+from insgnss.antenna.equipment import installation, limits_of
+from insgnss.antenna.installation import Installation
 from insgnss.comparison import errors_against
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
@@ -91,6 +93,12 @@ def engine_settings(
     return _setup(flight, config, navigation, pairs, with_carrier=carrier)
 
 
+def _installed(flight: Flight) -> tuple[Installation, list[Event]]:
+    """Return the vehicle's antennas, and what is worth telling of their files."""
+    gnss = flight.config.gnss
+    return installation(gnss.antenna, flight.path.absolute().parent, gnss.lever_b)
+
+
 def _all_pairs(signals: dict[str, tuple[str, ...]], letters: set[str]) -> set[Pair]:
     return {(letter, code) for letter in letters for code in signals.get(letter, ())}
 
@@ -112,12 +120,14 @@ def _setup(
         config=config,
         grade=flight.imu_grade,
         oscillator=flight.oscillator,
-        lever_arm_m=gnss.lever_arm_m or (0.0, 0.0, 0.0),
+        lever_arm_m=gnss.lever_b or (0.0, 0.0, 0.0),
         clock_groups=clock_groups(use.constellations, use.signals_of(), pairs, every_band=use.every_band),
         start=given,
         start_ns=start_ns,
         navigation=navigation,
         with_carrier=with_carrier,
+        installation=_installed(flight)[0],
+        visibility_limits=limits_of(config.visibility),
     )
 
 
@@ -183,7 +193,7 @@ def _prepared(
     tell("computing the satellites")
     setup = setup_filter(flight, logs, config)
     rows, found = corrected_rows(setup, logs, flight)
-    events = logs.events + found
+    events = logs.events + _installed(flight)[1] + found
     record = _Record(row_keys(logs.gnss, rows), logs.reference, events, logs.input_hashes)
     return setup, (logs.imu, rows), record
 

@@ -110,6 +110,7 @@ def satellite_table(out: Output, keys: RowKeys, week: int) -> pd.DataFrame:
             "sv": _words(keys.sv[rows_of_table], keys.sv_names),
             **_angles(ledger["u_n"][rows_of_table], ""),
             **_angles(ledger["u_b"][rows_of_table], "body_"),
+            "gain_dbi": ledger["gain"][rows_of_table].astype(np.float64),
             "state": _words(state, names),
             "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0], dtype=np.float64),
             "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1], dtype=np.float64),

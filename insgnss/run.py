@@ -4,7 +4,7 @@
 |----------------|-------------|---------|
 | nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses |
 | measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
-| satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg state sd_range_m sd_range_rate_mps |
+| satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
 | errors         | nav row inside the reference | time_s and estimate minus reference with its sigma |
 """  # noqa: E501 - the table is the documentation

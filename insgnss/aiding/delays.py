@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insgnss.aiding.observables import Spans, observe_satellite, turn_about_axis
+from insgnss.aiding.antenna_motion import turn_about_axis
+from insgnss.aiding.observables import LANES, N_LANE_ROWS, Spans, expand_satellite, towards
 from insgnss.aiding.satellite_arcs import PIECE_NS, Arcs
 from insgnss.aiding.trace import Trace
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
@@ -36,7 +37,7 @@ def fill_delays(trace: Trace, arcs: Arcs, spans: Spans, lever_b: Float64, air_mo
     """Add the air's delay [m] of each satellite to ``spans.delay_m``, at the span's first time."""
     air = np.zeros(1, AIR_DTYPE)
     motion, line, u_n, C_ne = np.zeros((4, 3)), np.zeros((2, 3)), np.zeros(3), np.zeros((3, 3))
-    r_a = np.zeros(3)
+    r_a, e = np.zeros(3), np.zeros(N_LANE_ROWS * LANES)
     for span in range(len(spans.first_time) - 1):
         i = spans.first_time[span]
         C = trace.C_eb[i]
@@ -53,13 +54,12 @@ def fill_delays(trace: Trace, arcs: Arcs, spans: Spans, lever_b: Float64, air_mo
         since_ns = trace.t_ns[i] - arcs.start_ns
         p = since_ns // PIECE_NS
         since_s = (since_ns - p * PIECE_NS) / NS_PER_S
-        turn_about_axis(motion, WGS84_OMEGA_RADPS * since_s)
+        turn_about_axis(motion, 0, 1, WGS84_OMEGA_RADPS * since_s)
         for j in range(spans.first_satellite[span], spans.first_satellite[span + 1]):
             satellite = spans.satellite[j]
-            observe_satellite(arcs.pieces[satellite, p], since_s, motion, line)
-            turn_about_axis(line, -WGS84_OMEGA_RADPS * since_s)
+            expand_satellite(arcs.pieces[satellite, p], since_s, motion, e, 0)
+            towards(e, 0, motion, line)
+            turn_about_axis(line, 0, 1, -WGS84_OMEGA_RADPS * since_s)
             for k in range(3):
                 u_n[k] = C_ne[k, 0] * line[0, 0] + C_ne[k, 1] * line[0, 1] + C_ne[k, 2] * line[0, 2]
-            spans.delay_m[j] += slant_delay(
-                air[0], air_model.klobuchar, u_n, air_model.ionosphere[satellite]
-            )
+            spans.delay_m[j] += slant_delay(air[0], air_model.klobuchar, u_n, air_model.ionosphere[satellite])

@@ -1,12 +1,13 @@
 """Where every satellite is, at any instant: polynomial pieces built beforehand from messages or precise products.
 
-A piece is 120 s long. Its position is the polynomial of fifth degree with the position, velocity and acceleration of the
-orbit at both ends, in the inertial axes that are those of ECEF at the piece's beginning: a satellite there moves with
-4 km/s on a circle and no term of the Earth's turn is needed after. Against the orbit itself the pieces are within 1e-7 m,
-1e-8 m/s and 1e-9 m/s^2 for nearly circular orbits from medium height on (2e-6 m, 1e-7 m/s, 1e-8 m/s^2 at the perigee of
-e = 0.17). The clock is the cubic with offset and rate at both ends, within 1e-8 m. Each piece is of one message, the one
-chosen for its middle: a change of message stands at a piece's border, up to a minute from where ``satellite_state``
-changes, and the values step there by what the messages differ (some 0.1 m, 0.1 mm/s).
+A piece is 120 s long. Its position is the polynomial of fifth degree with the position, velocity and acceleration of
+the orbit at both ends, in the inertial axes that are those of ECEF at the piece's beginning: a satellite there moves
+with 4 km/s on a circle and no term of the Earth's turn is needed after. Against the orbit itself the pieces are within
+1e-6 m, 1e-8 m/s and 1e-9 m/s^2 for nearly circular orbits from medium height on (20 times that at the perigee of
+e = 0.17); most of the position's is the orbit's own rounding. The clock is the cubic with offset and rate at both ends,
+within 1e-8 m. Each piece is of one message, the one chosen for its middle: a change of message stands at a piece's
+border, up to a minute from where ``satellite_state`` changes, and the values step there by what the messages differ
+(some 0.1 m, 0.1 mm/s).
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class SatelliteArcs:
     @property
     def end_ns(self) -> int:
         """GPS time at which the last pieces end."""
-        return self.arcs.start_ns + PIECE_NS * self.arcs.pieces.shape[1]
+        return self.arcs.start_ns + PIECE_NS * int(self.arcs.pieces.shape[1])
 
     def covers(self, first_ns: int, last_ns: int) -> bool:
         """Return whether every instant of the span lies in a piece."""
@@ -205,8 +206,16 @@ def _inertial(node: Float64, since_s: float) -> tuple[Float64, Float64, Float64]
     r, v, a = node[..., 0:3], node[..., 3:6], node[..., 6:9]
     V = v + _omega_cross(r)
     A = a + 2.0 * _omega_cross(v) + _omega_cross(_omega_cross(r))
-    turn = earth_turn(since_s)
-    return r @ turn.T, V @ turn.T, A @ turn.T
+    # written out: a product of matrices would round differently with the number of pieces made at once
+    angle = WGS84_OMEGA_RADPS * since_s
+    sine, cosine = math.sin(angle), math.cos(angle)
+    r, V, A = (
+        np.stack(
+            [cosine * x[..., 0] - sine * x[..., 1], sine * x[..., 0] + cosine * x[..., 1], x[..., 2]], axis=-1
+        )
+        for x in (r, V, A)
+    )
+    return r, V, A
 
 
 def _omega_cross(vectors: Float64) -> Float64:

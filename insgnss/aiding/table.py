@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.aiding.delays import AirModel, fill_delays
-from insgnss.aiding.observables import Spans, Values, fill_values
+from insgnss.aiding.observables import LANES, N_LANE_ROWS, Spans, Values, fill_values
 from insgnss.aiding.satellite_arcs import PIECE_NS, SatelliteArcs, elevations
 from insgnss.aiding.trace import Covariances, Samples, Trace
 from insgnss.aiding.uncertainty import (
@@ -85,10 +85,15 @@ class AidingSetup:
             satellite_acceleration=use.satellite_acceleration_sigma_mps2,
         )
 
+    @property
+    def signals(self) -> dict[str, str]:
+        """RINEX code of each constellation's carrier."""
+        return {str(letter): code for letter, code in self.config.signals.items()}
+
     def wavelengths(self, sv_names: tuple[str, ...]) -> Float64:
         """Return the carrier's wavelength of each satellite [m], NaN for GLONASS without a channel."""
         channels = self.channels or {}
-        signals = self.config.signals
+        signals = self.signals
         return np.array([wavelength_m(n[0], signals[n[0]], channels.get(n)) for n in sv_names], np.float64)
 
     def groups(self, sv_names: tuple[str, ...]) -> Int64:
@@ -96,7 +101,7 @@ class AidingSetup:
         return np.array([self._group(name[0]) for name in sv_names], np.int64)
 
     def _group(self, letter: str) -> int:
-        signal = signal_of(letter, self.config.signals[letter])
+        signal = signal_of(letter, self.signals[letter])
         homes = (letter, "G") if letter == "J" else (letter,)
         for home in homes:
             for name in (f"{home}:{'' if signal is None else signal.band}", home):
@@ -106,7 +111,7 @@ class AidingSetup:
 
     def air(self, sv_names: tuple[str, ...]) -> AirModel:
         """Return the delays' model for these satellites."""
-        channels, signals = self.channels or {}, self.config.signals
+        channels, signals = self.channels or {}, self.signals
         factor = [ionosphere_factor(n[0], signals[n[0]], channels.get(n)) for n in sv_names]
         on = self.klobuchar is not None
         return AirModel(
@@ -130,6 +135,7 @@ class AidingTable:
     values: Values  # (rows,)
     sigma: npt.NDArray[np.float32]  # (q, N_SIGMA) of each span's satellites
     latency_s: float
+    receiver_drift_mps: Float64  # (n,) zero where the receiver's clock is out
 
     @property
     def n_rows(self) -> int:
@@ -152,9 +158,13 @@ class AidingTable:
 
     def row_times_ns(self) -> Int64:
         """Return the time of the inertial sample behind each row."""
-        return np.repeat(self.t_ns, np.repeat(np.diff(self.spans.first_satellite), np.diff(self.spans.first_time)))
+        return np.repeat(self.t_ns, self._satellites_of_times())
 
-    def columns(self, week: int, *, parts: bool = True) -> dict[str, npt.NDArray[Any]]:
+    def _satellites_of_times(self) -> Int64:
+        """Return the number of rows of each time."""
+        return np.repeat(np.diff(self.spans.first_satellite), np.diff(self.spans.first_time))
+
+    def columns(self, week: int, *, parts: bool = False) -> dict[str, npt.NDArray[Any]]:
         """Return the columns of the table, at the time of use; ``sv`` as number in ``sv_names``.
 
         Equation: rate + acceleration L, pseudorange + rate L + acceleration L^2 / 2, L the latency; the jerk is too
@@ -170,7 +180,10 @@ class AidingTable:
         per_cycle = 1.0 / self.wavelength_m[satellite]
         sigma = self.sigma[entries]
         rate = v.range_rate + lag * v.acceleration
-        pseudorange_rate = rate + v.clock_rate
+        drift = (
+            np.repeat(self.receiver_drift_mps, self._satellites_of_times()) - self.spans.drift_mps[entries]
+        )
+        pseudorange_rate = rate + drift
         used_ns = self.row_times_ns() + round(lag * NS_PER_S)
         table: dict[str, npt.NDArray[Any]] = {
             "time_s": ns_to_week_seconds(used_ns, week),
@@ -180,7 +193,7 @@ class AidingTable:
             "range_jerk_mps3": v.jerk,
             "doppler_hz": -pseudorange_rate * per_cycle,
             "doppler_rate_hz_per_s": -v.acceleration * per_cycle,
-            "pseudorange_m": v.pseudorange + lag * (v.range_rate + v.clock_rate + 0.5 * lag * v.acceleration),
+            "pseudorange_m": v.pseudorange + lag * (v.range_rate + drift + 0.5 * lag * v.acceleration),
             "code_delay_rate_s_per_s": pseudorange_rate / C_MPS,
             "sd_range_rate_mps": sigma[:, SD_RATE],
             "sd_range_acceleration_mps2": sigma[:, SD_ACCELERATION],
@@ -221,22 +234,30 @@ def compute_aiding(
     spans.delay_m[:] = offset[at, groups[spans.satellite] + 1]
     fill_delays(trace, arcs, spans, lever_b, setup.air(names))
     rows = int(np.sum(np.diff(spans.first_time) * np.diff(spans.first_satellite)))
-    values = Values(*(np.empty(rows) for _ in Values._fields))
+    doubles, singles = np.empty((2, rows)), np.empty((2, rows), np.float32)
+    values = Values(doubles[0], doubles[1], singles[0], singles[1])
     slope, doubts = setup.config.slope_samples, setup.doubts()
+    e = np.zeros(N_LANE_ROWS * LANES)
     fill_values(
-        trace, imu, arcs, spans, lever_b, slope, doubts.receiver_clock, np.zeros((20, 3)), values
+        trace, imu, arcs, spans, lever_b, slope, doubts.receiver_clock, np.zeros((20, 3)), e, values
     )  # fmt: skip
     sigma = np.full((len(spans.satellite), N_SIGMA), np.nan)
     first_ns = trace.t_ns[spans.first_time[:-1]]
     newest = np.searchsorted(covariances.t_ns, first_ns, side="right").astype(np.int64) - 1
     fill_sigma(
         trace, imu, covariances, newest, arcs, spans, groups, lever_b, slope, doubts,
-        np.zeros((28, 3)), np.zeros((4, OFFSETS)), sigma,
+        np.zeros((28, 3)), np.zeros((4, OFFSETS)), e, sigma,
     )  # fmt: skip
     sigma[groups[spans.satellite] < 0, SD_RANGE] = np.nan
-    wavelength = setup.wavelengths(names)
     return AidingTable(
-        trace.t_ns, names, wavelength, spans, values, sigma.astype(np.float32), setup.config.latency_s
+        t_ns=trace.t_ns,
+        sv_names=names,
+        wavelength_m=setup.wavelengths(names),
+        spans=spans,
+        values=values,
+        sigma=sigma.astype(np.float32),
+        latency_s=setup.config.latency_s,
+        receiver_drift_mps=doubts.receiver_clock * trace.clock[:, 1],
     )
 
 
@@ -247,7 +268,7 @@ def visible_spans(config: AidingConfig, satellites: SatelliteArcs, trace: Trace,
     """
     if len(trace.t_ns) == 0:
         nothing = np.zeros(0, np.int64)
-        return Spans(np.zeros(1, np.int64), np.zeros(1, np.int64), nothing, np.zeros(0))
+        return Spans(np.zeros(1, np.int64), np.zeros(1, np.int64), nothing, np.zeros(0), np.zeros(0))
     tick = trace.t_ns // max(round(config.sigma_interval_s * NS_PER_S), 1)
     piece = trace.t_ns // PIECE_NS
     begins = np.flatnonzero((np.diff(tick, prepend=-1) != 0) | (np.diff(piece, prepend=-1) != 0))
@@ -257,7 +278,12 @@ def visible_spans(config: AidingConfig, satellites: SatelliteArcs, trace: Trace,
     up /= np.linalg.norm(up, axis=1)[:, None]
     sine = elevations(satellites.arcs, trace.t_ns[begins], r_e, up)
     seen = sine >= np.sin(np.radians(config.horizon_deg))  # False for NaN
+    crowded = np.flatnonzero(seen.sum(axis=1) > LANES)
+    if len(crowded):  # more than one receiver tracks: the highest stay
+        lowest = -np.sort(-np.where(seen[crowded], sine[crowded], -2.0), axis=1)[:, LANES - 1]
+        seen[crowded] &= sine[crowded] >= lowest[:, None]
     satellite = np.nonzero(seen)[1].astype(np.int64)
     first_satellite = np.concatenate([[0], np.cumsum(seen.sum(axis=1))]).astype(np.int64)
     first_time = np.append(begins, len(trace.t_ns)).astype(np.int64)
-    return Spans(first_time, first_satellite, satellite, np.zeros(len(satellite)))
+    n = len(satellite)
+    return Spans(first_time, first_satellite, satellite, np.zeros(n), np.zeros(n))

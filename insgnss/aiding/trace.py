@@ -6,9 +6,10 @@ bit whether it is asked for or not.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.tables import Float64, Int64
 
@@ -56,4 +57,5 @@ def output_samples(t_ns: Int64, rate_hz: float) -> Int64:
 
 def trace_rows(trace: Trace, rows: slice) -> Trace:
     """Return part of a trace, in one kind of array whatever it was cut from."""
-    return Trace(*(np.ascontiguousarray(column[rows]) for column in trace))
+    cut: list[npt.NDArray[Any]] = [np.ascontiguousarray(column[rows]) for column in trace]
+    return Trace(*cut)

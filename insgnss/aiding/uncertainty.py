@@ -1,14 +1,14 @@
 """How far the aiding can be trusted: sigma of each value from the filter's covariance, and what it is made of.
 
-At the time of use, dt = age of the covariance + latency after it, the range rate's error is h' x with the row of H
+At the time of use, dt = age of the covariance + latency after it, the range rate's error is h x with the row of H
 
     h = h_rate + dt h_acceleration
 
-since what is wrong with the acceleration has been integrated meanwhile: position and velocity (-u, and the turning of the
-line of sight), attitude (through the lever arm's velocity, and through the specific force times dt), accelerometer bias
-(u dt), gyro bias (l x u). Total = h P h^T, all correlations in it; a part is the block of P of one kind of state with the
-noise of its sensor; ``cross`` is what the correlations between the blocks add (negative as a rule: attitude and
-accelerometer bias have been balanced against each other by the measurements), so
+since what is wrong with the acceleration has been integrated meanwhile: position and velocity (-u, and the turning of
+the line of sight), attitude (through the lever arm's velocity, and through the specific force times dt), accelerometer
+bias (u dt), gyro bias (l x u). Total = h P h^T, all correlations in it; a part is the block of P of one kind of state
+with the noise of its sensor; ``cross`` is what the correlations between the blocks add (negative as a rule: attitude
+and accelerometer bias have been balanced against each other by the measurements), so
 
     sd_doppler^2 lambda^2 = sum of the parts squared + cross
 
@@ -24,7 +24,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.aiding.observables import Spans, cross, observe_satellite, place_motion, turn_about_axis
+from insgnss.aiding.antenna_motion import ARM, FORCE, RATE, cross, place_motion, turn_about_axis
+from insgnss.aiding.observables import Spans, expand_satellite, towards
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.aiding.trace import Covariances, Samples, Trace
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
@@ -85,7 +86,7 @@ def motion_rows(rho: float, line: Float64, C_eb: Float64, work: Float64, h: Floa
     h : (3, n) output over the error states
     s : (6, 3) scratch; row 5 is left as u_b
     """
-    u, W, l_b, c_b, q_b = line[0], line[1], work[8], work[9], work[10]
+    u, W, l_b, c_b, q_b = line[0], line[1], work[ARM], work[ARM + 1], work[ARM + 2]
     along = u[0] * W[0] + u[1] * W[1] + u[2] * W[2]
     g, l_e, c_e, q_e, v, u_b = s[0], s[1], s[2], s[3], s[4], s[5]
     for i in range(3):
@@ -110,7 +111,7 @@ def motion_rows(rho: float, line: Float64, C_eb: Float64, work: Float64, h: Floa
     for i in range(3):
         h[2, PSI + i] += 2.0 * v[i]
     cross(l_b, u_b, h[1, BG : BG + 3])
-    cross(u_b, work[4], v)
+    cross(u_b, work[RATE], v)
     cross(l_b, v, h[2, BG : BG + 3])
     cross(c_b, u_b, v)
     for i in range(3):
@@ -145,7 +146,7 @@ def block_variances(P: Float64, h: Float64, parts: Float64) -> tuple[float, floa
 
 @inlined
 def sensor_noise(
-    doubts: Doubts, x: Float64, of_rate: Float64, of_slope: Float64, a: float, per_d: float, dt: float
+    doubts: Doubts, work: Float64, of_rate: Float64, of_slope: Float64, a: float, per_d: float, dt: float
 ) -> float:
     """Return the variance that the gyro's sample noise and scale factor make through two rows (of rate and slope).
 
@@ -156,7 +157,7 @@ def sensor_noise(
         last = (1.0 + a) * of_rate[i] + per_d * of_slope[i]
         first = a * of_rate[i] + per_d * of_slope[i]
         white += last * last + first * first
-        scale += (of_rate[i] * x[0, i]) ** 2
+        scale += (of_rate[i] * work[RATE, i]) ** 2
     return white * doubts.gyro_density / dt + scale * doubts.gyro_scale**2
 
 
@@ -187,9 +188,9 @@ def satellite_sigma(
     s : (8, 3) scratch
     out : (N_SIGMA,) output
     """
-    x, clock = work[4:8], doubts.receiver_clock
+    clock = doubts.receiver_clock
     latency, use_s = doubts.latency_s, age_s + doubts.latency_s
-    f2 = x[2, 0] ** 2 + x[2, 1] ** 2 + x[2, 2] ** 2
+    f2 = work[FORCE, 0] ** 2 + work[FORCE, 1] ** 2 + work[FORCE, 2] ** 2
     beyond = doubts.accel_scale * (math.sqrt(f2) - STANDARD_GRAVITY_MPS2)
     sample = doubts.accel_density / dt
     force = sample * ((1.0 + a) ** 2 + a * a) + beyond * beyond
@@ -201,8 +202,9 @@ def satellite_sigma(
     row[CLOCK], row[DRIFT] = clock, clock * use_s
     total = 0.0
     for i in range(OFFSETS):
-        for j in range(OFFSETS):
-            total += row[i] * P[i, j] * row[j]
+        if row[i] != 0.0:
+            for j in range(OFFSETS):
+                total += row[i] * P[i, j] * row[j]
     if group > 0:
         k = OFFSETS + group - 1
         total += P[k, k]
@@ -220,7 +222,7 @@ def satellite_sigma(
         s[6, i] = h[1, BG + i] + latency * h[2, BG + i]
         s[7, i] = latency * h[1, BG + i]
     parts[_ACCELEROMETER] += doubts.accel_density * age_s + latency * latency * force
-    parts[_GYRO] += sensor_noise(doubts, x, s[6], s[7], a, per_d, dt)
+    parts[_GYRO] += sensor_noise(doubts, work, s[6], s[7], a, per_d, dt)
     parts[_CLOCK] += clock * doubts.drift_density * use_s
     parts[_SATELLITE] = doubts.satellite_rate**2 + (latency * doubts.satellite_acceleration) ** 2
     parts[_MOTION] = (0.5 * doubts.jerk_sigma * latency * latency) ** 2
@@ -229,7 +231,7 @@ def satellite_sigma(
     parts = out[ACCELERATION_PARTS : ACCELERATION_PARTS + N_PARTS]
     others, with_clock = block_variances(P, h[2], parts)
     parts[_ACCELEROMETER] += force
-    parts[_GYRO] += sensor_noise(doubts, x, h[2, BG : BG + 3], h[1, BG : BG + 3], a, per_d, dt)
+    parts[_GYRO] += sensor_noise(doubts, work, h[2, BG : BG + 3], h[1, BG : BG + 3], a, per_d, dt)
     parts[_CLOCK] = clock * doubts.drift_density / doubts.clock_averaging_s
     parts[_SATELLITE] = doubts.satellite_acceleration**2
     parts[_MOTION] = (doubts.jerk_sigma * latency) ** 2
@@ -269,6 +271,7 @@ def fill_sigma(
     doubts: Doubts,
     work: Float64,
     h: Float64,
+    e: Float64,
     out: Float64,
 ) -> None:
     """Write a row of sigma for each satellite of each span, at the span's first time.
@@ -277,7 +280,7 @@ def fill_sigma(
     ----------
     newest : (m,) row of ``covariances`` for each span, -1 for none (its sigma stay NaN)
     groups : (s,) clock group of each satellite of the arcs
-    work, h : (28, 3) and (4, 17) scratch
+    work, h, e : (28, 3), (4, 17) and (N_LANE_ROWS * LANES,) scratch
     out : (q, N_SIGMA) output
     """
     line, s = work[18:20], work[20:28]
@@ -292,7 +295,10 @@ def fill_sigma(
         age_s = (trace.t_ns[i] - covariances.t_ns[m]) * 1e-9
         for j in range(spans.first_satellite[span], spans.first_satellite[span + 1]):
             satellite = spans.satellite[j]
-            rho, _, _, _, _ = observe_satellite(arcs.pieces[satellite, p], since_s, work[0:4], line)
-            turn_about_axis(line, -WGS84_OMEGA_RADPS * since_s)
+            expand_satellite(arcs.pieces[satellite, p], since_s, work[0:4], e, 0)
+            rho = towards(e, 0, work[0:4], line)
+            turn_about_axis(line, 0, 2, -WGS84_OMEGA_RADPS * since_s)
             motion_rows(rho, line, trace.C_eb[i], work, h, s[0:6])
-            satellite_sigma(covariances.P[m], doubts, age_s, a, per_d, dt, groups[satellite], work, h, s, out[j])
+            satellite_sigma(
+                covariances.P[m], doubts, age_s, a, per_d, dt, groups[satellite], work, h, s, out[j]
+            )

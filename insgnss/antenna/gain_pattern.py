@@ -80,7 +80,7 @@ def even_step_deg(nodes_deg: Float64) -> float:
 
 def _even(nodes_deg: Float64, span_deg: float) -> Float64:
     count = round(span_deg / even_step_deg(nodes_deg))
-    return nodes_deg[0] + span_deg * np.arange(count + 1) / count
+    return np.asarray(nodes_deg[0] + span_deg * np.arange(count + 1) / count)
 
 
 @inlined

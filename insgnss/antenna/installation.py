@@ -55,4 +55,4 @@ def clearance_at(clearance_deg: Int8, k: int, x: float, y: float, z: float) -> f
     elevation = math.atan2(-z, math.sqrt(x * x + y * y))
     i = min(int((elevation + 0.5 * math.pi) * _CELLS_PER_RAD), N_ELEVATIONS - 1)
     j = min(int(azimuth * _CELLS_PER_RAD), N_AZIMUTHS - 1)
-    return clearance_deg[k, i, j] / _CELLS_PER_RAD
+    return float(clearance_deg[k, i, j] / _CELLS_PER_RAD)

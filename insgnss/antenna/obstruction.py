@@ -75,6 +75,9 @@ class Polygon(StrictModel):
         return corners
 
 
+Shape = Sector | Polygon
+
+
 class Obstruction(StrictModel):
     """A whole obstruction file."""
 
@@ -82,6 +85,10 @@ class Obstruction(StrictModel):
     source: str
     sector: tuple[Sector, ...] = ()
     polygon: tuple[Polygon, ...] = ()
+
+    def shapes(self) -> list[Shape]:
+        """Return all that blocks."""
+        return [*self.sector, *self.polygon]
 
 
 def read_obstruction(path: Path) -> Obstruction:
@@ -94,7 +101,7 @@ def read_obstruction(path: Path) -> Obstruction:
     """
     obstruction = load_toml(path, Obstruction)
     centres = cell_centres().reshape(-1, 3)
-    for shape in (*obstruction.sector, *obstruction.polygon):
+    for shape in obstruction.shapes():
         kind = type(shape).__name__.lower()
         if not is_inside(shape, centres).any():
             raise ConfigError(
@@ -113,7 +120,7 @@ def directions(azimuth_deg: npt.ArrayLike, elevation_deg: npt.ArrayLike) -> Floa
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(elevation)], axis=-1)
 
 
-def is_inside(shape: Sector | Polygon, u_b: Float64) -> Bool:
+def is_inside(shape: Shape, u_b: Float64) -> Bool:
     """Return which directions (n, 3), body axes, a shape blocks: exact geometry."""
     return _in_sector(shape, u_b) if isinstance(shape, Sector) else _in_polygon(shape, u_b)
 
@@ -163,7 +170,7 @@ def clearance_raster(obstruction: Obstruction | None) -> Int8:
     if obstruction is not None:
         centres = cell_centres().reshape(-1, 3)
         blocked = np.zeros(len(centres), np.bool_)
-        for shape in (*obstruction.sector, *obstruction.polygon):
+        for shape in obstruction.shapes():
             blocked |= is_inside(shape, centres)
         clearance[blocked] = -FARTHEST_DEG
         if blocked.any() and not blocked.all():

@@ -52,7 +52,7 @@ _EXPECTED: Final = {
     SEARCHES: (SEARCH,),
     DETECTION: (TRACK, RESUME, CONTROL_DETECTION, SEARCH),
 }
-_OTHERWISE: Final = {
+_OTHERWISE: Final[dict[int, dict[int | None, str]]] = {
     LOCK: {HOLD: "lock_while_hidden", None: "lock_not_expected"},
     LOSS: {None: "loss_not_predicted"},
     SEARCHES: {
@@ -156,7 +156,10 @@ def _judge(t: int, event: int, t_ns: Int64, state: Int8, at: int, tolerance_ns: 
     if at == ABSENT:
         return NOT_COVERED, np.nan
     expects = np.isin(state, _EXPECTED[event])
-    entered = t_ns[expects & np.concatenate([[True], ~expects[:-1]])]
+    before = np.concatenate([[ABSENT], state[:-1]])
+    # a loss begins where the signal was tracked, not where a satellite is looked for that was never seen
+    begins = np.isin(before, _EXPECTED[LOCK]) if event == LOSS else ~np.isin(before, _EXPECTED[event])
+    entered = t_ns[expects & begins]
     lag_s = np.nan
     if len(entered):
         nearest = int(entered[np.argmin(np.abs(entered - t))])
@@ -184,8 +187,8 @@ def _by_satellite(
                 of_satellite = state[:, places[i]]
                 seconds[1, i] += _time_in((HOLD,), begin, end, t_ns, of_satellite)
                 seconds[2, i] += _time_in((TRACK, RESUME, CONTROL_DETECTION), begin, end, t_ns, of_satellite)
-    counts = (events, agree, events - agree - uncovered, uncovered)
-    return SatelliteComparison(log.sv_names, *(c.astype(np.int64) for c in counts), *seconds)
+    differ = events - agree - uncovered
+    return SatelliteComparison(log.sv_names, events, agree, differ, uncovered, *seconds)
 
 
 def _searches(log: ReceiverEvents, sv: int, t_ns: Int64) -> list[tuple[int, int]]:

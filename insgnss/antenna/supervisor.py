@@ -1,7 +1,7 @@
 """The search supervisor: what a receiver should do about every satellite, told by the attitude and the filter.
 
 ``supervise`` takes whole histories, ``Supervisor`` epoch after epoch; both run the same compiled rules
-(``tracking_state.advance``) on the same vectorised windows, so both give the same bits.
+(``tracking_rules.advance``) on the same vectorised windows, so both give the same bits.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from insgnss.antenna.search_window import (
     signal_scale,
     unsupervised_sweep_s,
 )
+from insgnss.antenna.tracking_rules import advance
 from insgnss.antenna.tracking_state import (
     MISSING,
     NONE,
     NOT_KNOWN,
     PRESENT,
     REASON_NAMES,
+    SPENT,
     STATE_NAMES,
-    Memory,
+    Records,
     Rules,
-    Spent,
     View,
-    advance,
     new_memory,
     new_spent,
 )
@@ -118,8 +118,8 @@ class Supervisor:
         self._need = detector(self.settings.detection)
         self._rules = rules_of(self.settings, self._need)
         self._scale = signal_scale(self.settings.grid) if scale is None else scale
-        self._memory: Memory = new_memory(satellites)
-        self._spent: Spent = new_spent(satellites)
+        self._memory: Records = new_memory(satellites)
+        self._spent: Records = new_spent(satellites)
         self._last_ns: int | None = None
 
     def epoch(self, predicted: Predictions, present: npt.ArrayLike | None = None) -> Supervision:
@@ -137,7 +137,7 @@ class Supervisor:
         TimeError : time does not increase
         """
         seen = _checked_presence(present, predicted.decision.shape)
-        _check(predicted, len(self._memory.state), self._last_ns)
+        _check(predicted, len(self._memory), self._last_ns)
         window = search_window(
             predicted.cn0_dbhz,
             predicted.d_range_m2,
@@ -146,7 +146,7 @@ class Supervisor:
             self._need,
             self._scale,
         )
-        before = self._memory.state.copy()
+        before = self._memory["state"].copy()
         state = np.empty(predicted.decision.shape, np.int8)
         reason = np.empty_like(state)
         view = _view(predicted, window, seen)
@@ -159,12 +159,12 @@ class Supervisor:
     @property
     def state(self) -> Int8:
         """The state of each satellite now, (m,)."""
-        return self._memory.state.copy()
+        return self._memory["state"].copy()
 
     @property
     def totals(self) -> Totals:
         """The seconds so far."""
-        return Totals(*(np.asarray(ns / NS_PER_S) for ns in self._spent))
+        return Totals(*(np.asarray(self._spent[name] / NS_PER_S) for name in SPENT.names or ()))
 
 
 def supervise(

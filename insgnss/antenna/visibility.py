@@ -72,11 +72,8 @@ def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
 
     Towards the centre of the Earth this is the heading's variance, in any attitude.
     """
-    return (
-        x * (P_b[0, 0] * x + 2.0 * P_b[0, 1] * y + 2.0 * P_b[0, 2] * z)
-        + y * (P_b[1, 1] * y + 2.0 * P_b[1, 2] * z)
-        + z * P_b[2, 2] * z
-    )
+    first = x * (P_b[0, 0] * x + 2.0 * P_b[0, 1] * y + 2.0 * P_b[0, 2] * z)
+    return float(first + y * (P_b[1, 1] * y + 2.0 * P_b[1, 2] * z) + z * P_b[2, 2] * z)
 
 
 @inlined
@@ -88,6 +85,29 @@ def compare(excess: float, margin: float) -> int:
 
 
 @inlined
+def gain_of_antenna(
+    antennas: Installation, k: int, x: float, y: float, z: float, P_b: Float64
+) -> tuple[float, float]:
+    """Return gain [dBic] and its sigma [dB] of antenna ``k`` towards (x, y, z), body axes."""
+    C = antennas.C_ab
+    c00, c01, c02 = C[k, 0, 0], C[k, 0, 1], C[k, 0, 2]
+    c10, c11, c12 = C[k, 1, 0], C[k, 1, 1], C[k, 1, 2]
+    c20, c21, c22 = C[k, 2, 0], C[k, 2, 1], C[k, 2, 2]
+    gain, a0, a1, a2 = gain_at(
+        antennas.pattern,
+        k,
+        c00 * x + c01 * y + c02 * z,
+        c10 * x + c11 * y + c12 * z,
+        c20 * x + c21 * y + c22 * z,
+    )
+    b0 = c00 * a0 + c10 * a1 + c20 * a2
+    b1 = c01 * a0 + c11 * a1 + c21 * a2
+    b2 = c02 * a0 + c12 * a1 + c22 * a2
+    variance = variance_along(P_b, b1 * z - b2 * y, b2 * x - b0 * z, b0 * y - b1 * x)
+    return gain, math.sqrt(max(variance, 0.0))
+
+
+@inlined
 def look_at(
     u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: Limits, before: int
 ) -> Look:
@@ -95,7 +115,8 @@ def look_at(
 
     Equation: u_a = C_ab u_b; a rotation error phi of the body turns u_b by u_b x phi, so
     dg/dphi = grad_b g x u_b and sigma_g^2 = (dg/dphi) P_b (dg/dphi)^T    [first order]
-    Neglects: the bend of the pattern over the attitude's uncertainty; the parallax between antennas (1e-7 rad).
+    Neglects: the bend of the pattern over the attitude's uncertainty, so an edge in a pattern that is narrower than
+    that has no margin (as an obstruction it has one); the parallax between antennas (1e-7 rad).
 
     Parameters
     ----------
@@ -110,19 +131,7 @@ def look_at(
     off = math.sqrt(max(off2, 0.0))
     best, best_gain, best_sigma, reason, chosen = -2, math.nan, 0.0, USED, -1
     for k in range(len(antennas.lever_b)):
-        C = antennas.C_ab[k]
-        gain, a0, a1, a2 = gain_at(
-            antennas.pattern,
-            k,
-            C[0, 0] * x + C[0, 1] * y + C[0, 2] * z,
-            C[1, 0] * x + C[1, 1] * y + C[1, 2] * z,
-            C[2, 0] * x + C[2, 1] * y + C[2, 2] * z,
-        )
-        b0 = C[0, 0] * a0 + C[1, 0] * a1 + C[2, 0] * a2
-        b1 = C[0, 1] * a0 + C[1, 1] * a1 + C[2, 1] * a2
-        b2 = C[0, 2] * a0 + C[1, 2] * a1 + C[2, 2] * a2
-        sigma2 = variance_along(P_b, b1 * z - b2 * y, b2 * x - b0 * z, b0 * y - b1 * x)
-        sigma = math.sqrt(max(sigma2, 0.0))
+        gain, sigma = gain_of_antenna(antennas, k, x, y, z, P_b)
         by_gain = compare(gain - needed, limits.margin_sigma * sigma)
         by_frame = 1
         if antennas.is_obstructed[k]:
@@ -168,18 +177,18 @@ def look_at_all(
     n, s = u_n.shape[0], u_n.shape[1]
     u_b = np.empty(3)
     for t in range(n):
-        C = C_nb[t]
+        C, P = C_nb[t], P_b[t]
         # the third row of C_nb is down in body axes
-        waits = not variance_along(P_b[t], C[2, 0], C[2, 1], C[2, 2]) <= limits.heading_variance
+        waits = not variance_along(P, C[2, 0], C[2, 1], C[2, 2]) <= limits.heading_variance
         for i in range(s):
             decision[t, i], reason[t, i], antenna[t, i] = UNDECIDED, USED, -1
             gain[t, i, 0] = gain[t, i, 1] = math.nan
-            u = u_n[t, i]
-            if not math.isfinite(u[0]):
+            n0, n1, n2 = u_n[t, i, 0], u_n[t, i, 1], u_n[t, i, 2]
+            if not math.isfinite(n0):
                 continue
             for k in range(3):
-                u_b[k] = C[0, k] * u[0] + C[1, k] * u[1] + C[2, k] * u[2]
+                u_b[k] = C[0, k] * n0 + C[1, k] * n1 + C[2, k] * n2
             before = decision[t - 1, i] if t > 0 else UNDECIDED
-            look = look_at(u_b, P_b[t], waits, antennas, limits, before)
+            look = look_at(u_b, P, waits, antennas, limits, before)
             decision[t, i], reason[t, i], antenna[t, i] = look.decision, look.reason, look.antenna
             gain[t, i, 0], gain[t, i, 1] = look.gain_dbic, look.sigma_db

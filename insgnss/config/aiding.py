@@ -43,8 +43,8 @@ class AidingConfig(StrictModel):
     slope_samples: Annotated[int, Field(ge=1, le=50)] = Field(
         2, description="over how many samples rates and forces are differenced: noise falls, delay grows"
     )
-    sigma_interval_s: Positive = Field(
-        0.5, description="satellites, air delays and sigma are computed anew so often"
+    sigma_interval_s: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        1.0, description="satellites, air delays and sigma are computed anew so often"
     )
     # The jerk that a loop must stand between sample and use: 0.5 g within a second, a car or a transport aircraft
     jerk_sigma_mps3: NotNegative = 5.0

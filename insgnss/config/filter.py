@@ -107,14 +107,14 @@ class Faults(StrictModel):
     student_freedom: Positive = Field(4.0, description="degrees of freedom of Student's t")
     residual_sigma: NotNegative = Field(
         5.0,
-        description="a pseudorange's residual after the update beyond it: the worst is taken out, and again",
+        description="a pseudorange's residual after the update beyond it: those the others contradict are left out",
     )
     drift_sigma: NotNegative = Field(
-        3.0,
+        4.0,
         description="a pseudorange that moves by that many sigmas against the others within half a minute",
     )
     reflected_below_db: NotNegative = Field(
-        15.0,
+        8.0,
         description="C/N0 that far below the strongest signal's, elevation taken off, and too long a range",
     )
 

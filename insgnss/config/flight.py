@@ -205,6 +205,13 @@ class Gnss(StrictModel):
         (), description="the receiving antennas, for the visibility stage; none: nothing is masked"
     )
 
+    @property
+    def lever_b(self) -> Vector3 | None:
+        """IMU to the antenna of the log: as given for the log, else that of the first antenna."""
+        if self.lever_arm_m is None and self.antenna:
+            return self.antenna[0].lever_arm_m
+        return self.lever_arm_m
+
 
 class GivenStart(StrictModel):
     """A start state the user gives: the IMU's position, velocity, attitude, and how well each is known."""

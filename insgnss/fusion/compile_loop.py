@@ -73,6 +73,7 @@ def compile_update() -> None:
         f_b,
         a.work.epoch,
         a.work.scratch,
+        a.bank.seen[0],
         a.bank.memory[0],
         0.0,
     )

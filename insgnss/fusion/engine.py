@@ -24,7 +24,7 @@ from insgnss.fusion.state import copy_bank
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, last_epoch
 from insgnss.gnss.table_joining import joined
-from insgnss.status import TOO_LATE, USED
+from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
 
 _LONG_AGO_NS = -(2**62)
@@ -261,7 +261,9 @@ class Engine:
 
     def _refuse(self, result: EpochResult, newest: int | None) -> None:
         for ledger in (result.out.ledger, result.out.carrier):
-            ledger["status"][ledger["status"] == USED] = TOO_LATE
+            # read by itself, its carriers had no epoch before them
+            reached = (ledger["status"] == USED) | (ledger["status"] == NO_EPOCH_BEFORE)
+            ledger["status"][reached] = TOO_LATE
         late = ((newest or result.t_ns) - result.t_ns) / NS_PER_S
         limit = self._latency_ns / NS_PER_S
         detail = f"a GNSS epoch {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"

@@ -15,6 +15,7 @@ from insgnss.fusion.faults import (
 )
 from insgnss.fusion.gating import absorb_clock_step, common_step, gate_between, gate_rows
 from insgnss.fusion.lines import Epoch
+from insgnss.fusion.masking import mask_hidden
 from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
@@ -24,7 +25,7 @@ from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined, kernel
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int8
 
 _SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 
@@ -53,12 +54,14 @@ def update_epoch(
     f_b: Float64,
     s: Epoch,
     scratch: Scratch,
+    seen: Int8,
     memory: Float64,
     since_last: float,
 ) -> Outcome:
     """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
 
-    ``since_last`` is the time since the epoch before [s], ``memory`` (slots, 3) the innovations' means.
+    ``since_last`` is the time since the epoch before [s], ``seen`` (slots,) the decisions on
+    visibility so far, ``memory`` (slots, 3) the innovations' means.
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
     and the order of the rows matters only by rounding; the gates are all judged on the prior.
@@ -67,6 +70,7 @@ def update_epoch(
     drift_variance = P[DRIFT, DRIFT]
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     n = rows.first[epoch + 1] - rows.first[epoch]
+    mask_hidden(m, P, par, rows, epoch, n, seen, s)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0)
     for kind in range(2):
         step, variance = common_step(s, kind, n, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind])

@@ -64,8 +64,9 @@ def follow_innovations(
     """Carry both means of each satellite's range innovations on, and refuse those that creep away from the others.
 
     ``memory`` is (slots, 3): fast mean, slow mean [m], time of the last epoch [s]; what all satellites share (clock,
-    position) is taken off by the epoch's median first. A row that its gate refuses leaves no trace in them. While the prior is much wider than the row (a new
-    constellation's clock, after a reset) an innovation tells of the state, not of the satellite, and is not kept.
+    position) is taken off by the epoch's median first. A row that its gate refuses leaves no trace
+    in them. While the prior is much wider than the row (a new constellation's clock, after a reset) an innovation tells
+    of the state, not of the satellite, and is not kept.
     """
     if par.drift_gate <= 0.0:
         return

@@ -121,8 +121,8 @@ def gate_between(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> 
 
     Equation: nu = (y_j - y_m)^2 / ((h_j - h_m) P (h_j - h_m)^T + r_j + r_m)
     What all rows share drops out, and with it an ordinary crystal's wander of a decimetre in a second, behind which a
-    slip of a cycle hides from ``gate_rows``. Two rows that disagree are both refused. All rows of the kind must have
-    the same columns.
+    slip of a cycle hides from ``gate_rows``. Where no more than half agree, nothing tells which are right: all are
+    refused. All rows of the kind must have the same columns.
     """
     middle, n = median_row(s, kind, n_rows)
     if n < 2:
@@ -130,6 +130,7 @@ def gate_between(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> 
     m = s.lines[middle]
     columns = m.columns[kind][: m.count[kind]]
     h = s.vectors[1]
+    agree = 1
     for j in range(n_rows):
         line = s.lines[j]
         if line.status[kind] != USED or j == middle:
@@ -138,10 +139,14 @@ def gate_between(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> 
             h[a] = line.h[kind, a] - m.h[kind, a]
         own = line.variance[kind] + m.variance[kind]
         apart = line.innovation[kind] - m.innovation[kind]
-        if not apart * apart <= gate2 * (predicted_variance(P, h, columns) + own):
+        if apart * apart <= gate2 * (predicted_variance(P, h, columns) + own):
+            agree += 1
+        else:
             line.status[kind] = GATED
-            if n == 2:
-                m.status[kind] = GATED
+    if 2 * agree <= n:
+        for j in range(n_rows):
+            if s.lines[j].status[kind] == USED:
+                s.lines[j].status[kind] = GATED
 
 
 @inlined

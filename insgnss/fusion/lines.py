@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.antenna.installation import Installation, no_antenna
+from insgnss.antenna.visibility import Limits
 from insgnss.fusion.state import ABSENT_STATE, BG, CLOCK, DR, DRIFT, DV, N_CLONE, PSI
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.gnss.range_model import AIR_DTYPE
@@ -39,9 +42,11 @@ LINE_DTYPE: Final = np.dtype(
             ("group", np.int64),
             ("u_n", np.float64, (3,)),  # line of sight, north-east-down
             ("u_b", np.float64, (3,)),  # line of sight in body axes
+            ("gain", np.float64),  # of the best antenna towards it [dBic], NaN where no antenna is described
         ],
     )
 )
+NO_LIMITS: Final = Limits(-math.inf, 0.0, 0.0, math.inf)
 ANTENNA_DTYPE: Final = np.dtype(
     (
         np.record,
@@ -68,15 +73,33 @@ class Epoch(NamedTuple):
     antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
     air: npt.NDArray[Any]  # (1,) of AIR_DTYPE
     vectors: Float64  # (4, n or k): correction, two of scratch, one to sort
+    installation: Installation  # the vehicle's antennas; none: nothing is masked
+    limits: Limits  # of the visibility stage
+    P_b: Float64  # (3, 3) covariance of the attitude, body axes [rad^2]
 
 
-def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
+def new_epoch(
+    k: int,
+    n: int,
+    at_clone: int = ABSENT_STATE,
+    installation: Installation | None = None,
+    limits: Limits = NO_LIMITS,
+) -> Epoch:
     """Return work space for epochs of at most ``k`` rows and ``n`` error states, the clone from ``at_clone`` on."""
     lines = np.zeros(k, LINE_DTYPE)
     for kind, columns in enumerate(columns_of(at_clone)):
         lines["columns"][:, kind, : len(columns)] = columns
         lines["count"][:, kind] = len(columns)
-    return Epoch(lines, np.zeros(1, ANTENNA_DTYPE), np.zeros(1, AIR_DTYPE), np.zeros((4, max(k, n))))
+    lines["gain"] = math.nan
+    return Epoch(
+        lines,
+        np.zeros(1, ANTENNA_DTYPE),
+        np.zeros(1, AIR_DTYPE),
+        np.zeros((4, max(k, n))),
+        no_antenna() if installation is None else installation,
+        limits,
+        np.zeros((3, 3)),
+    )
 
 
 def columns_of(at_clone: int) -> tuple[Int64, Int64, Int64]:

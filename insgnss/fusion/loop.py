@@ -10,11 +10,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.antenna.installation import Installation
+from insgnss.antenna.visibility import Limits
 from insgnss.fusion.epoch_update import Outcome, update_epoch
-from insgnss.fusion.lines import Epoch, new_epoch
+from insgnss.fusion.lines import NO_LIMITS, Epoch, new_epoch
 from insgnss.fusion.output import (
     CLOCK_STEP,
     DRIFT_STEP,
+    MASKING_ON,
+    MASKING_WAITS,
     MEASUREMENTS_BACK,
     NO_MEASUREMENTS,
     Output,
@@ -60,10 +64,18 @@ class Imu(NamedTuple):
     f_b: Float64
 
 
-def new_workspace(rows_per_epoch: int, layout: Layout) -> Workspace:
-    """Return work space for epochs of at most ``rows_per_epoch`` rows and the error states of ``layout``."""
+def new_workspace(
+    rows_per_epoch: int,
+    layout: Layout,
+    installation: Installation | None = None,
+    limits: Limits = NO_LIMITS,
+) -> Workspace:
+    """Return work space for epochs of at most ``rows_per_epoch`` rows and the error states of ``layout``.
+
+    ``installation`` and ``limits`` are those of the visibility stage.
+    """
     n = OFFSETS + layout.n_optional
-    epoch = new_epoch(rows_per_epoch, n, layout.at_clone)
+    epoch = new_epoch(rows_per_epoch, n, layout.at_clone, installation, limits)
     return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)))
 
 
@@ -292,6 +304,7 @@ def update_bank(
             i = lead
         done = update_epoch(
             bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
+            bank.seen[i],
             bank.memory[i], since_last,
         )  # fmt: skip
         if n > 1:
@@ -303,8 +316,19 @@ def update_bank(
         log_event(out, t_ns, CLOCK_STEP, done.clock_step)
     if done.drift_step != 0.0:
         log_event(out, t_ns, DRIFT_STEP, done.drift_step)
+    if par.visibility != 0:
+        note_masking(bank.head[0], bank.state[lead], out, t_ns)
     note_outage(bank.head[0], out, t_ns, done.ranges_used + done.rates_used)
     return done
+
+
+@inlined
+def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) -> None:
+    """Write an event when the visibility stage begins to wait for the heading, and when it begins to mask."""
+    now = 1 if lead.mask_waits == 1 else 2
+    if now != head.masking:
+        head.masking = now
+        log_event(out, t_ns, MASKING_WAITS if now == 1 else MASKING_ON, 0.0)
 
 
 @inlined

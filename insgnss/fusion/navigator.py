@@ -30,7 +30,15 @@ from insgnss.fusion.loop import (
     write_row,
     yaw_variance,
 )
-from insgnss.fusion.output import CLOCK_STEP, DRIFT_STEP, MEASUREMENTS_BACK, NO_MEASUREMENTS, Output
+from insgnss.fusion.output import (
+    CLOCK_STEP,
+    DRIFT_STEP,
+    MASKING_ON,
+    MASKING_WAITS,
+    MEASUREMENTS_BACK,
+    NO_MEASUREMENTS,
+    Output,
+)
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, select_members
@@ -103,7 +111,9 @@ class Navigator:
         """Return work space that fits the largest epoch."""
         largest = int(np.diff(rows.first).max()) if len(rows.epoch_ns) else 1
         if self._work is None or len(self._work.epoch.lines) < largest:
-            self._work = new_workspace(largest, self.setup.layout)
+            self._work = new_workspace(
+                largest, self.setup.layout, self.setup.installation, self.setup.visibility_limits
+            )
         return self._work
 
     def _try_start(self, imu: Imu, rows: Rows, epoch: int, out: Output) -> int:
@@ -276,6 +286,10 @@ def _in_words(t_ns: int, kind: int, a: float) -> Event:
         return Event(t_ns, "no_measurements", "no measurement is used: the filter coasts")
     if kind == MEASUREMENTS_BACK:
         return Event(t_ns, "measurements_back", f"measurements are used again after {a:.1f} s")
+    if kind == MASKING_WAITS:
+        return Event(t_ns, "masking_waits", "the heading is too uncertain to tell what the airframe hides")
+    if kind == MASKING_ON:
+        return Event(t_ns, "masking_on", "the heading is known well enough: hidden satellites are masked")
     return Event(t_ns, f"kind_{kind}", f"{a}")
 
 

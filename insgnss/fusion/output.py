@@ -48,6 +48,8 @@ CLOCK_STEP: Final = np.int64(1)  # a: step [m]
 DRIFT_STEP: Final = np.int64(2)  # a: step [m/s]
 NO_MEASUREMENTS: Final = np.int64(3)
 MEASUREMENTS_BACK: Final = np.int64(4)  # a: seconds without
+MASKING_WAITS: Final = np.int64(5)
+MASKING_ON: Final = np.int64(6)
 
 
 NAV_DTYPE: Final = np.dtype(
@@ -69,6 +71,7 @@ LEDGER_DTYPE: Final = np.dtype(
                 ("predicted", np.float32, (2,)),  # D = h P h^T
                 ("u_n", np.float32, (3,)),  # line of sight, north-east-down
                 ("u_b", np.float32, (3,)),  # line of sight in body axes
+                ("gain", np.float32),  # of the best antenna [dBic], NaN where none is described
                 ("status", np.int8, (2,)),
             ],
             align=True,
@@ -123,7 +126,7 @@ def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64, n_values:
     """
     ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
     ledger["status"] = rows.observation["status"]
-    for name in ("innovation", "variance", "predicted", "u_n", "u_b"):
+    for name in ("innovation", "variance", "predicted", "u_n", "u_b", "gain"):
         ledger[name] = math.nan
     carrier = np.zeros(len(rows.carrier), CARRIER_LEDGER_DTYPE)
     carrier["status"] = rows.carrier["status"]
@@ -159,6 +162,7 @@ def write_ledger(ledger: Table, carriers: Table, rows: Rows, epoch: int, s: Epoc
     for j in range(rows.first[epoch + 1] - first):
         line = s.lines[j]
         entry = ledger[first + j]
+        entry.gain = line.gain
         for k in range(3):
             entry.u_n[k] = line.u_n[k]
             entry.u_b[k] = line.u_b[k]

@@ -49,6 +49,7 @@ PARAMETERS_DTYPE = np.dtype(
             ("sine_mask", np.float64),  # sine of the elevation mask
             ("cn0_mask", np.float64),  # [dBHz]
             ("use_ionosphere", np.float64),  # 1 or 0
+            ("visibility", np.int64),  # OFF, MASK or LOOK of ``masking``
             ("use_troposphere", np.float64),  # 1 or 0
             ("pressure_0", np.float64),  # air at sea level [hPa]
             ("temperature_0", np.float64),  # [K]
@@ -110,6 +111,12 @@ def _optional_densities(config: FilterConfig, layout: Layout) -> npt.NDArray[np.
     return density
 
 
+def _visibility(config: FilterConfig, with_antennas: bool) -> int:
+    if not (config.visibility.on and with_antennas):
+        return 0
+    return 2 if config.visibility.use_masked else 1
+
+
 def weather_of(use: Measurements) -> Weather:
     """Return the air at sea level that the settings describe."""
     air = use.weather
@@ -125,6 +132,7 @@ def resolve_parameters(
     lever_arm_m: tuple[float, float, float],
     klobuchar_known: bool,
     layout: Layout = Layout(),  # noqa: B008 - frozen
+    with_antennas: bool = False,
 ) -> npt.NDArray[Any]:
     """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
     sensor = sensor_model(grade)
@@ -153,6 +161,7 @@ def resolve_parameters(
         math.sin(math.radians(use.elevation_mask_deg)),
         use.cn0_mask_dbhz,
         float(use.ionosphere != "none" and (klobuchar_known or use.ionosphere in _OTHER_MODELS)),
+        _visibility(config, with_antennas),
         float(use.troposphere == "saastamoinen"),
         *weather_of(use),
         *_noise(config.pseudorange_noise_m),

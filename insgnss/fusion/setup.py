@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy.typing as npt
 
+from insgnss.antenna.installation import Installation, no_antenna
+from insgnss.antenna.visibility import Limits
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
+from insgnss.fusion.lines import NO_LIMITS
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.state import Layout
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
@@ -35,6 +38,10 @@ class FilterSetup:
     navigation: NavigationData | None = None  # None: the log carries satellite states
     with_carrier: bool = False  # the log has carrier phases
     products: PreciseProducts | None = None  # orbits and clocks instead of the messages'
+    installation: Installation = field(
+        default_factory=no_antenna
+    )  # the vehicle's antennas, none: nothing masked
+    visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
 
     @property
@@ -67,6 +74,7 @@ class FilterSetup:
             self.lever_arm_m,
             self.klobuchar is not None,
             self.layout,
+            with_antennas=len(self.installation.lever_b) > 0,
         )
 
     @property

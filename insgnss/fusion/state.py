@@ -12,8 +12,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.antenna.visibility import UNDECIDED
 from insgnss.gnss.observation_rows import N_SLOTS
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Float64, Int8, Int64
 
 # error state (estimate minus truth), in this order
 DR: Final = 0  # position, ECEF [m]
@@ -69,6 +70,7 @@ STATE_DTYPE: Final = np.dtype(
             ("noise_factor", np.float64, (N_FACTORS,)),  # found noise levels
             ("adapted_ns", np.int64),  # when they were last moved
             ("adapted_count", np.int64),
+            ("mask_waits", np.int64),  # 1 while the heading is too uncertain for the visibility stage
             (
                 "cn0_level",
                 np.float64,
@@ -92,6 +94,7 @@ HEAD_DTYPE: Final = np.dtype(
                 "strained_ns",
                 np.int64,
             ),  # time since when the innovations are far too large; 0 when they are not
+            ("masking", np.int64),  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
         ],
     )
@@ -108,6 +111,7 @@ class Bank(NamedTuple):
     state: StateArray  # (m,) of STATE_DTYPE
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
+    seen: Int8  # (m, N_SLOTS) what the visibility stage decided last of each satellite
     memory: Float64  # (m, N_SLOTS, 3) of each satellite's range innovations: fast and slow mean [m], when [s]
 
 
@@ -153,12 +157,13 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
     memory = np.full((n_hypotheses, N_SLOTS, 3), -np.inf)
-    return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), memory)
+    seen = np.full((n_hypotheses, N_SLOTS), UNDECIDED, np.int8)
+    return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
 
 
 def copy_bank(bank: Bank) -> Bank:
     """Return a copy that shares nothing with ``bank``."""
-    return Bank(*(array.copy() for array in bank))
+    return Bank(*(array.copy() for array in bank))  # type: ignore[arg-type]
 
 
 def select_members(bank: Bank, keep: Int64) -> Bank:
@@ -169,4 +174,4 @@ def select_members(bank: Bank, keep: Int64) -> Bank:
     state["log_weight"] = weight - top - np.log(np.sum(np.exp(weight - top)))
     head = bank.head.copy()
     head["leader"] = int(np.argmax(weight))
-    return Bank(state, np.ascontiguousarray(bank.P[keep]), head, np.ascontiguousarray(bank.memory[keep]))
+    return Bank(state, np.ascontiguousarray(bank.P[keep]), head, bank.seen[keep], bank.memory[keep])

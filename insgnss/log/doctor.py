@@ -167,7 +167,7 @@ def _reference_findings(reference: ReferenceTable, imu: ImuTable | None) -> list
 
 
 def _lever_arm_finding(flight: Flight) -> Finding:
-    lever = flight.config.gnss.lever_arm_m
+    lever = flight.config.gnss.lever_b
     if lever is None:
         text = "the lever arm from IMU to antenna is not given"
         return Finding(

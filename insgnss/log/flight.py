@@ -101,7 +101,7 @@ class Flight:
         if config.reference is not None:
             reference, found = read_reference(config.reference, config.gps_week)
             events += found
-        if config.gnss.lever_arm_m is None:
+        if config.gnss.lever_b is None:
             detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
             events.append(Event(None, "lever_arm_not_given", detail))
         return FlightLogs(

@@ -71,7 +71,11 @@ def broadcast_atmosphere(klobuchar: Float64 | None) -> Atmosphere:
         geodetic: Float64, azimuth: Float64, elevation: Float64, week_s: Float64, ionosphere: float = 1.0
     ) -> Float64:
         result = np.empty_like(elevation)
-        _delays(coefficients, geodetic, azimuth, elevation, week_s, factor * ionosphere, result)
+        _delays(coefficients, geodetic, azimuth, elevation, week_s, factor * abs(ionosphere), result)
+        if ionosphere < 0.0:
+            troposphere = np.empty_like(elevation)
+            _delays(coefficients, geodetic, azimuth, elevation, week_s, 0.0, troposphere)
+            return 2.0 * troposphere - result
         return result
 
     return delay

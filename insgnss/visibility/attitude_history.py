@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -71,20 +72,21 @@ class AttitudeHistory:
 
     @classmethod
     def of_reference(
-        cls, reference: ReferenceTable, step_s: float = 0.0
+        cls, reference: ReferenceTable, step_s: float = 0.0, file: Path | None = None
     ) -> tuple[AttitudeHistory, list[Event]]:
         """Return the history of a reference trajectory; rows without attitude are left out, with an event.
 
         Parameters
         ----------
         step_s : least time between two rows; 0 keeps all
+        file : where it was read, for messages
 
         Raises
         ------
         InputError : no row has an attitude
         """
         degrees = np.column_stack([reference.lat_deg, reference.lon_deg, reference.rpy_deg])
-        return _of_columns(reference.t_ns, degrees, reference.h_m, None, step_s)
+        return _of_columns(reference.t_ns, degrees, reference.h_m, None, step_s, file)
 
     @classmethod
     def of_nav(cls, nav: pd.DataFrame, week: int, step_s: float = 0.0) -> tuple[AttitudeHistory, list[Event]]:
@@ -105,7 +107,12 @@ class AttitudeHistory:
 
 
 def _of_columns(
-    t_ns: Int64, degrees: Float64, h_m: Float64, sd_deg: Float64 | None, step_s: float
+    t_ns: Int64,
+    degrees: Float64,
+    h_m: Float64,
+    sd_deg: Float64 | None,
+    step_s: float,
+    file: Path | None = None,
 ) -> tuple[AttitudeHistory, list[Event]]:
     """Return the history of latitude, longitude, roll, pitch, yaw (n, 5) [deg]."""
     known = np.isfinite(degrees).all(axis=1) & np.isfinite(h_m)
@@ -113,12 +120,15 @@ def _of_columns(
         known &= np.isfinite(sd_deg).all(axis=1)
     events = []
     if not known.all():
-        told = f"{np.count_nonzero(~known)} of {len(known)} rows have no attitude: left out"
+        of = "" if file is None else f"{file}: "
+        told = f"{of}{np.count_nonzero(~known)} of {len(known)} rows have no attitude: left out"
         events.append(Event(None, "attitude_missing", told))
     rows = _thinned(t_ns, np.flatnonzero(known), step_s)
     if not len(rows):
         raise InputError(
-            "no row has position and attitude", advice="the columns of roll, pitch and yaw are needed"
+            "no row has position and attitude",
+            file=file,
+            advice="columns of roll, pitch and yaw are needed; a saved run has those of the filter",
         )
     radians = np.radians(degrees[rows])
     position = np.column_stack([radians[:, :2], h_m[rows]])

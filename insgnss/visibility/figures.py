@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def sky_figure(study: VisibilityStudy) -> Figure:
     The middle is up (-z of the body), the inner circle the body's own horizon, the rim straight down.
     """
     figure = _new_figure(8.0, 7.0)
-    axes = figure.add_subplot(projection="polar")
+    axes: Any = figure.add_subplot(projection="polar")  # its own class, with a direction of its angle
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     azimuth, down = np.radians(np.arange(0.0, 360.1, _GRID_DEG)), np.arange(0.0, 180.1, _GRID_DEG)

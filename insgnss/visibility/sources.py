@@ -66,7 +66,7 @@ def read_sources(source: Path, flight: Flight, pattern: str | None, step_s: floa
     """Return attitude, sky and antennas, and what is worth telling of the files."""
     config = flight.config
     antennas, events = installation(
-        _antennas(flight, pattern), flight.path.absolute().parent, config.gnss.lever_arm_m
+        _antennas(flight, pattern), flight.path.absolute().parent, config.gnss.lever_b
     )
     if source.is_dir():
         run = Run.load(source)
@@ -77,7 +77,7 @@ def read_sources(source: Path, flight: Flight, pattern: str | None, step_s: floa
     else:
         columns = config.reference or Reference(file=source)
         reference, found = read_reference(columns.model_copy(update={"file": source}), config.gps_week)
-        attitude, missing = AttitudeHistory.of_reference(reference, step_s)
+        attitude, missing = AttitudeHistory.of_reference(reference, step_s, source)
         found = found + missing
     navigation, told = _navigation(flight)
     return Sources(attitude, sky_of_navigation(attitude, navigation), antennas, events + found + told)

@@ -168,4 +168,3 @@ def correlated_covariance(n: int = OFFSETS, seed: int = 4) -> Float64:
 def one_covariance(run: ExactRun, P: Float64, age_s: float = 0.0) -> Covariances:
     """Return one covariance, ``age_s`` before the first time."""
     return Covariances(run.trace.t_ns[:1] - round(age_s * NS_PER_S), P[None])
-

@@ -211,3 +211,39 @@ def test_carriers_measure_the_way_since_the_clone_and_leave_the_place_as_uncerta
     run_epoch(bank, log, par)
 
     assert np.allclose(np.sqrt(bank.P[0].diagonal())[DR : DR + 3], sigma[DR : DR + 3], rtol=0.01)
+
+
+CRYSTAL_M = 0.15  # wander of an ordinary crystal in an interval, all satellites alike
+
+
+def wandering_filter() -> Bank:
+    """Return the tight filter with a clock that may have wandered by more than half a cycle since the clone."""
+    bank = tight_filter()
+    bank.P[0][CLOCK, CLOCK] += CRYSTAL_M**2
+    return bank
+
+
+@pytest.mark.parametrize("cycles", [0.5, 1.0, -1.0])
+@pytest.mark.parametrize("slipped", [(4,), (1, 4, 7)])
+def test_slip_of_a_cycle_shows_against_the_other_satellites_whatever_the_clock(
+    slipped: tuple[int, ...], cycles: float
+) -> None:
+    """A cycle is 1.3 sigma of the clock; between two satellites it is ten of what the inertial sensor leaves open."""
+    bank, log, par = wandering_filter(), carrier_log(), numbers(carrier_gate2=16.0)
+    log.observation["status"] = -1
+    log.carrier["value"] = -observed(bank, log, par).lines["innovation"][:, CARRIER] + CRYSTAL_M
+    log.carrier["value"][list(slipped)] += cycles * C_MPS / 1575.42e6
+    out, _ = run_epoch(bank, log, par)
+
+    assert np.flatnonzero(out.carrier["status"] == GATED).tolist() == list(slipped)
+    assert np.all(np.delete(out.carrier["status"], slipped) == USED)
+
+
+def test_carriers_of_which_no_half_agrees_are_all_refused() -> None:
+    bank, log, par = wandering_filter(), carrier_log(), numbers(carrier_gate2=16.0)
+    log.observation["status"] = -1
+    log.carrier["value"] = -observed(bank, log, par).lines["innovation"][:, CARRIER]
+    log.carrier["value"] += np.linspace(-0.4, 0.4, 12)
+    out, _ = run_epoch(bank, log, par)
+
+    assert np.all(out.carrier["status"] == GATED)

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from insgnss.constants import C_MPS
-from insgnss.gnss.carrier_rows import ABSENT
+from insgnss.gnss.carrier_rows import ABSENT, carrier_rows
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, Rows, last_epoch, prepare_rows
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.status import (
+    BAD_VALUE,
     CONSTELLATION_NOT_USED,
     HALF_CYCLE,
     NO_EPOCH_BEFORE,
+    NO_RANGE,
     SLIP_DOPPLER,
     SLIP_GEOMETRY_FREE,
     SLIP_INDICATED,
@@ -159,6 +161,38 @@ def test_row_without_carrier_has_no_entry_and_zero_means_none() -> None:
 
     assert status[1, 0, 0] == ABSENT and status[1, 1, 0] == ABSENT
     assert status[2, 0, 0] == NO_EPOCH_BEFORE
+
+
+def test_infinite_carrier_is_a_bad_value_and_none_to_count_from() -> None:
+    table = log()
+    cycles = np.array(table.carrier_cycles)
+    cycles[place(1, 0, 0)] = np.inf
+    status = status_of(replace(table, carrier_cycles=cycles))
+
+    assert status[1, 0, 0] == BAD_VALUE and status[2, 0, 0] == NO_EPOCH_BEFORE
+    assert np.count_nonzero(status[1:] != USED) == 2
+
+
+@pytest.mark.parametrize("pseudorange", [np.nan, 3.0e8])
+def test_carrier_whose_time_of_transmission_nothing_tells_is_refused(pseudorange: float) -> None:
+    """Unless the log itself holds the satellites' states."""
+    table = log()
+    ranges = table.pseudorange_m.copy()
+    ranges[place(2, 3, 0)] = pseudorange
+    table = replace(table, pseudorange_m=ranges)
+    known = rows_of(table).carrier["status"].reshape(EPOCHS, SATELLITES, 2)
+    usable, sat = np.zeros(len(ranges), np.int8), np.asarray(table.sat)
+    times, first = np.unique(table.t_ns, return_index=True)
+    carriers, _ = carrier_rows(
+        replace(table, sat=None), usable, sat, None, np.tile([L1_M, L5_M], len(ranges) // 2),
+        table.range_rate_mps, epoch_ns=times, first=np.append(first, len(ranges)),
+        max_interval_s=2.0, wanted=True,
+    )  # fmt: skip
+    status = carriers["status"].reshape(EPOCHS, SATELLITES, 2)
+
+    assert np.all(known[1:] == USED)
+    assert status[2, 3, 0] == NO_RANGE and status[3, 3, 0] == NO_EPOCH_BEFORE
+    assert np.count_nonzero(status[1:] != USED) == 2
 
 
 def test_settings_name_why_a_carrier_is_not_used() -> None:

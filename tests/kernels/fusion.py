@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.fusion.lines import Epoch, new_epoch
 from insgnss.fusion.loop import Imu, new_workspace, run_epochs, run_to
 from insgnss.fusion.output import new_output
 from insgnss.fusion.parameters import resolve_parameters
@@ -21,6 +22,7 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.status import USED
 from insgnss.tables import Float64, GnssTable
 from tests.kernels import KernelCase
 
@@ -38,6 +40,7 @@ SKY = {
     "E11": (330, 3),
 }
 EPOCHS = 5
+L1_M = C_MPS / 1_575.42e6
 
 
 def level_state() -> tuple[Float64, Float64, Float64]:
@@ -99,10 +102,11 @@ def observed(clock_m: float, offset_m: float) -> GnssTable:
         sat=states,
         sigma_pseudorange_m=np.where(np.arange(n) % 5 == 1, 2.0, math.nan),
         sigma_range_rate_mps=np.where(np.arange(n) % 5 == 2, 0.1, math.nan),
+        carrier_cycles=ranges.ravel() / L1_M,
     )
 
 
-def parameters() -> npt.NDArray[Any]:
+def parameters(layout: Layout) -> npt.NDArray[Any]:
     """Return the filter's numbers for a tactical sensor."""
     grade = ImuGrade(
         gyro_bias_deg_per_h=1.0,
@@ -121,11 +125,11 @@ def parameters() -> npt.NDArray[Any]:
         }
     )
     return resolve_parameters(
-        config, grade, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True, Layout(n_offsets=1)
+        config, grade, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True, layout
     )
 
 
-def rows() -> Rows:
+def rows(layout: Layout) -> Rows:
     """Return the log as the filter reads it."""
     klobuchar = np.array([1.2e-8, 7.5e-9, -6e-8, -6e-8, 9e4, 3.3e4, -2e5, -6.5e4])
     return prepare_rows(
@@ -134,6 +138,7 @@ def rows() -> Rows:
         klobuchar,
         clock_groups=("G", "E"),
         signals={"G": ("C1C",), "E": ("C1C",)},
+        carrier=True if layout.clone else None,
     )
 
 
@@ -147,11 +152,11 @@ def imu() -> Imu:
     return Imu(t_ns[keep], (w_b + ripple)[keep], (f_n + ripple)[keep])
 
 
-def bank() -> Bank:
+def bank(layout: Layout) -> Bank:
     """Return two hypotheses 2 deg of heading apart, with one inter-system offset."""
     r_e, C_ne, _ = level_state()
-    made = new_bank(2, 1)
-    sigma = np.zeros(OFFSETS + 1)
+    made = new_bank(2, layout.n_optional)
+    sigma = np.zeros(OFFSETS + layout.n_optional)
     for at, value in ((DR, 5.0), (DV, 0.5), (PSI, 0.03), (BA, 0.01), (BG, 5e-6)):
         sigma[at : at + 3] = value
     sigma[[CLOCK, DRIFT, OFFSETS]] = 50.0, 5.0, 20.0
@@ -166,21 +171,39 @@ def bank() -> Bank:
     return made
 
 
-def short_log(output_between: bool) -> list[Any]:
+def short_log(output_between: bool, with_carrier: bool) -> list[Any]:
     """Return everything the loop changes or writes for the short log, with output at the epochs or between them."""
-    made, log = bank(), rows()
+    layout = Layout(n_offsets=1, clone=with_carrier)
+    made, log, par = bank(layout), rows(layout), parameters(layout)
     times = START_NS + np.arange(1, 22) * 50_000_000 + 3_000_000 if output_between else np.zeros(0)
-    out = new_output(log, 40, 20, times.astype(np.int64))
-    work = new_workspace(len(SKY), Layout(n_offsets=1))
-    ended = run_epochs(made, 0, EPOCHS, log, imu(), parameters(), -30.0, out, work)
+    out = new_output(log, 40, 20, times.astype(np.int64), layout.n_values)
+    work = new_workspace(len(SKY), layout)
+    ended = run_epochs(made, 0, EPOCHS, log, imu(), par, -30.0, out, work)
     if output_between:
-        run_to(made, int(times[-1]), imu(), parameters(), out, work)
+        run_to(made, int(times[-1]), imu(), par, out, work)
     return [ended, made, out]
+
+
+def wrong_rows() -> tuple[Float64, Epoch]:
+    """Return a wide covariance and ten pseudoranges at its prior, two of which the others contradict."""
+    n = OFFSETS
+    P = np.diag(np.repeat([1e4, 1.0, 1e-4, 1e-4, 1e-10, 1e5, 1.0], [3, 3, 3, 3, 3, 1, 1]))
+    work = new_epoch(10, n)
+    for j, line in enumerate(work.lines):
+        line["status"] = USED
+        line["h"][0, :3] = math.cos(2.1 * j), math.sin(2.1 * j), -0.3 - 0.06 * j
+        line["h"][0, 6] = 1.0
+        line["innovation"][0], line["variance"][0] = 12.0 + 0.5 * math.sin(5.0 * j), 1.0 + 0.1 * j
+    work.lines["innovation"][[2, 7], 0] += 40.0, -35.0
+    return P, work
 
 
 # The update adds and subtracts numbers of very different size (a clock variance of 1e7 m^2 after its jump), so a last
 # digit of a sine may grow.
 CASES = [
-    KernelCase("tests.kernels.fusion:short_log", (False,), rtol=1e-10, label="at epochs"),
-    KernelCase("tests.kernels.fusion:short_log", (True,), rtol=1e-10, label="between"),
+    KernelCase("tests.kernels.fusion:short_log", (False, False), rtol=1e-10, label="at epochs"),
+    KernelCase("tests.kernels.fusion:short_log", (True, False), rtol=1e-10, label="between"),
+    # differences of a prior of 1e4 m^2 and a clock of 1e5 m^2 against rows of 1 m^2
+    KernelCase("insgnss.fusion.consistency:refuse_inconsistent", (*wrong_rows(), 0, 10, 9.0, 3), rtol=1e-9),
+    KernelCase("tests.kernels.fusion:short_log", (False, True), rtol=1e-10, label="with carrier"),
 ]

@@ -1,0 +1,53 @@
+"""Sample calls of the kernels in ``insgnss.aiding``."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from insgnss.aiding.satellite_arcs import broadcast_arcs
+from insgnss.aiding.table import compute_aiding
+from insgnss.gnss.ephemeris_choice import broadcast_messages
+from insgnss.tables import Float64
+from tests.aiding.exact import (
+    correlated_covariance,
+    exact_run,
+    one_covariance,
+    setup,
+    sky_arcs,
+    spinning,
+)
+from tests.gnss.glonass_sample import FIRST_NS, glonass_navigation
+from tests.kernels import KernelCase
+
+
+def aided() -> tuple[Float64, ...]:
+    """Return values, sigma and delays of a rolling body, with air and an offset's group."""
+    run = exact_run(spinning(), np.array([1.0, 1.01, 2.5]))
+    run = replace(run, trace=run.trace._replace(offset=np.full((3, 1), 12.0)))
+    of = replace(
+        setup(latency_s=0.02),
+        troposphere=True,
+        klobuchar=np.array([1.1e-8, 1.5e-8, -6e-8, -6e-8, 9e4, 1.6e4, -1.97e5, -6.6e4]),
+        clock_groups=("E", "G"),
+    )
+    P = correlated_covariance(18)
+    table = compute_aiding(of, sky_arcs(), run.trace, run.imu, one_covariance(run, P, age_s=0.2))
+    return (*table.values, table.sigma, table.spans.delay_m, table.spans.drift_mps)
+
+
+def glonass_pieces() -> Float64:
+    """Return the pieces of satellites whose messages are integrated."""
+    with tempfile.TemporaryDirectory() as folder:
+        messages = broadcast_messages(glonass_navigation(Path(folder)))
+    return broadcast_arcs(messages, {"R": "C1C"}, FIRST_NS, FIRST_NS).arcs.pieces[..., :3]
+
+
+CASES = [
+    KernelCase("tests.kernels.aiding:glonass_pieces", rtol=1e-12),
+    # of 32 bits: the acceleration, the jerk and the sigma
+    KernelCase("tests.kernels.aiding:aided", rtol=2e-7),
+]
