@@ -38,12 +38,14 @@ USED_FOR_START: Final = 24  # it went into the single-point solution that starte
 REFUSED_AT_START: Final = 25  # the single-point solution excluded it
 NO_CHANNEL: Final = 26  # GLONASS, satellite side: neither the messages nor the log tell its frequency channel
 COMBINED: Final = 27  # its value stands in another row of the satellite: the ionosphere-free combination
-NO_SECOND_SIGNAL: Final = 28  # the ionosphere-free combination needs a second signal, and this satellite has one
+NO_SECOND_SIGNAL: Final = (
+    28  # the ionosphere-free combination needs a second signal, and this satellite has one
+)
 NO_SOLUTION: Final = 29  # the epoch has no point solution
 NO_CORRECTION: Final = 37  # the base station has none for this signal, message and time
 NO_EPOCH_BEFORE: Final = 30  # no carrier of this signal in the epoch before, or the filter was not there yet
 SLIP_INDICATED: Final = 31  # cycle slip: the receiver says so
-SLIP_DOPPLER: Final = 32  # cycle slip: the carrier and its Doppler disagree
+SLIP_DOPPLER: Final = 32  # cycle slip: carrier and Doppler (without one, pseudorange) disagree
 SLIP_GEOMETRY_FREE: Final = 33  # cycle slip: two carriers of the satellite disagree
 HALF_CYCLE: Final = 34  # the half-cycle ambiguity was resolved or lost between the two epochs
 MESSAGE_CHANGED: Final = 35  # the two epochs' satellite states are from different messages

@@ -61,8 +61,12 @@ class GnssTable:
     sigma_range_rate_mps: Float64 | None = None  # (n,)
     # rows with an unreadable range or rate
     bad_cells: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    carrier_cycles: Float64 | None = None  # (n,) carrier phase, RINEX sign: grows with the distance; NaN without
-    lli: Int8 | None = None  # (n,) loss-of-lock indicator as in RINEX: bit 0 slip, bit 1 half cycle unresolved
+    carrier_cycles: Float64 | None = (
+        None  # (n,) carrier phase, RINEX sign: grows with the distance; NaN without
+    )
+    lli: Int8 | None = (
+        None  # (n,) loss-of-lock indicator as in RINEX: bit 0 slip, bit 1 half cycle unresolved
+    )
     glonass_channels: dict[str, int] = field(default_factory=dict)  # where the log tells: "R07" -> -7..6
 
     def take(self, rows: npt.NDArray[np.intp]) -> GnssTable:

@@ -178,7 +178,7 @@ class AidingTable:
         entries, v, lag = self._entries(), self.values, self.latency_s
         satellite = self.spans.satellite[entries]
         per_cycle = 1.0 / self.wavelength_m[satellite]
-        sigma = self.sigma[entries]
+        by_column = np.ascontiguousarray(self.sigma.T)
         rate = v.range_rate + lag * v.acceleration
         drift = (
             np.repeat(self.receiver_drift_mps, self._satellites_of_times()) - self.spans.drift_mps[entries]
@@ -195,21 +195,23 @@ class AidingTable:
             "doppler_rate_hz_per_s": -v.acceleration * per_cycle,
             "pseudorange_m": v.pseudorange + lag * (v.range_rate + drift + 0.5 * lag * v.acceleration),
             "code_delay_rate_s_per_s": pseudorange_rate / C_MPS,
-            "sd_range_rate_mps": sigma[:, SD_RATE],
-            "sd_range_acceleration_mps2": sigma[:, SD_ACCELERATION],
-            "sd_range_jerk_mps3": sigma[:, SD_JERK],
-            "sd_doppler_hz": sigma[:, SD_DOPPLER] * per_cycle,
-            "sd_doppler_rate_hz_per_s": sigma[:, SD_DOPPLER_RATE] * per_cycle,
-            "sd_pseudorange_m": sigma[:, SD_RANGE],
-            "sd_code_delay_rate_s_per_s": sigma[:, SD_DOPPLER] / C_MPS,
+            "sd_range_rate_mps": by_column[SD_RATE][entries],
+            "sd_range_acceleration_mps2": by_column[SD_ACCELERATION][entries],
+            "sd_range_jerk_mps3": by_column[SD_JERK][entries],
+            "sd_doppler_hz": by_column[SD_DOPPLER][entries] * per_cycle,
+            "sd_doppler_rate_hz_per_s": by_column[SD_DOPPLER_RATE][entries] * per_cycle,
+            "sd_pseudorange_m": by_column[SD_RANGE][entries],
+            "sd_code_delay_rate_s_per_s": by_column[SD_DOPPLER][entries] / C_MPS,
             "age_s": np.full(len(rate), lag),
         }
         if parts:
-            table |= {f"sd_rate_{name}_mps": sigma[:, RATE_PARTS + i] for i, name in enumerate(PARTS)}
-            table["cross_rate_m2ps2"] = sigma[:, RATE_PARTS + N_PARTS]
+            table |= {
+                f"sd_rate_{name}_mps": by_column[RATE_PARTS + i][entries] for i, name in enumerate(PARTS)
+            }
+            table["cross_rate_m2ps2"] = by_column[RATE_PARTS + N_PARTS][entries]
             for i, name in enumerate(PARTS):
-                table[f"sd_acceleration_{name}_mps2"] = sigma[:, ACCELERATION_PARTS + i]
-            table["cross_acceleration_m2ps4"] = sigma[:, ACCELERATION_PARTS + N_PARTS]
+                table[f"sd_acceleration_{name}_mps2"] = by_column[ACCELERATION_PARTS + i][entries]
+            table["cross_acceleration_m2ps4"] = by_column[ACCELERATION_PARTS + N_PARTS][entries]
         return table
 
 

@@ -1,13 +1,14 @@
 """Carrier phases of a log, differenced from epoch to epoch, and which of the differences a cycle slip spoils.
 
 A difference needs the same signal of the same satellite in two epochs that follow each other, tracked without a slip.
-Three tests are made here, for the whole log at once; the fourth, against the inertial prediction, is the filter's gate.
+These tests are made here, for the whole log at once; the last, against the inertial prediction, is the filter's gate.
 
 | test | finds | source |
 |------|-------|--------|
 | loss-of-lock indicator, bit 0 | what the receiver itself has noticed | RINEX 4.01, 6.5.2 |
 | half-cycle flag, bit 1, differs between the epochs | a half cycle resolved or lost | RINEX 4.01, 6.5.2 |
 | carrier against Doppler, less the epoch's median | slips of several cycles | trapezoid of the Dopplers |
+| carrier against pseudorange, where there is no Doppler | a wrong unit, slips of 200 cycles | their difference |
 | two carriers of one satellite | single cycles, but for pairs that cancel | geometry-free combination |
 """
 
@@ -52,6 +53,9 @@ _SLIP_LIT, _HALF_CYCLE_LIT = 1, 2  # bits of the loss-of-lock indicator
 # The trapezoid of two Dopplers misses jerk dt^3 / 12: 0.8 m at 10 m/s^3 and 1 s; a clock's is common to all
 _DOPPLER_LIMIT_M: Final = 1.0
 _DOPPLER_LIMIT_MPS3: Final = 1.0
+_CODE_LIMIT_M: Final = (
+    30.0  # where no Doppler is logged: a metre of noise, and what a street's echoes make of a code
+)
 # What the ionosphere changes between two carriers of one satellite: 1 cm/s in a scintillating sky, beside 2 cm of noise
 _GEOMETRY_FREE_LIMIT_M: Final = 0.05
 _GEOMETRY_FREE_LIMIT_MPS: Final = 0.01
@@ -111,8 +115,11 @@ def carrier_rows(
     if message is not None:
         _mark(found, message[now] != message[then], MESSAGE_CHANGED)
     rate = 0.5 * (range_rate[now] + range_rate[then])
+    limit = _DOPPLER_LIMIT_M + _DOPPLER_LIMIT_MPS3 * dt**3
     _mark(found, np.abs(value[now]) > _FASTEST_MPS * dt, BAD_VALUE)
-    _mark(found, _against_doppler(value[now] - rate * dt, dt, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
+    _mark(found, _apart(value[now] - rate * dt, limit, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
+    way = np.where(np.isfinite(rate), np.nan, gnss.pseudorange_m[now] - gnss.pseudorange_m[then])
+    _mark(found, _apart(value[now] - way, _CODE_LIMIT_M, epoch[now], len(epoch_ns)), SLIP_DOPPLER)
     differ = _against_other_carrier(gnss, value[now], dt, epoch[now], now, wavelength)
     _mark(found, differ, SLIP_GEOMETRY_FREE)
     status[now] = found
@@ -166,11 +173,11 @@ def _indicated(gnss: GnssTable, now: Int64, then: Int64) -> Int8:
     return found
 
 
-def _against_doppler(excess: Float64, dt: Float64, epoch: Int64, n_epochs: int) -> npt.NDArray[np.bool_]:
-    """Return where carrier and Doppler disagree, less the median of the epoch (the receiver's clock)."""
+def _apart(excess: Float64, limit_m: Float64 | float, epoch: Int64, n_epochs: int) -> npt.NDArray[np.bool_]:
+    """Return where an excess, known or NaN, is far from the median of its epoch (the receiver's clock)."""
     known = np.isfinite(excess)
     middle = _epoch_median(excess[known], epoch[known], n_epochs)
-    return known & (np.abs(excess - middle[epoch]) > _DOPPLER_LIMIT_M + _DOPPLER_LIMIT_MPS3 * dt**3)
+    return np.asarray(known & (np.abs(excess - middle[epoch]) > limit_m))
 
 
 def _epoch_median(value: Float64, epoch: Int64, n_epochs: int) -> Float64:

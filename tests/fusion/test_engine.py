@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -246,91 +245,6 @@ def test_carriers_of_late_epochs_give_the_bits_of_replay(
     missing = sorted(
         set(logs.gnss.t_ns.tolist()) - {r.t_ns for r in results}
     )  # still on their way at the end
-    assert_same_carriers(results, without_epochs(logs, missing), flown)
-
-
-def test_epoch_refused_as_too_late_is_none_to_count_from(with_carriers: tuple[Flight, FlightLogs]) -> None:
-    """What the stream says afterwards is what a replay says of a log without that epoch."""
-    flown, logs = with_carriers
-    engine = Engine(setup_filter(flown, logs, filter_config("tight17")))
-    stream(engine, logs, iter([2_600_000_000 if i in (30, 50, 51) else 0 for i in range(1000)]))
-    results = engine.take_results(all_of_them=True)
-    refused = [r for r in results if (r.out.ledger["status"] == TOO_LATE).any()]
-    assert len(refused) == 3 and all((r.out.carrier["status"] == TOO_LATE).any() for r in refused)
-    times = [r.t_ns for r in refused]
-    taken = [r for r in results if r.t_ns not in times]
-    assert_same_carriers(taken, without_epochs(logs, times), flown)
-
-# ------------------------------------------------------------------------------------------------ carrier differences
-
-CARRIER_NOISE = NoiseTerms(floor=0.0015, elevation=0.0007, cn0=0.0015)
-
-
-@pytest.fixture(scope="module")
-def with_carriers() -> tuple[Flight, FlightLogs]:
-    """Ninety seconds in the air on two frequencies, with slips, a clock step, a half cycle and a carrier alone."""
-    base = turns(90.0)
-    receiver = dataclasses.replace(
-        base.scenario.receiver, signals=("C1C", "C5Q"), carrier_noise=CARRIER_NOISE
-    )
-    faults = (
-        cycle_slip(["G04"], 1.0, 40.0, signal="C5Q"),
-        cycle_slip(["G20"], 100.0, 45.0, indicated=True),
-        half_cycle(["G30"], 50.0, 55.0),
-        outage(["G13"], 58.0, 60.0),
-        carrier_alone(["G16"], 62.0, 65.0),
-    )
-    clock = dataclasses.replace(base.scenario.clock, jumps=((70.0, MILLISECOND_M),))
-    faulty = with_faults(base, faults, clock)
-    faulty.scenario = dataclasses.replace(faulty.scenario, receiver=receiver)
-    flown = flight(faulty)
-    return flown, flown.logs
-
-
-def without_epochs(logs: FlightLogs, times_ns: list[int]) -> FlightLogs:
-    """Return the logs as if these epochs had never been."""
-    kept = np.flatnonzero(~np.isin(logs.gnss.t_ns, times_ns))
-    return dataclasses.replace(logs, gnss=logs.gnss.take(kept))
-
-
-def assert_same_carriers(results: list[EpochResult], logs: FlightLogs, flown: Flight) -> None:
-    """Hold navigation rows, ledger and carrier ledger of a stream against the replay, bit for bit."""
-    assert_same_bits(results, logs, flown)
-    setup = setup_filter(flown, logs, filter_config("tight17"))
-    rows = rows_of(setup, logs)
-    out, _ = run_filter(setup, logs.imu, rows, "gnss")
-    by_time = {r.t_ns: r for r in results}
-    used = 0
-    for epoch, t_ns in enumerate(rows.epoch_ns):
-        wanted = out.carrier[rows.first[epoch] : rows.first[epoch + 1]]
-        found = by_time[int(t_ns)].out.carrier
-        for name in wanted.dtype.names:
-            assert found[name].tobytes() == wanted[name].tobytes(), (epoch, name)
-        used += np.count_nonzero(wanted["status"] == USED)
-    assert used > 1000
-
-
-def test_stream_with_carriers_gives_the_bits_of_replay(with_carriers: tuple[Flight, FlightLogs]) -> None:
-    flown, logs = with_carriers
-    engine = Engine(setup_filter(flown, logs, filter_config("tight17")))
-    stream(engine, logs, no_delay())
-    results = engine.take_results(all_of_them=True)
-    assert_same_carriers(results, logs, flown)
-    seen = {int(s) for r in results for s in r.out.carrier["status"]}
-    assert {USED, SLIP_INDICATED, SLIP_GEOMETRY_FREE, HALF_CYCLE, NO_EPOCH_BEFORE, CLOCK_STEPPED} <= seen
-
-
-def test_carriers_of_late_epochs_give_the_bits_of_replay(
-    with_carriers: tuple[Flight, FlightLogs], rng: np.random.Generator
-) -> None:
-    """The epoch that a difference counts from may itself arrive after the one that needs it, or be settled long ago."""
-    flown, logs = with_carriers
-    setup = setup_filter(flown, logs, filter_config("tight17"))
-    longer = setup.config.model_copy(update={"latency_s": 3.5})
-    engine = Engine(dataclasses.replace(setup, config=longer))
-    stream(engine, logs, iter(rng.integers(0, 3_490_000_000, 1000).tolist()))
-    results = engine.take_results(all_of_them=True)
-    missing = sorted(set(logs.gnss.t_ns.tolist()) - {r.t_ns for r in results})  # still on their way at the end
     assert_same_carriers(results, without_epochs(logs, missing), flown)
 
 

@@ -66,7 +66,10 @@ def batch(bank: Bank, par: npt.NDArray[Any], log: Rows) -> tuple[Float64, Float6
     work = observed(bank, par, log, w_ib_b=W_IB_B)
     used = (work.lines["status"][:, :2] == USED).T.ravel()
     H = dense_rows(work, N).reshape(-1, N)[used]
-    y, R = work.lines["innovation"][:, :2].T.ravel()[used], np.diag(work.lines["variance"][:, :2].T.ravel()[used])
+    y, R = (
+        work.lines["innovation"][:, :2].T.ravel()[used],
+        np.diag(work.lines["variance"][:, :2].T.ravel()[used]),
+    )
     P = bank.P[0]
     K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     left = np.eye(N) - K @ H

@@ -74,5 +74,7 @@ def values_of_one_turn(bank: Bank, par: npt.NDArray[Any]) -> np.ndarray:
         m.C_eb[:] = attitude(at, 0.0, 0.0, 360.0 * second / TURN_S)
         matrix_to_quaternion(m.C_eb, m.q_eb)
         w_ib_b = m.C_eb.T @ W_IE_E + [0.0, 0.0, RATE_RADPS]
-        values.append(-observed(truth, par, rows_of([START_NS], sky(at)), 0, w_ib_b).lines["innovation"][:, :2])
+        values.append(
+            -observed(truth, par, rows_of([START_NS], sky(at)), 0, w_ib_b).lines["innovation"][:, :2]
+        )
     return np.array(values)

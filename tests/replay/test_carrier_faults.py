@@ -258,7 +258,7 @@ def test_cells_that_are_no_phases_are_counted_and_refused() -> None:
     assert_honest(run, 0.0)
 
 
-@pytest.mark.parametrize("sigma_m", [0.01, 0.02])
+@pytest.mark.parametrize("sigma_m", [0.005, 0.01])
 def test_carriers_noisier_than_assumed_are_given_less_weight(sigma_m: float) -> None:
     rng = np.random.default_rng(9)
 
