@@ -28,8 +28,9 @@ The main job is two calls::
 
 from __future__ import annotations
 
+from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
-from insgnss.fusion.engine import Engine, NavState
+from insgnss.fusion.engine import NavState
 from insgnss.log.flight import Flight
 from insgnss.point import PointRun, point
 from insgnss.replay import engine_settings, replay

@@ -137,8 +137,9 @@ def inlined(function: _F) -> _F:
     """Compile a kernel that has one or two callers, woven into them.
 
     A kernel of its own costs a fifth of a second to compile, because each becomes a module that every caller links and
-    optimises again; woven in, it costs nothing of that and runs a little faster. Called from Python it is an ordinary
-    kernel.
+    optimises again; woven in, a short one costs nothing of that and runs a little faster. A long one belongs in a
+    kernel of its own: the time to find the types grows with the square of what is woven together. Called from Python it
+    is an ordinary kernel.
     """
     return _compiled(function, inline="always")
 

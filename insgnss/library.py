@@ -1,4 +1,4 @@
-"""Finds and reads what lies in the model library: sensor grades, oscillators, filters, antenna patterns.
+"""Finds and reads what lies in the model library: sensor grades, oscillators, filters, antenna patterns, scenarios.
 
 A name is looked for in the user's folders, then in ``INSGNSS_MODELS`` (several folders like a search path), then in
 the repository's ``models/``, then in the copy that the wheel carries. A user's folder may hold the kinds in folders of
@@ -15,6 +15,7 @@ from typing import TypeVar
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.config.scenario import ScenarioConfig
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ModelError
 
@@ -25,6 +26,7 @@ KINDS = {
     "oscillators": "oscillator",
     "filters": "filter",
     "antennas": "antenna pattern",
+    "scenarios": "scenario",
 }
 _TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)
 _PACKAGE = Path(__file__).parent
@@ -47,7 +49,7 @@ def names(kind: str, extra_paths: Sequence[Path] = ()) -> list[str]:
 
 
 def find(kind: str, name: str, extra_paths: Sequence[Path] = ()) -> Path:
-    """Return the file of the model ``name`` of a kind ("imus", "oscillators", "filters", "antennas").
+    """Return the file of the model ``name`` of a kind ("imus", "oscillators", "filters", "antennas", "scenarios").
 
     Raises
     ------
@@ -108,3 +110,12 @@ def filter_config(filter: str | Path | FilterConfig) -> FilterConfig:
     if str(filter).endswith(".toml"):
         return load_toml(Path(filter), FilterConfig)
     return load("filters", str(filter), FilterConfig)
+
+
+def scenario_config(scenario: str | Path | ScenarioConfig) -> ScenarioConfig:
+    """Return a scenario: as it is, from a file (a path ending in .toml), or by name from ``models/scenarios``."""
+    if isinstance(scenario, ScenarioConfig):
+        return scenario
+    if str(scenario).endswith(".toml"):
+        return load_toml(Path(scenario), ScenarioConfig)
+    return load("scenarios", str(scenario), ScenarioConfig)

@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 import datetime as dt
-import itertools
-import math
 import platform
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import pandas as pd
 
+from insgnss.aiding.sources import AidingSources, aiding_sources
+from insgnss.aiding.trace import Samples, Traced, at_times, traced
 from insgnss.antenna.equipment import installation, limits_of
 from insgnss.antenna.installation import Installation
 from insgnss.comparison import errors_against
+from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
-from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.corrected_rows import corrected_rows
-from insgnss.errors import ConfigError, StartError
 from insgnss.fusion import compile_loop
-from insgnss.fusion.loop import Imu, run_epochs, run_to
-from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import Output, new_output
+from insgnss.fusion.loop import run_epochs
+from insgnss.fusion.output import Output
 from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.trace_rows import output_samples
+from insgnss.fusion.whole_log import OutputRate, TraceWanted, run_filter
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
@@ -38,6 +38,8 @@ from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex import read_navigation
 from insgnss.result_tables import (
     RowKeys,
+    aiding_budget,
+    aiding_table,
     event_table,
     measurement_table,
     nav_table,
@@ -45,11 +47,10 @@ from insgnss.result_tables import (
     satellite_table,
 )
 from insgnss.run import Run
-from insgnss.status import NO_IMU, USED
-from insgnss.tables import Event, ImuTable, Int64, NavigationData, ReferenceTable
+from insgnss.supervision.sources import SupervisionSources, supervision_sources
+from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
 from insgnss.version import __version__
 
-OutputRate = Literal["gnss", "imu"] | float
 Progress = Callable[[str], None]
 
 
@@ -136,6 +137,8 @@ def replay(
     filter: str | Path | FilterConfig = "tight17",
     *,
     output: OutputRate = "gnss",
+    aiding: float | AidingConfig | None = None,
+    supervise: bool = False,
     progress: Progress | None = None,
 ) -> Run:
     """Run the filter over a flight's logs.
@@ -145,29 +148,76 @@ def replay(
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
     output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), or at a rate [Hz]
+    aiding : rate [Hz] of ``run.aiding``, the filter's other settings of the aiding kept, or all settings; None: no
+        aiding
+    supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
+        ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
     progress : is told in words what is being done
 
     Raises
     ------
-    InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start
+    InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
+        aiding or supervision is asked for and nothing says where the satellites are
     """
     tell = progress or (lambda _: None)
     began = time.perf_counter()
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
     config = filter_config(filter)
+    aided = None if aiding is None else aiding_config(aiding, config.aiding)
     with compiled_beside(run_epochs, compile_loop.MODULE) as loop_is_compiled:
-        setup, work, record = _prepared(flight, config, tell)
+        setup, work, record = _prepared(flight, config, aided, supervise, tell)
         read = time.perf_counter()
         tell("running the filter")
-        out, events = run_filter(setup, *work, output, before_loop=loop_is_compiled)
+        wanted = _trace_wanted(aided, record.supervised)
+        out, events = run_filter(setup, *work, output, trace=wanted, before_loop=loop_is_compiled)
     filtered = time.perf_counter()
-    del work  # a big log's samples and rows take as much room as the tables
+    found = traced(out.trace, Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b))
+    aids = None if record.aiding is None else _aiding(record, found, flight, tell)
+    given = time.perf_counter()
+    supervised = _supervised(record, found, flight, tell)
+    settled = time.perf_counter()
+    del work, found  # a big log's samples and rows take as much room as the tables
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, events)
-    took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - filtered}
-    run.settings = {**run.settings, "took": took, "output": output}
+    run.aiding, run.aiding_budget = (None, None) if aids is None else aids
+    for name, table in supervised.items():
+        setattr(run, name, table)
+    took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - settled}
+    took |= {} if aided is None else {"aiding_s": given - filtered}
+    took |= {"supervision_s": settled - given} if supervise else {}
+    resolved = None if aided is None else aided.model_dump(mode="json")
+    run.settings = {**run.settings, "took": took, "output": output, "aiding": resolved}
     return run
+
+
+def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:
+    """Return when the filter is to leave its state behind, None for never."""
+    samples_ns = None if supervised is None else supervised.samples_ns
+    if aided is not None:
+        return TraceWanted(aided.rate_hz, aided.sigma_interval_s, samples_ns)
+    return None if samples_ns is None else TraceWanted(None, epoch_samples_ns=samples_ns)
+
+
+def _aiding(
+    record: _Record, found: Traced, flight: Flight, tell: Progress
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the aiding and its budget from what the filter left behind."""
+    assert record.aiding is not None
+    tell("computing the aiding")
+    if record.supervised is not None:  # which has rows of its own in the trace
+        t_ns = found.samples.t_ns
+        found = at_times(found, t_ns[output_samples(t_ns, record.aiding.setup.config.rate_hz)])
+    table, week = record.aiding.table(found), flight.config.gps_week
+    return aiding_table(table, week), aiding_budget(table, week)
+
+
+def _supervised(record: _Record, found: Traced, flight: Flight, tell: Progress) -> dict[str, Any]:
+    """Return the supervisor's tables by their names, none where it is not asked for."""
+    if record.supervised is None:
+        return {}
+    tell("supervising the search")
+    return vars(record.supervised.run(found, flight.config.gps_week))
 
 
 class _Record(NamedTuple):
@@ -177,10 +227,12 @@ class _Record(NamedTuple):
     reference: ReferenceTable | None
     events: list[Event]
     input_hashes: dict[str, str]
+    aiding: AidingSources | None
+    supervised: SupervisionSources | None
 
 
 def _prepared(
-    flight: Flight, config: FilterConfig, tell: Progress
+    flight: Flight, config: FilterConfig, aided: AidingConfig | None, supervise: bool, tell: Progress
 ) -> tuple[FilterSetup, tuple[ImuTable, Rows], _Record]:
     """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
     tell("reading the logs")
@@ -192,119 +244,18 @@ def _prepared(
         del reading  # it would keep the logs
     tell("computing the satellites")
     setup = setup_filter(flight, logs, config)
+    sources = None
+    if aided is not None:
+        sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
     rows, found = corrected_rows(setup, logs, flight)
+    supervised = None
+    if supervise:
+        supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
+        found = found + told
     events = logs.events + _installed(flight)[1] + found
-    record = _Record(row_keys(logs.gnss, rows), logs.reference, events, logs.input_hashes)
+    keys = row_keys(logs.gnss, rows)
+    record = _Record(keys, logs.reference, events, logs.input_hashes, sources, supervised)
     return setup, (logs.imu, rows), record
-
-
-def run_filter(
-    setup: FilterSetup,
-    table: ImuTable,
-    rows: Rows,
-    output: OutputRate,
-    *,
-    before_loop: Callable[[], object] = lambda: None,
-) -> tuple[Output, list[Event]]:
-    """Run a filter over samples and rows; return the loop's output and the events.
-
-    ``before_loop`` is called when the compiled loop is needed, after the start.
-
-    The log is cut where inertial samples are missing for longer than the restart limit: each part starts anew.
-    """
-    imu = Imu(table.t_ns, np.ascontiguousarray(table.w_ib_b), np.ascontiguousarray(table.f_b))
-    times = output_times(imu.t_ns, output)
-    out = new_output(
-        rows, max(len(times), len(rows.epoch_ns)), 4 * len(rows.epoch_ns) + 16, times, setup.layout.n_values
-    )
-    events: list[Event] = []
-    covered = np.zeros(len(rows.epoch_ns), np.bool_)
-    started = False
-    given = setup.start is not None
-    for first, last in stretches(imu.t_ns, setup.config.gaps.restart_s):
-        part = Imu(imu.t_ns[first:last], imu.w_ib_b[first:last], imu.f_b[first:last])
-        e0, e1 = np.searchsorted(rows.epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
-        covered[e0:e1] = True
-        navigator = Navigator(setup, before_loop)
-        navigator.starter.given = given and not started
-        navigator.run(part, rows, int(e0), int(e1), out)
-        if navigator.bank is not None and len(times):
-            run_to(
-                navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, navigator.workspace(rows)
-            )
-        events += navigator.events + gap_events(part.t_ns, setup.config.gaps.longest_step_s)
-        if first > 0:
-            events.append(restart_event(int(imu.t_ns[first - 1]), int(imu.t_ns[first])))
-        started = started or navigator.started_ns is not None
-    _mark_without_imu(out, rows, covered)
-    if not started:
-        raise StartError(
-            "no epoch allowed the filter to start",
-            advice="a start needs four satellites with ephemeris, at least a second of inertial samples before them,"
-            " and range rates or two epochs; 'insgnss check' shows satellites and ephemeris per epoch",
-        )
-    return out, events
-
-
-def stretches(t_ns: Int64, restart_s: float) -> list[tuple[int, int]]:
-    """Return (first, last) of the unbroken stretches of samples."""
-    cuts = np.flatnonzero(np.diff(t_ns) > restart_s * NS_PER_S) + 1
-    edges = [0, *cuts.tolist(), len(t_ns)]
-    return [(a, b) for a, b in itertools.pairwise(edges) if b - a >= 2]
-
-
-def gap_events(t_ns: Int64, longest_s: float) -> list[Event]:
-    """Return an event for each gap that the filter bridges."""
-    step = np.diff(t_ns)
-    return [
-        Event(
-            int(t_ns[k]),
-            "imu_gap",
-            f"no inertial sample for {step[k] / NS_PER_S:.3f} s: bridged, sigma grown",
-        )
-        for k in np.flatnonzero(step > longest_s * NS_PER_S)
-    ]
-
-
-def restart_event(last_ns: int, next_ns: int) -> Event:
-    """Return the event of a gap too long to bridge."""
-    gap = (next_ns - last_ns) / NS_PER_S
-    return Event(
-        last_ns, "imu_gap", f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew"
-    )
-
-
-def output_times(t_ns: Int64, output: OutputRate) -> Int64:
-    """Return the output times: none for one row per epoch, every sample, or whole multiples of the given period.
-
-    Raises
-    ------
-    ConfigError : ``output`` is neither "gnss" nor "imu" nor a positive rate [Hz]
-    """
-    if output == "gnss":
-        return np.zeros(0, np.int64)
-    if output == "imu":
-        return t_ns
-    try:
-        rate_hz = float(output)
-    except (TypeError, ValueError):
-        rate_hz = math.nan
-    if not 0.0 < rate_hz < math.inf:
-        raise ConfigError(f"{output!r} is no output rate", advice="give 'gnss', 'imu' or a rate in Hz")
-    period = NS_PER_S / rate_hz
-    # counted from the start of the GPS week: of all GPS time a double would hold only 256 ns
-    origin = int(t_ns[0]) // NS_PER_WEEK * NS_PER_WEEK
-    first, last = math.ceil((int(t_ns[0]) - origin) / period), math.floor((int(t_ns[-1]) - origin) / period)
-    return np.asarray(origin + np.rint(np.arange(first, last + 1) * period).astype(np.int64))
-
-
-def _mark_without_imu(out: Output, rows: Rows, covered: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
-    """Write NO_IMU for the usable rows of epochs outside the inertial log."""
-    outside = ~np.repeat(covered, np.diff(rows.first))
-    for ledger in (out.ledger, out.carrier):
-        if len(ledger):
-            status = ledger["status"]
-            status[outside] = np.where(status[outside] == USED, NO_IMU, status[outside])
 
 
 def _as_run(flight: Flight, record: _Record, setup: FilterSetup, out: Output, events: list[Event]) -> Run:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from insgnss.aiding.table import AidingTable
 from insgnss.fusion.output import NAV_COLUMNS, Output
 from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
@@ -142,6 +143,20 @@ def _one_per_satellite(
     first = np.ones(len(order), np.bool_)
     first[1:] = np.diff(key[order]) != 0
     return np.sort(index[order[first]])
+
+
+def aiding_table(table: AidingTable, week: int) -> pd.DataFrame:
+    """Return the aiding, one row per output time and satellite above the horizon; ``aiding.table`` has the columns."""
+    columns: dict[str, Any] = dict(table.columns(week))
+    columns["sv"] = _words(columns["sv"], table.sv_names)
+    return pd.DataFrame(columns, copy=False)
+
+
+def aiding_budget(table: AidingTable, week: int) -> pd.DataFrame:
+    """Return what the sigma of the aiding are made of, one row per satellite whenever they are found anew."""
+    columns: dict[str, Any] = dict(table.budget(week))
+    columns["sv"] = _words(columns["sv"], table.sv_names)
+    return pd.DataFrame(columns)
 
 
 def event_table(events: list[Event], week: int) -> pd.DataFrame:

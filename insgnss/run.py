@@ -7,6 +7,14 @@
 | satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
 | errors         | nav row inside the reference | time_s and estimate minus reference with its sigma |
+| aiding         | output time of the aiding and satellite above the horizon | time_s sv range_rate_mps range_acceleration_mps2 range_jerk_mps3 doppler_hz doppler_rate_hz_per_s pseudorange_m code_delay_rate_s_per_s, sd_* of each, age_s |
+| aiding_budget  | satellite, whenever its sigma are found anew | time_s sv, what the sigma of rate and acceleration are made of |
+| supervision    | satellite above the horizon and epoch | time_s sv state decision receiver el_deg gain_dbi cn0_dbhz pseudorange_m doppler_hz sd_range_m sd_range_rate_mps within_aperture, search window and times |
+| transitions    | change of a channel's state | time_s sv from_state to_state reason, prediction and search window |
+| search_times   | satellite   | sv, seconds held, in search, and in search without the supervisor |
+| receiver_events | event in the log of the receiver's own | time_s sv event supervisor verdict lag_s |
+
+From aiding on where they were asked for; ``insgnss.aiding.table`` and ``insgnss.supervision.supervised_run`` say more.
 """  # noqa: E501 - the table is the documentation
 
 from __future__ import annotations
@@ -23,9 +31,23 @@ import pandas as pd
 import pyarrow.csv
 from pandas.api.types import is_float_dtype
 
+from insgnss.aiding.table import DOUBLES
 from insgnss.errors import ResultError
 
-TABLES = ("nav", "measurements", "satellites", "events", "errors")
+_OPTIONAL = (
+    "errors",
+    "aiding",
+    "aiding_budget",
+    "supervision",
+    "transitions",
+    "search_times",
+    "receiver_events",
+)
+TABLES = ("nav", "measurements", "satellites", "events", *_OPTIONAL)
+# columns of words in the tables as CSV; the events' alone are no categories
+_WORDS = frozenset(
+    "sv signal kind status state decision receiver from_state to_state reason event supervisor verdict".split()
+)
 _SETTINGS = "settings.json"
 
 
@@ -38,6 +60,12 @@ class Run:
     satellites: pd.DataFrame
     events: pd.DataFrame
     errors: pd.DataFrame | None = None
+    aiding: pd.DataFrame | None = None
+    aiding_budget: pd.DataFrame | None = None
+    supervision: pd.DataFrame | None = None
+    transitions: pd.DataFrame | None = None
+    search_times: pd.DataFrame | None = None
+    receiver_events: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
@@ -93,8 +121,9 @@ class Run:
             if parquet.exists():
                 tables[name] = pd.read_parquet(parquet)
             elif csv.exists():
-                tables[name] = _from_csv(csv)
-            elif name == "errors":
+                read = _from_csv(csv)
+                tables[name] = _in_single_precision(read) if name.startswith("aiding") else read
+            elif name in _OPTIONAL:
                 tables[name] = None
             else:
                 raise ResultError(
@@ -171,10 +200,18 @@ def _from_csv(path: Path) -> pd.DataFrame:
     """Return a table that was saved as CSV: numbers to the last bit, words as the Parquet form has them."""
     options = pyarrow.csv.ParseOptions(newlines_in_values=True)
     table: pd.DataFrame = pyarrow.csv.read_csv(path, parse_options=options).to_pandas()
-    words = ("kind", "detail") if "detail" in table.columns else ("sv", "signal", "kind", "status", "state")
+    words = frozenset(("kind", "detail")) if "detail" in table.columns else _WORDS
     for name in table.columns:
         if name in words:
             table[name] = table[name].astype("str" if "detail" in words else "category")
+        elif name.startswith("within_"):
+            table[name] = table[name].astype("bool")
         else:  # whole numbers are counts only where the name says so
             table[name] = table[name].astype("int64" if name.startswith("n_") else "float64")
     return table
+
+
+def _in_single_precision(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of the aiding with the widths that its numbers have in memory."""
+    numbers = [c for c in table.columns if c not in DOUBLES and is_float_dtype(table[c].dtype)]
+    return table.astype(dict.fromkeys(numbers, "float32"))

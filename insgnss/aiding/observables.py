@@ -56,9 +56,7 @@ class Spans(NamedTuple):
     first_satellite: Int64  # (m + 1,) its satellites in ``satellite``
     satellite: Int64  # (q,) number in the arcs
     delay_m: Float64  # (q,) of the air and of the satellite's clock group
-    drift_mps: (
-        Float64  # (q,) rate of the satellite's clock in the span's middle; it changes by 1e-6 m/s in a span
-    )
+    drift_mps: Float64  # (q,) rate of the satellite's clock at the span's beginning; it changes by 1e-6 m/s in a span
 
 
 class Values(NamedTuple):
@@ -136,10 +134,10 @@ def towards(e: Float64, j: int, motion: Float64, line: Float64) -> float:
 def observe_satellites(e: Float64, count: int, dt: float, motion: Float64) -> None:
     """Write range, its three derivatives and the satellite's clock of the first ``count`` lanes into rows 17 to 21.
 
-    The satellite moves by its third-order series: half a second from where it was expanded within 1e-10 m and
-    1e-9 m/s. The time of transmission goes with k, and is mended once by the range that this gives: the line of sight
-    is then that of a time wrong by as much as the antenna's acceleration makes, 4e-8 s for 100 m/s^2 and 0.5 s:
-    1e-11 rad.
+    The satellite moves by its third-order series: a second from where it was expanded within 5e-10 m, 2e-9 m/s and
+    6e-9 m/s^2. The time of transmission goes with k, and is mended once by the range that this gives: the line of sight
+    is then that of a time wrong by as much as the antenna's acceleration makes, 1.6e-7 s for 100 m/s^2 and a second:
+    4e-11 rad, 1.2e-7 m/s.
     All lanes are one array, so that the compiler sees that they do not overlap and computes several at once.
 
     Parameters
@@ -153,7 +151,8 @@ def observe_satellites(e: Float64, count: int, dt: float, motion: Float64) -> No
     Vx, Vy, Vz = motion[1, 0], motion[1, 1], motion[1, 2]
     Ax, Ay, Az = motion[2, 0], motion[2, 1], motion[2, 2]
     Jx, Jy, Jz = motion[3, 0], motion[3, 1], motion[3, 2]
-    for j in range(min(max(count, 0), LANES)):
+    # whole registers: the numbers of the lanes beyond are nobody's
+    for j in range(min((max(count, 0) + 7) // 8 * 8, LANES)):
         h = e[_K0 * LANES + j] * dt
         hh = 0.5 * h * h
         third = hh * h * (1.0 / 3.0)
@@ -210,6 +209,8 @@ def fill_values(
 ) -> None:
     """Write the values of all satellites of each span at its times.
 
+    They are expanded at the span's first time: a value depends on nothing that comes after it.
+
     Parameters
     ----------
     trace, imu, arcs, spans : the filter's states, the inertial samples, the satellites, and which are wanted when
@@ -225,14 +226,14 @@ def fill_values(
     for span in range(len(spans.first_time) - 1):
         first = spans.first_satellite[span]
         count = spans.first_satellite[span + 1] - first
-        middle = (spans.first_time[span] + spans.first_time[span + 1]) // 2
-        p, middle_s, _, _ = place_motion(trace, imu, middle, lever_b, slope_samples, arcs, work)
+        begin = spans.first_time[span]
+        p, begin_s, _, _ = place_motion(trace, imu, begin, lever_b, slope_samples, arcs, work)
         for j in range(count):
-            expand_satellite(arcs.pieces[spans.satellite[first + j], p], middle_s, motion, e, j)
+            expand_satellite(arcs.pieces[spans.satellite[first + j], p], begin_s, motion, e, j)
         for i in range(spans.first_time[span], spans.first_time[span + 1]):
             _, since_s, _, _ = place_motion(trace, imu, i, lever_b, slope_samples, arcs, work)
             bias = receiver_clock * trace.clock[i, 0]
-            observe_satellites(e, count, since_s - middle_s, motion)
+            observe_satellites(e, count, since_s - begin_s, motion)
             for j in range(count):
                 out.range_rate[row + j] = e[RANGE_RATE * LANES + j]
                 out.acceleration[row + j] = e[RANGE_ACCELERATION * LANES + j]

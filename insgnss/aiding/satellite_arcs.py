@@ -33,6 +33,7 @@ from insgnss.tables import Float64, Int64, PreciseProducts
 PIECE_NS: Final = 120 * NS_PER_S
 PIECE_S: Final = PIECE_NS / NS_PER_S
 N_POWERS: Final = 6
+_USUAL_FLIGHT_S: Final = 0.075
 _N_NODE: Final = 11  # position, velocity, acceleration, clock, drift
 
 
@@ -252,10 +253,33 @@ def elevations(arcs: Arcs, t_ns: Int64, r_e: Float64, up_e: Float64) -> Float64:
     for p in np.unique(piece):
         rows = np.flatnonzero(piece == p)
         since_s = part[rows] / NS_PER_S
-        powers = np.vander(since_s - 0.075, N_POWERS, increasing=True)
+        powers = np.vander(since_s - _USUAL_FLIGHT_S, N_POWERS, increasing=True)
         r_s = np.einsum("nk,sik->nsi", powers, arcs.pieces[:, p, :3])
         turn = earth_turn(since_s)
         d = r_s - np.einsum("nij,nj->ni", turn, r_e[rows])[:, None]
         up = np.einsum("nij,nj->ni", turn, up_e[rows])
         sine[rows] = np.einsum("nsi,ni->ns", d, up) / np.sqrt(np.einsum("nsi,nsi->ns", d, d))
     return sine
+
+
+def lines_of_sight(arcs: Arcs, t_ns: Int64, satellite: Int64, r_e: Float64) -> Float64:
+    """Return unit vectors (q, 3) from places to satellites, ECEF; NaN without a state.
+
+    The light time is taken as 75 ms, and a satellite's place as seen in the axes of the instant: within 1e-5 rad.
+
+    Parameters
+    ----------
+    arcs : the pieces
+    t_ns : (q,) GPS time, covered by the pieces
+    satellite : (q,) number of the satellite
+    r_e : (q, 3) antenna position, ECEF [m]
+    """
+    piece, part = np.divmod(t_ns - arcs.start_ns, PIECE_NS)
+    sent_s = part / NS_PER_S - _USUAL_FLIGHT_S
+    r_s = arcs.pieces[satellite, piece, :3, N_POWERS - 1]
+    for k in range(N_POWERS - 2, -1, -1):
+        r_s = r_s * sent_s[:, None] + arcs.pieces[satellite, piece, :3, k]
+    turn = earth_turn(part / NS_PER_S)
+    # back from the piece's axes: by the transpose
+    d = np.einsum("qji,qj->qi", turn, r_s) - r_e
+    return np.asarray(d / np.linalg.norm(d, axis=1)[:, None])

@@ -9,20 +9,32 @@
 | doppler_hz, doppler_rate_hz_per_s | at the carrier, RINEX sign, satellite's clock in, receiver's as asked |
 | code_delay_rate_s_per_s | what the Doppler says of the code: the rate of pseudorange / c |
 | sd_* | one sigma of each, of the code delay rate that of the Doppler in s/s |
+| age_s | time of use less the inertial sample that the value rests on |
+
+A row takes 85 bytes (12 satellites at 100 Hz: 350 MiB an hour): doubles where a receiver's phase would feel less, four
+bytes where 1e-7 of the value does not matter. What sigma are made of changes as seldom as they do and stands in a table
+of its own, ``run.aiding_budget``, one row for each satellite whenever sigma are found anew:
+
+| column | what |
+|--------|------|
+| time_s, sv | time of use from which the row holds, satellite |
 | sd_rate_*_mps, cross_rate_m2ps2 | parts of the Doppler's sigma in m/s (``uncertainty.PARTS``), what correlation adds |
 | sd_acceleration_*_mps2, cross_acceleration_m2ps4 | the same of the Doppler rate in m/s^2 |
-| age_s | time of use less the inertial sample that the value rests on |
+
+At the time of an epoch the aiding is from before its update: what a receiver has at that instant. Sigma are those of
+the last time at which a covariance was left behind (``AidingConfig.sigma_interval_s``), carried on to that time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.aiding.columns import fill_columns, new_columns
 from insgnss.aiding.delays import AirModel, fill_delays
 from insgnss.aiding.observables import LANES, N_LANE_ROWS, Spans, Values, fill_values
 from insgnss.aiding.satellite_arcs import PIECE_NS, SatelliteArcs, elevations
@@ -33,17 +45,12 @@ from insgnss.aiding.uncertainty import (
     N_SIGMA,
     PARTS,
     RATE_PARTS,
-    SD_ACCELERATION,
-    SD_DOPPLER,
-    SD_DOPPLER_RATE,
-    SD_JERK,
     SD_RANGE,
-    SD_RATE,
     Doubts,
     fill_sigma,
 )
 from insgnss.config.aiding import AidingConfig
-from insgnss.constants import C_MPS, NS_PER_S, WGS84_E2
+from insgnss.constants import NS_PER_S, WGS84_E2
 from insgnss.fusion.state import OFFSETS
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.gnss.troposphere import STANDARD_WEATHER, Weather
@@ -51,6 +58,15 @@ from insgnss.gpstime import ns_to_week_seconds
 from insgnss.inertial.clock_model import ClockModel
 from insgnss.inertial.sensor_model import SensorModel
 from insgnss.tables import Float64, Int16, Int64
+
+COLUMNS: Final = (
+    *("time_s", "sv", "range_rate_mps", "range_acceleration_mps2", "range_jerk_mps3"),
+    *("doppler_hz", "doppler_rate_hz_per_s", "pseudorange_m", "code_delay_rate_s_per_s"),
+    *("sd_range_rate_mps", "sd_range_acceleration_mps2", "sd_range_jerk_mps3"),
+    *("sd_doppler_hz", "sd_doppler_rate_hz_per_s", "sd_pseudorange_m", "sd_code_delay_rate_s_per_s", "age_s"),
+)
+# of eight bytes, all other numbers are of four
+DOUBLES: Final = ("time_s", "range_rate_mps", "doppler_hz", "pseudorange_m", "code_delay_rate_s_per_s")
 
 
 @dataclass(frozen=True)
@@ -144,13 +160,31 @@ class AidingTable:
 
     def _entries(self) -> Int64:
         """Return for each row the entry of its span and satellite."""
-        per_time = np.diff(self.spans.first_satellite)
-        times = np.diff(self.spans.first_time)
-        pieces = [
-            np.tile(np.arange(first, first + count), n)
-            for first, count, n in zip(self.spans.first_satellite[:-1], per_time, times, strict=True)
-        ]
-        return np.concatenate([np.zeros(0, np.int64), *pieces]).astype(np.int64)
+        count = self._satellites_of_times()
+        first_row = np.cumsum(count) - count
+        first = np.repeat(self.spans.first_satellite[:-1], np.diff(self.spans.first_time))
+        return np.repeat(first - first_row, count) + np.arange(self.n_rows)
+
+    def at_last_time(self) -> AidingTable:
+        """Return the rows of the last time alone."""
+        count = int(self.spans.first_satellite[-1] - self.spans.first_satellite[-2])
+        v = self.values
+        own, row = slice(-count, None) if count else slice(0, 0), slice(self.n_rows - count, None)
+        spans = Spans(
+            np.array([0, 1]),
+            np.array([0, count]),
+            self.spans.satellite[own],
+            self.spans.delay_m[own],
+            self.spans.drift_mps[own],
+        )
+        return replace(
+            self,
+            t_ns=self.t_ns[-1:],
+            spans=spans,
+            values=Values(v.range_rate[row], v.pseudorange[row], v.acceleration[row], v.jerk[row]),
+            sigma=self.sigma[own],
+            receiver_drift_mps=self.receiver_drift_mps[-1:],
+        )
 
     def satellite(self) -> Int16:
         """Return the satellite of each row, its number in ``sv_names``."""
@@ -167,52 +201,50 @@ class AidingTable:
     def columns(self, week: int, *, parts: bool = False) -> dict[str, npt.NDArray[Any]]:
         """Return the columns of the table, at the time of use; ``sv`` as number in ``sv_names``.
 
-        Equation: rate + acceleration L, pseudorange + rate L + acceleration L^2 / 2, L the latency; the jerk is too
-        noisy to be used (``sd_range_jerk_mps3``).
-
         Parameters
         ----------
         week : GPS week that the seconds count from
         parts : the sigma's parts too
         """
-        entries, v, lag = self._entries(), self.values, self.latency_s
-        satellite = self.spans.satellite[entries]
-        per_cycle = 1.0 / self.wavelength_m[satellite]
-        by_column = np.ascontiguousarray(self.sigma.T)
-        rate = v.range_rate + lag * v.acceleration
-        drift = (
-            np.repeat(self.receiver_drift_mps, self._satellites_of_times()) - self.spans.drift_mps[entries]
+        v, made = self.values, new_columns(self.n_rows)
+        if self.latency_s == 0.0:  # the same numbers: no room of their own
+            made = made._replace(range_rate_mps=v.range_rate, pseudorange_m=v.pseudorange)
+        per_cycle = 1.0 / self.wavelength_m
+        drift = self.receiver_drift_mps
+        fill_columns(
+            self.spans, v, self.sigma, self._used_s(self.t_ns, week), drift, per_cycle, self.latency_s, made
         )
-        pseudorange_rate = rate + drift
-        used_ns = self.row_times_ns() + round(lag * NS_PER_S)
-        table: dict[str, npt.NDArray[Any]] = {
-            "time_s": ns_to_week_seconds(used_ns, week),
-            "sv": satellite.astype(np.int16),
-            "range_rate_mps": rate,
-            "range_acceleration_mps2": v.acceleration,
-            "range_jerk_mps3": v.jerk,
-            "doppler_hz": -pseudorange_rate * per_cycle,
-            "doppler_rate_hz_per_s": -v.acceleration * per_cycle,
-            "pseudorange_m": v.pseudorange + lag * (v.range_rate + drift + 0.5 * lag * v.acceleration),
-            "code_delay_rate_s_per_s": pseudorange_rate / C_MPS,
-            "sd_range_rate_mps": by_column[SD_RATE][entries],
-            "sd_range_acceleration_mps2": by_column[SD_ACCELERATION][entries],
-            "sd_range_jerk_mps3": by_column[SD_JERK][entries],
-            "sd_doppler_hz": by_column[SD_DOPPLER][entries] * per_cycle,
-            "sd_doppler_rate_hz_per_s": by_column[SD_DOPPLER_RATE][entries] * per_cycle,
-            "sd_pseudorange_m": by_column[SD_RANGE][entries],
-            "sd_code_delay_rate_s_per_s": by_column[SD_DOPPLER][entries] / C_MPS,
-            "age_s": np.full(len(rate), lag),
-        }
+        table: dict[str, npt.NDArray[Any]] = made._asdict()
+        table |= {"range_acceleration_mps2": v.acceleration, "range_jerk_mps3": v.jerk}
+        table["age_s"] = np.full(self.n_rows, self.latency_s, np.float32)
+        table = {name: table[name] for name in COLUMNS}
         if parts:
-            table |= {
-                f"sd_rate_{name}_mps": by_column[RATE_PARTS + i][entries] for i, name in enumerate(PARTS)
-            }
-            table["cross_rate_m2ps2"] = by_column[RATE_PARTS + N_PARTS][entries]
-            for i, name in enumerate(PARTS):
-                table[f"sd_acceleration_{name}_mps2"] = by_column[ACCELERATION_PARTS + i][entries]
-            table["cross_acceleration_m2ps4"] = by_column[ACCELERATION_PARTS + N_PARTS][entries]
+            entries = self._entries()
+            table |= {name: column[entries] for name, column in self.parts().items()}
         return table
+
+    def _used_s(self, t_ns: Int64, week: int) -> Float64:
+        """Return the times of use of inertial samples [s of the week]."""
+        return ns_to_week_seconds(t_ns + round(self.latency_s * NS_PER_S), week)
+
+    def parts(self) -> dict[str, npt.NDArray[np.float32]]:
+        """Return what the sigma of each span and satellite are made of, as columns."""
+        by_column = np.ascontiguousarray(self.sigma.T)
+        rate = {f"sd_rate_{name}_mps": by_column[RATE_PARTS + i] for i, name in enumerate(PARTS)}
+        rate["cross_rate_m2ps2"] = by_column[RATE_PARTS + N_PARTS]
+        of_acceleration = by_column[ACCELERATION_PARTS:]
+        acceleration = {f"sd_acceleration_{name}_mps2": of_acceleration[i] for i, name in enumerate(PARTS)}
+        return rate | acceleration | {"cross_acceleration_m2ps4": of_acceleration[N_PARTS]}
+
+    def budget(self, week: int) -> dict[str, npt.NDArray[Any]]:
+        """Return the parts with the time of use from which they hold, and the satellite: ``run.aiding_budget``."""
+        count = np.diff(self.spans.first_satellite)
+        begin_s = self._used_s(self.t_ns[self.spans.first_time[:-1]], week)
+        return {
+            "time_s": np.repeat(begin_s, count),
+            "sv": self.spans.satellite.astype(np.int16),
+            **self.parts(),
+        }
 
 
 def compute_aiding(
@@ -227,10 +259,28 @@ def compute_aiding(
     imu : the inertial samples that ``trace.sample`` counts
     covariances : at least one not later than the trace's first time, else the first rows have no sigma
     """
+    spans, values, sigma = aiding_arrays(setup, satellites, trace, imu, covariances)
+    names = satellites.sv_names
+    return AidingTable(
+        t_ns=trace.t_ns,
+        sv_names=names,
+        wavelength_m=setup.wavelengths(names),
+        spans=spans,
+        values=values,
+        sigma=sigma.astype(np.float32),
+        latency_s=setup.config.latency_s,
+        receiver_drift_mps=float(setup.config.receiver_clock) * trace.clock[:, 1],
+    )
+
+
+def aiding_arrays(
+    setup: AidingSetup, satellites: SatelliteArcs, trace: Trace, imu: Samples, covariances: Covariances
+) -> tuple[Spans, Values, Float64]:
+    """Return what the table is made of: spans, values, and the sigma (q, N_SIGMA) to their last digit."""
     names, arcs = satellites.sv_names, satellites.arcs
     lever_b = np.array(setup.lever_arm_m, np.float64)
     groups = setup.groups(names)
-    spans = visible_spans(setup.config, satellites, trace, lever_b)
+    spans = visible_spans(setup.config, satellites, trace, covariances.t_ns, lever_b)
     at = np.repeat(spans.first_time[:-1], np.diff(spans.first_satellite))
     offset = np.column_stack([np.full(len(trace.t_ns), np.nan), np.zeros(len(trace.t_ns)), trace.offset])
     spans.delay_m[:] = offset[at, groups[spans.satellite] + 1]
@@ -251,29 +301,25 @@ def compute_aiding(
         np.zeros((28, 3)), np.zeros((4, OFFSETS)), e, sigma,
     )  # fmt: skip
     sigma[groups[spans.satellite] < 0, SD_RANGE] = np.nan
-    return AidingTable(
-        t_ns=trace.t_ns,
-        sv_names=names,
-        wavelength_m=setup.wavelengths(names),
-        spans=spans,
-        values=values,
-        sigma=sigma.astype(np.float32),
-        latency_s=setup.config.latency_s,
-        receiver_drift_mps=doubts.receiver_clock * trace.clock[:, 1],
-    )
+    return spans, values, sigma
 
 
-def visible_spans(config: AidingConfig, satellites: SatelliteArcs, trace: Trace, lever_b: Float64) -> Spans:
+def visible_spans(
+    config: AidingConfig, satellites: SatelliteArcs, trace: Trace, covariance_ns: Int64, lever_b: Float64
+) -> Spans:
     """Return the spans of a trace and the satellites above the horizon at the first time of each.
 
-    Spans are counted in GPS time, so that a live run parts them as a replay does; none goes over a piece's border.
+    A span begins with each covariance, with each tick of the settings' interval, counted in GPS time so that a live run
+    parts them as a replay does, and at a piece's border.
     """
     if len(trace.t_ns) == 0:
         nothing = np.zeros(0, np.int64)
         return Spans(np.zeros(1, np.int64), np.zeros(1, np.int64), nothing, np.zeros(0), np.zeros(0))
     tick = trace.t_ns // max(round(config.sigma_interval_s * NS_PER_S), 1)
     piece = trace.t_ns // PIECE_NS
-    begins = np.flatnonzero((np.diff(tick, prepend=-1) != 0) | (np.diff(piece, prepend=-1) != 0))
+    newest = np.searchsorted(covariance_ns, trace.t_ns, side="right")
+    new = [np.diff(which, prepend=-1) != 0 for which in (tick, piece, newest)]
+    begins = np.flatnonzero(np.logical_or.reduce(new))
     r_e = trace.r_e[begins] + trace.C_eb[begins] @ lever_b
     # the ellipsoid's vertical where it is cut by the position vector: within 1e-5 rad up to 20 km
     up = r_e / np.array([1.0, 1.0, 1.0 - WGS84_E2])

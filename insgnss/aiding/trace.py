@@ -1,7 +1,7 @@
 """What the filter leaves behind for the aiding: its state at the output times and, less often, its covariance.
 
 The aiding is computed from this after the loop (or sample by sample, live): the filter itself runs the same to the last
-bit whether it is asked for or not.
+bit whether it is asked for or not. A row at the time of an epoch is from before its update.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.fusion.trace_rows import TraceRoom
 from insgnss.tables import Float64, Int64
 
 
@@ -43,19 +44,39 @@ class Samples(NamedTuple):
     f_b: Float64  # (k, 3) [m/s^2]
 
 
-def output_samples(t_ns: Int64, rate_hz: float) -> Int64:
-    """Return the samples (their indices) at which aiding of a rate is put out: the first in each period.
+class Traced(NamedTuple):
+    """All that a filter's run leaves behind."""
 
-    Where the samples come more slowly than the rate every one is an output.
-    """
-    if len(t_ns) == 0:
-        return np.zeros(0, np.int64)
-    # a microsecond of slack: a time tag that was rounded still falls in its own period
-    period = np.floor(((t_ns - t_ns[0]) / 1e9 + 1e-6) * rate_hz).astype(np.int64)
-    return np.flatnonzero(np.diff(period, prepend=-1) > 0).astype(np.int64)
+    trace: Trace
+    covariances: Covariances
+    samples: Samples
 
 
-def trace_rows(trace: Trace, rows: slice) -> Trace:
+def traced(room: TraceRoom, samples: Samples) -> Traced:
+    """Return what the loop has written, its rows joined to the inertial samples that it ran on."""
+    count = room.counts[0]
+    row, m = room.row[: count.rows], int(count.covariances)
+    columns = {name: np.ascontiguousarray(row[name]) for name in row.dtype.names or ()}
+    trace = Trace(
+        sample=np.searchsorted(samples.t_ns, columns["t_ns"]).astype(np.int64),
+        offset=room.offset[: len(row)],
+        **columns,
+    )
+    return Traced(trace, Covariances(room.covariance_ns[:m], room.P[:m]), samples)
+
+
+def at_times(found: Traced, t_ns: Int64) -> Traced:
+    """Return the rows of a trace at some of its times, with all covariances."""
+    return found._replace(trace=trace_rows(found.trace, np.flatnonzero(np.isin(found.trace.t_ns, t_ns))))
+
+
+def trace_rows(trace: Trace, rows: slice | Int64) -> Trace:
     """Return part of a trace, in one kind of array whatever it was cut from."""
     cut: list[npt.NDArray[Any]] = [np.ascontiguousarray(column[rows]) for column in trace]
     return Trace(*cut)
+
+
+def joined(*traces: Trace) -> Trace:
+    """Return traces one after another, in arrays of their own."""
+    columns: list[npt.NDArray[Any]] = [np.concatenate(column) for column in zip(*traces, strict=True)]
+    return Trace(*columns)

@@ -16,8 +16,8 @@ from rich.table import Table
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.errors import ConfigError
+from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
-from insgnss.replay import OutputRate
 from insgnss.replay import replay as run_replay
 from insgnss.run import Run
 
@@ -39,6 +39,16 @@ def replay(
             "--rate", help="Navigation rows: 'gnss' (each epoch), 'imu' (each sample) or a rate in Hz."
         ),
     ] = "gnss",
+    supervise: Annotated[
+        bool,
+        typer.Option("--supervise", help="Also tell what the receiver should do about each satellite, when."),
+    ] = False,
+    aiding: Annotated[
+        float | None,
+        typer.Option(
+            "--aiding", help="Rate in Hz of what the tracking loops should expect of each satellite."
+        ),
+    ] = None,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
 ) -> None:
     """Run the filter over a flight's logs, print a summary, write the result tables."""
@@ -51,7 +61,12 @@ def replay(
         loaded = Flight.load(flight)
         with console.status("starting") as status:
             run = run_replay(
-                loaded, filter, output=wanted, progress=lambda text: status.update(f"{text} ...")
+                loaded,
+                filter,
+                output=wanted,
+                aiding=aiding,
+                supervise=supervise,
+                progress=lambda text: status.update(f"{text} ..."),
             )
             if output is not None:
                 status.update("saving the run ...")
@@ -101,6 +116,8 @@ def _print_summary(flight: Flight, run: Run) -> None:
         f"satellites used per row: {used.min()} to {used.max()}, mean {used.mean():.1f}", highlight=False
     )
     _print_events(console, run)
+    _print_aiding(console, run)
+    _print_supervision(console, run)
     console.print(
         f"reading {took['read_s']:.2f} s, filter {took['filter_s']:.2f} s, tables {took['tables_s']:.2f} s",
         highlight=False,
@@ -118,6 +135,39 @@ def _print_events(console: Console, run: Run) -> None:
         console.print(
             f"  ... {len(events) - _EVENTS_SHOWN} further events in the table 'events'", highlight=False
         )
+
+
+def _print_aiding(console: Console, run: Run) -> None:
+    """Print how much aiding there is, how good it takes itself to be, and how long it took."""
+    if run.aiding is None:
+        return
+    rows, config, took = len(run.aiding), run.settings["aiding"], run.settings["took"]
+    sd = run.aiding["sd_doppler_hz"].median() if rows else math.nan
+    console.print(
+        f"aiding at {config['rate_hz']:g} Hz: {rows} rows of {run.aiding['sv'].nunique()} satellites, median sigma of"
+        f" the Doppler {sd:.2f} Hz; {took['aiding_s']:.2f} s",
+        highlight=False,
+    )
+
+
+def _print_supervision(console: Console, run: Run) -> None:
+    """Print the transitions by reason, and the time in search with the supervisor and without it."""
+    if run.transitions is None or run.search_times is None:
+        return
+    reasons = run.transitions["reason"].value_counts()
+    told = ", ".join(f"{reason} {count}" for reason, count in reasons.items() if count)
+    sums = run.search_times.drop(columns="sv").sum()
+    searched = sums["search_s"] + sums["control_s"]
+    console.print(f"supervisor: {len(run.transitions)} transitions: {told or 'none'}", highlight=False)
+    console.print(
+        f"held {sums['hold_s']:.1f} s of {sums['predicted_s']:.1f} satellite seconds; in search {searched:.2f} s,"
+        f" without the supervisor {sums['unsupervised_s']:.2f} s, {sums['unsupervised_in_vain_s']:.2f} s in vain",
+        highlight=False,
+    )
+    if run.receiver_events is not None:
+        verdicts = run.receiver_events["verdict"].value_counts()
+        judged = ", ".join(f"{verdict} {count}" for verdict, count in verdicts.items() if count)
+        console.print(f"the receiver's own events: {judged or 'none'}", highlight=False)
 
 
 def _accuracy_table(run: Run) -> Table:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
 from insgnss.config.strict import StrictModel
+from insgnss.errors import ConfigError
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -55,3 +57,23 @@ class AidingConfig(StrictModel):
     satellite_acceleration_sigma_mps2: NotNegative = 0.001
     # Over which the drift's random walk counts as a rate of the Doppler: the memory of a narrow carrier loop
     clock_averaging_s: Positive = 1.0
+
+
+def aiding_config(wanted: float | AidingConfig, usual: AidingConfig) -> AidingConfig:
+    """Return the settings that are asked for: all of them, or a rate [Hz] and the rest as usual.
+
+    Raises
+    ------
+    ConfigError : it is no rate
+    """
+    if isinstance(wanted, AidingConfig):
+        return wanted
+    try:
+        rate_hz = float(wanted)
+    except (TypeError, ValueError):
+        rate_hz = math.nan
+    if not 0.0 < rate_hz <= 1e5:
+        raise ConfigError(
+            f"{wanted!r} is no rate of the aiding", key="aiding", advice="give a rate in Hz, as in 50"
+        )
+    return usual.model_copy(update={"rate_hz": rate_hz})

@@ -6,6 +6,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+from insgnss.config.aiding import AidingConfig
+from insgnss.config.search import Search
 from insgnss.config.strict import StrictModel
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -239,4 +241,6 @@ class FilterConfig(StrictModel):
     start: Start = Start()
     heading: Heading = Heading()
     visibility: Visibility = Visibility()
+    aiding: AidingConfig = AidingConfig()
+    search: Search = Search()
     latency_s: Positive = Field(1.0, description="how late a GNSS epoch may reach the streaming engine")

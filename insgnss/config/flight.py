@@ -201,6 +201,9 @@ class Gnss(StrictModel):
         None, description="IMU to antenna, body axes forward-right-down; left out means not known, not zero"
     )
     oscillator: str | Oscillator = "tcxo"
+    receiver_events: Path | None = Field(
+        None, description="CSV of the receiver's own events, for the search supervisor: time_s, sv, event"
+    )
     antenna: tuple[MountedAntenna, ...] = Field(
         (), description="the receiving antennas, for the visibility stage; none: nothing is masked"
     )

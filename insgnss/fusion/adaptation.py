@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.fusion.lines import Epoch
+from insgnss.fusion.lines import Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
-from insgnss.jit import inlined
+from insgnss.jit import inlined, kernel
 from insgnss.status import USED
 from insgnss.tables import Float64
 
@@ -28,7 +28,7 @@ _LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to spea
 
 
 @inlined
-def residual_ratio(P: Float64, s: Epoch, kind: int, n_rows: int, correction: Float64, factor: float) -> float:
+def residual_ratio(P: Float64, lines: Lines, kind: int, correction: Float64, factor: float) -> float:
     """Return the mean of (residual^2 + h P+ h^T) / r over the used rows of one kind; ``factor`` when they are too few.
 
     Equation: E[e e^T] = R - H P+ H^T for the residual e after the update      [Mehra 1970; Mohamed & Schwarz 1999]
@@ -36,8 +36,8 @@ def residual_ratio(P: Float64, s: Epoch, kind: int, n_rows: int, correction: Flo
     """
     total = 0.0
     used = 0
-    for j in range(n_rows):
-        line = s.lines[j]
+    for j in range(lines.shape[0]):
+        line = lines[j]
         if line.status[kind] != USED:
             continue
         h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
@@ -51,9 +51,15 @@ def residual_ratio(P: Float64, s: Epoch, kind: int, n_rows: int, correction: Flo
     return factor * total / used if used >= _LEAST_ROWS else factor
 
 
-@inlined
+@kernel
 def adapt_noise(
-    m: StateRecord, P: Float64, par: Parameters, s: Epoch, n_rows: int, t_ns: int, drift_variance: float
+    m: StateRecord,
+    P: Float64,
+    par: Parameters,
+    lines: Lines,
+    correction: Float64,
+    t_ns: int,
+    drift_variance: float,
 ) -> None:
     """Move the factors of a hypothesis towards what an epoch's update shows.
 
@@ -64,7 +70,7 @@ def adapt_noise(
     Parameters
     ----------
     P : covariance after the update
-    s : the epoch's work space, its correction not yet fed back
+    lines, correction : of the epoch; not yet fed back
     drift_variance : of the clock drift before the update [m^2/s^2]
     """
     if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < _INTERVAL_NS:
@@ -72,12 +78,11 @@ def adapt_noise(
     m.adapted_ns = t_ns
     m.adapted_count += 1
     gain = max(par.adapt_gain, 1.0 / (m.adapted_count + 5.0))
-    correction = s.vectors[0]
     v2 = m.v_e[0] * m.v_e[0] + m.v_e[1] * m.v_e[1] + m.v_e[2] * m.v_e[2]
     at_rest = v2 < _REST_SPEED_MPS**2
     for kind in range(N_KINDS if par.at_clone >= 0 else CARRIER):
         factor = m.noise_factor[kind]
-        wanted = residual_ratio(P, s, kind, n_rows, correction, factor)
+        wanted = residual_ratio(P, lines, kind, correction, factor)
         if kind == 0 and at_rest:
             wanted = max(wanted, min(factor, par.adapt_least_at_rest))
         m.noise_factor[kind] = bounded(factor + gain * (wanted - factor), par)
@@ -87,7 +92,7 @@ def adapt_noise(
         m.noise_factor[DRIFT_FACTOR] = bounded(
             m.noise_factor[DRIFT_FACTOR] * (1.0 + gain * (ratio - 1.0)), par
         )
-    common = common_ratio(s, n_rows)
+    common = common_ratio(lines)
     if common < 0.0:
         m.noise_factor[BIAS_FACTOR] = m.noise_factor[DRIFT_FACTOR]
     elif m.adapted_count > 5:
@@ -96,7 +101,7 @@ def adapt_noise(
 
 
 @inlined
-def common_ratio(s: Epoch, n_rows: int) -> float:
+def common_ratio(lines: Lines) -> float:
     """Return the square of what the carrier differences of an epoch have in common over its expectation, or -1.
 
     Over one interval the common part is the clock's wander and little else; -1 stands for too few rows.
@@ -104,10 +109,10 @@ def common_ratio(s: Epoch, n_rows: int) -> float:
     total = 0.0
     predicted = 0.0
     used = 0
-    for j in range(n_rows):
-        if s.lines[j].status[CARRIER] == USED:
-            total += s.lines[j].innovation[CARRIER]
-            predicted += s.lines[j].predicted[CARRIER]
+    for j in range(lines.shape[0]):
+        if lines[j].status[CARRIER] == USED:
+            total += lines[j].innovation[CARRIER]
+            predicted += lines[j].predicted[CARRIER]
             used += 1
     if used < _LEAST_ROWS or not predicted > 0.0:
         return -1.0

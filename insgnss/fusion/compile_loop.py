@@ -1,7 +1,8 @@
 """Compiles the filter's loop into the cache, in a process of its own: ``python -m insgnss.fusion.compile_loop``.
 
 ``replay`` starts it where the cache is empty (``insgnss.jit.compiled_beside``). The kernels are called with the types
-that a log gives them, on no epochs; the update of an epoch, half of the work, is compiled in one more process.
+that a log gives them, on no epochs; the update of an epoch, half of the work, is compiled in one more process. What
+both need (the covariance's prediction, an epoch's rows) this one compiles while the other is at parts of its own.
 """
 
 from __future__ import annotations
@@ -11,10 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insgnss.fusion.epoch_update import update_epoch
-from insgnss.fusion.loop import Imu, Workspace, advance, new_workspace, run_epochs
+from insgnss.fusion.adaptation import adapt_noise
+from insgnss.fusion.consistency import refuse_inconsistent
+from insgnss.fusion.epoch_update import update_epoch, use_rows
+from insgnss.fusion.faults import follow_innovations, refuse_reflections, weigh_robustly
+from insgnss.fusion.gating import common_step, gate_between, gate_rows
+from insgnss.fusion.loop import Workspace, advance, new_workspace, run_epochs, write_row
+from insgnss.fusion.masking import mask_hidden
+from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import Output, Table, new_output
 from insgnss.fusion.parameters import PARAMETERS_DTYPE
+from insgnss.fusion.prediction import Imu, predict_covariance
 from insgnss.fusion.state import Bank, Layout, new_bank
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
@@ -60,23 +68,33 @@ def arguments() -> Arguments:
 
 
 def compile_update() -> None:
-    """Compile the update of one epoch."""
+    """Compile the update of one epoch, first the parts that nobody else compiles at the same moment."""
     a = arguments()
-    par, w_ib_b, f_b = a.parameters[0], a.imu.w_ib_b[0], a.imu.f_b[0]
-    update_epoch(
-        a.bank.state[0],
-        a.bank.P[0],
-        par,
-        a.rows,
-        0,
-        w_ib_b,
-        f_b,
-        a.work.epoch,
-        a.work.scratch,
-        a.bank.seen[0],
-        a.bank.memory[0],
-        0.0,
-    )
+    m, P, par, rows, s = a.bank.state[0], a.bank.P[0], a.parameters[0], a.rows, a.work.epoch
+    seen, memory, vector = a.bank.seen[0], a.bank.memory[0], s.vectors[0]
+    lines, observation = s.lines[:0], rows.observation[:0]
+    write_row(a.bank, a.bank, 0, 0, 0, a.out, a.work)  # the other process needs it late
+    mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, a.work.masking)
+    refuse_inconsistent(P, lines, 1.0, 0)
+    follow_innovations(memory, lines, observation, 0, vector, par)
+    adapt_noise(m, P, par, lines, vector, 0, 0.0)
+    gate_between(P, lines, s.vectors, 1.0)
+    common_step(lines, 0, vector, 1.0, 1.0)
+    gate_rows(lines, 0, 1.0)
+    use_rows(P, lines, s.vectors, 0, 1.0, 1.0)
+    refuse_reflections(m, lines, observation, 0, par)
+    weigh_robustly(lines, 0, par)
+    w_ib_b, f_b = a.imu.w_ib_b[0], a.imu.f_b[0]
+    update_epoch(m, P, par, rows, 0, w_ib_b, f_b, s, a.work.scratch, a.work.masking, seen, memory, 0.0)
+
+
+def compile_prediction() -> None:
+    """Compile what lies between epochs, and the rows of an epoch."""
+    a = arguments()
+    par = a.parameters[0]
+    predict_covariance(a.bank.state[0], a.bank.P[0], par, a.work.scratch)
+    observe(a.bank.state[0], a.bank.P[0], par, a.rows, 0, a.imu.w_ib_b[0], a.imu.f_b[0], a.work.epoch)
+    advance(a.bank, 0, a.imu, par, a.out, a.work)
 
 
 def compile_loop() -> None:
@@ -84,7 +102,7 @@ def compile_loop() -> None:
     a = arguments()
     if not is_compiled(run_epochs):
         with compiled_beside(update_epoch, MODULE, UPDATE_ONLY) as update_is_there:
-            advance(a.bank, 0, a.imu, a.parameters[0], a.out, a.work)
+            compile_prediction()
             update_is_there()
     run_epochs(a.bank, 0, 0, a.rows, a.imu, a.parameters, 0.0, a.out, a.work)
 

@@ -12,8 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.fusion.lines import Epoch
+from insgnss.fusion.lines import Lines
 from insgnss.fusion.scalar_update import predicted_variance
+from insgnss.gnss.observation_rows import PSEUDORANGE
 from insgnss.jit import inlined, kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
@@ -25,22 +26,21 @@ _MOST_CANDIDATES: Final = 20  # rows that stand out most: 1140 sets of three
 
 
 @inlined
-def disagrees(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread: float) -> bool:
-    """Return whether a used row's residual after the update may be beyond the gate.
+def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, spread: float) -> bool:
+    """Return whether a used pseudorange's residual after the update may be beyond the gate.
 
     Equation: e = z - h x+, var e >= (spread r - h P+ h^T) / spread, the update having taken r ``spread`` times
     """
-    correction = s.vectors[0]
     beyond = False
-    for j in range(n_rows):
-        line = s.lines[j]
-        if line.status[kind] != USED:
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        if line.status[PSEUDORANGE] != USED:
             continue
-        h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
-        residual = line.innovation[kind]
+        h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
+        residual = line.innovation[PSEUDORANGE]
         for a in range(columns.shape[0]):
             residual -= h[a] * correction[columns[a]]
-        r = line.variance[kind]
+        r = line.variance[PSEUDORANGE]
         # most rows are far from the gate, whatever their redundancy
         if residual * residual > gate2 * _LEAST_REDUNDANCY * r:
             variance = max(r - predicted_variance(P, h, columns) / spread, _LEAST_REDUNDANCY * r)
@@ -49,24 +49,24 @@ def disagrees(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread
 
 
 @kernel
-def refuse_inconsistent(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, most: int) -> int:
-    """Mark the rows of a kind that the others contradict, ``most`` of them at most; return how many.
+def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> int:
+    """Mark the pseudoranges that the others contradict, ``most`` of them at most; return how many.
 
     Equation: with the innovations y of covariance S = H P H^T + R at the prior and W = S^-1, a row's distance from all
     others is w^2 = (W y)_j^2 / W_jj; a set's (W y)_J^T W_JJ^-1 (W y)_J is by how much y^T W y falls without it
                                                                                    [Baarda 1968; Teunissen 2000, ch. 4]
     It allocates its work space: only an epoch that ``disagrees`` comes here.
     """
-    index = np.empty(n_rows, np.int64)
+    index = np.empty(lines.shape[0], np.int64)
     n = 0
-    for j in range(n_rows):
-        if s.lines[j].status[kind] == USED:
+    for j in range(lines.shape[0]):
+        if lines[j].status[PSEUDORANGE] == USED:
             index[n] = j
             n += 1
     if n < _LEAST_WITNESSES:
         return 0
     T = np.empty((n, n + 1))
-    write_innovations(T, P, s, kind, index[:n])
+    write_innovations(T, P, lines, index[:n])
     active = np.ones(n, np.int64)
     for j in range(n):
         exchange(T, j)
@@ -82,26 +82,26 @@ def refuse_inconsistent(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: flo
         removed -= 1
     for a in range(n):
         if active[a] == 0:
-            s.lines[index[a]].status[kind] = INCONSISTENT
+            lines[index[a]].status[PSEUDORANGE] = INCONSISTENT
     return removed
 
 
 @inlined
-def write_innovations(T: Float64, P: Float64, s: Epoch, kind: int, index: Int64) -> None:
+def write_innovations(T: Float64, P: Float64, lines: Lines, index: Int64) -> None:
     """Write S and behind it y of the rows ``index`` (n,) into ``T`` (n, n + 1)."""
     n = index.shape[0]
     for a in range(n):
-        one = s.lines[index[a]]
+        one = lines[index[a]]
         for b in range(a + 1):
-            other = s.lines[index[b]]
-            total = one.variance[kind] if a == b else 0.0
-            for i in range(one.count[kind]):
-                for k in range(other.count[kind]):
-                    p = P[one.columns[kind, i], other.columns[kind, k]]
-                    total += one.h[kind, i] * p * other.h[kind, k]
+            other = lines[index[b]]
+            total = one.variance[PSEUDORANGE] if a == b else 0.0
+            for i in range(one.count[PSEUDORANGE]):
+                for k in range(other.count[PSEUDORANGE]):
+                    p = P[one.columns[PSEUDORANGE, i], other.columns[PSEUDORANGE, k]]
+                    total += one.h[PSEUDORANGE, i] * p * other.h[PSEUDORANGE, k]
             T[a, b] = total
             T[b, a] = total
-        T[a, n] = one.innovation[kind]
+        T[a, n] = one.innovation[PSEUDORANGE]
 
 
 @kernel

@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.loop import carry_bank, write_between
+from insgnss.fusion.loop import write_between
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import NAV_COLUMNS, Output, new_output
+from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
@@ -108,10 +109,23 @@ class Engine:
         if last_ns is not None:
             self._note_gap(last_ns, t_ns)
         self._samples.append(t_ns, w, f)
-        while self._waiting and self._waiting[0].t_ns <= t_ns:
-            self._insert(self._waiting.pop(0))
+        self._insert_waiting(t_ns - 1)
         self._carry_live()
+        self._at_sample(t_ns)
+        if self._insert_waiting(t_ns):
+            self._carry_live()
         self._settle()
+
+    def _insert_waiting(self, until_ns: int) -> bool:
+        """Process the epochs that were ahead of the samples; return whether there was one."""
+        some = False
+        while self._waiting and self._waiting[0].t_ns <= until_ns:
+            self._insert(self._waiting.pop(0))
+            some = True
+        return some
+
+    def _at_sample(self, t_ns: int) -> None:
+        """Do what there is to be done at each sample, the filter carried to it; here nothing."""
 
     def gnss(self, epoch: GnssTable) -> None:
         """Take one or more GNSS epochs. What is older than the latency is refused with an event."""

@@ -14,8 +14,8 @@ from insgnss.fusion.faults import (
     weigh_robustly,
 )
 from insgnss.fusion.gating import absorb_clock_step, common_step, gate_between, gate_rows
-from insgnss.fusion.lines import Epoch
-from insgnss.fusion.masking import mask_hidden
+from insgnss.fusion.lines import Epoch, Lines
+from insgnss.fusion.masking import Masking, mask_hidden
 from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
@@ -54,6 +54,7 @@ def update_epoch(
     f_b: Float64,
     s: Epoch,
     scratch: Scratch,
+    masking: Masking,
     seen: Int8,
     memory: Float64,
     since_last: float,
@@ -69,29 +70,34 @@ def update_epoch(
     predict_covariance(m, P, par, scratch)
     drift_variance = P[DRIFT, DRIFT]
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
-    n = rows.first[epoch + 1] - rows.first[epoch]
-    mask_hidden(m, P, par, rows, epoch, n, seen, s)
+    first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
+    lines, observation = s.lines[: last - first], rows.observation[first:last]
+    correction, values = s.vectors[0], s.vectors[3]
+    mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0)
     for kind in range(2):
-        step, variance = common_step(s, kind, n, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind])
+        step, variance = common_step(
+            lines, kind, values, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind]
+        )
         if step != 0.0:
-            absorb_clock_step(m.clock, P, s, kind, n, CLOCK + kind, step, variance)
+            absorb_clock_step(m.clock, P, lines, kind, CLOCK + kind, step, variance)
         if kind == PSEUDORANGE:
-            refuse_reflections(m, s, rows, epoch, n, par)
-        used, refused, strain = gate_rows(s, kind, n, gate2_of(par, kind))
+            refuse_reflections(m, lines, observation, t_ns, par)
+        used, refused, strain = gate_rows(lines, kind, gate2_of(par, kind))
         if kind == PSEUDORANGE:
-            follow_innovations(memory, s, rows, epoch, n, par)
-        weigh_robustly(s, kind, n, par)
+            follow_innovations(memory, lines, observation, t_ns, values, par)
+        weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
-    gate_carriers(P, s, n, par, done)
-    correction = s.vectors[0]
-    log_likelihood, excluded = use_epoch(P, s, n, par, since_last, scratch, done.ranges_used // 3)
+    gate_carriers(P, lines, s.vectors, par, done)
+    log_likelihood, excluded = use_epoch(
+        P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3
+    )
     if done.clock_step == 0.0 and done.drift_step == 0.0:
-        adapt_noise(m, P, par, s, n, rows.epoch_ns[epoch], drift_variance)
+        adapt_noise(m, P, par, lines, correction, t_ns, drift_variance)
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
-        clone_epoch(m, P, par, s.antenna[0], s.air[0], rows.epoch_ns[epoch])
+        clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
     return Outcome(
         log_likelihood,
         done.ranges_used - excluded,
@@ -106,7 +112,7 @@ def update_epoch(
 
 @inlined
 def use_epoch(
-    P: Float64, s: Epoch, n_rows: int, par: Parameters, since_last: float, scratch: Scratch, most: int
+    P: Float64, lines: Lines, vectors: Float64, par: Parameters, since_last: float, prior: Float64, most: int
 ) -> tuple[float, int]:
     """Update with all rows of an epoch; return the logarithm of their likelihood and how many were taken out again.
 
@@ -114,7 +120,7 @@ def use_epoch(
     found and the update is done once more without them; an epoch that agrees costs nothing.
     """
     n = P.shape[0]
-    prior, correction = scratch.A, s.vectors[0]
+    correction = vectors[0]
     for i in range(n):
         for j in range(n):
             prior[i, j] = P[i, j]
@@ -126,13 +132,13 @@ def use_epoch(
         log_likelihood = 0.0
         for kind in range(N_KINDS):
             spread = spread_of(par, kind, since_last)
-            log_likelihood += use_rows(P, s, kind, n_rows, gate2_of(par, kind), spread)
+            log_likelihood += use_rows(P, lines, vectors, kind, gate2_of(par, kind), spread)
         if turn == 1 or par.residual_gate2 <= 0.0:
             break
         spread = spread_of(par, PSEUDORANGE, since_last)
-        if not disagrees(P, s, PSEUDORANGE, n_rows, par.residual_gate2, spread):
+        if not disagrees(P, lines, correction, par.residual_gate2, spread):
             break
-        excluded = refuse_inconsistent(prior, s, PSEUDORANGE, n_rows, par.residual_gate2, most)
+        excluded = refuse_inconsistent(prior, lines, par.residual_gate2, most)
         if excluded == 0:
             break
         for i in range(n):
@@ -148,7 +154,7 @@ def spread_of(par: Parameters, kind: int, since_last: float) -> float:
 
 
 @inlined
-def gate_carriers(P: Float64, s: Epoch, n_rows: int, par: Parameters, done: Outcome) -> None:
+def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, done: Outcome) -> None:
     """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
 
     Each is judged alone, with the clock's wander in its sigma, and against the others, without it.
@@ -156,12 +162,12 @@ def gate_carriers(P: Float64, s: Epoch, n_rows: int, par: Parameters, done: Outc
     Where the receiver's clock stepped, the carrier may have stepped with it or not: its differences wait an epoch.
     """
     if done.clock_step != 0.0 or done.drift_step != 0.0:
-        for j in range(n_rows):
-            if s.lines[j].status[CARRIER] == USED:
-                s.lines[j].status[CARRIER] = CLOCK_STEPPED
+        for j in range(lines.shape[0]):
+            if lines[j].status[CARRIER] == USED:
+                lines[j].status[CARRIER] = CLOCK_STEPPED
         return
-    gate_rows(s, CARRIER, n_rows, par.carrier_gate2)
-    gate_between(P, s, CARRIER, n_rows, par.carrier_gate2)
+    gate_rows(lines, CARRIER, par.carrier_gate2)
+    gate_between(P, lines, vectors, par.carrier_gate2)
 
 
 @inlined
@@ -195,20 +201,20 @@ def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain
     return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst)
 
 
-@inlined
-def use_rows(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float, spread: float) -> float:
+@kernel
+def use_rows(P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float, spread: float) -> float:
     """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
 
     ``spread`` is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
     of n errors that are alike over n epochs has the variance of one, not of one n-th.
     """
     total = 0.0
-    for j in range(n_rows):
-        line = s.lines[j]
+    for j in range(lines.shape[0]):
+        line = lines[j]
         if line.status[kind] == USED:
             columns = line.columns[kind][: line.count[kind]]
             variance = spread * line.variance[kind]
-            y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, s.vectors)
+            y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, vectors)
             total -= 0.5 * (y * y / S + math.log(S))
         elif line.status[kind] in (GATED, INCONSISTENT):
             # a hypothesis must not gain by leaving out what contradicts it

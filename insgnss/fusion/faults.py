@@ -14,11 +14,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.fusion.lines import Epoch, Line
+from insgnss.fusion.lines import Line, Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import StateRecord
-from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
-from insgnss.jit import inlined
+from insgnss.gnss.observation_rows import PSEUDORANGE, Observations
+from insgnss.jit import inlined, kernel
 from insgnss.median import median_of
 from insgnss.status import DRIFTING, REFLECTED, USED
 from insgnss.tables import Float64
@@ -36,8 +36,8 @@ _LEVEL_UP_S, _LEVEL_DOWN_S = 20.0, 300.0  # the open sky's level follows strong 
 _REFLECTED_SIGMA: Final = 2.0  # a reflection is longer than the direct way
 
 
-@inlined
-def weigh_robustly(s: Epoch, kind: int, n_rows: int, par: Parameters) -> None:
+@kernel
+def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
     """Widen the variance of rows that stand out of the prior, instead of only refusing the farthest.
 
     Equation: r <- r / w, w = k / |nu| beyond k (Huber), w = (d + 1) / (d + nu^2) (Student's t, d degrees of freedom),
@@ -45,8 +45,8 @@ def weigh_robustly(s: Epoch, kind: int, n_rows: int, par: Parameters) -> None:
     """
     if par.robust == 0:
         return
-    for j in range(n_rows):
-        line = s.lines[j]
+    for j in range(lines.shape[0]):
+        line = lines[j]
         if line.status[kind] != USED:
             continue
         nu2 = line.innovation[kind] ** 2 / (line.predicted[kind] + line.variance[kind])
@@ -57,39 +57,38 @@ def weigh_robustly(s: Epoch, kind: int, n_rows: int, par: Parameters) -> None:
             line.variance[kind] *= max(1.0, (par.student_freedom + nu2) / (par.student_freedom + 1.0))
 
 
-@inlined
+@kernel
 def follow_innovations(
-    memory: Float64, s: Epoch, rows: Rows, epoch: int, n_rows: int, par: Parameters
+    memory: Float64, lines: Lines, observation: Observations, t_ns: int, values: Float64, par: Parameters
 ) -> None:
     """Carry both means of each satellite's range innovations on, and refuse those that creep away from the others.
 
     ``memory`` is (slots, 3): fast mean, slow mean [m], time of the last epoch [s]; what all satellites share (clock,
     position) is taken off by the epoch's median first. A row that its gate refuses leaves no trace
     in them. While the prior is much wider than the row (a new constellation's clock, after a reset) an innovation tells
-    of the state, not of the satellite, and is not kept.
+    of the state, not of the satellite, and is not kept. ``values`` is scratch of at least the lines' length.
     """
     if par.drift_gate <= 0.0:
         return
-    values = s.vectors[3]
     n = 0
-    for j in range(n_rows):
-        line = s.lines[j]
+    for j in range(lines.shape[0]):
+        line = lines[j]
         if line.status[PSEUDORANGE] != USED:
             continue
         if tells_of_the_satellite(line):
             values[n] = line.innovation[PSEUDORANGE]
             n += 1
         else:
-            memory[rows.observation[rows.first[epoch] + j].slot, 2] = -math.inf
+            memory[observation[j].slot, 2] = -math.inf
     if n < _LEAST_WITNESSES:
         return
     common = median_of(values, n)
-    now = rows.epoch_ns[epoch] * 1e-9
-    for j in range(n_rows):
-        line = s.lines[j]
+    now = t_ns * 1e-9
+    for j in range(lines.shape[0]):
+        line = lines[j]
         if line.status[PSEUDORANGE] != USED or not tells_of_the_satellite(line):
             continue
-        mean = memory[rows.observation[rows.first[epoch] + j].slot]
+        mean = memory[observation[j].slot]
         value = line.innovation[PSEUDORANGE] - common
         since = now - mean[2]
         mean[2] = now
@@ -110,9 +109,9 @@ def tells_of_the_satellite(line: Line) -> bool:
     return bool(line.predicted[PSEUDORANGE] <= _TOO_WIDE * line.variance[PSEUDORANGE])
 
 
-@inlined
+@kernel
 def refuse_reflections(
-    m: StateRecord, s: Epoch, rows: Rows, epoch: int, n_rows: int, par: Parameters
+    m: StateRecord, lines: Lines, observation: Observations, t_ns: int, par: Parameters
 ) -> None:
     """Refuse pseudoranges that are much weaker than their elevation lets expect, and too long.
 
@@ -120,11 +119,10 @@ def refuse_reflections(
     """
     if par.reflected_below_db <= 0.0:
         return
-    first = rows.first[epoch]
     strongest = 0.0
-    for j in range(n_rows):
-        line = s.lines[j]
-        cn0 = rows.observation[first + j].cn0
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        cn0 = observation[j].cn0
         if line.status[PSEUDORANGE] != USED or math.isnan(cn0):
             continue
         at_zenith = cn0 + _CN0_SLOPE_DB * (1.0 + line.u_n[2])
@@ -133,8 +131,8 @@ def refuse_reflections(
         weak = m.cn0_level - at_zenith > par.reflected_below_db
         if weak and line.innovation[PSEUDORANGE] > _REFLECTED_SIGMA * sigma:
             line.status[PSEUDORANGE] = REFLECTED
-    since = min(max((rows.epoch_ns[epoch] - m.cn0_level_ns) * 1e-9, 0.0), _LEVEL_UP_S)
-    m.cn0_level_ns = rows.epoch_ns[epoch]
+    since = min(max((t_ns - m.cn0_level_ns) * 1e-9, 0.0), _LEVEL_UP_S)
+    m.cn0_level_ns = t_ns
     if strongest > 0.0:
         memory = _LEVEL_UP_S if strongest > m.cn0_level else _LEVEL_DOWN_S
         m.cn0_level += (strongest - m.cn0_level) * (since / memory if m.cn0_level > 0.0 else 1.0)

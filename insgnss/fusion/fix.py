@@ -133,7 +133,8 @@ def _variances(row: np.record, sine: float, par: Parameters) -> tuple[float, flo
     of_rate = (par.rate_floor2, par.rate_elevation2, par.rate_cn02, par.rate_missing_thermal)
     # a fix has no history to correct a sigma that the log states too small: the model's is the least
     return (
-        max(
+        row.variance_scale
+        * max(
             kind_variance(row.sigma[0], sine, row.thermal, *of_range),
             kind_variance(0.0, sine, row.thermal, *of_range),
         ),

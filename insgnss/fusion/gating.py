@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 
-from insgnss.fusion.lines import Epoch
+from insgnss.fusion.lines import Lines
 from insgnss.fusion.scalar_update import predicted_variance
-from insgnss.jit import inlined
+from insgnss.gnss.observation_rows import CARRIER
+from insgnss.jit import inlined, kernel
 from insgnss.median import median_of
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
@@ -23,24 +24,23 @@ _BLUR = 1e-4
 _STEP_FLOOR = (3.0, 0.1)  # least sigma of a step, of bias [m] and drift [m/s]
 
 
-@inlined
+@kernel
 def common_step(
-    s: Epoch, kind: int, n_rows: int, smallest: float, clock_variance: float
+    lines: Lines, kind: int, values: Float64, smallest: float, clock_variance: float
 ) -> tuple[float, float]:
     """Return the step [m or m/s] that an epoch's innovations share and only a clock can make, and its variance.
 
     The step is zero when there is none. At least half of the rows must be beyond five sigmas, their median beyond five
     sigmas of the predicted clock, and two thirds of at least two rows must agree with it within their own sigma without
     the clock's. Fewer than five witnesses are believed only beyond ``smallest``, and a single one never: its
-    pseudorange may be wrong by itself.
+    pseudorange may be wrong by itself. ``values`` is scratch of at least the lines' length.
     """
-    values = s.vectors[3]
     n = 0
     beyond = 0
     predicted = 0.0
     limit2 = _STEP_SIGMA * _STEP_SIGMA
-    for j in range(n_rows):
-        line = s.lines[j]
+    for j in range(lines.shape[0]):
+        line = lines[j]
         if line.status[kind] == USED:
             values[n] = line.innovation[kind]
             n += 1
@@ -56,8 +56,8 @@ def common_step(
         return 0.0, 0.0
     agree = 0
     spread = 0.0
-    for j in range(n_rows):
-        line = s.lines[j]
+    for j in range(lines.shape[0]):
+        line = lines[j]
         if line.status[kind] == USED:
             own = max(line.predicted[kind] - clock_variance, 0.0) + line.variance[kind]
             # a clock that drifts during the step, or steps between two satellites' measurements, blurs it by a little
@@ -71,27 +71,27 @@ def common_step(
     return step, 4.0 * spread / (agree * agree) + _STEP_FLOOR[kind] ** 2
 
 
-@inlined
+@kernel
 def absorb_clock_step(
-    clock: Float64, P: Float64, s: Epoch, kind: int, n_rows: int, column: int, step: float, variance: float
+    clock: Float64, P: Float64, lines: Lines, kind: int, column: int, step: float, variance: float
 ) -> None:
     """Add a clock step to the state, forget what was known of that clock state, and correct the epoch's innovations."""
     clock[kind] += step
     n = P.shape[0]
     old = P[column, column]
-    for j in range(n_rows):
-        if s.lines[j].status[kind] == USED:
-            s.lines[j].innovation[kind] -= step
+    for j in range(lines.shape[0]):
+        if lines[j].status[kind] == USED:
+            lines[j].innovation[kind] -= step
             # D loses the clock's correlations; a bound that errs on the wide side is enough for this one epoch
-            s.lines[j].predicted[kind] = max(s.lines[j].predicted[kind] - old, 0.0) + variance + old
+            lines[j].predicted[kind] = max(lines[j].predicted[kind] - old, 0.0) + variance + old
     for i in range(n):
         P[column, i] = 0.0
         P[i, column] = 0.0
     P[column, column] = variance
 
 
-@inlined
-def gate_rows(s: Epoch, kind: int, n_rows: int, gate2: float) -> tuple[int, int, float]:
+@kernel
+def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     """Mark the rows whose normalised innovation squared is above ``gate2``.
 
     Return how many passed, how many not, and the mean of the normalised squares, none counting more than the gate.
@@ -101,68 +101,67 @@ def gate_rows(s: Epoch, kind: int, n_rows: int, gate2: float) -> tuple[int, int,
     passed = 0
     refused = 0
     strain = 0.0
-    for j in range(n_rows):
-        if s.lines[j].status[kind] != USED:
+    for j in range(lines.shape[0]):
+        if lines[j].status[kind] != USED:
             continue
-        nis = s.lines[j].innovation[kind] ** 2 / (s.lines[j].predicted[kind] + s.lines[j].variance[kind])
+        nis = lines[j].innovation[kind] ** 2 / (lines[j].predicted[kind] + lines[j].variance[kind])
         if nis <= gate2:
             passed += 1
             strain += nis
         else:
-            s.lines[j].status[kind] = GATED
+            lines[j].status[kind] = GATED
             refused += 1
             strain += gate2
     return passed, refused, strain / max(passed + refused, 1)
 
 
-@inlined
-def gate_between(P: Float64, s: Epoch, kind: int, n_rows: int, gate2: float) -> None:
-    """Mark the rows whose difference from the row of the median innovation is above ``gate2``.
+@kernel
+def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> None:
+    """Mark the carrier differences whose difference from the row of the median innovation is above ``gate2``.
 
     Equation: nu = (y_j - y_m)^2 / ((h_j - h_m) P (h_j - h_m)^T + r_j + r_m)
     What all rows share drops out, and with it an ordinary crystal's wander of a decimetre in a second, behind which a
     slip of a cycle hides from ``gate_rows``. Where no more than half agree, nothing tells which are right: all are
-    refused. All rows of the kind must have the same columns.
+    refused. All have the same columns. ``vectors`` (4, k) is scratch.
     """
-    middle, n = median_row(s, kind, n_rows)
+    h = vectors[1]
+    middle, n = median_row(lines, CARRIER, vectors[3])
     if n < 2:
         return
-    m = s.lines[middle]
-    columns = m.columns[kind][: m.count[kind]]
-    h = s.vectors[1]
+    m = lines[middle]
+    columns = m.columns[CARRIER][: m.count[CARRIER]]
     agree = 1
-    for j in range(n_rows):
-        line = s.lines[j]
-        if line.status[kind] != USED or j == middle:
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        if line.status[CARRIER] != USED or j == middle:
             continue
         for a in range(columns.shape[0]):
-            h[a] = line.h[kind, a] - m.h[kind, a]
-        own = line.variance[kind] + m.variance[kind]
-        apart = line.innovation[kind] - m.innovation[kind]
+            h[a] = line.h[CARRIER, a] - m.h[CARRIER, a]
+        own = line.variance[CARRIER] + m.variance[CARRIER]
+        apart = line.innovation[CARRIER] - m.innovation[CARRIER]
         if apart * apart <= gate2 * (predicted_variance(P, h, columns) + own):
             agree += 1
         else:
-            line.status[kind] = GATED
+            line.status[CARRIER] = GATED
     if 2 * agree <= n:
-        for j in range(n_rows):
-            if s.lines[j].status[kind] == USED:
-                s.lines[j].status[kind] = GATED
+        for j in range(lines.shape[0]):
+            if lines[j].status[CARRIER] == USED:
+                lines[j].status[CARRIER] = GATED
 
 
 @inlined
-def median_row(s: Epoch, kind: int, n_rows: int) -> tuple[int, int]:
+def median_row(lines: Lines, kind: int, values: Float64) -> tuple[int, int]:
     """Return the used row whose innovation is nearest to the median of all, and how many there are."""
-    values = s.vectors[3]
     n = 0
-    for j in range(n_rows):
-        if s.lines[j].status[kind] == USED:
-            values[n] = s.lines[j].innovation[kind]
+    for j in range(lines.shape[0]):
+        if lines[j].status[kind] == USED:
+            values[n] = lines[j].innovation[kind]
             n += 1
     median = median_of(values, n) if n > 0 else 0.0
     nearest = -1
     least = math.inf
-    for j in range(n_rows):
-        if s.lines[j].status[kind] == USED and abs(s.lines[j].innovation[kind] - median) < least:
-            least = abs(s.lines[j].innovation[kind] - median)
+    for j in range(lines.shape[0]):
+        if lines[j].status[kind] == USED and abs(lines[j].innovation[kind] - median) < least:
+            least = abs(lines[j].innovation[kind] - median)
             nearest = j
     return nearest, n

@@ -8,8 +8,6 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.antenna.installation import Installation, no_antenna
-from insgnss.antenna.visibility import Limits
 from insgnss.fusion.state import ABSENT_STATE, BG, CLOCK, DR, DRIFT, DV, N_CLONE, PSI
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.gnss.range_model import AIR_DTYPE
@@ -46,7 +44,6 @@ LINE_DTYPE: Final = np.dtype(
         ],
     )
 )
-NO_LIMITS: Final = Limits(-math.inf, 0.0, 0.0, math.inf)
 ANTENNA_DTYPE: Final = np.dtype(
     (
         np.record,
@@ -63,28 +60,20 @@ ANTENNA_DTYPE: Final = np.dtype(
     )
 )
 Line: TypeAlias = Any  # one element of LINE_DTYPE: what the filter expects of one row
+Lines: TypeAlias = npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row of an epoch
 Antenna: TypeAlias = Any  # one element of ANTENNA_DTYPE
 
 
 class Epoch(NamedTuple):
     """Work space of one epoch."""
 
-    lines: npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row
+    lines: Lines  # room for the rows of the largest epoch
     antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
     air: npt.NDArray[Any]  # (1,) of AIR_DTYPE
     vectors: Float64  # (4, n or k): correction, two of scratch, one to sort
-    installation: Installation  # the vehicle's antennas; none: nothing is masked
-    limits: Limits  # of the visibility stage
-    P_b: Float64  # (3, 3) covariance of the attitude, body axes [rad^2]
 
 
-def new_epoch(
-    k: int,
-    n: int,
-    at_clone: int = ABSENT_STATE,
-    installation: Installation | None = None,
-    limits: Limits = NO_LIMITS,
-) -> Epoch:
+def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
     """Return work space for epochs of at most ``k`` rows and ``n`` error states, the clone from ``at_clone`` on."""
     lines = np.zeros(k, LINE_DTYPE)
     for kind, columns in enumerate(columns_of(at_clone)):
@@ -96,9 +85,6 @@ def new_epoch(
         np.zeros(1, ANTENNA_DTYPE),
         np.zeros(1, AIR_DTYPE),
         np.zeros((4, max(k, n))),
-        no_antenna() if installation is None else installation,
-        limits,
-        np.zeros((3, 3)),
     )
 
 

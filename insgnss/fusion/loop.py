@@ -13,7 +13,8 @@ import numpy as np
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import Limits
 from insgnss.fusion.epoch_update import Outcome, update_epoch
-from insgnss.fusion.lines import NO_LIMITS, Epoch, new_epoch
+from insgnss.fusion.lines import Epoch, new_epoch
+from insgnss.fusion.masking import NO_LIMITS, Masking, new_masking
 from insgnss.fusion.output import (
     CLOCK_STEP,
     DRIFT_STEP,
@@ -29,11 +30,12 @@ from insgnss.fusion.output import (
     write_nav,
 )
 from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.prediction import Scratch, carry, new_scratch, predict_covariance
+from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
 from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, new_bank
+from insgnss.fusion.tracing import carry_traced, copy_matrix
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import inlined, kernel
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Float64
 
 # why the loop stopped
 DONE: Final = 0  # all epochs processed
@@ -54,14 +56,7 @@ class Workspace(NamedTuple):
     scratch: Scratch
     spare: Bank  # one member: the leader carried on to an output time
     P_out: Float64  # (n, n)
-
-
-class Imu(NamedTuple):
-    """Inertial samples as the loop reads them."""
-
-    t_ns: Int64
-    w_ib_b: Float64
-    f_b: Float64
+    masking: Masking
 
 
 def new_workspace(
@@ -75,13 +70,14 @@ def new_workspace(
     ``installation`` and ``limits`` are those of the visibility stage.
     """
     n = OFFSETS + layout.n_optional
-    epoch = new_epoch(rows_per_epoch, n, layout.at_clone, installation, limits)
-    return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)))
+    epoch = new_epoch(rows_per_epoch, n, layout.at_clone)
+    masking = new_masking(installation, limits)
+    return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
 
 
 @kernel
 def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
-    """Carry the whole bank to ``stop_ns``, writing the output times before it on the way.
+    """Carry the whole bank to ``stop_ns``, writing the output times before it on the way, and the trace up to it.
 
     An output between samples is made on a copy of the leader, so asking for output does not change a bit of the filter.
     """
@@ -95,27 +91,10 @@ def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, wo
         while k < imu.t_ns.shape[0] and imu.t_ns[k] <= t_ns:
             whole_ns = imu.t_ns[k]
             k += 1
-        carry_bank(bank, whole_ns, imu, par, work.scratch)
+        carry_traced(bank, whole_ns, imu, par, out.trace, work.spare.state, work.P_out, work.scratch)
         if t_ns >= head.now_ns:
             write_between(bank, t_ns, imu, par, out, work)
-    carry_bank(bank, stop_ns, imu, par, work.scratch)
-
-
-@kernel
-def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
-    """Carry every hypothesis to ``stop_ns``."""
-    head = bank.head[0]
-    now_ns = head.now_ns
-    k = head.next
-    if stop_ns <= now_ns:
-        return
-    k_end = k
-    for i in range(bank.state.shape[0]):
-        k_end = carry(
-            bank.state[i], bank.P[i], now_ns, k, stop_ns, imu.t_ns, imu.w_ib_b, imu.f_b, par, scratch
-        )
-    head.now_ns = stop_ns
-    head.next = k_end
+    carry_traced(bank, stop_ns, imu, par, out.trace, work.spare.state, work.P_out, work.scratch)
 
 
 @inlined
@@ -140,14 +119,6 @@ def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Out
     else:
         copy_matrix(source.P[i], work.P_out)
     write_nav(out, t_ns, source.state[i], work.P_out, n_used, n_hypotheses)
-
-
-@kernel
-def copy_matrix(source: Float64, target: Float64) -> None:
-    """Copy an (n, n) matrix."""
-    for i in range(source.shape[0]):
-        for j in range(source.shape[1]):
-            target[i, j] = source[i, j]
 
 
 @inlined
@@ -186,6 +157,7 @@ def run_epochs(
         advance(bank, t_ns, imu, par, out, work)
         k = current_sample(bank, imu)
         done = update_bank(bank, epoch, rows, imu.w_ib_b[k], imu.f_b[k], par, out, work)
+        head.epoch_step_ns = t_ns - head.epoch_ns
         head.epoch_ns = t_ns
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
         if at_time:
@@ -304,18 +276,24 @@ def update_bank(
             i = lead
         done = update_epoch(
             bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
-            bank.seen[i],
-            bank.memory[i], since_last,
+            work.masking, bank.seen[i], bank.memory[i], since_last,
         )  # fmt: skip
         if n > 1:
             bank.state[i].log_weight += done.log_likelihood
     normalise_weights(bank)
-    write_ledger(out.ledger, out.carrier, rows, epoch, work.epoch)
     t_ns = rows.epoch_ns[epoch]
+    write_ledger(
+        out.ledger,
+        out.carrier,
+        rows.first[epoch],
+        work.epoch.lines[: rows.first[epoch + 1] - rows.first[epoch]],
+    )
     if done.clock_step != 0.0:
         log_event(out, t_ns, CLOCK_STEP, done.clock_step)
+        bank.head[0].renewed_ns = t_ns
     if done.drift_step != 0.0:
         log_event(out, t_ns, DRIFT_STEP, done.drift_step)
+        bank.head[0].renewed_ns = t_ns
     if par.visibility != 0:
         note_masking(bank.head[0], bank.state[lead], out, t_ns)
     note_outage(bank.head[0], out, t_ns, done.ranges_used + done.rates_used)

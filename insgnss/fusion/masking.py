@@ -7,14 +7,18 @@ line of sight is known in body axes, with the covariance how well; the stage of 
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
 
-from insgnss.antenna.visibility import attitude_covariance, look_at, variance_along
-from insgnss.fusion.lines import Epoch
+import numpy as np
+
+from insgnss.antenna.installation import Installation, no_antenna
+from insgnss.antenna.visibility import Limits, attitude_covariance, look_at, variance_along
+from insgnss.fusion.lines import Antenna, Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import PSI, StateRecord
-from insgnss.gnss.observation_rows import N_KINDS, Rows
-from insgnss.jit import inlined
+from insgnss.gnss.observation_rows import N_BANDS, N_KINDS, Observations
+from insgnss.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Float64, Int8
 
@@ -23,34 +27,59 @@ MASK: Final = 1  # what is hidden is not used,
 LOOK: Final = 2  # or it is, and the ledger tells its gain
 
 
-@inlined
+NO_LIMITS: Final = Limits(-math.inf, 0.0, 0.0, math.inf)
+
+
+class Masking(NamedTuple):
+    """What the stage looks with."""
+
+    installation: Installation  # the vehicle's antennas; none: nothing is masked
+    limits: Limits
+    P_b: Float64  # (3, 3) scratch: covariance of the attitude, body axes [rad^2]
+
+
+def new_masking(installation: Installation | None = None, limits: Limits = NO_LIMITS) -> Masking:
+    """Return the stage for a vehicle's antennas."""
+    return Masking(no_antenna() if installation is None else installation, limits, np.zeros((3, 3)))
+
+
+@kernel
 def mask_hidden(
-    m: StateRecord, P: Float64, par: Parameters, rows: Rows, epoch: int, n_rows: int, seen: Int8, s: Epoch
+    m: StateRecord,
+    P: Float64,
+    par: Parameters,
+    observation: Observations,
+    lines: Lines,
+    a: Antenna,
+    seen: Int8,
+    masking: Masking,
 ) -> None:
     """Look at every satellite of an epoch and refuse all kinds of the hidden ones' rows.
 
     Parameters
     ----------
+    observation, lines : (k,) of the epoch, the lines of sight filled
+    a : the place, its C_ne
     seen : (slots,) the decision on each satellite so far, carried on
-    s : the work space, its lines of sight filled
     """
     if par.visibility == OFF:
         return
-    attitude_covariance(P, PSI, m.C_eb, s.P_b)
-    C, C_ne = m.C_eb, s.antenna[0].C_ne
+    P_b, limits = masking.P_b, masking.limits
+    attitude_covariance(P, PSI, m.C_eb, P_b)
+    C, C_ne = m.C_eb, a.C_ne
     d0 = C[0, 0] * C_ne[2, 0] + C[1, 0] * C_ne[2, 1] + C[2, 0] * C_ne[2, 2]
     d1 = C[0, 1] * C_ne[2, 0] + C[1, 1] * C_ne[2, 1] + C[2, 1] * C_ne[2, 2]
     d2 = C[0, 2] * C_ne[2, 0] + C[1, 2] * C_ne[2, 1] + C[2, 2] * C_ne[2, 2]
     # down in body axes: along it the attitude's variance is the heading's
-    waits = not variance_along(s.P_b, d0, d1, d2) <= s.limits.heading_variance
+    waits = not variance_along(P_b, d0, d1, d2) <= limits.heading_variance
     m.mask_waits = 1 if waits else 0
-    for j in range(n_rows):
-        row = rows.observation[rows.first[epoch] + j]
-        line = s.lines[j]
+    for j in range(lines.shape[0]):
+        row, line = observation[j], lines[j]
         if row.no_satellite != 0:
             continue
-        look = look_at(line.u_b, s.P_b, waits, s.installation, s.limits, seen[row.slot])
-        seen[row.slot] = look.decision
+        own = row.slot // N_BANDS
+        look = look_at(line.u_b, P_b, waits, masking.installation, limits, seen[own])
+        seen[own] = look.decision
         line.gain = look.gain_dbic
         if look.reason != USED and par.visibility == MASK:
             for kind in range(N_KINDS):

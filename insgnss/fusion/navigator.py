@@ -22,7 +22,6 @@ from insgnss.fusion.loop import (
     HEADING_KNOWN,
     LOCKOUT,
     THIN_OUT,
-    Imu,
     Workspace,
     new_workspace,
     run_epochs,
@@ -39,6 +38,7 @@ from insgnss.fusion.output import (
     NO_MEASUREMENTS,
     Output,
 )
+from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, select_members
@@ -130,6 +130,7 @@ class Navigator:
             return 1
         self.bank = bank
         self.started_ns = int(bank.head[0].now_ns)
+        bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
         if given:
             return 0
@@ -249,8 +250,10 @@ class Navigator:
         velocity = "kept" if fix.v_a is None else f"moved by {np.linalg.norm(fix.v_a - lead.v_e):.2f} m/s"
         for i in range(len(bank.state)):
             reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b, self.setup.n_offsets)
+            bank.memory[i] = -np.inf  # innovations about another position
             if not refusing:
                 doubt_sensors(bank.state[i], bank.P[i], sensor_model(self.setup.grade))
+        bank.head["renewed_ns"] = t_ns
         mark_rows(out, rows, epoch, fix)
         detail = (
             f"{reason}: position moved by {delta_r:.1f} m,"

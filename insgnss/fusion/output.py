@@ -8,8 +8,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.fusion.lines import Epoch, Line
+from insgnss.fusion.lines import Line, Lines
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, Bank, StateRecord
+from insgnss.fusion.trace_rows import TraceRoom, no_trace
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
@@ -117,12 +118,21 @@ class Output(NamedTuple):
     events: Table  # of EVENT_DTYPE, filled from the front
     times_ns: Int64  # (k,) output times; empty for one row per epoch
     counts: Table  # (1,) of COUNT_DTYPE
+    trace: TraceRoom
 
 
-def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64, n_values: int = 0) -> Output:
+def new_output(
+    rows: Rows,
+    n_nav: int,
+    n_events: int,
+    times_ns: Int64,
+    n_values: int = 0,
+    trace: TraceRoom | None = None,
+) -> Output:
     """Return room for ``n_nav`` navigation rows, a ledger of ``rows`` as known before the filter, and events.
 
-    ``n_values`` is the number of optional states with a value, as the filter's layout has them.
+    ``n_values`` is the number of optional states with a value, as the filter's layout has them; ``trace`` is room for
+    states at further times.
     """
     ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
     ledger["status"] = rows.observation["status"]
@@ -140,6 +150,7 @@ def new_output(rows: Rows, n_nav: int, n_events: int, times_ns: Int64, n_values:
         np.zeros(n_events, EVENT_DTYPE),
         times_ns,
         np.zeros(1, COUNT_DTYPE),
+        no_trace() if trace is None else trace,
     )
 
 
@@ -155,12 +166,11 @@ def log_event(out: Output, t_ns: int, kind: np.int64, a: float) -> None:
     out.counts[0].events = i + 1
 
 
-@inlined
-def write_ledger(ledger: Table, carriers: Table, rows: Rows, epoch: int, s: Epoch) -> None:
-    """Write an epoch's entries from the work space."""
-    first = rows.first[epoch]
-    for j in range(rows.first[epoch + 1] - first):
-        line = s.lines[j]
+@kernel
+def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> None:
+    """Write an epoch's entries, from ``first`` on, from its lines."""
+    for j in range(lines.shape[0]):
+        line = lines[j]
         entry = ledger[first + j]
         entry.gain = line.gain
         for k in range(3):

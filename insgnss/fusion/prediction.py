@@ -24,6 +24,7 @@ from insgnss.fusion.state import (
     DV,
     OFFSETS,
     PSI,
+    Bank,
     StateRecord,
 )
 from insgnss.inertial.error_dynamics import apply_transition, transition_step
@@ -48,6 +49,14 @@ RATES_DTYPE: Final = np.dtype(
     )
 )
 Rates: TypeAlias = Any  # one element of RATES_DTYPE
+
+
+class Imu(NamedTuple):
+    """Inertial samples as the loop reads them."""
+
+    t_ns: Int64
+    w_ib_b: Float64
+    f_b: Float64
 
 
 class Scratch(NamedTuple):
@@ -225,3 +234,20 @@ def carry(
         if end_ns == t_ns[k]:
             k += 1
     return k
+
+
+@kernel
+def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
+    """Carry every hypothesis to ``stop_ns``."""
+    head = bank.head[0]
+    now_ns = head.now_ns
+    k = head.next
+    if stop_ns <= now_ns:
+        return
+    k_end = k
+    for i in range(bank.state.shape[0]):
+        k_end = carry(
+            bank.state[i], bank.P[i], now_ns, k, stop_ns, imu.t_ns, imu.w_ib_b, imu.f_b, par, scratch
+        )
+    head.now_ns = stop_ns
+    head.next = k_end

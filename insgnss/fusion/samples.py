@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insgnss.fusion.loop import Imu
+from insgnss.fusion.prediction import Imu
 from insgnss.tables import Float64
 
 _FIRST_ROOM = 4096

@@ -10,9 +10,9 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.lines import new_epoch
-from insgnss.fusion.loop import Imu
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.start import (
     Kinematics,

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.antenna.visibility import UNDECIDED
-from insgnss.gnss.observation_rows import N_SLOTS
+from insgnss.gnss.observation_rows import N_SATELLITE_SLOTS, N_SLOTS
 from insgnss.tables import Float64, Int8, Int64
 
 # error state (estimate minus truth), in this order
@@ -88,6 +88,8 @@ HEAD_DTYPE: Final = np.dtype(
             ("next", np.int64),  # index of the inertial sample whose interval the state stands in
             ("leader", np.int64),  # the hypothesis of the largest weight
             ("epoch_ns", np.int64),  # time of the last epoch; 0 before the first
+            ("epoch_step_ns", np.int64),  # from the epoch before to it
+            ("renewed_ns", np.int64),  # when the state was last set at a stroke: start, reset, clock step
             ("locked_out", np.int64),  # consecutive epochs with most rows of a kind refused
             ("silent_ns", np.int64),  # time since when no measurement was used; 0 when there are some
             (
@@ -111,8 +113,8 @@ class Bank(NamedTuple):
     state: StateArray  # (m,) of STATE_DTYPE
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
-    seen: Int8  # (m, N_SLOTS) what the visibility stage decided last of each satellite
-    memory: Float64  # (m, N_SLOTS, 3) of each satellite's range innovations: fast and slow mean [m], when [s]
+    seen: Int8  # (m, N_SATELLITE_SLOTS) what the visibility stage decided last of each satellite
+    memory: Float64  # (m, N_SLOTS, 3) of each band's range innovations: fast and slow mean [m], when [s]
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
     memory = np.full((n_hypotheses, N_SLOTS, 3), -np.inf)
-    seen = np.full((n_hypotheses, N_SLOTS), UNDECIDED, np.int8)
+    seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
 
 

@@ -45,11 +45,12 @@ PSEUDORANGE, RANGE_RATE, CARRIER = 0, 1, 2
 N_KINDS: Final = 3
 _SYSTEMS: Final = "GRECJIS"
 _SLOTS_EACH: Final = 64
-N_SLOTS: Final = _SLOTS_EACH * len(_SYSTEMS)
-_CLOSEST_M, _FARTHEST_M = (
-    1.0e5,
-    1.0e9,
-)  # pseudoranges outside are no ranges to a satellite, whatever the clock
+_BANDS: Final = sorted({signal.band for signal in SIGNALS})
+N_BANDS: Final = len(_BANDS)
+N_SATELLITE_SLOTS: Final = _SLOTS_EACH * len(_SYSTEMS)
+N_SLOTS: Final = N_SATELLITE_SLOTS * N_BANDS
+# pseudoranges outside are no ranges to a satellite, whatever the clock
+_CLOSEST_M, _FARTHEST_M = 1.0e5, 1.0e9
 _FASTEST_MPS = 2.0e4
 
 
@@ -67,7 +68,10 @@ OBSERVATION_DTYPE: Final = np.dtype(
                 ("ionosphere_m", np.float32),  # delay on L1 at the antenna, NaN where the filter computes it
                 ("variance_scale", np.float32),  # of the pseudorange's variance
                 ("sv", np.int16),  # index into the log's satellite names
-                ("slot", np.int16),  # number of the satellite in any log, below N_SLOTS
+                (
+                    "slot",
+                    np.int16,
+                ),  # number of the satellite's band in any log, below N_SLOTS; over N_BANDS its own
                 ("group", np.int8),  # clock: 0 the reference, 1.. the others
                 ("channel", np.int8),  # GLONASS frequency channel, 0 for all others
                 ("status", np.int8, (2,)),  # per kind: USED when the filter may try it, ABSENT, or why not
@@ -78,6 +82,7 @@ OBSERVATION_DTYPE: Final = np.dtype(
     )
 )
 Observation: TypeAlias = Any  # one element of OBSERVATION_DTYPE
+Observations: TypeAlias = npt.NDArray[Any]  # (n,) of OBSERVATION_DTYPE
 
 
 class Rows(NamedTuple):
@@ -144,7 +149,7 @@ def prepare_rows(
     usable = _usable(gnss, group, of_state, signals, every_band)
     observation = np.zeros(len(gnss.t_ns), OBSERVATION_DTYPE)
     observation["sv"] = gnss.sv
-    observation["slot"] = np.array([_slot(name) for name in gnss.sv_names] or [0], np.int16)[gnss.sv]
+    observation["slot"] = _by_signal(gnss, _slot)
     observation["group"] = np.maximum(group, 0)
     observation["channel"] = _by_signal(gnss, lambda sv, _: channels.get(sv, 0) if sv[0] == "R" else 0)
     observation["ionosphere_m"] = math.nan if ionosphere_m is None else ionosphere_m
@@ -214,8 +219,10 @@ def last_epoch(rows: Rows) -> Rows:
     )
 
 
-def _slot(sv: str) -> int:
-    return _SYSTEMS.index(sv[0]) * _SLOTS_EACH + int(sv[1:]) % _SLOTS_EACH
+def _slot(sv: str, code: str) -> int:
+    # a constellation that nobody knows is refused before its slot is looked at
+    system = max(_SYSTEMS.find(sv[0]), 0)
+    return (system * _SLOTS_EACH + int(sv[1:]) % _SLOTS_EACH) * N_BANDS + _band_number(sv, code)
 
 
 def _usable(
@@ -319,13 +326,11 @@ def _refused_twice(gnss: GnssTable, choice: Int64, every_band: bool) -> Int64:
     refused = np.zeros(len(gnss.t_ns), np.int64)
     slot, n_slots = gnss.sv.astype(np.int64), len(gnss.sv_names)
     if every_band:
-        bands = sorted({signal.band for signal in SIGNALS})
-        number = _by_signal(gnss, lambda sv, code: _band_number(bands, sv, code)).astype(np.int64)
-        slot, n_slots = slot * len(bands) + number, n_slots * len(bands)
+        slot, n_slots = slot * N_BANDS + _by_signal(gnss, _band_number).astype(np.int64), n_slots * N_BANDS
     _mark_repeats(gnss.t_ns, slot, gnss.signal.astype(np.int64), choice, n_slots, refused)
     return refused
 
 
-def _band_number(bands: list[str], sv: str, code: str) -> int:
+def _band_number(sv: str, code: str) -> int:
     signal = signal_of(sv[0], code)
-    return 0 if signal is None else bands.index(signal.band)
+    return 0 if signal is None else _BANDS.index(signal.band)

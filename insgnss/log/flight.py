@@ -14,7 +14,7 @@ from insgnss.config.strict import load_toml
 from insgnss.errors import TimeError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gpstime import ns_to_datetime, ns_to_week_seconds
-from insgnss.library import imu_grade, oscillator
+from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
 from insgnss.log.imu_csv import read_imu
@@ -109,14 +109,18 @@ class Flight:
         )
 
     def files(self) -> tuple[Path, ...]:
-        """Return every file the flight reads, the flight file first."""
-        config = self.config
+        """Return every file the flight reads, the flight file first; an antenna's pattern may be the library's."""
+        config, folder = self.config, self.path.absolute().parent
         reference = () if config.reference is None else (config.reference.file,)
         gnss = config.gnss
         antennas = () if gnss.antennas is None else (gnss.antennas,)
         base = () if gnss.base is None else gnss.base.files
+        told = () if gnss.receiver_events is None else (gnss.receiver_events,)
         satellites = (*gnss.files, *gnss.navigation, *gnss.precise, *antennas, *base)
-        return (self.path, *config.imu.files, *satellites, *reference)
+        patterns = tuple(antenna_file(antenna.pattern, (folder,)) for antenna in gnss.antenna)
+        hiding = tuple(folder / antenna.obstruction for antenna in gnss.antenna if antenna.obstruction)
+        files = (self.path, *config.imu.files, *satellites, *told, *patterns, *hiding, *reference)
+        return tuple(dict.fromkeys(files))  # two antennas of one type share a pattern
 
     def _hashes(self) -> dict[str, str]:
         return {str(path): sha256(path) for path in self.files()}
@@ -134,7 +138,8 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
             "files": tuple(map(absolute, config.gnss.files)),
             "navigation": tuple(map(absolute, config.gnss.navigation)),
             "precise": tuple(map(absolute, config.gnss.precise)),
-            "antennas": None if config.gnss.antennas is None else absolute(config.gnss.antennas),
+            "antennas": config.gnss.antennas and absolute(config.gnss.antennas),
+            "receiver_events": config.gnss.receiver_events and absolute(config.gnss.receiver_events),
             "base": config.gnss.base
             and config.gnss.base.model_copy(update={"files": tuple(map(absolute, config.gnss.base.files))}),
         }

@@ -51,6 +51,36 @@ def range_ramp(sv: str, rate_mps: float, from_s: float, to_s: float = np.inf) ->
     return fault
 
 
+def false_lock(
+    sv: str,
+    from_s: float,
+    to_s: float,
+    *,
+    offset_m: float,
+    growth_mps: float,
+    rate_error_mps: float,
+    cn0_dbhz: float,
+) -> Fault:
+    """Return the fault of a channel that follows something else than its satellite and reports it all the same.
+
+    The pseudorange is off by ``offset_m`` when it begins and by ``growth_mps`` more each second, the range rate by
+    ``rate_error_mps``; the noise stays that of the channel. Whether the satellite can be seen does not matter.
+    """
+
+    def fault(observations: Observations) -> Observations:
+        where = _where(observations, [sv], from_s, to_s)
+        off = offset_m + growth_mps * (observations.tag_s - from_s)[:, None]
+        return replace(
+            observations,
+            pseudorange_m=observations.pseudorange_m + off * where,
+            range_rate_mps=observations.range_rate_mps + rate_error_mps * where,
+            cn0_dbhz=np.where(where, cn0_dbhz, observations.cn0_dbhz),
+            tracked=observations.tracked | where,
+        )
+
+    return fault
+
+
 def outage(sv: Iterable[str] | None, from_s: float, to_s: float) -> Fault:
     """Return the fault that hides these satellites, or all of them when None."""
 

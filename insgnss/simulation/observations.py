@@ -119,15 +119,27 @@ def antenna_motion(trajectory: Trajectory, t_s: Float64, lever_arm_b: Sequence[f
 
 
 def signal_paths(antenna: Antenna, eph: EphemerisTable, start_ns: int, t_s: Float64) -> SignalPaths:
+    """Return the paths from the satellites of ephemerides; see ``paths_to``."""
+    return paths_to(antenna, lambda sent: satellite_states(eph, start_ns, sent), len(eph.sv_names), t_s)
+
+
+def paths_to(
+    antenna: Antenna, states: Callable[[Float64], SatelliteStates], count: int, t_s: Float64
+) -> SignalPaths:
     """Return the straight paths in the inertial frame whose axes are those of ECEF at the moment of reception.
 
     Equation: ``rho = |r_r - R3(w rho/c) r_s(t - rho/c)|``; differentiated with the transmission time's own change,
     ``rho' = u.(v_r - v_s) / (1 - u.v_s / c)``, u from satellite to receiver, both velocities inertial.
     Neglects: the bending and slowing of light by gravity, below 2 cm.
+
+    Parameters
+    ----------
+    states : where ``count`` satellites are at times (m, n) of their own
+    t_s : (m,) times of reception
     """
-    tau = np.full((len(t_s), len(eph.sv_names)), 0.07)
+    tau = np.full((len(t_s), count), 0.07)
     for _ in range(LIGHT_TIME_STEPS):
-        satellite = satellite_states(eph, start_ns, t_s[:, None] - tau)
+        satellite = states(t_s[:, None] - tau)
         path = antenna.r_e[:, None] - _turned(satellite.r_e, tau)
         distance = np.linalg.norm(path, axis=-1)
         tau = distance / C_MPS
@@ -164,6 +176,23 @@ def observe(
     rng: np.random.Generator | None,
     faults: Sequence[Fault] = (),
 ) -> Observations:
+    """Return what the receiver observes of the satellites of ephemerides, one each; see ``observe_paths``."""
+    t_s = clock.true_s
+    paths = signal_paths(antenna_motion(trajectory, t_s, receiver.lever_arm_b), eph, start_ns, t_s)
+    group_delay_s = eph.group_delay_s[:, 0]
+    return observe_paths(paths, eph.sv_names, group_delay_s, start_ns, clock, receiver, rng, faults)
+
+
+def observe_paths(
+    paths: SignalPaths,
+    sv_names: tuple[str, ...],
+    group_delay_s: Float64,
+    start_ns: int,
+    clock: ClockTruth,
+    receiver: Receiver,
+    rng: np.random.Generator | None,
+    faults: Sequence[Fault] = (),
+) -> Observations:
     """Return what the receiver observes at the tags of its clock; without a generator, free of noise.
 
     Equation: ``P = rho + b - c (dt_s - k TGD) + T + I``; ``dP/dT = c - c (1 + dt_s') (1 - rho'/c) (1 - b'/c)``;
@@ -173,19 +202,19 @@ def observe(
 
     Parameters
     ----------
-    eph : one ephemeris per satellite
+    paths : to n satellites, at the true times of the clock's m tags
+    sv_names : of the satellites
+    group_delay_s : (n,) their TGD
     start_ns : GPS time of the trajectory's t = 0
     clock : bias and drift at each tag
     faults : applied in order to the finished observations
     """
-    t_s = clock.true_s
-    paths = signal_paths(antenna_motion(trajectory, t_s, receiver.lever_arm_b), eph, start_ns, t_s)
-    week_s = start_ns % NS_PER_WEEK / NS_PER_S + t_s
+    week_s = start_ns % NS_PER_WEEK / NS_PER_S + clock.true_s
     codes = receiver.signals
     elevation = np.tile(paths.elevation, len(codes))
     ticks = (1.0 + paths.satellite.clock_rate) * (1.0 - paths.range_rate_mps / C_MPS)
     range_rate = np.tile(C_MPS * (1.0 - ticks * (1.0 - clock.drift_mps[:, None] / C_MPS)), len(codes))
-    pseudorange = _code_m(paths, eph, clock, receiver, week_s)
+    pseudorange = _code_m(paths, group_delay_s, clock, receiver, week_s)
     cn0 = np.tile(receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation), len(codes))
     if rng is not None:
         white = rng.standard_normal((3, *pseudorange.shape))
@@ -193,8 +222,8 @@ def observe(
         pseudorange = pseudorange + receiver.pseudorange_noise.sigma(elevation, cn0) * white[1]
         range_rate = range_rate + receiver.range_rate_noise.sigma(elevation, cn0) * white[2]
     observations = Observations(
-        sv_names=eph.sv_names * len(codes),
-        signals=tuple(code for code in codes for _ in eph.sv_names),
+        sv_names=sv_names * len(codes),
+        signals=tuple(code for code in codes for _ in sv_names),
         tag_s=clock.tag_s,
         pseudorange_m=pseudorange,
         range_rate_mps=range_rate,
@@ -210,14 +239,14 @@ def observe(
 
 
 def _code_m(
-    paths: SignalPaths, eph: EphemerisTable, clock: ClockTruth, receiver: Receiver, week_s: Float64
+    paths: SignalPaths, group_delay_s: Float64, clock: ClockTruth, receiver: Receiver, week_s: Float64
 ) -> Float64:
     """Return the pseudoranges of all signals without noise."""
     parts = []
     for code in receiver.signals:
         signal = signal_of(SYSTEM, code)
         assert signal is not None, code
-        satellite_clock = paths.satellite.clock_s - signal.group_delay[0] * eph.group_delay_s[:, 0]
+        satellite_clock = paths.satellite.clock_s - signal.group_delay[0] * group_delay_s
         delay = receiver.atmosphere(
             paths.geodetic, paths.azimuth, paths.elevation, week_s, ionosphere_factor(SYSTEM, code)
         )

@@ -69,6 +69,16 @@ def test_hash_of_every_input_is_kept(folder: Path) -> None:
     assert names["imu.csv"] == hashlib.sha256((folder / "imu.csv").read_bytes()).hexdigest()
 
 
+def test_patterns_and_obstructions_of_the_antennas_are_hashed_once_each(folder: Path) -> None:
+    (folder / "wing.toml").write_text('frame = "body_forward_right_down"\nsource = "drawing"\n')
+    antenna = '\n[[gnss.antenna]]\npattern = "cardioid"\n'
+    text = FLIGHT + antenna + antenna + 'obstruction = "wing.toml"\n'
+    (folder / "flight.toml").write_text(text)
+    hashes = Flight.load(folder / "flight.toml").read().input_hashes
+    names = [Path(name).name for name in hashes]
+    assert sorted(names) == ["cardioid.csv", "flight.toml", "gnss.csv", "imu.csv", "nav.rnx", "wing.toml"]
+
+
 def test_same_files_give_the_same_tables(folder: Path) -> None:
     a, b = read(folder), read(folder)
     assert a.imu.f_b.tobytes() == b.imu.f_b.tobytes() and a.gnss.t_ns.tobytes() == b.gnss.t_ns.tobytes()

@@ -1,0 +1,194 @@
+"""The schema of a scenario file: satellites on given tracks, an outage, the aircraft that causes it, false locks."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from insgnss.config.search import Search
+from insgnss.config.strict import StrictModel
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
+SatelliteName = Annotated[str, Field(pattern=r"^G\d\d$")]
+Range = tuple[float, float]
+
+
+class Track(StrictModel):
+    """Where a satellite stands at the start and at the end; azimuth and elevation change linearly between."""
+
+    sv: SatelliteName
+    azimuth_deg: tuple[float, float]
+    elevation_deg: tuple[Elevation, Elevation]
+
+
+class Place(StrictModel):
+    """The point from which the tracks are seen; the user at rest stands there, the flight begins there."""
+
+    lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    h_m: float = 0.0
+
+
+class ScenarioMeasurements(StrictModel):
+    """How often and how well the receiver measures; every satellite alike."""
+
+    range_variance_m2: Positive
+    rate_variance_m2ps2: Positive
+    rate_hz: Positive = 1.0
+    cn0_dbhz: Positive = 45.0
+
+
+class Equipment(StrictModel):
+    """Inertial sensor and receiver clock, by their names in the model library."""
+
+    imu: str = "tactical"
+    oscillator: str = "tcxo"
+    covariance_step_s: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
+
+
+class StartSigmas(StrictModel):
+    """What is known at the start, one sigma; position and velocity of each axis."""
+
+    sd_position_m: Positive
+    sd_velocity_mps: Positive
+    sd_roll_pitch_deg: Positive
+    sd_heading_deg: Positive
+    sd_clock_m: Positive
+    sd_clock_drift_mps: Positive
+
+
+class Outage(StrictModel):
+    """Which satellites are off, and when: from the first moment on, until before the second."""
+
+    sv: tuple[SatelliteName, ...] = Field(min_length=1)
+    from_s: NotNegative
+    until_s: Positive
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Outage:
+        if self.until_s <= self.from_s:
+            raise ValueError(f"until_s must be later than from_s; got {self.from_s} to {self.until_s}")
+        return self
+
+
+class ScenarioAntenna(StrictModel):
+    """The antenna as the visibility stage knows it, and what the airframe truly lets through."""
+
+    pattern: str
+    threshold_gain_dbic: float
+    hysteresis_db: NotNegative = 1.0
+    body_mask_deg: Elevation = Field(
+        0.0, description="true: nothing is received below this elevation over the body's own plane"
+    )
+
+
+class BankManoeuvre(StrictModel):
+    """The attitude that hides the satellites."""
+
+    roll_deg: Annotated[float, Field(gt=-90.0, lt=90.0)] = Field(description="right wing down is positive")
+    heading_deg: float = Field(description="half-way through the outage")
+
+
+class ScenarioFlight(StrictModel):
+    """The flight behind the simulated logs: straight, a coordinated turn through the outage, straight."""
+
+    duration_s: Positive
+    speed_mps: Positive
+    roll_s: Positive = 2.0
+    imu_rate_hz: Positive = 100.0
+    clock_bias_m: float = 0.0
+    clock_drift_mps: float = 0.0
+    elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = 5.0
+
+
+class FalseLock(StrictModel):
+    """What a channel reports while its satellite is hidden; sizes are drawn evenly from their ranges."""
+
+    name: Annotated[str, Field(min_length=1)]
+    begins: Literal["at_loss", "in_search"] = Field(
+        "in_search", description="with the loss, or where a sweep of the search comes upon it"
+    )
+    offset_m: Range = Field(description="of the pseudorange, when it begins")
+    growth_mps: Range = Field((0.0, 0.0), description="of that offset")
+    rate_follows: bool = Field(
+        True, description="the range rate is off by the growth; else by rate_error_mps"
+    )
+    rate_error_mps: Range = (0.0, 0.0)
+    cn0_dbhz: Range
+
+    @model_validator(mode="after")
+    def _ranges_are_in_order(self) -> FalseLock:
+        for key in ("offset_m", "growth_mps", "rate_error_mps", "cn0_dbhz"):
+            low, high = getattr(self, key)
+            if high < low:
+                raise ValueError(f"{key} of '{self.name}' must be [least, most]; got [{low}, {high}]")
+        return self
+
+
+class Channels(StrictModel):
+    """The receiver's channels."""
+
+    release_s: NotNegative = Field(
+        0.5, description="a false lock out of the direct signal's reach is noticed so long after that is back"
+    )
+    supervisor_rate_hz: Positive = Field(50.0, description="of the supervisor's decisions")
+
+
+class ScenarioConfig(StrictModel):
+    """A whole scenario file."""
+
+    name: str = ""
+    duration_s: Positive
+    satellites: tuple[Track, ...] = Field(min_length=4)
+    place: Place
+    measurements: ScenarioMeasurements
+    equipment: Equipment = Equipment()
+    start: StartSigmas
+    outage: Outage
+    antenna: ScenarioAntenna
+    bank: BankManoeuvre
+    flight: ScenarioFlight
+    false_locks: tuple[FalseLock, ...] = ()
+    channels: Channels = Channels()
+    search: Search = Search()
+
+    @property
+    def sv_names(self) -> tuple[str, ...]:
+        """Names of the satellites, in the file's order."""
+        return tuple(track.sv for track in self.satellites)
+
+    @field_validator("satellites")
+    @classmethod
+    def _differ(cls, satellites: tuple[Track, ...]) -> tuple[Track, ...]:
+        names = [track.sv for track in satellites]
+        twice = sorted({sv for sv in names if names.count(sv) > 1})
+        if twice:
+            raise ValueError(f"every satellite stands once; {', '.join(twice)} stands twice")
+        return satellites
+
+    @field_validator("outage")
+    @classmethod
+    def _is_of_the_satellites(cls, outage: Outage, info: ValidationInfo) -> Outage:
+        names = {track.sv for track in info.data.get("satellites", ())}
+        unknown = [sv for sv in outage.sv if names and sv not in names]
+        if unknown:
+            raise ValueError(f"sv must be among the satellites; {', '.join(unknown)} is not")
+        if outage.until_s > info.data.get("duration_s", math.inf):
+            raise ValueError("until_s must lie within the scenario (duration_s)")
+        return outage
+
+    @field_validator("flight")
+    @classmethod
+    def _has_room_for_the_outage(cls, flight: ScenarioFlight, info: ValidationInfo) -> ScenarioFlight:
+        outage = info.data.get("outage")
+        if outage is not None and not (
+            flight.roll_s < outage.from_s and outage.until_s + flight.roll_s < flight.duration_s
+        ):
+            raise ValueError(
+                "the flight must roll in before the outage and out of it afterwards (roll_s, duration_s)"
+            )
+        return flight

@@ -1,0 +1,82 @@
+"""The live filter and its outputs: ``fusion.engine`` and, where asked, the aiding of the tracking loops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from insgnss.aiding.live import AidingSink, LiveAiding
+from insgnss.aiding.sources import aiding_sources
+from insgnss.aiding.stream import AidingStream, Message
+from insgnss.config.aiding import AidingConfig, aiding_config
+from insgnss.constants import NS_PER_WEEK
+from insgnss.errors import ConfigError
+from insgnss.fusion.engine import Engine as FilterEngine
+from insgnss.fusion.setup import FilterSetup
+from insgnss.tables import Event
+
+
+class Engine(FilterEngine):
+    """A live filter.
+
+    ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
+    setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
+    what has become final since the last call, ``engine.events`` all that happened.
+
+    With ``aiding``, each call of ``imu`` that reaches an output time hands the aiding on before it returns. It rests on
+    the epochs known by then and before the sample: where none comes late it is ``run.aiding`` of a replay, to the last
+    bit (but for a given start, whose rows a replay knows from its time on, the engine from the first epoch on).
+    """
+
+    def __init__(
+        self,
+        setup: FilterSetup,
+        *,
+        aiding: float | AidingConfig | None = None,
+        on_aiding: Callable[[Message], None] | AidingSink | None = None,
+    ) -> None:
+        """Make an engine.
+
+        Parameters
+        ----------
+        setup : of the filter (``insgnss.engine_settings`` makes one from a flight file)
+        aiding : rate [Hz], the filter's other settings of the aiding kept, or all settings; None: no aiding
+        on_aiding : takes the messages (``aiding.stream`` says what is in them), or an ``AidingStream``
+
+        Raises
+        ------
+        ConfigError : one of ``aiding`` and ``on_aiding`` without the other, or an impossible rate
+        NavigationDataError : nothing says where the satellites are
+        """
+        if (aiding is None) != (on_aiding is None):
+            raise ConfigError(
+                "aiding needs a rate and somebody who takes it",
+                advice="give both aiding=... and on_aiding=..., or neither",
+            )
+        self._aiding: LiveAiding | None = None
+        self._sink: AidingSink | None = None
+        if aiding is not None and on_aiding is not None:
+            config = aiding_config(aiding, setup.config.aiding)
+            self._aiding = LiveAiding(aiding_sources(setup, config), setup.n_offsets)
+            self._sink = AidingStream(on_aiding) if callable(on_aiding) else on_aiding
+        self._week: int | None = None
+        super().__init__(setup)
+
+    @property
+    def events(self) -> list[Event]:
+        """All events so far, in the order of their time."""
+        told = super().events
+        if isinstance(self._sink, AidingStream):
+            told = sorted(told + self._sink.events, key=lambda e: -1 if e.t_ns is None else e.t_ns)
+        return told
+
+    def _at_sample(self, t_ns: int) -> None:
+        """Hand the aiding on where the sample is an output."""
+        if self._aiding is None or self._sink is None or not self._aiding.is_due(t_ns):
+            return
+        if self._week is None:
+            self._week = t_ns // NS_PER_WEEK
+        if self._live is not None:
+            navigator = self._navigator
+            work = navigator.workspace(self._rows_for_size())
+            table = self._aiding.output(self._live, self._samples.view(), navigator.parameters, work)
+            self._sink.send(table, self._week)
