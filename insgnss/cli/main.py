@@ -1,4 +1,4 @@
-"""The command line: ``insgnss check``, ``insgnss convert``, ``insgnss point``, ``replay`` and ``visibility``."""
+"""The command line: ``insgnss check``, ``convert``, ``point``, ``replay``, ``track`` and ``visibility``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from insgnss.cli.check import check
 from insgnss.cli.convert import convert
 from insgnss.cli.point import point
 from insgnss.cli.replay import replay
+from insgnss.cli.track import track
 from insgnss.cli.visibility import visibility
 from insgnss.version import __version__
 
@@ -23,6 +24,7 @@ app.command()(check)
 app.command()(convert)
 app.command()(point)
 app.command()(replay)
+app.command()(track)
 app.command()(visibility)
 
 

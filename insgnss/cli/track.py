@@ -1,0 +1,113 @@
+"""``insgnss track``: loops simulated for a C/N0, a motion and a bandwidth: their errors, and whether they hold."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.constants import C_MPS
+from insgnss.errors import ConfigError
+
+if TYPE_CHECKING:
+    from insgnss.tracking.channels import ChannelHistory, Simulation
+
+_MOST_INTEGRATIONS = 1e7  # of all channels together: about 1.5 GB while they run
+_FREQUENCY = "Bandwidth of the assisting frequency loop in Hz; 0: none."
+_WANDER = "Wandering frequency of oscillator and aiding, one-sided density S in rad^2/s^3."
+
+
+def track(
+    cn0: Annotated[float, typer.Option("--cn0", help="C/N0 in dBHz.")] = 40.0,
+    signal: Annotated[str, typer.Option("--signal", help="'glonass-st' or 'gps-ca-7'.")] = "gps-ca-1",
+    bandwidth: Annotated[
+        float, typer.Option("--bandwidth", "-b", help="Carrier loop's one-sided noise bandwidth in Hz.")
+    ] = 15.0,
+    order: Annotated[int, typer.Option("--order", help="Order of the carrier loop, 1 to 3.")] = 3,
+    frequency_bandwidth: Annotated[float, typer.Option("--frequency-bandwidth", help=_FREQUENCY)] = 0.0,
+    code_bandwidth: Annotated[
+        float, typer.Option("--code-bandwidth", help="Carrier-aided code loop's bandwidth in Hz.")
+    ] = 1.0,
+    integration: Annotated[float, typer.Option("--integration", help="Integration time in ms.")] = 1.0,
+    discriminator: Annotated[
+        str, typer.Option("--discriminator", "-d", help="Of the phase: atan, iq, sign, q, atan2.")
+    ] = "atan",
+    spacing: Annotated[float, typer.Option("--spacing", help="From early to late, in chips.")] = 1.0,
+    acceleration: Annotated[
+        float, typer.Option("--acceleration", help="Along the line of sight, m/s^2.")
+    ] = 0.0,
+    jerk: Annotated[float, typer.Option("--jerk", help="Along the line of sight, m/s^3.")] = 0.0,
+    wander: Annotated[float, typer.Option("--wander", help=_WANDER)] = 0.0,
+    aided: Annotated[
+        bool, typer.Option("--aided", help="Take the motion out, as an inertial system does.")
+    ] = False,
+    seconds: Annotated[float, typer.Option("--time", help="Simulated seconds of each channel.")] = 20.0,
+    channels: Annotated[int, typer.Option("--channels", "-n", help="Channels with noise of their own.")] = 12,
+    seed: Annotated[int, typer.Option("--seed", help="Of all noise.")] = 1,
+    threads: Annotated[int, typer.Option("--threads", help="The numbers do not depend on it.")] = 1,
+) -> None:
+    """Simulate tracking loops: rms errors, lock, and the C/N0 that the receiver would report."""
+    began = time.perf_counter()
+    with own_errors_told():
+        # the numerical libraries are loaded only when the command runs
+        from rich.progress import Progress
+
+        from insgnss.gnss.signals import G1_HZ, L1_HZ
+        from insgnss.tracking.codes import code_of
+        from insgnss.tracking.loop_filters import assisted_filter, digital_filter
+        from insgnss.tracking.trial import Motion, design_channels, simulation_of
+
+        code, step_s = code_of(signal), integration * 1e-3
+        carrier_hz = G1_HZ if signal == "glonass-st" else L1_HZ
+        if not (math.isfinite(seconds) and 0.0 < step_s <= seconds) or not 1 <= channels <= 10_000:
+            advice = "simulate at least one integration, in 1 to 10000 channels"
+            raise ConfigError(f"{seconds:g} s in {channels} channels", key="--time", advice=advice)
+        if seconds / step_s * channels > _MOST_INTEGRATIONS:
+            advice = f"simulate {_MOST_INTEGRATIONS * step_s / channels:.4g} s at most, or fewer channels"
+            raise ConfigError(
+                f"{seconds:g} s in {channels} channels fill the memory", key="--time", advice=advice
+            )
+        loop = assisted_filter(order, bandwidth, frequency_bandwidth, step_s)
+        design = design_channels(
+            code, carrier_hz, cn0, loop, digital_filter(1, code_bandwidth, step_s), discriminator, spacing
+        )
+        motion = Motion(acceleration, jerk, wander)
+        simulation = simulation_of(design, code, carrier_hz, motion, seconds, channels, seed, aided)
+        with Progress(transient=True) as bar:
+            task = bar.add_task("tracking", total=simulation.scene.sign.size)
+            history = simulation.run(seed, threads, lambda done: bar.advance(task, done))
+    _print_result(simulation, history, cn0, code.rate_hz)
+    typer.echo(f"nothing was written; {time.perf_counter() - began:.2f} s in all")
+
+
+def _print_result(simulation: Simulation, history: ChannelHistory, cn0: float, chip_hz: float) -> None:
+    """Print errors beside what the linear loop would have, lock and C/N0."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from insgnss.tracking.trial import assess
+
+    found = assess(simulation, history)
+    table = Table(title="errors after the first fifth of the time, of channels in lock")
+    for name in ("", "rms", "noise of the linear loop"):
+        table.add_column(name, justify="left" if not name else "right")
+    degrees = [math.degrees(value) for value in (found.phase_rms_rad, found.phase_noise_rad)]
+    table.add_row("carrier phase", *(f"{value:.2f} deg" for value in degrees))
+    metres = [value * C_MPS / chip_hz for value in (found.delay_rms_chips, found.delay_noise_chips)]
+    table.add_row("code delay", *(f"{value:.3f} m" for value in metres))
+    table.add_row("carrier frequency", f"{found.rate_rms_radps / (2.0 * math.pi):.3f} Hz", "")
+    console = Console(file=sys.stdout, width=100)
+    console.print(table)
+    console.print(
+        f"true noise bandwidth {simulation.design.carrier.noise_bandwidth_hz():.3f} Hz, "
+        f"slipped {found.slipped} of {found.channels} channels, phase lock {found.phase_lock:.3f}",
+        highlight=False,
+    )
+    console.print(
+        f"C/N0 {cn0:.2f} dBHz: moments {found.moment_dbhz:.2f}, narrow-wide {found.narrow_wide_dbhz:.2f} dBHz",
+        highlight=False,
+    )

@@ -1,0 +1,129 @@
+"""The loops of many channels, epoch by epoch, on correlators drawn without samples."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+from insgnss.jit import inlined, kernel
+from insgnss.tables import Float64, Int8, Int64
+from insgnss.tracking.correlators import Complex
+from insgnss.tracking.discriminator_outputs import delay_output, frequency_output, phase_output
+
+# State of a channel: predicted carrier phase and its derivatives in the middle of the next integration (aiding not in
+# the rate), code delay and its rate, and the prompt correlator of the last integration
+PHASE, RATE, ACCELERATION, DELAY, DELAY_RATE, BEFORE_I, BEFORE_Q = range(7)
+N_STATE: Final = 7
+# What is written of each epoch: errors are replica minus truth in the middle of the integration
+PHASE_ERROR, RATE_ERROR, DELAY_ERROR, PROMPT_I, PROMPT_Q = range(5)
+N_OUT: Final = 5
+N_NOISE: Final = 6  # normal numbers per epoch and channel: three of each quadrature
+
+
+class Truth(NamedTuple):
+    """What arrives: values at the borders of the integrations, (n + 1, m), or in them, (n, m)."""
+
+    phase_rad: Float64  # (n + 1, m)
+    delay_chips: Float64  # (n + 1, m)
+    a: Float64  # (n, m) signal ratio 2 q T
+    sign: Int8  # (n, m) of the data
+
+
+class Aid(NamedTuple):
+    """What the loops are told, at the borders of the integrations, (n + 1, m): zeros where nothing is."""
+
+    rate_radps: Float64  # taken over into the replica's frequency
+    acceleration_radps2: Float64  # added to the loop's own rate
+
+
+class Gains(NamedTuple):
+    """Constants of the loops, the same for all channels."""
+
+    step_s: float
+    phase: Float64  # (3,) gains on the phase observation, zeros above the order
+    rate: Float64  # (3,) on the frequency observation
+    delay: Float64  # (2,) on the delay observation
+    kinds: Int64  # (3,) of the phase, frequency and delay discriminator
+    slopes: Float64  # (3,) theirs, by which the outputs are divided
+    offsets: Float64  # (3,) delays of early, prompt, late [chips]
+    noise_factor: Float64  # (3, 3) F with F F^T the correlators' covariance over a
+    chips_per_radian: (
+        float  # delay by carrier phase: minus chip rate over 2 pi carrier; 0 without carrier aiding
+    )
+
+
+@inlined
+def triangle_at(offset_chips: float) -> float:
+    """Return the correlation of an endless random code at an offset [chips]."""
+    return max(0.0, 1.0 - abs(offset_chips))
+
+
+@inlined
+def carrier_mean(a: float, phase: float, turn: float) -> complex:
+    """Return the mean of a correlator whose code matches; ``phase`` is that in the middle of the integration.
+
+    Equation: a sinc(turn / 2) exp(j phase), turn the angle by which the offset turns within it
+    """
+    half = 0.5 * turn
+    size = a
+    if abs(half) > 1e-8:
+        size *= math.sin(half) / half
+    return complex(size * math.cos(phase), size * math.sin(phase))
+
+
+@kernel
+def run_channels(
+    truth: Truth, aid: Aid, gains: Gains, noise: Float64, state: Float64, Z: Complex, out: Float64
+) -> None:
+    """Run all channels over a block of integrations.
+
+    Equation: x^ = x~ + L e; phase~_next = phase^ + T (rate^ + y) + T^2/2 (acceleration^ + y'), rate~_next = rate^ +
+              T (acceleration^ + y'), with the aiding y, y' at the border between           [(8) of Shatilov 2009]
+    Neglects: the phase's curvature within an integration, T^2/12 of the acceleration's offset.
+
+    Parameters
+    ----------
+    truth, aid, gains : of n integrations and m channels
+    noise : (n, m, 6) independent normal numbers
+    state : (m, 7) of the loops, led on
+    Z : (3,) room for the correlators
+    out : (n, m, 5) errors and prompt correlators
+    """
+    T = gains.step_s
+    for k in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            x = state[c]
+            rate = x[RATE] + 0.5 * (aid.rate_radps[k, c] + aid.rate_radps[k + 1, c])
+            # offsets, received minus replica, in the middle of the integration
+            phase = 0.5 * (truth.phase_rad[k, c] + truth.phase_rad[k + 1, c]) - x[PHASE]
+            turn = truth.phase_rad[k + 1, c] - truth.phase_rad[k, c] - T * rate
+            delay = 0.5 * (truth.delay_chips[k, c] + truth.delay_chips[k + 1, c]) - x[DELAY]
+            a = truth.a[k, c]
+            sigma = math.sqrt(a)
+            matched = truth.sign[k, c] * carrier_mean(a, phase, turn)
+            for r in range(3):
+                i = q = 0.0
+                for s in range(3):
+                    i += gains.noise_factor[r, s] * noise[k, c, s]
+                    q += gains.noise_factor[r, s] * noise[k, c, 3 + s]
+                Z[r] = matched * triangle_at(delay - gains.offsets[r]) + sigma * complex(i, q)
+            before = complex(x[BEFORE_I], x[BEFORE_Q])
+            out[k, c, PHASE_ERROR], out[k, c, RATE_ERROR], out[k, c, DELAY_ERROR] = -phase, -turn / T, -delay
+            out[k, c, PROMPT_I], out[k, c, PROMPT_Q] = Z[1].real, Z[1].imag
+            e_phase = phase_output(gains.kinds[0], Z[1]) / gains.slopes[0]
+            e_rate = 0.0
+            if before != 0.0:
+                e_rate = frequency_output(gains.kinds[1], before, Z[1]) / gains.slopes[1]
+            e_delay = delay_output(gains.kinds[2], Z[0], Z[1], Z[2]) / gains.slopes[2]
+            step_phase = gains.phase[0] * e_phase + gains.rate[0] * e_rate
+            x[RATE] += gains.phase[1] * e_phase + gains.rate[1] * e_rate
+            x[ACCELERATION] += gains.phase[2] * e_phase + gains.rate[2] * e_rate
+            x[DELAY_RATE] += gains.delay[1] * e_delay
+            acceleration = x[ACCELERATION] + aid.acceleration_radps2[k + 1, c]
+            led = T * (x[RATE] + aid.rate_radps[k + 1, c]) + 0.5 * T * T * acceleration
+            x[PHASE] += step_phase + led
+            x[RATE] += T * acceleration
+            x[DELAY] += gains.delay[0] * e_delay + T * x[DELAY_RATE] + gains.chips_per_radian * led
+            # as the corrected replica would have seen it: the next pair then turns by T times the offset of the rate
+            turned = complex(math.cos(step_phase), -math.sin(step_phase)) * Z[1]
+            x[BEFORE_I], x[BEFORE_Q] = turned.real, turned.imag

@@ -1,0 +1,108 @@
+"""The two loops over samples: a signal added to a buffer, and a buffer correlated with replicas.
+
+Phases are anchored anew every 64 samples and turned by a constant rotation between, so that rounding does not grow.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from insgnss.jit import kernel
+from insgnss.tables import Float64, Int8
+
+_BLOCK: Final = 64  # a rotation repeated as often has lost 1e-14; a sine and cosine cost 20 of them
+
+
+@kernel
+def add_signal(
+    amplitude: float,
+    chips: Int8,
+    signs: Int8,
+    chip_phase: float,
+    chip_step: float,
+    cycle_phase: float,
+    cycle_step: float,
+    in_phase: Float64,
+    quadrature: Float64,
+) -> None:
+    """Add A d h cos(theta), and A d h sin(theta) where a quadrature is wanted, to a buffer.
+
+    Parameters
+    ----------
+    amplitude : A
+    chips : (length,) one period of the code
+    signs : (n_periods,) of the data in each period of the code, the first one that of period 0; the last one holds on
+    chip_phase, chip_step : code phase of the first sample, and from sample to sample [chips]
+    cycle_phase, cycle_step : the same of the carrier [cycles]
+    in_phase : (n,) added to
+    quadrature : (n,) added to, or (0,) for real samples
+    """
+    n, length, is_complex = in_phase.size, chips.size, quadrature.size > 0
+    turn_c, turn_s = math.cos(2.0 * math.pi * cycle_step), math.sin(2.0 * math.pi * cycle_step)
+    for first in range(0, n, _BLOCK):
+        angle = 2.0 * math.pi * ((cycle_phase + cycle_step * first) % 1.0)
+        c, s = math.cos(angle), math.sin(angle)
+        phase = chip_phase + chip_step * first
+        period = math.floor(phase / length)
+        phase -= period * length
+        for k in range(first, min(first + _BLOCK, n)):
+            if phase >= length:
+                phase -= length
+                period += 1
+            sign = signs[min(max(int(period), 0), signs.size - 1)]
+            value = amplitude * sign * chips[min(int(phase), length - 1)]
+            in_phase[k] += value * c
+            if is_complex:
+                quadrature[k] += value * s
+            c, s = c * turn_c - s * turn_s, s * turn_c + c * turn_s
+            phase += chip_step
+
+
+@kernel
+def correlate_samples(
+    in_phase: Float64,
+    quadrature: Float64,
+    chips: Int8,
+    offsets: Float64,
+    chip_phase: float,
+    chip_step: float,
+    cycle_phase: float,
+    cycle_step: float,
+    out: Float64,
+) -> None:
+    """Sum a buffer times the replicas: Z = sum x h exp(-j theta), real and imaginary part.
+
+    Parameters
+    ----------
+    in_phase, quadrature : (n,) samples; quadrature (0,) for real ones
+    chips : (length,) one period of the code
+    offsets : (r,) delays of the replicas against the prompt one [chips], each shorter than a period
+    chip_phase, chip_step, cycle_phase, cycle_step : of the prompt replica, as in ``add_signal``
+    out : (r, 2) sums
+    """
+    n, length, is_complex = in_phase.size, chips.size, quadrature.size > 0
+    turn_c, turn_s = math.cos(2.0 * math.pi * cycle_step), math.sin(2.0 * math.pi * cycle_step)
+    out[:] = 0.0
+    for first in range(0, n, _BLOCK):
+        angle = 2.0 * math.pi * ((cycle_phase + cycle_step * first) % 1.0)
+        c, s = math.cos(angle), math.sin(angle)
+        phase = chip_phase + chip_step * first
+        phase -= math.floor(phase / length) * length
+        for k in range(first, min(first + _BLOCK, n)):
+            x = in_phase[k]
+            y = quadrature[k] if is_complex else 0.0
+            i, q = x * c + y * s, y * c - x * s
+            for r in range(offsets.size):
+                chip = phase - offsets[r]
+                if chip >= length:
+                    chip -= length
+                elif chip < 0.0:
+                    chip += length
+                h = chips[min(int(chip), length - 1)]
+                out[r, 0] += h * i
+                out[r, 1] += h * q
+            c, s = c * turn_c - s * turn_s, s * turn_c + c * turn_s
+            phase += chip_step
+            if phase >= length:
+                phase -= length

@@ -1,0 +1,174 @@
+"""One trial of a loop from start to finish: a motion, its channels, and what is read off them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.tables import Float64
+from insgnss.tracking.admissible import require_not_negative, seeded, signal_ratio
+from insgnss.tracking.aided_loop import perfect_aid
+from insgnss.tracking.channels import (
+    ChannelDesign,
+    ChannelHistory,
+    Simulation,
+    chips_per_radian,
+    data_signs,
+    no_aid,
+    scene,
+)
+from insgnss.tracking.cn0_estimators import SYMBOL_BLOCK, moment_cn0_dbhz, narrow_wide_cn0_dbhz
+from insgnss.tracking.codes import RangingCode
+from insgnss.tracking.correlators import Complex, Correlators
+from insgnss.tracking.delay_discriminators import DelayDiscriminator
+from insgnss.tracking.discriminators import equivalent_variance
+from insgnss.tracking.lock_detectors import phase_lock, slip_time_s
+from insgnss.tracking.loop_filters import LoopFilter
+from insgnss.tracking.phase_discriminators import PhaseDiscriminator
+from insgnss.tracking.phase_motion import steady_phase, wandering_phase
+
+_SETTLING_SHARE: Final = 0.2  # of the time is left to the transients of the start
+_MOTION_KEY, _SIGN_KEY = 1_000_001, 1_000_002  # seeds apart from those of the channels' noise
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What moves the carrier phase: along the line of sight, and in the oscillator."""
+
+    acceleration_mps2: float = 0.0
+    jerk_mps3: float = 0.0
+    wander: float = 0.0  # one-sided density of the derivative of the angular frequency [rad^2/s^3]
+
+
+class Assessment(NamedTuple):
+    """Errors of the channels that did not slip, NaN if all did, beside what the linear loop makes of the noise."""
+
+    channels: int
+    slipped: int
+    phase_rms_rad: float
+    phase_noise_rad: float
+    rate_rms_radps: float
+    delay_rms_chips: float
+    delay_noise_chips: float
+    phase_lock: float
+    moment_dbhz: float
+    narrow_wide_dbhz: float
+
+
+def design_channels(
+    code: RangingCode,
+    carrier_hz: float,
+    cn0_dbhz: float,
+    carrier: LoopFilter,
+    delay: LoopFilter,
+    phase_kind: str = "atan",
+    spacing_chips: float = 1.0,
+) -> ChannelDesign:
+    """Return channels with carrier-aided code loops, and a frequency discriminator where the carrier loop wants one.
+
+    Raises
+    ------
+    ConfigError : something of it does not fit together
+    """
+    assisted = bool(np.any(carrier.rate_gains))
+    return ChannelDesign(
+        carrier,
+        delay,
+        cn0_dbhz,
+        phase_kind,
+        "atan" if assisted else "none",
+        "dot",
+        spacing_chips,
+        chips_per_radian(code, carrier_hz),
+    )
+
+
+def simulation_of(
+    design: ChannelDesign,
+    code: RangingCode,
+    carrier_hz: float,
+    motion: Motion,
+    seconds: float,
+    channels: int,
+    seed: int,
+    aided: bool = False,
+) -> Simulation:
+    """Return the simulation of a motion: data on the carrier where the discriminator bears them.
+
+    With aiding the motion along the line of sight is known to the loops, the wandering frequency is not: it is that of
+    the oscillator and of the aiding's own error.
+    """
+    require_not_negative(wander=motion.wander)
+    n, T = round(seconds / design.step_s), design.step_s
+    rng = seeded(seed, _MOTION_KEY)
+    steady = steady_phase(
+        np.asarray(T * np.arange(n + 1)), carrier_hz, motion.acceleration_mps2, motion.jerk_mps3
+    )
+    phase = wandering_phase(motion.wander, n, channels, T, rng) + steady[:, None]
+    sign = _signs(design, code, n, channels, seed)
+    known = np.repeat(steady[:, None], channels, axis=1)
+    aid = perfect_aid(known, T) if aided else no_aid(n, channels)
+    return Simulation(design, scene(phase, design.cn0_dbhz, design.chips_per_radian, sign), aid)
+
+
+def _signs(
+    design: ChannelDesign, code: RangingCode, count: int, channels: int, seed: int
+) -> npt.NDArray[np.int8] | None:
+    if PhaseDiscriminator(design.phase_kind).aperture_rad > math.pi:
+        return None
+    return data_signs(count, channels, design.step_s, code.sign_s, seeded(seed, _SIGN_KEY))
+
+
+def assess(simulation: Simulation, history: ChannelHistory) -> Assessment:
+    """Return errors, lock and C/N0 of a simulation, the first fifth of its time left out."""
+    design, T = simulation.design, simulation.design.step_s
+    phase_discriminator = PhaseDiscriminator(design.phase_kind)
+    slipped = np.isfinite(slip_time_s(history.phase_error_rad, T, phase_discriminator.aperture_rad))
+    block = _block(simulation)
+    first = int(len(history.prompt) * _SETTLING_SHARE) // block * block
+    kept = np.s_[first:, ~slipped]
+    a = signal_ratio(design.cn0_dbhz, T)
+    noise = equivalent_variance(phase_discriminator, a)
+    delay = DelayDiscriminator(design.delay_kind, Correlators(design.spacing_chips))
+    prompt = history.prompt[first:]
+    return Assessment(
+        len(slipped),
+        int(slipped.sum()),
+        _rms(history.phase_error_rad[kept]),
+        math.sqrt(design.carrier.prediction_covariance(noise)[0, 0]),
+        _rms(history.rate_error_radps[kept]),
+        _rms(history.delay_error_chips[kept]),
+        math.sqrt(design.code.prediction_covariance(equivalent_variance(delay, a))[0, 0]),
+        _mean_lock(prompt, block),
+        *_estimates(prompt, T, block),
+    )
+
+
+def _rms(values: Float64) -> float:
+    return math.sqrt(float(np.mean(values**2))) if values.size else math.nan
+
+
+def _block(simulation: Simulation) -> int:
+    """Return how many integrations hold one sign of the data, by where the signs change."""
+    changes = np.flatnonzero(np.diff(simulation.scene.sign, axis=0).any(axis=1))
+    return int(np.gcd.reduce(changes + 1)) if changes.size else min(SYMBOL_BLOCK, len(simulation.scene.sign))
+
+
+def _estimates(prompt: Complex, step_s: float, block: int) -> tuple[float, float]:
+    """Return the medians over the channels of both estimators, from the whole time; NaN where one fails."""
+    window = len(prompt) // block * block
+    if window < 2:
+        return math.nan, math.nan
+    moments = float(np.median(moment_cn0_dbhz(prompt, step_s, window)))
+    if block < 2:
+        return moments, math.nan
+    return moments, float(np.median(narrow_wide_cn0_dbhz(prompt, step_s, window, block)))
+
+
+def _mean_lock(prompt: Complex, block: int) -> float:
+    """Return the phase lock over all channels, NaN where a symbol holds one integration only."""
+    return float(np.mean(phase_lock(prompt, block, len(prompt) // block))) if block > 1 else math.nan
