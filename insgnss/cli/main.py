@@ -1,4 +1,4 @@
-"""The command line: ``insgnss check``, ``convert``, ``point``, ``replay``, ``track`` and ``visibility``."""
+"""The command line: ``insgnss check``, ``convert``, ``margin``, ``point``, ``replay``, ``track`` and ``visibility``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import typer
 
 from insgnss.cli.check import check
 from insgnss.cli.convert import convert
+from insgnss.cli.margin import margin
 from insgnss.cli.point import point
 from insgnss.cli.replay import replay
 from insgnss.cli.track import track
@@ -22,6 +23,7 @@ app = typer.Typer(
 )
 app.command()(check)
 app.command()(convert)
+app.command()(margin)
 app.command()(point)
 app.command()(replay)
 app.command()(track)

@@ -1,0 +1,281 @@
+"""``insgnss margin``: how much interference an aided phase loop stands, in general and along a saved run."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from insgnss.flown_margin import FlownMargin
+    from insgnss.interference.lock_threshold import LockThreshold
+    from insgnss.interference.margin import PhaseLoop
+
+
+def margin(
+    run: Annotated[
+        Path | None, typer.Argument(help="A saved run (its folder), to be flown past the emitters.")
+    ] = None,
+    emitters: Annotated[
+        Path | None, typer.Option("--emitters", "-e", help="File of emitters, receiver and dynamics (TOML).")
+    ] = None,
+    signal: Annotated[str, typer.Option("--signal", "-s", help="A name, or RINEX G:C1C.")] = "GPS L1 C/A",
+    discriminator: Annotated[
+        str, typer.Option("--discriminator", "-d", help="Q, atan(Q/I), sign(I)Q or IQ.")
+    ] = "IQ",
+    threshold: Annotated[
+        float | None,
+        typer.Option("--threshold", help="rms over aperture at loss of lock; table 1 without it."),
+    ] = None,
+    oscillator: Annotated[
+        str, typer.Option("--oscillator", help="A name in the library, or a density in rad^2/s^3.")
+    ] = "tcxo",
+    imu: Annotated[
+        str, typer.Option("--imu", help="An IMU grade in the library, or a density in rad^2/s^3.")
+    ] = "tactical",
+    interval: Annotated[
+        float, typer.Option("--interval", help="Seconds between two corrections of the inertial system.")
+    ] = 1.0,
+    bandwidth: Annotated[
+        float | None, typer.Option("--bandwidth", help="DF_c in Hz; between the first zeros without it.")
+    ] = None,
+    accumulation: Annotated[
+        float | None, typer.Option("--accumulation", help="Coherent seconds; a data symbol without it.")
+    ] = None,
+    cn0: Annotated[
+        float | None,
+        typer.Option("--cn0", help="C/N0 without interference [dBHz]; thermal noise counts then."),
+    ] = None,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Find the thresholds of the discriminators by simulation too.")
+    ] = False,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the simulation.")] = 1,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for tables and pictures; none without it.")
+    ] = None,
+    step: Annotated[
+        float, typer.Option("--step", help="Seconds between two epochs of the run; 0 all.")
+    ] = 1.0,
+    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+    pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+) -> None:
+    """Tell which J/S a phase loop stands with an oscillator and an INS, and where along a run it would lose lock."""
+    began = time.perf_counter()
+    with own_errors_told():
+        form = _form(format)
+        if (run is None) != (emitters is None):
+            raise ConfigError(
+                "a run and emitters belong together", key="--emitters", advice="give both, or neither"
+            )
+        from rich.console import Console
+
+        console = Console(file=sys.stdout, width=120)
+        if run is not None and emitters is not None:
+            written = _flown(console, run, emitters, output, form, step, pictures)
+        else:
+            loops, carrier = _loops(signal, discriminator, threshold, bandwidth, accumulation)
+            drifts = _drifts(oscillator, imu, interval, carrier)
+            console.print(_margin_table(loops, drifts, cn0))
+            found = _simulated(console, seed) if simulate else []
+            draw = output is not None and pictures
+            written = _pictures(output, loops, drifts, carrier, cn0, found) if draw and output else []
+    where = f"wrote {', '.join(str(p) for p in written)}" if written else "nothing was written"
+    typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _form(text: str) -> Literal["parquet", "csv"]:
+    if text == "parquet":
+        return "parquet"
+    if text == "csv":
+        return "csv"
+    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
+
+
+def _loops(
+    signal: str, kind: str, threshold: float | None, bandwidth: float | None, accumulation: float | None
+) -> tuple[dict[str, PhaseLoop], float]:
+    """Return the loop that was asked for, with those of the other discriminators beside it, and the carrier."""
+    from insgnss.interference.discriminators import DISCRIMINATORS, discriminator
+    from insgnss.interference.margin import PhaseLoop
+    from insgnss.interference.spectra import modulation_of, signal_named
+
+    found = signal_named(signal)
+    modulation = modulation_of(found)
+    band, period = bandwidth or modulation.null_to_null_hz, accumulation or modulation.symbol_s
+    if bandwidth == 0.0 or accumulation == 0.0:
+        raise ConfigError(
+            "a band or a time of zero", key="--bandwidth", advice="leave it out for the signal's"
+        )
+    asked = discriminator(kind, threshold)
+    kinds = [asked, *(d for d in DISCRIMINATORS if d.name != asked.name)]
+    return {d.name: PhaseLoop(d, band, period) for d in kinds}, found.carrier_hz
+
+
+def _drifts(oscillator: str, imu: str, interval: float, carrier: float) -> dict[str, float]:
+    """Return the one-sided densities of oscillator and INS [rad^2/s^3], by their names."""
+    from insgnss.interference.checks import positive
+    from insgnss.interference.drift import density_of_grade, density_of_walk
+    from insgnss.library import imu_grade
+    from insgnss.library import oscillator as oscillator_of
+
+    def number(key: str, text: str) -> float | None:
+        try:
+            value = float(text)
+        except ValueError:
+            return None
+        return float(positive(key, value, "a one-sided density in rad^2/s^3, or a name in the library"))
+
+    of_oscillator, of_imu = number("--oscillator", oscillator), number("--imu", imu)
+    names = ["oscillator", "INS"]
+    if of_oscillator is None:
+        of_oscillator = float(density_of_walk(oscillator_of(oscillator).h_minus2_per_s, carrier))
+        names[0] += f" {oscillator}"
+    if of_imu is None:
+        of_imu = density_of_grade(imu_grade(imu), carrier, interval_s=interval).total
+        names[1] += f" {imu}"
+    return dict(zip(names, (of_oscillator, of_imu), strict=True))
+
+
+def _margin_table(loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: float | None) -> Table:
+    """Return the margin of each discriminator, and what an oscillator or an INS without drift would add."""
+    from rich.table import Table
+
+    from insgnss.interference.margin import bandwidth_at_margin_hz, margin_db, threshold_cn0_dbhz
+
+    total = sum(drifts.values())
+    parts = ", ".join(f"{name} {value:.4g}" for name, value in drifts.items())
+    first = next(iter(loops.values()))
+    title = (
+        f"drift {total:.4g} rad²/s³ one-sided ({parts}); DF_c {first.bandwidth_hz / 1e6:.4g} MHz, "
+        f"T {first.accumulation_s * 1e3:g} ms" + ("" if cn0 is None else f", C/N0 {cn0:g} dBHz")
+    )
+    table = Table(title=title)
+    alone = [f"J/S, {name} alone, dB" for name in drifts]
+    for name in ("discriminator", "C_A", "J/S, dB", "bandwidth, Hz", "least C/N0, dBHz", *alone):
+        table.add_column(name, justify="left" if name == "discriminator" else "right")
+    for name, loop in loops.items():
+        cells = [
+            f"{loop.discriminator.threshold_ratio:.3f}",
+            f"{float(margin_db(total, loop, cn0)):.2f}",
+            f"{float(bandwidth_at_margin_hz(total, loop)):.3f}",
+            f"{float(threshold_cn0_dbhz(total, loop)):.2f}",
+            *(f"{float(margin_db(value, loop, cn0)):.2f}" for value in drifts.values()),
+        ]
+        table.add_row(name, *cells)
+    return table
+
+
+def _simulated(console: Console, seed: int) -> list[LockThreshold]:
+    """Return the thresholds of all discriminators, with a bar of the progress on standard error."""
+    import numpy as np
+    from rich.console import Console as NewConsole
+    from rich.progress import Progress
+
+    from insgnss.interference.discriminators import DISCRIMINATORS
+    from insgnss.interference.lock_threshold import LIFETIME, lock_threshold
+
+    found = []
+    with Progress(console=NewConsole(stderr=True)) as bar:
+        for kind in DISCRIMINATORS:
+            task = bar.add_task(kind.name, total=1.0)
+
+            def tell(name: str, share: float, task: int = task) -> None:
+                bar.update(task, completed=share)  # type: ignore[arg-type]
+
+            found.append(lock_threshold(kind, np.random.default_rng(seed), progress=tell))
+    for one in found:
+        console.print(
+            f"{one.discriminator.name}: C_A {one.ratio():.4f} at {LIFETIME:.0f} / B "
+            f"(table 1: {one.discriminator.threshold_ratio:.3f}); "
+            f"{one.level[0]:.3f} at {one.lifetime[0]:.0f} / B, {one.level[-1]:.3f} at {one.lifetime[-1]:.0f} / B",
+            highlight=False,
+        )
+    return found
+
+
+def _pictures(
+    output: Path,
+    loops: dict[str, PhaseLoop],
+    drifts: dict[str, float],
+    carrier: float,
+    cn0: float | None,
+    simulated: list[LockThreshold],
+) -> list[Path]:
+    """Write the pictures of the margin, figures 4 to 6 among them; return their paths."""
+    from insgnss.interference import figures
+
+    drawn = {
+        "margin_drift": figures.margin_figure(loops, cn0, drifts),
+        "margin_diagram": figures.diagram_figure(loops, carrier),
+        "margin_type_1": figures.trade_off_figure(loops["Q"], carrier),
+        "margin_type_2": figures.trade_off_figure(
+            next(loop for loop in loops.values() if loop.discriminator.type == 2), carrier
+        ),
+    }
+    if simulated:
+        drawn["margin_thresholds"] = figures.threshold_figure(simulated)
+    return [figures.save_figure(figure, output / f"{name}.png") for name, figure in drawn.items()]
+
+
+def _flown(
+    console: Console,
+    source: Path,
+    emitters: Path,
+    output: Path | None,
+    form: Literal["parquet", "csv"],
+    step: float,
+    pictures: bool,
+) -> list[Path]:
+    """Study a saved run; print the summary, write tables and picture, return what was written."""
+    from insgnss.config.interference import InterferenceConfig
+    from insgnss.config.strict import load_toml
+    from insgnss.flown_margin import flown_margin, picture
+    from insgnss.run import Run
+
+    config = load_toml(emitters, InterferenceConfig)
+    study = flown_margin(Run.load(source), config, step_s=step)
+    console.print(_flown_table(study))
+    told = study.events[~study.events["kind"].str.startswith("lock_lost")]
+    for _, event in told.iterrows():
+        console.print(f"{event['time_s']:.1f} s: {event['kind']}: {event['detail']}", highlight=False)
+    counts = study.in_lock()
+    for loop, words in (("unaided", "without"), ("aided", "with")):
+        least = counts.iloc[int(counts[f"lock_{loop}"].to_numpy().argmin())]
+        console.print(
+            f"{words} aiding: at least {least[f'lock_{loop}']:.0f} of {least['n_satellites']:.0f} satellites "
+            f"in lock, at {least['time_s']:.1f} s",
+            highlight=False,
+        )
+    if output is None:
+        return []
+    written = [study.save(output, form)]
+    return written + ([picture(study, output / "margin_flown.png")] if pictures else [])
+
+
+def _flown_table(study: FlownMargin) -> Table:
+    from rich.table import Table
+
+    names = {
+        "js_max_db": "largest J/S, dB",
+        "reserve_unaided_min_db": "least reserve without aiding, dB",
+        "lock_unaided_share": "in lock",
+        "reserve_aided_min_db": "least reserve with aiding, dB",
+        "lock_aided_share": "in lock",
+    }
+    table = Table(title="phase loops along the path")
+    table.add_column("satellite")
+    for name in names.values():
+        table.add_column(name, justify="right")
+    for sv, row in study.summary().iterrows():
+        cells = [f"{row[n]:.1%}" if n.endswith("share") else f"{row[n]:.1f}" for n in names]
+        table.add_row(str(sv), *cells)
+    return table

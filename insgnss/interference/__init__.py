@@ -1,0 +1,70 @@
+"""The interference margin of a phase loop that an inertial system aids.
+
+::
+
+    from insgnss.interference import PhaseLoop, discriminator, margin_db, greatest_drift
+
+    loop = PhaseLoop(discriminator("IQ"), bandwidth_hz=1.022e6, accumulation_s=0.01)
+    margin_db(3167.0, loop)           # J/S in dB for a drift of 3167 rad^2/s^3, one-sided
+    greatest_drift(40.0, loop)        # the drift that allows 40 dB
+
+All spectral densities of phase, frequency and their rates are one-sided in this room unless a name says otherwise:
+twice the two-sided intensities that the filter's models use (``optimal_loop.one_sided``, ``two_sided``).
+"""
+
+from __future__ import annotations
+
+from insgnss.interference.discriminators import (
+    DISCRIMINATORS,
+    ENGINEERING_RATIO,
+    Discriminator,
+    discriminator,
+    equivalent_noise,
+)
+from insgnss.interference.drift import (
+    density_of_allan,
+    density_of_grade,
+    density_of_record,
+    density_of_walk,
+    ins_density,
+    oscillator_density,
+    total_density,
+)
+from insgnss.interference.lock_threshold import LockThreshold, lock_threshold
+from insgnss.interference.margin import (
+    PhaseLoop,
+    bandwidth_at_margin_hz,
+    greatest_drift,
+    margin_db,
+    threshold_cn0_dbhz,
+)
+from insgnss.interference.optimal_loop import discrete_gains, gains, noise_bandwidth, threshold_noise
+from insgnss.interference.trade_off import diagram, trade_off
+
+__all__ = [
+    "DISCRIMINATORS",
+    "ENGINEERING_RATIO",
+    "Discriminator",
+    "LockThreshold",
+    "PhaseLoop",
+    "bandwidth_at_margin_hz",
+    "density_of_allan",
+    "density_of_grade",
+    "density_of_record",
+    "density_of_walk",
+    "diagram",
+    "discrete_gains",
+    "discriminator",
+    "equivalent_noise",
+    "gains",
+    "greatest_drift",
+    "ins_density",
+    "lock_threshold",
+    "margin_db",
+    "noise_bandwidth",
+    "oscillator_density",
+    "threshold_cn0_dbhz",
+    "threshold_noise",
+    "total_density",
+    "trade_off",
+]

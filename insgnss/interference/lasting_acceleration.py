@@ -1,0 +1,71 @@
+"""Acceleration that lasts: what a loop at its threshold makes of a manoeuvre, or of an aiding error that stays.
+
+A Wiener frequency is pushed anew at every instant. A turn, a tilt or an accelerometer's bias push the same way for
+seconds, longer than a loop remembers. Its equivalent is the density S that makes the same error in the same loop.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.interference.checks import not_negative, positive
+from insgnss.interference.drift import per_mps
+from insgnss.interference.optimal_loop import Gains, gains, threshold_noise
+from insgnss.tables import Float64
+
+_BISECTIONS: Final = 50  # of a bracket of at most 15 decades: to 1e-12
+
+
+def equivalent_density(
+    sigma_mps2: npt.ArrayLike, time_s: npt.ArrayLike, carrier_hz: float, loop: Gains
+) -> Float64:
+    """Return the one-sided S that disturbs a given loop as much as a Gauss-Markov acceleration [rad^2/s^3].
+
+    Equation: S = 4 (2 pi f0 / c)^2 sigma^2 (K1 + m) / (K2 + K1 m + m^2), m = 1 / time, from the variance
+    sigma^2 (K1 + m) / (K1 K2 (K2 + K1 m + m^2)) of the error of p^2 + K1 p + K2 = 0 against S / (4 K1 K2)
+    A short one counts 4 k^2 sigma^2 time, its density at zero; a constant one 4 k^2 sigma^2 K1 / K2.
+
+    Parameters
+    ----------
+    sigma_mps2 : one sigma of the acceleration along the line of sight [m/s^2]
+    time_s : its correlation time
+    """
+    m = 1.0 / positive("time_s", time_s, "the acceleration's correlation time in seconds")
+    a = per_mps(carrier_hz) * not_negative("sigma_mps2", sigma_mps2, "one sigma in m/s^2")
+    K1, K2 = loop
+    return np.asarray(4.0 * a * a * (K1 + m) / (K2 + K1 * m + m * m))
+
+
+def density_at_threshold(
+    base: npt.ArrayLike,
+    sigma_mps2: npt.ArrayLike,
+    time_s: float,
+    carrier_hz: float,
+    threshold_rms_rad: float,
+) -> Float64:
+    """Return S of Wiener drift and a lasting acceleration together, in the loop that is optimal for S at its threshold.
+
+    Equation: S = S_0 + ``equivalent_density`` with K1, K2 of S and S_n,thr(S) (18); its one root, by bisection: what
+    is added falls with S. Noise and drift then make the error of the threshold exactly.
+
+    Parameters
+    ----------
+    base : S_0 of oscillator and white accelerations, one-sided [rad^2/s^3]
+    sigma_mps2 : of the acceleration along the line of sight; arrays broadcast
+    """
+    S_0 = positive("base", base, "the oscillator's one-sided density in rad^2/s^3 is above zero")
+
+    def sum_at(S: Float64) -> Float64:
+        loop = gains(S, threshold_noise(S, threshold_rms_rad))
+        return np.asarray(S_0 + equivalent_density(sigma_mps2, time_s, carrier_hz, loop))
+
+    high = sum_at(S_0)
+    low = np.broadcast_to(S_0, high.shape)
+    for _ in range(_BISECTIONS):
+        middle = np.sqrt(low * high)
+        below = sum_at(middle) > middle
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray(np.sqrt(low * high))

@@ -1,0 +1,72 @@
+"""The command ``insgnss margin``: its numbers, its pictures, a saved run, and how it ends when something is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from insgnss.cli.main import app
+from tests.flown_margin.scene import flown
+
+EMITTERS = """
+[[emitter]]
+name = "mast"
+lat_deg = 60.05
+lon_deg = 30.1
+h_m = 50.0
+eirp_dbw = 0.0
+bandwidth_hz = 20e6
+"""
+PAPER = ["--signal", "GLONASS G1 C/A", "--oscillator", "3167", "--imu", "2", "--threshold", "0.076"]
+
+
+def test_margin_of_the_paper_is_printed_and_drawn(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["margin", *PAPER, "--output", str(tmp_path)])
+
+    assert result.exit_code == 0, result.output
+    assert "33.40" in result.stdout and "41.87" in result.stdout
+    names = {"margin_drift.png", "margin_diagram.png", "margin_type_1.png", "margin_type_2.png"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_library_names_stand_for_sensors() -> None:
+    result = CliRunner().invoke(app, ["margin", "--oscillator", "ocxo", "--imu", "navigation", "--cn0", "45"])
+
+    assert result.exit_code == 0, result.output
+    assert "oscillator ocxo" in result.stdout and "nothing was written" in result.stdout
+
+
+def test_saved_run_is_flown_past_the_emitters(tmp_path: Path) -> None:
+    folder = flown().save(tmp_path / "run")
+    (tmp_path / "emitters.toml").write_text(EMITTERS)
+    options = ["--emitters", str(tmp_path / "emitters.toml"), "-o", str(tmp_path / "out"), "--format", "csv"]
+    result = CliRunner().invoke(app, ["margin", str(folder), *options])
+
+    assert result.exit_code == 0, result.output
+    assert "G05" in result.stdout and "in lock" in result.stdout
+    names = {"margin_satellites.csv", "margin_emitters.csv", "margin_events.csv", "margin_flown.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--signal", "GPS L1CB"], "nearest: GPS L1C"),
+        (["--discriminator", "atn"], "nearest: atan"),
+        (["--threshold", "7.6"], "rms over aperture"),
+        (["--oscillator", "-3"], "above zero"),
+        (["--oscillator", "tcx"], "tcxo"),
+        (["--bandwidth", "0"], "leave it out"),
+        (["--accumulation", "-1"], "accumulation_s"),
+        (["--interval", "0"], "interval_s"),
+        (["--emitters", "nowhere.toml"], "belong together"),
+        (["--format", "xls"], "parquet"),
+    ],
+)
+def test_wrong_options_end_with_code_2_and_advice(options: list[str], told: str) -> None:
+    result = CliRunner().invoke(app, ["margin", *options])
+
+    assert result.exit_code == 2
+    assert told in result.output
