@@ -22,8 +22,8 @@ setup: $(STAMP)  ## make .venv and install the package with its test tools
 demo: $(STAMP)  ## replay the sample flight, print the summary, write the run to out/demo
 	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)"
 
-test: $(STAMP)  ## run the whole test suite (ARGS='-k jacobian' to choose)
-	$(BIN)/python -m pytest $(ARGS)
+test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 lint: check-rules check-format check-types check-imports  ## ruff, format, mypy --strict, import contracts
 
