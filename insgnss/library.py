@@ -26,6 +26,7 @@ KINDS = {
     "oscillators": "oscillator",
     "filters": "filter",
     "antennas": "antenna pattern",
+    "simulations": "simulation scenario",
     "scenarios": "scenario",
 }
 _TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -47,11 +47,9 @@ from insgnss.result_tables import (
     satellite_table,
 )
 from insgnss.run import Run
+from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
 from insgnss.version import __version__
-
-if TYPE_CHECKING:
-    from insgnss.supervision.sources import SupervisionSources
 
 Progress = Callable[[str], None]
 
@@ -252,9 +250,6 @@ def _prepared(
     rows, found = corrected_rows(setup, logs, flight)
     supervised = None
     if supervise:
-        # late: SciPy's special functions, a fifth of a second that others do not wait
-        from insgnss.supervision.sources import supervision_sources
-
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
         found = found + told
     events = logs.events + _installed(flight)[1] + found

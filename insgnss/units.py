@@ -76,6 +76,16 @@ def mps_per_sqrt_h_to_mps_per_sqrt_s(walk_mps_per_sqrt_h: Value) -> Value:
     return walk_mps_per_sqrt_h / SQRT_S_PER_SQRT_H
 
 
+def mps_per_sqrt_s_to_mps_per_sqrt_h(walk_mps_per_sqrt_s: Value) -> Value:
+    """Return a velocity random walk (VRW) in m/s/sqrt(h)."""
+    return walk_mps_per_sqrt_s * SQRT_S_PER_SQRT_H
+
+
+def rad_per_sqrt_s_to_deg_per_sqrt_h(walk_rad_per_sqrt_s: Value) -> Value:
+    """Return an angle random walk (ARW) in deg/sqrt(h)."""
+    return walk_rad_per_sqrt_s / (RAD_PER_DEG / SQRT_S_PER_SQRT_H)
+
+
 def mg_to_mps2(acceleration_mg: Value) -> Value:
     """Return an accelerometer bias [mg] in m/s^2."""
     return acceleration_mg * MPS2_PER_MG

@@ -8,11 +8,10 @@ summed (square-law, non-coherent). All ratios are linear unless the name ends in
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
 from insgnss.config.search import Detection
 from insgnss.errors import ConfigError
@@ -37,6 +36,13 @@ class Accumulation(NamedTuple):
     look_s: Float64  # coherent part: time_s / looks; inf where time_s is
 
 
+def _special() -> Any:
+    """Return SciPy's special functions, loaded late: a replay that does not supervise the search goes without them."""
+    from scipy import special
+
+    return special
+
+
 def marcum_q(order: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike) -> Float64:
     """Return the generalised Marcum Q function, by its series in Poisson weights; arguments broadcast.
 
@@ -49,8 +55,8 @@ def marcum_q(order: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike) -> Float6
     first = np.maximum(np.floor(half - spread), 0.0)
     terms = int(np.max(half + spread - first, initial=0.0)) + 1
     k = first[..., None] + np.arange(terms)
-    weight = np.exp(special.xlogy(k, half[..., None]) - half[..., None] - special.gammaln(k + 1.0))
-    return np.asarray(np.sum(weight * special.gammaincc(m[..., None] + k, x[..., None]), axis=-1))
+    weight = np.exp(_special().xlogy(k, half[..., None]) - half[..., None] - _special().gammaln(k + 1.0))
+    return np.asarray(np.sum(weight * _special().gammaincc(m[..., None] + k, x[..., None]), axis=-1))
 
 
 def detection_probability(snr: npt.ArrayLike, pfa: npt.ArrayLike, looks: npt.ArrayLike = 1) -> Float64:
@@ -60,7 +66,7 @@ def detection_probability(snr: npt.ArrayLike, pfa: npt.ArrayLike, looks: npt.Arr
                                                                     [Marcum 1960; Richards 2014, chapter 6]
     """
     K = np.asarray(looks, float)
-    threshold = special.gammainccinv(K, pfa)
+    threshold = _special().gammainccinv(K, pfa)
     return marcum_q(K, np.sqrt(2.0 * K * np.asarray(snr, float)), np.sqrt(2.0 * threshold))
 
 
@@ -69,7 +75,7 @@ def coherent_detection_probability(snr: npt.ArrayLike, pfa: npt.ArrayLike) -> Fl
 
     Equation: Pd = Phi(sqrt(2 snr) - Phi^-1(1 - Pfa))               [Richards 2014, chapter 6]
     """
-    return np.asarray(special.ndtr(np.sqrt(2.0 * np.asarray(snr, float)) + special.ndtri(pfa)))
+    return np.asarray(_special().ndtr(np.sqrt(2.0 * np.asarray(snr, float)) + _special().ndtri(pfa)))
 
 
 def albersheim_snr_db(pd: float, pfa: float, looks: npt.ArrayLike = 1) -> Float64:
@@ -109,7 +115,7 @@ def exact_snr_db(pd: float, pfa: float, looks: npt.ArrayLike = 1) -> Float64:
     """
     _check_pair(pd, pfa)
     K = np.asarray(looks, float)
-    edge = np.sqrt(2.0 * special.gammainccinv(K, pfa))
+    edge = np.sqrt(2.0 * _special().gammainccinv(K, pfa))
     low, high = np.zeros(K.shape), np.ones(K.shape)  # of K snr
     while np.any(short := marcum_q(K, np.sqrt(2.0 * high), edge) < pd):
         low, high = np.where(short, high, low), np.where(short, 2.0 * high, high)
@@ -128,7 +134,7 @@ def coherent_snr_db(pd: float, pfa: float) -> float:
     ConfigError : pd is not above pfa
     """
     _check_pair(pd, pfa)
-    return float(20.0 * np.log10((special.ndtri(pd) - special.ndtri(pfa)) / math.sqrt(2.0)))
+    return float(20.0 * np.log10((_special().ndtri(pd) - _special().ndtri(pfa)) / math.sqrt(2.0)))
 
 
 def _check_pair(pd: float, pfa: float) -> None:

@@ -1,4 +1,4 @@
-"""The command line: ``insgnss check``, ``convert``, ``margin``, ``point``, ``replay``, ``track`` and ``visibility``."""
+"""The command line: each command in a module of its own."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from typing import Annotated
 
 import typer
 
+from insgnss.cli.allan import allan
 from insgnss.cli.check import check
 from insgnss.cli.convert import convert
 from insgnss.cli.margin import margin
 from insgnss.cli.point import point
 from insgnss.cli.replay import replay
+from insgnss.cli.simulate import simulate
 from insgnss.cli.track import track
 from insgnss.cli.visibility import visibility
 from insgnss.version import __version__
@@ -21,11 +23,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Tightly coupled INS/GNSS navigation: logs in, a navigation solution out.",
 )
+app.command()(allan)
 app.command()(check)
 app.command()(convert)
 app.command()(margin)
 app.command()(point)
 app.command()(replay)
+app.command()(simulate)
 app.command()(track)
 app.command()(visibility)
 

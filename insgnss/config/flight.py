@@ -54,6 +54,16 @@ class ImuGrade(StrictModel):
     accel_scale_factor_ppm: NonNegativeFloat = 0.0
     gyro_range_deg_per_s: PositiveFloat | None = None
     accel_range_g: PositiveFloat | None = None
+    # what the simulation puts into a sensor beyond what the filter models by itself; nothing by default
+    gyro_rate_random_walk_deg_per_h_per_sqrt_h: NonNegativeFloat = 0.0
+    gyro_misalignment_mrad: NonNegativeFloat = Field(0.0, description="of each axis against the other two")
+    gyro_g_sensitivity_deg_per_h_per_g: NonNegativeFloat = 0.0
+    gyro_quantisation_deg: NonNegativeFloat = Field(0.0, description="of an angle increment")
+    gyro_bandwidth_hz: PositiveFloat | None = None
+    accel_random_walk_mg_per_sqrt_h: NonNegativeFloat = Field(0.0, description="of the bias")
+    accel_misalignment_mrad: NonNegativeFloat = Field(0.0, description="of each axis against the other two")
+    accel_quantisation_mps: NonNegativeFloat = Field(0.0, description="of a velocity increment")
+    accel_bandwidth_hz: PositiveFloat | None = None
     source: str = ""
 
 

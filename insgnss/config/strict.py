@@ -111,16 +111,24 @@ def _config_error(path: Path, problems: Sequence[_Problem]) -> ConfigError:
 
 
 def _describe(
-    error: ErrorDetails, data: Mapping[str, Any], model: type[BaseModel], lines: dict[tuple[str, ...], int]
+    error: ErrorDetails,
+    data: Mapping[str, Any],
+    model: type[BaseModel],
+    lines: dict[tuple[str | int, ...], int],
 ) -> _Problem:
     path = _path_in_file(error["loc"], data)
     keys = tuple(part for part in path if isinstance(part, str))
     key = ".".join(keys) or "the file"
     entry = f"entry {path[-1] + 1}: " if path and isinstance(path[-1], int) else ""
-    line = line_of(keys, lines)
+    line = line_of(path, lines)
     kind = error["type"]
+    if kind.startswith("union_tag"):
+        line = line_of((*path, "kind"), lines)
+        return _Problem(f"{key}.kind", line, *_unknown_kind(error), unknown=True)
     if kind == "extra_forbidden":
-        return _Problem(key, line, "unknown key", _nearest_keys(keys, model), unknown=True)
+        return _Problem(
+            key, line, "unknown key", _nearest_keys(keys, model, _kind_at(path, data)), unknown=True
+        )
     if kind == "missing":
         return _Problem(
             key, line, f"{entry}missing" if entry else "missing key", f"give {key}{_purpose(keys, model)}"
@@ -132,6 +140,26 @@ def _describe(
     return _Problem(key, line, message, f"change {key}{_purpose(keys, model)}")
 
 
+def _unknown_kind(error: ErrorDetails) -> tuple[str, str]:
+    """Return message and advice for a table of which its ``kind`` should say what it is."""
+    context = error.get("ctx", {})
+    known = re.findall(r"'([^']*)'", str(context.get("expected_tags", "")))
+    if error["type"] == "union_tag_not_found":
+        return "missing key", "say which kind it is"
+    tag = str(context.get("tag"))
+    near = difflib.get_close_matches(tag, known, n=2, cutoff=0.5)
+    named = "nearest: " + ", or ".join(f"'{name}'" for name in near) if near else f"known: {', '.join(known)}"
+    return f"unknown kind '{tag}'", named
+
+
+def _kind_at(path: Sequence[str | int], data: Any) -> str | None:
+    """Return the ``kind`` of the table that a path's last key stands in, None where tables have no kinds."""
+    for part in path[:-1]:
+        data = data[part]
+    kind = data.get("kind") if isinstance(data, Mapping) else None
+    return kind if isinstance(kind, str) else None
+
+
 def _path_in_file(location: Sequence[int | str], data: Any) -> tuple[str | int, ...]:
     """Return the keys and indices that lead to an error, without the union branches that pydantic puts between them."""
     path: list[str | int] = []
@@ -140,7 +168,7 @@ def _path_in_file(location: Sequence[int | str], data: Any) -> tuple[str | int, 
         if isinstance(data, Mapping):
             if part in data:
                 data = data[str(part)]
-            elif not last:
+            elif not last or part == data.get("kind"):  # the branch of a union, no key
                 continue
             path.append(str(part))
         elif isinstance(data, list) and isinstance(part, int):
@@ -163,9 +191,9 @@ def _without_other_branches(errors: Sequence[ErrorDetails], data: Mapping[str, A
     return kept or list(errors)
 
 
-def _nearest_keys(path: tuple[str, ...], model: type[BaseModel]) -> str:
+def _nearest_keys(path: tuple[str, ...], model: type[BaseModel], kind: str | None) -> str:
     """Return advice naming the nearest valid keys: first those of this table, then those of other tables."""
-    here = _fields_at(path[:-1], model)
+    here = _fields_at(path[:-1], model, kind)
     near = [
         ".".join((*path[:-1], name)) for name in difflib.get_close_matches(path[-1], here, n=1, cutoff=0.5)
     ]
@@ -187,8 +215,13 @@ def _purpose(path: tuple[str, ...], model: type[BaseModel]) -> str:
     return ""
 
 
-def _fields_at(path: tuple[str, ...], model: type[BaseModel]) -> list[str]:
-    return [name for table in _tables_at(path, model) for name in table.model_fields]
+def _fields_at(path: tuple[str, ...], model: type[BaseModel], kind: str | None) -> list[str]:
+    """Return the keys of a table; of tables told apart by their kind, those of its own."""
+    tables = _tables_at(path, model)
+    own = [
+        t for t in tables if "kind" in t.model_fields and kind in get_args(t.model_fields["kind"].annotation)
+    ]
+    return list(dict.fromkeys(name for table in own or tables for name in table.model_fields))
 
 
 def _tables_at(path: tuple[str, ...], model: type[BaseModel]) -> list[type[BaseModel]]:

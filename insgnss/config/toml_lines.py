@@ -5,32 +5,54 @@ from __future__ import annotations
 import re
 from typing import Final
 
-_TABLE: Final = re.compile(r"^\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
+_TABLE: Final = re.compile(r"^\s*\[(\[?)\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
 _KEY: Final = re.compile(
     r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
 )
 _PART: Final = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
 
 
-def key_lines(text: str) -> dict[tuple[str, ...], int]:
-    """Return the 1-based line of each key and table header, by its full dotted path.
+Path = tuple[str | int, ...]
 
-    Keys inside inline tables are not looked into: their parent's line is found instead.
+
+def key_lines(text: str) -> dict[Path, int]:
+    """Return the 1-based line of each key and table header, by its full path.
+
+    An entry of an array of tables is found by its number, from 0, after the array's name: ``("fault", 2, "sv")``;
+    without the number the first one is meant. Keys inside inline tables are not looked into: their parent's line is
+    found instead.
     """
-    lines: dict[tuple[str, ...], int] = {}
+    lines: dict[Path, int] = {}
+    entries: dict[Path, int] = {}  # of each array of tables so far
     table: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), start=1):
         header = _TABLE.match(line)
         key = None if header else _KEY.match(line)
+        path: tuple[str, ...]
         if header:
-            table = _parts(header[1])
-            lines.setdefault(table, number)
+            table = path = _parts(header[2])
+            if header[1]:
+                entries[table] = entries.get(table, 0) + 1
         elif key:
-            lines.setdefault(table + _parts(key[1]), number)
+            path = table + _parts(key[1])
+        else:
+            continue
+        lines.setdefault(path, number)
+        lines.setdefault(_numbered(path, entries), number)
     return lines
 
 
-def line_of(path: tuple[str, ...], lines: dict[tuple[str, ...], int]) -> int | None:
+def _numbered(path: tuple[str, ...], entries: dict[Path, int]) -> Path:
+    """Return the path with the number of the present entry after each name of an array of tables."""
+    numbered: list[str | int] = []
+    for length, part in enumerate(path, start=1):
+        numbered.append(part)
+        if path[:length] in entries:
+            numbered.append(entries[path[:length]] - 1)
+    return tuple(numbered)
+
+
+def line_of(path: Path, lines: dict[Path, int]) -> int | None:
     """Return the line of a key, that of its nearest parent when it stands inside an inline table."""
     for length in range(len(path), 0, -1):
         if path[:length] in lines:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
@@ -53,6 +55,25 @@ class SmoothSignal:
         return self.initial + sum(change for _, _, change in self.steps)
 
 
+class LevelMotion(NamedTuple):
+    """Velocity along the axes of the level frame, its turning, and the attitude in it, at given times."""
+
+    forward: Float64  # [m/s]; negative where a loop leads back over itself
+    right: Float64  # [m/s]
+    up: Float64  # [m/s]
+    turn_rate: Float64  # of the level frame, to the right [rad/s]
+    roll: Float64  # [rad]
+    pitch: Float64  # [rad]
+    yaw: Float64  # of the nose against the level frame's forward [rad]
+
+
+class Figure(Protocol):
+    """What changes a level motion for a while: a loop, a roll, waves."""
+
+    def __call__(self, elapsed_s: Float64, motion: LevelMotion) -> LevelMotion:
+        """Return the motion at the times ``elapsed_s`` since the figure's begin, from what it would have been."""
+
+
 class Course:
     """A sequence of manoeuvres in time order; ``clock_s`` is where the next one begins.
 
@@ -65,6 +86,7 @@ class Course:
         self.climb_rate = SmoothSignal()  # up [m/s]
         self.bank = SmoothSignal()  # right wing down [rad]
         self.flat_turn_rate = SmoothSignal()  # turning right without bank [rad/s]
+        self.figures: list[tuple[float, float, Figure]] = []  # from and to [s]
 
     def hold(self, duration_s: float) -> Course:
         """Go on as before for ``duration_s``."""
@@ -93,7 +115,15 @@ class Course:
         self.climb_rate.steps += [(self.clock_s, ramp_s, rate), (self.clock_s + duration, ramp_s, -rate)]
         return self._done(duration + ramp_s, meanwhile)
 
-    def turn(self, by_deg: float, bank_deg: float, *, roll_s: float = 4.0, meanwhile: bool = False) -> Course:
+    def turn(
+        self,
+        by_deg: float,
+        bank_deg: float,
+        *,
+        roll_s: float = 4.0,
+        roll_out_s: float | None = None,
+        meanwhile: bool = False,
+    ) -> Course:
         """Turn right (``by_deg`` positive) or left, coordinated, at ``bank_deg`` (its size), at constant speed.
 
         Equation: ``turn rate = g tan(bank) / speed``; the turn while rolling in and out is integrated along the ramp.
@@ -104,8 +134,9 @@ class Course:
         bank = deg_to_rad(bank_deg)
         rate = STANDARD_GRAVITY_MPS2 / speed
         nodes, weights = np.polynomial.legendre.leggauss(20)
-        ramp = roll_s * rate * 0.5 * float(weights @ np.tan(bank * smoothstep(0.5 + 0.5 * nodes)))
-        steady_s = (deg_to_rad(abs(by_deg)) - 2.0 * ramp) / (rate * math.tan(bank))
+        mean = 0.5 * float(weights @ np.tan(bank * smoothstep(0.5 + 0.5 * nodes)))
+        rolling_s = roll_s + (roll_s if roll_out_s is None else roll_out_s)
+        steady_s = (deg_to_rad(abs(by_deg)) - rolling_s * rate * mean) / (rate * math.tan(bank))
         if steady_s < 0.0:
             raise ConfigError(
                 f"a turn by {by_deg} deg at {bank_deg} deg of bank is over while rolling in",
@@ -113,8 +144,13 @@ class Course:
             )
         side = math.copysign(bank, by_deg)
         roll_out = self.clock_s + roll_s + steady_s
-        self.bank.steps += [(self.clock_s, roll_s, side), (roll_out, roll_s, -side)]
-        return self._done(2.0 * roll_s + steady_s, meanwhile)
+        self.bank.steps += [(self.clock_s, roll_s, side), (roll_out, rolling_s - roll_s, -side)]
+        return self._done(rolling_s + steady_s, meanwhile)
+
+    def fly(self, figure: Figure, duration_s: float, *, meanwhile: bool = False) -> Course:
+        """Fly a figure for ``duration_s``; without an end (``inf``) it is the last thing on the course."""
+        self.figures.append((self.clock_s, self.clock_s + duration_s, figure))
+        return self._done(duration_s, meanwhile)
 
     def steer(self, by_deg: float, duration_s: float, *, meanwhile: bool = False) -> Course:
         """Turn right (``by_deg`` positive) or left like a car, without bank, within ``duration_s``."""
@@ -133,6 +169,19 @@ class Course:
         coordinated = STANDARD_GRAVITY_MPS2 * np.tan(self.bank(t_s)) / np.maximum(self.speed(t_s), 1e-3)
         return np.asarray(coordinated + self.flat_turn_rate(t_s))
 
+    def motion(self, t_s: Float64) -> LevelMotion:
+        """Return velocity, turning and attitude at the times ``t_s``: nose along the velocity, roll the bank."""
+        speed, climb = self.speed(t_s), self.climb_rate(t_s)
+        none = np.zeros_like(speed)
+        motion = LevelMotion(
+            speed, none, climb, self.turn_rate(t_s), self.bank(t_s), np.arctan2(climb, speed), none
+        )
+        for first_s, last_s, figure in self.figures:
+            during = (t_s >= first_s) & (t_s < last_s)
+            inside = figure(t_s[during] - first_s, LevelMotion(*(values[during] for values in motion)))
+            motion = LevelMotion(*(_put(*pair, during) for pair in zip(motion, inside, strict=True)))
+        return motion
+
     def lay(
         self, lat_deg: float, lon_deg: float, h_m: float, heading_deg: float, *, knot_s: float = KNOT_S
     ) -> Trajectory:
@@ -146,9 +195,9 @@ class Course:
         t, r_e, C_el = (
             np.concatenate([back[:0:-1], ahead]) for back, ahead in zip(before, after, strict=True)
         )
-        angles = np.column_stack([np.arctan2(self.climb_rate(t), self.speed(t)), self.bank(t)])
-        C_eb = Rotation.from_matrix(C_el) * Rotation.from_euler("YX", angles)
-        return Trajectory.from_knots(t, r_e, C_eb)
+        motion = self.motion(t)
+        C_lb = Rotation.from_euler("ZYX", np.column_stack([motion.yaw, motion.pitch, motion.roll]))
+        return Trajectory.from_knots(t, r_e, Rotation.from_matrix(C_el) * C_lb)
 
     def _way(
         self, place: tuple[float, float, float, float], count: int, step_s: float
@@ -157,9 +206,16 @@ class Course:
         half_steps = 0.5 * step_s * np.arange(2 * count + 1, dtype=np.float64)
         r_e, C_el = np.empty((count + 1, 3)), np.empty((count + 1, 3, 3))
         _start(*place, r_e[0], C_el[0])
-        signals = self.speed(half_steps), self.climb_rate(half_steps), self.turn_rate(half_steps)
-        _lay_over_ellipsoid(*signals, step_s, r_e, C_el)
+        motion = self.motion(half_steps)
+        _lay_over_ellipsoid(motion.forward, motion.right, motion.up, motion.turn_rate, step_s, r_e, C_el)
         return half_steps[::2], r_e, C_el
+
+
+def _put(outside: Float64, inside: Float64, during: npt.NDArray[np.bool_]) -> Float64:
+    """Return a copy of ``outside`` with the values of ``inside`` where the mask holds."""
+    values = outside.copy()
+    values[during] = inside
+    return values
 
 
 def _start(lat: float, lon: float, h: float, heading: float, r_e: Float64, C_el: Float64) -> None:
@@ -172,12 +228,19 @@ def _start(lat: float, lon: float, h: float, heading: float, r_e: Float64, C_el:
 
 @kernel
 def _way_rates(
-    r: Float64, forward: Float64, speed: float, climb: float, turn: float, dr: Float64, df: Float64
+    r: Float64,
+    forward: Float64,
+    speed: float,
+    lateral: float,
+    climb: float,
+    turn: float,
+    dr: Float64,
+    df: Float64,
 ) -> None:
     """Write the derivatives of position and forward direction.
 
-    Equation: ``r' = V f + w u``, ``f' = turn (f x u) - (f . u') u`` with u the ellipsoid's normal, which turns with
-    ``u' = n v_n / (M + h) + e v_e / (N + h)``.
+    Equation: ``r' = V f + s (f x u) + w u``, ``f' = turn (f x u) - (f . u') u`` with u the ellipsoid's normal,
+    which turns with ``u' = n v_n / (M + h) + e v_e / (N + h)``.
     """
     lat, lon, h = ecef_to_geodetic(r)
     C_ne = np.empty((3, 3))
@@ -186,11 +249,12 @@ def _way_rates(
     forward_north = C_ne[0, 0] * forward[0] + C_ne[0, 1] * forward[1] + C_ne[0, 2] * forward[2]
     forward_east = C_ne[1, 0] * forward[0] + C_ne[1, 1] * forward[1] + C_ne[1, 2] * forward[2]
     bend = speed * (forward_north * forward_north / (m + h) + forward_east * forward_east / (n + h))
+    bend += lateral * forward_north * forward_east * (1.0 / (n + h) - 1.0 / (m + h))
     for i in range(3):
         up = -C_ne[2, i]
         # f x u = (f_n n + f_e e) x u = f_n e - f_e n, to the right
         right = forward_north * C_ne[1, i] - forward_east * C_ne[0, i]
-        dr[i] = speed * forward[i] + climb * up
+        dr[i] = speed * forward[i] + climb * up + lateral * right
         df[i] = turn * right - bend * up
 
 
@@ -217,7 +281,13 @@ def _level_frame(r: Float64, forward: Float64, C_el: Float64) -> None:
 
 @kernel
 def _lay_over_ellipsoid(
-    speed: Float64, climb: Float64, turn: Float64, knot_s: float, r_e: Float64, C_el: Float64
+    speed: Float64,
+    lateral: Float64,
+    climb: Float64,
+    turn: Float64,
+    knot_s: float,
+    r_e: Float64,
+    C_el: Float64,
 ) -> None:
     """Fill positions ``r_e`` (n, 3) and level frames ``C_el`` (n, 3, 3) after the first ones; classical Runge-Kutta.
 
@@ -235,7 +305,7 @@ def _lay_over_ellipsoid(
             if j > 0:
                 r = r_e[k] + stage[j] * knot_s * dr[j - 1]
                 f = forward + stage[j] * knot_s * df[j - 1]
-            _way_rates(r, f, speed[moment], climb[moment], turn[moment], dr[j], df[j])
+            _way_rates(r, f, speed[moment], lateral[moment], climb[moment], turn[moment], dr[j], df[j])
         r_e[k + 1] = r_e[k]
         for j in range(4):
             r_e[k + 1] += weight[j] * knot_s * dr[j]

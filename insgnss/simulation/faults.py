@@ -93,6 +93,33 @@ def outage(sv: Iterable[str] | None, from_s: float, to_s: float) -> Fault:
     return fault
 
 
+def carrier_false_lock(
+    sv: str, offset_hz: float, from_s: float, to_s: float = np.inf, *, cn0_drop_db: float = 6.0
+) -> Fault:
+    """Return the fault of a carrier loop locked ``offset_hz`` beside its frequency, as at half the data rate.
+
+    Doppler and carrier go wrong together, the code stays right, and the signal seems weaker.
+    """
+
+    def fault(observations: Observations) -> Observations:
+        off = _where(observations, [sv], from_s, to_s)
+        wavelength = np.array([wavelength_m(SYSTEM, code) for code in observations.signals])
+        carrier = observations.carrier_cycles
+        if carrier is not None:
+            held_s = np.clip(observations.tag_s, from_s, to_s) - from_s
+            # what was lost of the carrier while beside it is not found again
+            locked = np.outer(held_s, np.isin(observations.sv_names, [sv]))
+            carrier = carrier - offset_hz * locked
+        return replace(
+            observations,
+            range_rate_mps=observations.range_rate_mps - offset_hz * wavelength * off,
+            cn0_dbhz=observations.cn0_dbhz - cn0_drop_db * off,
+            carrier_cycles=carrier,
+        )
+
+    return fault
+
+
 def reversed_range_rate() -> Fault:
     """Return the fault of a log whose Doppler has the wrong sign."""
 

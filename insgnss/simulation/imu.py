@@ -1,7 +1,9 @@
-"""Inertial sensor errors drawn from a grade: turn-on bias, slow bias, white noise, scale factor, range, resolution.
+"""Inertial sensor errors drawn from a grade: bias, noise, scale, misalignment, bandwidth, range, resolution.
 
-Model per axis: ``measured = (1 + k) true + b_0 + b(t) + n`` with ``k`` and ``b_0`` constant over a run, ``b`` a
-stationary first-order Gauss-Markov process and ``n`` white.
+Model of a triad: ``measured = (I + K + M) s + G f + b_0 + b(t) + n``: ``s`` the true input after the sensor's
+bandwidth, ``K`` (scale factors), ``M`` (misalignments, off the diagonal), ``G`` (a gyro's sensitivity to specific
+force) and ``b_0`` constant over a run, ``b`` a stationary first-order Gauss-Markov process plus a random walk, ``n``
+white. Noise is that of the sensor's output: the bandwidth does not shape it.
 """
 
 from __future__ import annotations
@@ -9,12 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, lfilter_zi
 
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.tables import Float64
 from insgnss.units import (
+    SQRT_S_PER_SQRT_H,
     deg_per_h_to_radps,
     deg_per_sqrt_h_to_rad_per_sqrt_s,
     deg_to_rad,
@@ -35,6 +38,10 @@ class SensorModel:
     scale_factor: float  # one sigma [-]
     full_scale: float | None  # readings are clipped to +- this
     resolution: float | None = None  # of an increment: [rad] or [m/s]
+    bias_random_walk: float = 0.0  # of the bias itself: [rad/s/sqrt(s)] or [m/s^2/sqrt(s)]
+    misalignment: float = 0.0  # one sigma of each axis against the other two [rad]
+    g_sensitivity: float = 0.0  # one sigma of each element [(rad/s)/(m/s^2)]
+    bandwidth_hz: float | None = None  # -3 dB of the input
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,12 @@ def gyro_model(grade: ImuGrade, resolution_rad: float | None = None) -> SensorMo
         random_walk=deg_per_sqrt_h_to_rad_per_sqrt_s(grade.gyro_arw_deg_per_sqrt_h),
         scale_factor=ppm_to_ratio(grade.gyro_scale_factor_ppm),
         full_scale=None if limit is None else deg_to_rad(limit),
-        resolution=resolution_rad,
+        resolution=resolution_rad or deg_to_rad(grade.gyro_quantisation_deg) or None,
+        bias_random_walk=deg_per_h_to_radps(grade.gyro_rate_random_walk_deg_per_h_per_sqrt_h)
+        / SQRT_S_PER_SQRT_H,
+        misalignment=1e-3 * grade.gyro_misalignment_mrad,
+        g_sensitivity=deg_per_h_to_radps(grade.gyro_g_sensitivity_deg_per_h_per_g) / STANDARD_GRAVITY_MPS2,
+        bandwidth_hz=grade.gyro_bandwidth_hz,
     )
 
 
@@ -70,7 +82,10 @@ def accelerometer_model(grade: ImuGrade, resolution_mps: float | None = None) ->
         random_walk=mps_per_sqrt_h_to_mps_per_sqrt_s(grade.accel_vrw_mps_per_sqrt_h),
         scale_factor=ppm_to_ratio(grade.accel_scale_factor_ppm),
         full_scale=None if limit is None else limit * STANDARD_GRAVITY_MPS2,
-        resolution=resolution_mps,
+        resolution=resolution_mps or grade.accel_quantisation_mps or None,
+        bias_random_walk=mg_to_mps2(grade.accel_random_walk_mg_per_sqrt_h) / SQRT_S_PER_SQRT_H,
+        misalignment=1e-3 * grade.accel_misalignment_mrad,
+        bandwidth_hz=grade.accel_bandwidth_hz,
     )
 
 
@@ -93,7 +108,27 @@ def quantise(mean: Float64, step_s: float, resolution: float) -> Float64:
     return np.diff(counts, axis=0, prepend=0.0) * (resolution / step_s)
 
 
-def measure(true_mean: Float64, step_s: float, model: SensorModel, rng: np.random.Generator) -> SensorOutput:
+def low_pass(values: Float64, step_s: float, bandwidth_hz: float) -> Float64:
+    """Return series (n, 3) after a Butterworth filter of second order, settled on the first value.
+
+    A bandwidth at or above half the sampling rate changes nothing: the interval means themselves pass no more.
+    """
+    if bandwidth_hz * step_s >= 0.5:
+        return values
+    b, a = butter(2, 2.0 * bandwidth_hz * step_s)
+    settled = lfilter_zi(b, a)[:, None] * values[0]
+    return np.asarray(lfilter(b, a, values, axis=0, zi=settled)[0])
+
+
+def measure(
+    true_mean: Float64,
+    step_s: float,
+    model: SensorModel,
+    rng: np.random.Generator,
+    *,
+    force: Float64 | None = None,
+    shaking: Float64 | None = None,
+) -> SensorOutput:
     """Return what a triad reports for the true interval means of a uniformly sampled flight.
 
     The mean of white noise over an interval has the deviation ``random_walk / sqrt(step)``. The slow bias is taken as
@@ -103,6 +138,8 @@ def measure(true_mean: Float64, step_s: float, model: SensorModel, rng: np.rando
     ----------
     true_mean : (n, 3) true mean rate [rad/s] or specific force [m/s^2] over each interval
     step_s : length of the intervals [s]
+    force : (n, 3) true mean specific force that disturbs gyros [m/s^2]
+    shaking : (n, 3) vibration added to the input
     """
     count = len(true_mean)
     scale = model.scale_factor * rng.standard_normal(3)
@@ -110,7 +147,18 @@ def measure(true_mean: Float64, step_s: float, model: SensorModel, rng: np.rando
         count, step_s, model.slow_bias, model.correlation_time_s, rng
     )
     noise = model.random_walk / np.sqrt(step_s) * rng.standard_normal((count, 3))
-    value = (1.0 + scale) * true_mean + bias + noise
+    felt = true_mean if shaking is None else true_mean + shaking
+    if model.bandwidth_hz is not None:
+        felt = low_pass(felt, step_s, model.bandwidth_hz)
+    if model.bias_random_walk > 0.0:
+        steps = model.bias_random_walk * np.sqrt(step_s) * rng.standard_normal((count, 3))
+        bias = bias + np.cumsum(steps, axis=0)
+    value = (1.0 + scale) * felt + bias + noise
+    if model.misalignment > 0.0:
+        across = model.misalignment * rng.standard_normal((3, 3)) * (1.0 - np.eye(3))
+        value = value + felt @ across.T
+    if model.g_sensitivity > 0.0 and force is not None:
+        value = value + force @ (model.g_sensitivity * rng.standard_normal((3, 3))).T
     if model.full_scale is not None:
         value = np.clip(value, -model.full_scale, model.full_scale)
     if model.resolution is not None:

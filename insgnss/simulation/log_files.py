@@ -14,6 +14,9 @@ from insgnss.tables import Float64, GnssTable, ImuTable, Int64, ReferenceTable
 GYRO_DECIMALS = 7  # rad/s: a thousandth of a tactical gyro's noise at 100 Hz
 ACCEL_DECIMALS = 5  # m/s^2: a thousandth of a tactical accelerometer's noise at 100 Hz
 
+ANGLE_DECIMALS = 11  # rad: a tenth of a navigation grade's noise at 1 kHz
+VELOCITY_DECIMALS = 9  # m/s: the same
+
 
 def write_imu(path: Path, imu: ImuTable, week: int) -> None:
     """Write mean rates [rad/s] and specific forces [m/s^2], one row per sample; gzipped when the name ends in .gz."""
@@ -23,6 +26,20 @@ def write_imu(path: Path, imu: ImuTable, week: int) -> None:
         ns_to_week_seconds(imu.t_ns, week),
         *np.round(imu.w_ib_b, GYRO_DECIMALS).T,
         *np.round(imu.f_b, ACCEL_DECIMALS).T,
+    ]
+    _write(path, header, formats, np.column_stack(columns))
+
+
+def write_increments(path: Path, imu: ImuTable, week: int, step_s: float) -> None:
+    """Write angle [rad] and velocity [m/s] increments over the nominal step, one row per sample."""
+    header = "time_s,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
+    formats = (
+        [f"%.{_time_decimals(imu.t_ns)}f"] + [f"%.{ANGLE_DECIMALS}f"] * 3 + [f"%.{VELOCITY_DECIMALS}f"] * 3
+    )
+    columns = [
+        ns_to_week_seconds(imu.t_ns, week),
+        *np.round(step_s * imu.w_ib_b, ANGLE_DECIMALS).T,
+        *np.round(step_s * imu.f_b, VELOCITY_DECIMALS).T,
     ]
     _write(path, header, formats, np.column_stack(columns))
 

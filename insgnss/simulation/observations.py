@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
 from insgnss.simulation.constellation import SatelliteStates, satellite_states
+from insgnss.simulation.disturbance import Disturbance, Noise, PathErrors, SkyGeometry
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
@@ -30,6 +32,22 @@ MOST_AMBIGUITY_CYCLES = 1_000_000
 LIGHT_TIME_STEPS = 4  # each multiplies the error by (satellite velocity) / c = 1e-5, from 20 ms on
 REFERENCE_CN0_DBHZ = 45.0
 LOWEST_ANTENNA_GAIN = 1e-3  # of the field: -60 dB, straight below the antenna
+
+
+class StrengthOf(Protocol):
+    """Antennas and link budget."""
+
+    def cn0_dbhz(self, direction_b: Float64) -> Float64:
+        """Return C/N0 (m, n) towards unit directions (m, n, 3), body axes."""
+
+
+class Tracking(Protocol):
+    """What becomes of signals that are weak or lost."""
+
+    def apply(
+        self, seen: Observations, strength_dbhz: Float64, rng: np.random.Generator | None
+    ) -> Observations:
+        """Return what the receiver makes of signals whose mean C/N0 is ``strength_dbhz`` (m, n)."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +78,14 @@ class Receiver:
     )
     boresight_cn0_dbhz: float = 48.0
     cn0_sigma_db: float = 0.5
-    pseudorange_noise: NoiseTerms = NoiseTerms(2.0)
-    range_rate_noise: NoiseTerms = NoiseTerms(0.1)
+    pseudorange_noise: Noise = NoiseTerms(2.0)
+    range_rate_noise: Noise = NoiseTerms(0.1)
     atmosphere: Atmosphere = vacuum
     signals: tuple[str, ...] = (SIGNAL,)  # RINEX codes, each tracked on every satellite
-    carrier_noise: NoiseTerms | None = (
-        None  # of one phase, not of a difference; None: no carrier phase is logged
-    )
+    carrier_noise: Noise | None = None  # of one phase, not of a difference; None: no carrier phase is logged
+    reception: StrengthOf | None = None  # antennas by their patterns; None: one patch upwards, by its formula
+    tracking: Tracking | None = None
+    disturbances: tuple[Disturbance, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,9 +197,12 @@ def observe(
 ) -> Observations:
     """Return what the receiver observes of the satellites of ephemerides, one each; see ``observe_paths``."""
     t_s = clock.true_s
-    paths = signal_paths(antenna_motion(trajectory, t_s, receiver.lever_arm_b), eph, start_ns, t_s)
+    antenna = antenna_motion(trajectory, t_s, receiver.lever_arm_b)
+    paths = signal_paths(antenna, eph, start_ns, t_s)
     group_delay_s = eph.group_delay_s[:, 0]
-    return observe_paths(paths, eph.sv_names, group_delay_s, start_ns, clock, receiver, rng, faults)
+    return observe_paths(
+        paths, eph.sv_names, group_delay_s, start_ns, clock, receiver, rng, faults, C_eb=antenna.C_eb
+    )
 
 
 def observe_paths(
@@ -192,6 +214,8 @@ def observe_paths(
     receiver: Receiver,
     rng: np.random.Generator | None,
     faults: Sequence[Fault] = (),
+    *,
+    C_eb: Float64 | None = None,
 ) -> Observations:
     """Return what the receiver observes at the tags of its clock; without a generator, free of noise.
 
@@ -208,6 +232,7 @@ def observe_paths(
     start_ns : GPS time of the trajectory's t = 0
     clock : bias and drift at each tag
     faults : applied in order to the finished observations
+    C_eb : (m, 3, 3) attitudes, for a receiver with antenna patterns
     """
     week_s = start_ns % NS_PER_WEEK / NS_PER_S + clock.true_s
     codes = receiver.signals
@@ -215,7 +240,7 @@ def observe_paths(
     ticks = (1.0 + paths.satellite.clock_rate) * (1.0 - paths.range_rate_mps / C_MPS)
     range_rate = np.tile(C_MPS * (1.0 - ticks * (1.0 - clock.drift_mps[:, None] / C_MPS)), len(codes))
     pseudorange = _code_m(paths, group_delay_s, clock, receiver, week_s)
-    cn0 = np.tile(receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation), len(codes))
+    strength = cn0 = np.tile(_strength_dbhz(C_eb, paths, receiver), len(codes))
     if rng is not None:
         white = rng.standard_normal((3, *pseudorange.shape))
         cn0 = cn0 + receiver.cn0_sigma_db * white[0]
@@ -233,9 +258,57 @@ def observe_paths(
     if receiver.carrier_noise is not None:
         phase = _carrier_m(paths, clock, receiver, week_s)
         observations = _with_carrier(observations, phase, receiver.carrier_noise, elevation, rng)
+    if rng is not None and receiver.disturbances:
+        sky = _sky_geometry(paths, clock.true_s, receiver)
+        for disturbance in receiver.disturbances:
+            observations = _disturbed(observations, disturbance(sky, rng), sky)
+    if receiver.tracking is not None:
+        observations = receiver.tracking.apply(observations, strength, rng)
     for fault in faults:
         observations = fault(observations)
     return observations
+
+
+def _strength_dbhz(C_eb: Float64 | None, paths: SignalPaths, receiver: Receiver) -> Float64:
+    """Return the mean C/N0 of all satellites (m, n); an antenna's own pattern needs the attitude."""
+    if receiver.reception is None or C_eb is None:
+        return receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation)
+    return receiver.reception.cn0_dbhz(np.einsum("mib,mni->mnb", C_eb, _directions_e(paths)))
+
+
+def _directions_e(paths: SignalPaths) -> Float64:
+    """Return unit directions (m, n, 3) towards the satellites in ECEF axes."""
+    level = np.cos(paths.elevation)
+    east, up = level * np.sin(paths.azimuth), np.sin(paths.elevation)
+    u_n = np.stack([level * np.cos(paths.azimuth), east, -up], axis=-1)
+    return np.asarray(np.einsum("mij,mni->mnj", ned_axes(paths.geodetic), u_n))
+
+
+def _sky_geometry(paths: SignalPaths, t_s: Float64, receiver: Receiver) -> SkyGeometry:
+    satellite, count = paths.satellite, paths.range_m.shape[1]
+    columns = [code for code in receiver.signals for _ in range(count)]
+    return SkyGeometry(
+        t_s=t_s,
+        elevation=paths.elevation,
+        direction_e=_directions_e(paths),
+        satellite_r_e=satellite.r_e,
+        satellite_inertial_v_e=satellite.v_e + np.cross(EARTH_RATE_E, satellite.r_e),
+        codes=len(receiver.signals),
+        wavelength_m=np.array([wavelength_m(SYSTEM, code) for code in columns]),
+        ionosphere_factor=np.array([ionosphere_factor(SYSTEM, code) for code in columns]),
+    )
+
+
+def _disturbed(seen: Observations, added: PathErrors, sky: SkyGeometry) -> Observations:
+    """Return the observations with a disturbance; the range rate gets the slope of the carrier's part."""
+    carrier = seen.carrier_cycles
+    slope = np.gradient(added.carrier_m, sky.t_s, axis=0) if len(sky.t_s) > 1 else 0.0
+    return replace(
+        seen,
+        pseudorange_m=seen.pseudorange_m + added.code_m,
+        range_rate_mps=seen.range_rate_mps + slope,
+        carrier_cycles=None if carrier is None else carrier + added.carrier_m / sky.wavelength_m,
+    )
 
 
 def _code_m(
@@ -266,7 +339,7 @@ def _carrier_m(paths: SignalPaths, clock: ClockTruth, receiver: Receiver, week_s
 def _with_carrier(
     observations: Observations,
     phase_m: Float64,
-    noise: NoiseTerms,
+    noise: Noise,
     elevation: Float64,
     rng: np.random.Generator | None,
 ) -> Observations:

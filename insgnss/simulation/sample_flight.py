@@ -126,7 +126,8 @@ point = "imu"
 
 
 def _numbers(model: ImuGrade | Oscillator) -> dict[str, float]:
-    return {name: value for name, value in model if isinstance(value, float)}
+    given = model.model_fields_set
+    return {name: value for name, value in model if name in given and isinstance(value, float)}
 
 
 def note_of_origin(seed: int, duration_s: float, gnss: GnssTable, start: dt.datetime) -> str:

@@ -10,13 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S
 from insgnss.simulation.imu import SensorOutput, accelerometer_model, gyro_model, measure
+from insgnss.simulation.imu_record import ImuRecord
 from insgnss.simulation.observations import Fault, Receiver, observe, to_table
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock, with_clock_jump
 from insgnss.simulation.trajectory import Motion, Trajectory
+from insgnss.simulation.vibration import VibrationSpectrum, vibration
 from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData
 
 
@@ -46,6 +49,9 @@ class Scenario:
     receiver: Receiver = field(default_factory=Receiver)
     clock: ClockStart = ClockStart()
     faults: Sequence[Fault] = ()
+    gyro_vibration: VibrationSpectrum | None = None  # [rad/s]
+    accel_vibration: VibrationSpectrum | None = None  # [m/s^2]
+    record: ImuRecord = field(default_factory=ImuRecord)
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,12 @@ class TrueStates:
     C_eb: Float64  # (n, 3, 3)
     gyro_bias: Float64  # (n, 3) [rad/s]
     accel_bias: Float64  # (n, 3) [m/s^2]
+
+    def take(self, rows: slice | npt.NDArray[np.bool_]) -> TrueStates:
+        """Return the given rows."""
+        return TrueStates(
+            *(getattr(self, name)[rows] for name in ("t_ns", "r_e", "v_e", "C_eb", "gyro_bias", "accel_bias"))
+        )
 
 
 @dataclass(frozen=True)
@@ -99,11 +111,13 @@ class Simulator:
         observations = observe(
             s.trajectory, s.navigation.ephemerides, s.start_ns, clock, s.receiver, rng, s.faults
         )
+        imu = ImuTable(s.start_ns + self.edges_ns[1:], gyro.value, accel.value)
+        imu, kept = (imu, slice(None)) if rng is None else s.record.log(imu, rng)
         return SimulatedLog(
-            imu=ImuTable(s.start_ns + self.edges_ns[1:], gyro.value, accel.value),
+            imu=imu,
             gnss=to_table(observations, s.start_ns),
             navigation=s.navigation,
-            at_imu=self._states(self.imu_motion, gyro, accel),
+            at_imu=self._states(self.imu_motion, gyro, accel).take(kept),
             at_gnss=self._states(self.gnss_motion, gyro, accel),
             clock=clock,
             gyro_scale_factor=gyro.scale_factor,
@@ -119,9 +133,15 @@ class Simulator:
             )
         s = self.scenario
         step_s = 1.0 / s.imu_rate_hz
-        gyro = measure(self.rate_b, step_s, gyro_model(s.grade, s.gyro_resolution_rad), rng)
-        accel = measure(self.force_b, step_s, accelerometer_model(s.grade, s.accel_resolution_mps), rng)
-        return gyro, accel
+        count = len(self.rate_b)
+        turning, shaking = (
+            None if spectrum is None else vibration(count, step_s, spectrum, rng)
+            for spectrum in (s.gyro_vibration, s.accel_vibration)
+        )
+        model = gyro_model(s.grade, s.gyro_resolution_rad)
+        gyro = measure(self.rate_b, step_s, model, rng, force=self.force_b, shaking=turning)
+        accelerometer = accelerometer_model(s.grade, s.accel_resolution_mps)
+        return gyro, measure(self.force_b, step_s, accelerometer, rng, shaking=shaking)
 
     def _clock(self, rng: np.random.Generator | None) -> ClockTruth:
         start = self.scenario.clock

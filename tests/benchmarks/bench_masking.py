@@ -1,6 +1,6 @@
 """What the visibility stage adds to a replay: ``python -m tests.benchmarks.bench_masking``.
 
-12 satellites at 10 Hz, an IMU of 200 Hz, a patch antenna on the roof: at most 10 % of the time of the replay without it.
+12 satellites at 10 Hz, an IMU of 200 Hz, a patch antenna: at most 10 % of the time of the replay without it.
 """
 
 from __future__ import annotations

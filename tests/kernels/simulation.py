@@ -16,7 +16,7 @@ _ANGLES = np.array([[0.3, 2.0, -1.0], [0.1, 0.2, 3.0]])
 
 def _way() -> tuple[np.ndarray, ...]:
     t = np.arange(7.0)
-    return 60.0 + t, 2.0 * np.sin(t), 0.05 * np.cos(t)
+    return 60.0 + t, 3.0 * np.cos(t), 2.0 * np.sin(t), 0.05 * np.cos(t)
 
 
 def _first_rows() -> np.ndarray:

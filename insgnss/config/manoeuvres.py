@@ -1,0 +1,180 @@
+"""The schema of a list of manoeuvres: what a vehicle does, one after the other, in a scenario file.
+
+Each entry ``[[manoeuvre]]`` has a ``kind`` and the keys of that kind. Angles to the right are positive.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from insgnss.config.strict import StrictModel
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Bank = Annotated[float, Field(gt=0.0, lt=85.0)]
+Period = Annotated[float, Field(ge=0.5)]
+
+
+class Straight(StrictModel):
+    """Go on as before, at rest too."""
+
+    kind: Literal["straight"]
+    duration_s: Positive
+
+
+class Accelerate(StrictModel):
+    """Change the horizontal speed."""
+
+    kind: Literal["accelerate"]
+    to_mps: NotNegative
+    duration_s: Positive
+    meanwhile: bool = Field(False, description="the next manoeuvre begins together with this one")
+
+
+class Climb(StrictModel):
+    """Climb, or descend where ``by_m`` is negative."""
+
+    kind: Literal["climb"]
+    by_m: float
+    rate_mps: Positive
+    ramp_s: Positive = 6.0
+    meanwhile: bool = Field(False, description="the next manoeuvre begins together with this one")
+
+
+class Turn(StrictModel):
+    """A coordinated turn at constant bank, with the largest roll rates of rolling in and out."""
+
+    kind: Literal["turn"]
+    by_deg: float = Field(description="right positive")
+    bank_deg: Bank
+    roll_in_deg_per_s: Positive = 15.0
+    roll_out_deg_per_s: Positive = 15.0
+
+
+class STurn(StrictModel):
+    """A turn, twice as much back, and the same turn again: the way goes on as before, shifted."""
+
+    kind: Literal["s_turn"]
+    by_deg: float
+    bank_deg: Bank
+    roll_in_deg_per_s: Positive = 15.0
+    roll_out_deg_per_s: Positive = 15.0
+
+
+class Steer(StrictModel):
+    """A flat turn without bank: a car's corner, a ship's change of course."""
+
+    kind: Literal["steer"]
+    by_deg: float
+    duration_s: Positive
+
+
+class Loop(StrictModel):
+    """A full circle upwards, wings level, from level flight."""
+
+    kind: Literal["loop"]
+    radius_m: Positive = Field(description="at the bottom; with a lower speed at the top it is tighter there")
+    top_speed_mps: Positive | None = Field(None, description="as at the bottom when left out")
+    ramp_s: Positive = Field(2.0, description="over which the pull begins and ends")
+
+
+class BarrelRoll(StrictModel):
+    """A full roll while the way goes up and sideways, then down again; radius 0 is a roll about the way."""
+
+    kind: Literal["barrel_roll"]
+    duration_s: Positive
+    radius_m: NotNegative = 0.0
+    direction: Literal["right", "left"] = "right"
+
+
+class TakeOff(StrictModel):
+    """The run along the runway, lift-off, and the first climb."""
+
+    kind: Literal["take_off"]
+    speed_mps: Positive
+    run_s: Positive
+    climb_m: Positive
+    rate_mps: Positive
+    ramp_s: Positive = 6.0
+
+
+class Landing(StrictModel):
+    """The descent to the ground, the flare, and the run until the vehicle stands."""
+
+    kind: Literal["landing"]
+    descend_m: Positive
+    rate_mps: Positive
+    run_s: Positive
+    approach_mps: Positive | None = Field(None, description="the speed changes to it during the descent")
+    ramp_s: Positive = Field(8.0, description="of the flare")
+
+
+class Sea(StrictModel):
+    """Waves under a ship that goes on as before: amplitudes and periods of its motions."""
+
+    kind: Literal["sea"]
+    duration_s: Positive
+    roll_deg: NotNegative = 0.0
+    roll_period_s: Period = 9.0
+    pitch_deg: NotNegative = 0.0
+    pitch_period_s: Period = 6.5
+    yaw_deg: NotNegative = 0.0
+    yaw_period_s: Period = 14.0
+    heave_m: NotNegative = 0.0
+    heave_period_s: Period = 7.5
+    ramp_s: Positive = 10.0
+    meanwhile: bool = Field(False, description="the next manoeuvre begins together with this one")
+
+    @model_validator(mode="after")
+    def _lasts_longer_than_its_ramps(self) -> Sea:
+        if self.duration_s < 2.0 * self.ramp_s:
+            raise ValueError(
+                f"duration_s = {self.duration_s:g} is over before the ramps of {self.ramp_s:g} s"
+            )
+        return self
+
+
+class Ascent(StrictModel):
+    """A sounding rocket: it stands on its rail, follows its nose, burns, spins, and coasts. The only manoeuvre."""
+
+    kind: Literal["ascent"]
+    duration_s: Positive = Field(description="of everything, the wait on the rail included")
+    wait_s: NotNegative = Field(60.0, description="on the rail, before the ignition")
+    elevation_deg: Annotated[float, Field(gt=30.0, lt=90.0)] = Field(85.0, description="of the rail")
+    thrust_g: Annotated[float, Field(gt=1.0, le=200.0)] = Field(description="thrust over weight")
+    burn_s: Positive
+    ramp_s: Positive = Field(0.4, description="in which the thrust comes and goes")
+    rail_m: Positive = 6.0
+    drag_m2_per_kg: NotNegative = Field(0.0, description="drag coefficient times area over mass")
+    spin_deg_per_s: float = Field(0.0, description="reached at the end of the burn")
+
+    @model_validator(mode="after")
+    def _burns_longer_than_it_ramps(self) -> Ascent:
+        if self.duration_s <= self.wait_s:
+            raise ValueError(
+                f"duration_s = {self.duration_s:g} is over before the ignition at {self.wait_s:g} s"
+            )
+        if self.burn_s <= self.ramp_s:
+            raise ValueError(
+                f"burn_s = {self.burn_s:g} is over before the thrust's ramp of {self.ramp_s:g} s"
+            )
+        return self
+
+
+Manoeuvre = Annotated[
+    Straight
+    | Accelerate
+    | Climb
+    | Turn
+    | STurn
+    | Steer
+    | Loop
+    | BarrelRoll
+    | TakeOff
+    | Landing
+    | Sea
+    | Ascent,
+    Field(discriminator="kind"),
+]

@@ -1,0 +1,257 @@
+"""The schema of a simulation's scenario file: how the vehicle moves, what it carries, the sky, and what fails."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from insgnss.config.flight import (
+    ImuGrade,
+    MountedAntenna,
+    NonNegativeFloat,
+    Oscillator,
+    PositiveFloat,
+    ReferenceColumns,
+    TimeScale,
+    Vector3,
+)
+from insgnss.config.manoeuvres import Manoeuvre
+from insgnss.config.signal_faults import SignalFault
+from insgnss.config.strict import StrictModel
+
+GpsSatellite = Annotated[str, Field(pattern=r"^G\d\d$")]
+Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
+GpsSignal = Literal["C1C", "C1L", "C1X", "C2L", "C2X", "C2S", "C5I", "C5Q", "C5X"]
+
+
+class Place(StrictModel):
+    """Where the vehicle begins, and where its nose points."""
+
+    lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
+    h_m: float
+    heading_deg: float = 0.0
+
+
+class LoggedReference(StrictModel):
+    """A reference trajectory that the vehicle follows, in place of manoeuvres."""
+
+    file: Path
+    columns: ReferenceColumns = ReferenceColumns()
+    time: TimeScale = TimeScale()
+    from_s: float | None = Field(None, description="seconds of the GPS week; its beginning when left out")
+    to_s: float | None = None
+    smoothing_s: PositiveFloat = Field(0.5, description="distance of the knots: what is faster is left out")
+
+
+class Vibration(StrictModel):
+    """A spectrum that both triads feel: corners of the power density, straight in log-log, and lines."""
+
+    frequency_hz: tuple[PositiveFloat, ...] = ()
+    accel_g2_per_hz: tuple[PositiveFloat, ...] = ()
+    gyro_deg2_per_s2_per_hz: tuple[PositiveFloat, ...] = ()
+    accel_lines_hz_g: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
+    gyro_lines_hz_deg_per_s: tuple[tuple[PositiveFloat, NonNegativeFloat], ...] = ()
+
+    @model_validator(mode="after")
+    def _corners_go_together(self) -> Vibration:
+        f = self.frequency_hz
+        if len(f) == 1 or any(b <= a for a, b in pairwise(f)):
+            raise ValueError("frequency_hz needs two or more corners, increasing")
+        if any(
+            len(density) not in (0, len(f))
+            for density in (self.accel_g2_per_hz, self.gyro_deg2_per_s2_per_hz)
+        ):
+            raise ValueError("a density needs one value for each corner of frequency_hz")
+        return self
+
+
+class SimulatedImu(StrictModel):
+    """The inertial sensor and its log."""
+
+    grade: str | ImuGrade = "tactical"
+    rate_hz: Annotated[float, Field(gt=0.0, le=4000.0)] = 100.0
+    values: Literal["rates", "increments"] = "rates"
+    vibration: Vibration = Vibration()
+    tag_jitter_s: NonNegativeFloat = Field(0.0, description="of the time tags, one sigma")
+    lost_share: Annotated[float, Field(ge=0.0, lt=0.5)] = Field(0.0, description="of the samples, on average")
+    lost_at_once: Annotated[int, Field(ge=1)] = 1
+
+
+class SimulatedClock(StrictModel):
+    """The receiver's oscillator and where its clock begins."""
+
+    oscillator: str | Oscillator = "tcxo"
+    bias_m: float = 0.0
+    drift_mps: float = 0.0
+    jump_beyond_m: PositiveFloat | None = Field(
+        None, description="the receiver steps by whole milliseconds beyond this bias"
+    )
+
+
+class NominalSky(StrictModel):
+    """An evenly filled GPS-like constellation."""
+
+    kind: Literal["nominal"] = "nominal"
+    planes: Annotated[int, Field(ge=1, le=8)] = 6
+    per_plane: Annotated[int, Field(ge=1, le=8)] = 5
+
+
+class RinexSky(StrictModel):
+    """GPS satellites of RINEX navigation files, each by the message nearest to the middle of the scenario."""
+
+    kind: Literal["rinex"]
+    files: tuple[Path, ...] = Field(min_length=1)
+
+
+class YumaSky(StrictModel):
+    """GPS satellites of a YUMA almanac."""
+
+    kind: Literal["yuma"]
+    file: Path
+
+
+class TableSatellite(StrictModel):
+    """Where a satellite stands at the start, and towards where it should go until the end."""
+
+    sv: GpsSatellite
+    azimuth_deg: tuple[float, float]
+    elevation_deg: tuple[Elevation, Elevation]
+
+
+class TableSky(StrictModel):
+    """Satellites on orbits that begin where the table says, and end as near to it as an orbit can."""
+
+    kind: Literal["table"]
+    satellite: tuple[TableSatellite, ...] = Field(min_length=1)
+
+    @field_validator("satellite")
+    @classmethod
+    def _each_one_once(cls, rows: tuple[TableSatellite, ...]) -> tuple[TableSatellite, ...]:
+        names = [row.sv for row in rows]
+        if len(set(names)) != len(names):
+            raise ValueError("a satellite stands twice in the table")
+        return rows
+
+
+Sky = Annotated[NominalSky | RinexSky | YumaSky | TableSky, Field(discriminator="kind")]
+
+
+class WhiteNoise(StrictModel):
+    """White noise of variance floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)."""
+
+    floor: NonNegativeFloat
+    elevation: NonNegativeFloat = 0.0
+    cn0_at_45_dbhz: NonNegativeFloat = 0.0
+
+
+class Loops(StrictModel):
+    """Tracking loops whose thermal noise, from C/N0, takes the place of the white noise given above."""
+
+    code_bandwidth_hz: PositiveFloat = 0.5
+    spacing_chips: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+    carrier_bandwidth_hz: PositiveFloat = 15.0
+    frequency_bandwidth_hz: PositiveFloat = Field(4.0, description="of the loop that gives the Doppler")
+    integration_s: PositiveFloat = 0.02
+
+
+class Multipath(StrictModel):
+    """Reflections without a geometry: Gauss-Markov, sigma = floor + horizon exp(-elevation / scale)."""
+
+    floor_m: NonNegativeFloat = 0.13
+    horizon_m: NonNegativeFloat = 0.53
+    scale_deg: PositiveFloat = 10.0
+    correlation_time_s: PositiveFloat = 60.0
+    carrier_ratio: NonNegativeFloat = Field(0.01, description="of the carrier's error to the code's")
+
+
+class Specular(StrictModel):
+    """One plane mirror below the antenna: sea, deck, ground."""
+
+    height_m: PositiveFloat = Field(description="of the antenna above the mirror")
+    amplitude: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
+        description="of the reflected against the direct"
+    )
+
+
+class EphemerisErrors(StrictModel):
+    """What the messages are wrong by, constant in the orbit's axes, one sigma."""
+
+    radial_m: NonNegativeFloat = 0.0
+    along_m: NonNegativeFloat = 0.0
+    cross_m: NonNegativeFloat = 0.0
+    clock_m: NonNegativeFloat = 0.0
+
+
+class AirErrors(StrictModel):
+    """What the models of the air leave, Gauss-Markov at the zenith, one sigma."""
+
+    ionosphere_m: NonNegativeFloat = Field(0.0, description="at the zenith on L1")
+    troposphere_m: NonNegativeFloat = 0.0
+    correlation_time_s: PositiveFloat = 1800.0
+
+
+class SimulatedGnss(StrictModel):
+    """The receiver: what it tracks, how well, and what disturbs it."""
+
+    rate_hz: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+    signals: tuple[GpsSignal, ...] = Field(("C1C",), min_length=1)
+    lever_arm_m: Vector3 = Field((0.0, 0.0, 0.0), description="IMU to antenna, forward, right, down")
+    antenna: tuple[MountedAntenna, ...] = ()
+    horizon_mask_deg: Elevation = 5.0
+    cn0_dbhz: PositiveFloat = Field(45.0, description="link budget: what an antenna of 0 dBic receives")
+    cn0_sigma_db: NonNegativeFloat = 0.5
+    threshold_dbhz: NonNegativeFloat = Field(28.0, description="weaker signals are not tracked")
+    reacquire_s: NonNegativeFloat = Field(
+        2.0, description="from the signal's return to its first measurement"
+    )
+    pseudorange_noise_m: WhiteNoise = WhiteNoise(floor=0.5, elevation=0.5, cn0_at_45_dbhz=0.7)
+    range_rate_noise_mps: WhiteNoise = WhiteNoise(floor=0.03, elevation=0.02, cn0_at_45_dbhz=0.03)
+    carrier_noise_m: WhiteNoise | None = Field(None, description="none, none is logged")
+    loops: Loops | None = None
+    slips_per_hour: NonNegativeFloat = Field(0.0, description="of each carrier")
+    slips_indicated: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
+        0.9, description="share the receiver notices"
+    )
+    atmosphere: Literal["broadcast", "none"] = "broadcast"
+    air_errors: AirErrors = AirErrors()
+    ephemeris_errors: EphemerisErrors = EphemerisErrors()
+    multipath: Multipath | None = None
+    specular: Specular | None = None
+
+    @model_validator(mode="after")
+    def _slips_need_a_carrier(self) -> SimulatedGnss:
+        if self.slips_per_hour > 0.0 and self.carrier_noise_m is None:
+            raise ValueError("slips_per_hour needs a carrier: give carrier_noise_m")
+        return self
+
+
+class SimulationConfig(StrictModel):
+    """A whole scenario file. Relative paths start at its folder."""
+
+    name: str = ""
+    source: str = Field("", description="where the numbers come from")
+    gps_week: Annotated[int, Field(ge=0, le=9999)]
+    start_s: Annotated[float, Field(ge=0.0, lt=604_800.0)] = Field(description="seconds of the GPS week")
+    duration_s: PositiveFloat | None = Field(None, description="that of the manoeuvres when left out")
+    place: Place | None = None
+    speed_mps: NonNegativeFloat = Field(0.0, description="at the beginning")
+    manoeuvre: tuple[Manoeuvre, ...] = ()
+    follow: LoggedReference | None = None
+    reference_rate_hz: Annotated[float, Field(gt=0.0, le=200.0)] = 10.0
+    imu: SimulatedImu = SimulatedImu()
+    clock: SimulatedClock = SimulatedClock()
+    sky: Sky = NominalSky()
+    gnss: SimulatedGnss = SimulatedGnss()
+    fault: tuple[SignalFault, ...] = ()
+
+    @model_validator(mode="after")
+    def _moves_in_one_way(self) -> SimulationConfig:
+        if bool(self.manoeuvre) == (self.follow is not None):
+            raise ValueError("give a list of manoeuvres ([[manoeuvre]]) or a logged reference ([follow])")
+        if self.manoeuvre and self.place is None:
+            raise ValueError("manoeuvres need a [place] to begin at")
+        return self

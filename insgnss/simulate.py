@@ -1,0 +1,164 @@
+"""A scenario file in, a simulated flight out: logs as receiver and sensor would have written them, and the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from insgnss.config.flight import Reference
+from insgnss.config.simulation import LoggedReference, RinexSky, SimulationConfig, YumaSky
+from insgnss.config.strict import load_toml
+from insgnss.config.toml_lines import key_lines, line_of
+from insgnss.constants import NS_PER_S
+from insgnss.errors import ConfigError, InputError
+from insgnss.gpstime import ns_to_datetime, week_seconds_to_ns
+from insgnss.library import find
+from insgnss.log.reference import read_reference
+from insgnss.log.rinex import read_navigation
+from insgnss.log.yuma import read_yuma
+from insgnss.simulation.assembly import Inputs, assemble, missing_messages
+from insgnss.simulation.chosen_messages import without
+from insgnss.simulation.flight_text import (
+    FLIGHT_FILE,
+    GNSS_FILE,
+    IMU_FILE,
+    NAVIGATION_FILE,
+    REFERENCE_FILE,
+    copy_antenna_files,
+    flight_text,
+)
+from insgnss.simulation.itinerary import ManoeuvreError
+from insgnss.simulation.log_files import write_gnss, write_imu, write_increments, write_reference
+from insgnss.simulation.reference import reference_table
+from insgnss.simulation.rinex_nav import write_rinex_navigation
+from insgnss.simulation.simulated_log import Scenario, SimulatedLog, Simulator
+from insgnss.tables import ReferenceTable
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A simulated flight in memory: the scenario, the logs with their errors, and the truth beside them."""
+
+    config: SimulationConfig
+    folder: Path  # of the scenario file
+    scenario: Scenario
+    log: SimulatedLog
+
+    def reference(self) -> ReferenceTable:
+        """Return the true motion of the IMU at the file's ``reference_rate_hz``."""
+        rate = self.config.reference_rate_hz
+        t_s = np.arange(int(self.scenario.duration_s * rate + 1e-9) + 1) / rate
+        return reference_table(self.scenario.trajectory.motion(t_s), self.scenario.start_ns)
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write IMU and GNSS CSV, RINEX navigation, reference and flight file; return their paths.
+
+        Raises
+        ------
+        InputError : the folder cannot be written
+        """
+        folder = Path(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            return self._write(folder)
+        except OSError as error:
+            raise InputError(f"cannot be written: {error}", file=folder) from error
+
+    def _write(self, folder: Path) -> list[Path]:
+        week, imu = self.config.gps_week, self.config.imu
+        paths = [
+            folder / name for name in (IMU_FILE, GNSS_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE)
+        ]
+        if imu.values == "increments":
+            write_increments(paths[0], self.log.imu, week, 1.0 / imu.rate_hz)
+        else:
+            write_imu(paths[0], self.log.imu, week)
+        write_gnss(paths[1], self.log.gnss, week)
+        sent = without(self.log.navigation, missing_messages(self.config))
+        write_rinex_navigation(paths[2], sent, ns_to_datetime(self.scenario.start_ns))
+        write_reference(paths[3], self.reference(), week)
+        paths[4].write_bytes(flight_text(self.config, self.scenario).encode("utf-8"))
+        return paths + copy_antenna_files(self.config, self.folder, folder)
+
+
+def simulate(
+    scenario: str | Path, seed: int = 1, *, noise: bool = True, duration_s: float | None = None
+) -> Simulation:
+    """Return one realisation of a scenario: a file (a path ending in .toml) or a name in ``models/simulations``.
+
+    The same scenario and seed give the same numbers.
+
+    Parameters
+    ----------
+    seed : of all random numbers
+    noise : without it sensors and signals have no errors at all, and the clock runs straight on; faults stay
+    duration_s : the first part alone
+
+    Raises
+    ------
+    ConfigError, ModelError : the file is wrong: unknown key or manoeuvre, impossible turn, negative noise; with line
+    InputError and its kin : a file that the scenario names is missing or wrong
+    """
+    path = Path(scenario) if str(scenario).endswith(".toml") else find("simulations", str(scenario))
+    config = load_toml(path, SimulationConfig)
+    if duration_s is not None and not duration_s > 0.0:
+        raise ConfigError(
+            f"a duration of {duration_s} s is none", key="duration_s", advice="give seconds, above 0"
+        )
+    folder = path.absolute().parent
+    try:
+        made = assemble(config, folder, _inputs(config, folder), duration_s)
+    except ManoeuvreError as error:
+        key = ("manoeuvre", error.entry)
+        line = line_of(key, key_lines(path.read_text(encoding="utf-8-sig")))
+        kind = config.manoeuvre[error.entry].kind
+        told = f"manoeuvre {error.entry + 1} ({kind}): {error.message}"
+        raise ConfigError(told, file=path, line=line, key="manoeuvre", advice=error.advice) from None
+    except ConfigError as error:
+        if error.file is None:
+            error = _in_file(error, path)
+        raise error from None
+    log = Simulator(made).draw(np.random.default_rng(seed) if noise else None)
+    return Simulation(config, folder, made, log)
+
+
+def _in_file(error: ConfigError, path: Path) -> ConfigError:
+    """Return the error with the file and the line of its key."""
+    keys = tuple((error.key or "").split("."))
+    line = line_of(keys, key_lines(path.read_text(encoding="utf-8-sig")))
+    return ConfigError(
+        error.message, advice=error.advice, file=path, line=line, key=error.key, satellite=error.satellite
+    )
+
+
+def _inputs(config: SimulationConfig, folder: Path) -> Inputs:
+    """Read what the scenario takes from other files."""
+    reference = None if config.follow is None else _reference(config.follow, config.gps_week, folder)
+    sky = config.sky
+    if isinstance(sky, RinexSky):
+        navigation, _ = read_navigation([folder / file for file in sky.files])
+        return Inputs(navigation, reference)
+    if isinstance(sky, YumaSky):
+        return Inputs(read_yuma(folder / sky.file, config.gps_week), reference)
+    return Inputs(None, reference)
+
+
+def _reference(follow: LoggedReference, week: int, folder: Path) -> ReferenceTable:
+    told = Reference(file=folder / follow.file, columns=follow.columns, time=follow.time)
+    reference, _ = read_reference(told, week)
+    first, last = (
+        np.iinfo(np.int64).min if follow.from_s is None else int(week_seconds_to_ns(week, follow.from_s)),
+        np.iinfo(np.int64).max if follow.to_s is None else int(week_seconds_to_ns(week, follow.to_s)),
+    )
+    rows = np.flatnonzero((reference.t_ns >= first) & (reference.t_ns <= last))
+    if not len(rows):
+        span = (reference.t_ns[[0, -1]] - int(week_seconds_to_ns(week, 0.0))) / NS_PER_S
+        raise ConfigError(
+            "no row of the reference lies in the span",
+            key="follow.from_s",
+            advice=f"it covers {span[0]:.1f} to {span[1]:.1f} s",
+        )
+    names = ("t_ns", "lat_deg", "lon_deg", "h_m", "v_n", "rpy_deg", "quality")
+    return replace(reference, **{name: getattr(reference, name)[rows] for name in names})

@@ -1,0 +1,77 @@
+"""The flight file that goes with a simulated log: what a user would have had to declare, and nothing of the truth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+from insgnss.config.flight import ImuGrade, MountedAntenna, Oscillator
+from insgnss.config.simulation import SimulationConfig
+from insgnss.simulation.simulated_log import Scenario
+
+IMU_FILE = "imu.csv"
+GNSS_FILE = "gnss.csv"
+NAVIGATION_FILE = "nav.rnx"
+REFERENCE_FILE = "reference.csv"
+FLIGHT_FILE = "flight.toml"
+
+
+def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
+    """Return the text of the flight file; grade and oscillator stand in it as numbers."""
+    units = {"rates": ("rad/s", "m/s^2"), "increments": ("rad", "m/s")}[config.imu.values]
+    lines = [
+        "# A simulated log: see the scenario file for what was put into it.",
+        f"name = {json.dumps(config.name)}",
+        f"gps_week = {config.gps_week}",
+        'start = "automatic"',
+        "",
+        "[imu]",
+        f'files = ["{IMU_FILE}"]',
+        f'values = "{config.imu.values}"',
+        f'gyro_unit = "{units[0]}"',
+        f'accel_unit = "{units[1]}"',
+        'axes = ["+x", "+y", "+z"]',
+        "",
+        "[imu.grade]",
+        *grade_lines(scenario.grade),
+        "",
+        "[gnss]",
+        f'files = ["{GNSS_FILE}"]',
+        f'navigation = ["{NAVIGATION_FILE}"]',
+        f"lever_arm_m = {list(scenario.receiver.lever_arm_b)}",
+        "",
+        "[gnss.oscillator]",
+        *grade_lines(scenario.oscillator),
+    ]
+    for antenna in config.gnss.antenna:
+        lines += ["", "[[gnss.antenna]]", *_antenna_lines(antenna)]
+    return "\n".join([*lines, "", "[reference]", f'file = "{REFERENCE_FILE}"', 'point = "imu"', ""])
+
+
+def grade_lines(model: ImuGrade | Oscillator) -> list[str]:
+    """Return the lines of a sensor's or oscillator's table: all keys that are not left at their default."""
+    values = model.model_dump(exclude_defaults=True)
+    return [f"{key} = {json.dumps(value)}" for key, value in values.items()]
+
+
+def _antenna_lines(antenna: MountedAntenna) -> list[str]:
+    """Return the lines of an antenna; files of its own are named as ``copy_antenna_files`` leaves them."""
+    values = antenna.model_dump(exclude_defaults=True, mode="json")
+    for key in ("pattern", "obstruction"):
+        if str(values.get(key, "")).endswith((".csv", ".toml")):
+            values[key] = Path(values[key]).name
+    return [f"{key} = {json.dumps(value)}" for key, value in values.items()]
+
+
+def copy_antenna_files(config: SimulationConfig, folder: Path, to: Path) -> list[Path]:
+    """Copy patterns and obstructions that are files beside the scenario; return the copies."""
+    copies = []
+    for antenna in config.gnss.antenna:
+        named = [Path(antenna.pattern)] if antenna.pattern.endswith(".csv") else []
+        named += [] if antenna.obstruction is None else [antenna.obstruction]
+        for path in named:
+            copies.append(to / path.name)
+            if (folder / path).resolve() != copies[-1].resolve():
+                shutil.copyfile(folder / path, copies[-1])
+    return copies
