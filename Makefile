@@ -44,7 +44,7 @@ format: $(STAMP)  ## sort the imports, repair what ruff can, format
 	$(BIN)/ruff format .
 
 bench: $(STAMP)  ## run the benchmarks
-	$(BIN)/python -m pytest tests/benchmarks --benchmark-only \
+	$(BIN)/python -m pytest tests --benchmark-only \
 	    -o addopts="--import-mode=importlib --strict-markers --strict-config" $(ARGS)
 
 clean:  ## remove .venv, results and caches
