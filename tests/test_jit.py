@@ -10,10 +10,12 @@ import sys
 import time
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
 from insgnss import jit
+from insgnss.tables import Float64
 from tests.kernels import KernelCase, Recording, all_cases, all_kernels
 
 PACKAGE = Path(jit.__file__).parent
@@ -252,3 +254,23 @@ def test_process_does_not_outlive_its_parent(tiny_package: Path, end: str) -> No
     while time.monotonic() < deadline and Path(f"/proc/{child}").exists():
         time.sleep(0.05)
     assert not Path(f"/proc/{child}").exists()
+
+
+def test_borrowing_kernel_may_not_return_an_array() -> None:
+    def first_row(x: Float64) -> Float64:
+        row: Float64 = x[0]
+        return row
+
+    with pytest.raises(TypeError, match="returns numbers"):
+        jit.borrowing(first_row)
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the compiler is switched off")
+def test_borrowing_kernel_may_not_allocate() -> None:
+    def doubled(x: Float64) -> float:
+        twice = np.empty(x.size)
+        twice[:] = 2.0 * x
+        return float(twice[0])
+
+    with pytest.raises(numba.core.errors.TypingError):
+        jit.borrowing(doubled)(np.ones(3))

@@ -21,7 +21,7 @@ from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.gnss.range_model import Air
 from insgnss.gnss.troposphere import mapped
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
 
 
@@ -55,7 +55,7 @@ def carrier_row(m: StateRecord, rows: Rows, i: int, distance: float, s: Epoch, l
     return float(distance - before + clocks + troposphere)
 
 
-@kernel
+@borrowing
 def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Air, t_ns: int) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 

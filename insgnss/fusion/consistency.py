@@ -15,7 +15,7 @@ import numpy as np
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined, kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
@@ -104,7 +104,7 @@ def write_innovations(T: Float64, P: Float64, lines: Lines, index: Int64) -> Non
         T[a, n] = one.innovation[PSEUDORANGE]
 
 
-@kernel
+@borrowing
 def exchange(T: Float64, j: int) -> None:
     """Take row ``j`` into the set A of active rows, or out of it again: a step of Gauss and Jordan, its own inverse.
 
@@ -124,7 +124,7 @@ def exchange(T: Float64, j: int) -> None:
             T[i, j] = -share / pivot
 
 
-@kernel
+@borrowing
 def farthest(T: Float64, active: Int64, which: int) -> tuple[int, float]:
     """Return the active row (``which`` 1) farthest from the others, or the inactive one (0) nearest, and w^2 of it."""
     n = T.shape[0]
@@ -160,7 +160,7 @@ def remove_smallest_set(T: Float64, active: Int64, gate2: float, most: int) -> i
     return 0
 
 
-@kernel
+@borrowing
 def stand_out_most(T: Float64, active: Int64, candidates: Int64) -> int:
     """Write the active rows of the largest w^2, at most as many as there is room for; return how many."""
     n = T.shape[0]
@@ -186,7 +186,7 @@ def stand_out_most(T: Float64, active: Int64, candidates: Int64) -> int:
     return count
 
 
-@kernel
+@borrowing
 def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> None:
     """Write the set of ``size`` (1 to 3) candidates without which y^T W y is least.
 

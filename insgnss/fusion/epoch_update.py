@@ -23,7 +23,7 @@ from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, N_CLONE, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, Rows
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
 from insgnss.tables import Float64, Int8
 
@@ -43,7 +43,7 @@ class Outcome(NamedTuple):
     strain: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
 
 
-@kernel
+@borrowing
 def update_epoch(
     m: StateRecord,
     P: Float64,
@@ -201,7 +201,7 @@ def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain
     return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst)
 
 
-@kernel
+@borrowing
 def use_rows(P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float, spread: float) -> float:
     """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
 

@@ -11,7 +11,7 @@ import math
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import CARRIER
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined
 from insgnss.median import median_of
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
@@ -24,7 +24,7 @@ _BLUR = 1e-4
 _STEP_FLOOR = (3.0, 0.1)  # least sigma of a step, of bias [m] and drift [m/s]
 
 
-@kernel
+@borrowing
 def common_step(
     lines: Lines, kind: int, values: Float64, smallest: float, clock_variance: float
 ) -> tuple[float, float]:
@@ -71,7 +71,7 @@ def common_step(
     return step, 4.0 * spread / (agree * agree) + _STEP_FLOOR[kind] ** 2
 
 
-@kernel
+@borrowing
 def absorb_clock_step(
     clock: Float64, P: Float64, lines: Lines, kind: int, column: int, step: float, variance: float
 ) -> None:
@@ -90,7 +90,7 @@ def absorb_clock_step(
     P[column, column] = variance
 
 
-@kernel
+@borrowing
 def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     """Mark the rows whose normalised innovation squared is above ``gate2``.
 
@@ -115,7 +115,7 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     return passed, refused, strain / max(passed + refused, 1)
 
 
-@kernel
+@borrowing
 def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> None:
     """Mark the carrier differences whose difference from the row of the median innovation is above ``gate2``.
 

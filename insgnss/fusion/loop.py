@@ -34,7 +34,7 @@ from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, pre
 from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, new_bank
 from insgnss.fusion.tracing import carry_traced, copy_matrix
 from insgnss.gnss.observation_rows import Rows
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
 
 # why the loop stopped
@@ -75,7 +75,7 @@ def new_workspace(
     return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
 
 
-@kernel
+@borrowing
 def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
     """Carry the whole bank to ``stop_ns``, writing the output times before it on the way, and the trace up to it.
 
@@ -110,7 +110,7 @@ def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output,
     write_row(bank, work.spare, nothing_used, t_ns, nothing_used, out, work)
 
 
-@kernel
+@borrowing
 def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Output, work: Workspace) -> None:
     """Write a row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
     n_hypotheses = bank.state.shape[0]
@@ -130,7 +130,7 @@ def current_sample(bank: Bank, imu: Imu) -> int:
     return k
 
 
-@kernel
+@borrowing
 def run_epochs(
     bank: Bank,
     first: int,
@@ -189,7 +189,7 @@ def mostly(used: int, refused: int) -> bool:
     return refused > used and refused >= 3
 
 
-@kernel
+@borrowing
 def yaw_variance(m: StateRecord, P: Float64) -> float:
     """Return the variance of the rotation about the local vertical (taken through the Earth's centre) [rad^2]."""
     r = math.sqrt(m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2)
@@ -200,7 +200,7 @@ def yaw_variance(m: StateRecord, P: Float64) -> float:
     return total / (r * r)
 
 
-@kernel
+@borrowing
 def superfluous(bank: Bank, i: int, drop: float) -> bool:
     """Return whether hypothesis ``i`` can go: of negligible weight, or the same heading as a heavier one."""
     state = bank.state
@@ -232,7 +232,7 @@ def thins_out(bank: Bank, drop: float) -> bool:
     return False
 
 
-@kernel
+@borrowing
 def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, work: Workspace) -> None:
     """Carry the bank to ``stop_ns``, writing output times on the way, that one too."""
     par = parameters[0]

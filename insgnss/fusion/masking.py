@@ -18,7 +18,7 @@ from insgnss.fusion.lines import Antenna, Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import PSI, StateRecord
 from insgnss.gnss.observation_rows import N_BANDS, N_KINDS, Observations
-from insgnss.jit import kernel
+from insgnss.jit import borrowing
 from insgnss.status import USED
 from insgnss.tables import Float64, Int8
 
@@ -43,7 +43,7 @@ def new_masking(installation: Installation | None = None, limits: Limits = NO_LI
     return Masking(no_antenna() if installation is None else installation, limits, np.zeros((3, 3)))
 
 
-@kernel
+@borrowing
 def mask_hidden(
     m: StateRecord,
     P: Float64,

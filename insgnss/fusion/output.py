@@ -15,7 +15,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import CARRIER, Rows
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined, kernel
 from insgnss.tables import Float64, Int64
 
 _AXES = ("x", "y", "z")
@@ -154,7 +154,7 @@ def new_output(
     )
 
 
-@kernel
+@borrowing
 def log_event(out: Output, t_ns: int, kind: np.int64, a: float) -> None:
     """Write one event while there is room, and count it in any case."""
     i = out.counts[0].events
@@ -166,7 +166,7 @@ def log_event(out: Output, t_ns: int, kind: np.int64, a: float) -> None:
     out.counts[0].events = i + 1
 
 
-@kernel
+@borrowing
 def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> None:
     """Write an epoch's entries, from ``first`` on, from its lines."""
     for j in range(lines.shape[0]):
@@ -266,7 +266,7 @@ def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n
         out.optional[count.nav - 1, i] = m.optional[i]
 
 
-@inlined
+@kernel
 def mixture_covariance(bank: Bank, P: Float64) -> None:
     """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).
 

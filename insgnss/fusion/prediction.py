@@ -30,7 +30,7 @@ from insgnss.fusion.state import (
 from insgnss.inertial.error_dynamics import apply_transition, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64, Int64
 
 RATES_DTYPE: Final = np.dtype(
@@ -72,7 +72,7 @@ def new_scratch(n: int) -> Scratch:
     return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)))
 
 
-@kernel
+@borrowing
 def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
     """Carry the covariance over everything summed since the last call, and clear the sums.
 
@@ -196,7 +196,7 @@ def load_rates(
     return 0.0
 
 
-@kernel
+@borrowing
 def carry(
     m: StateRecord,
     P: Float64,
@@ -236,7 +236,7 @@ def carry(
     return k
 
 
-@kernel
+@borrowing
 def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
     """Carry every hypothesis to ``stop_ns``."""
     head = bank.head[0]

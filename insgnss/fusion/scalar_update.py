@@ -5,11 +5,11 @@ No matrix is inverted anywhere: a measurement is a number, its row ``h`` is non-
 
 from __future__ import annotations
 
-from insgnss.jit import kernel
+from insgnss.jit import borrowing
 from insgnss.tables import Float64, Int64
 
 
-@kernel
+@borrowing
 def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
     """Return D = h P h^T of the row ``h`` (>= k,), whose entries stand in ``columns`` (k,) of the (n, n) covariance."""
     total = 0.0
@@ -22,7 +22,7 @@ def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
     return total
 
 
-@kernel
+@borrowing
 def scalar_update(
     P: Float64, h: Float64, columns: Int64, innovation: float, variance: float, v: Float64
 ) -> tuple[float, float]:

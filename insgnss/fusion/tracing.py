@@ -7,11 +7,11 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, predict_covariance
 from insgnss.fusion.state import Bank, StateArray
 from insgnss.fusion.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
-from insgnss.jit import kernel
+from insgnss.jit import borrowing
 from insgnss.tables import Float64
 
 
-@kernel
+@borrowing
 def carry_traced(
     bank: Bank,
     stop_ns: int,
@@ -42,7 +42,7 @@ def carry_traced(
     carry_bank(bank, stop_ns, imu, par, scratch)
 
 
-@kernel
+@borrowing
 def write_trace(
     bank: Bank,
     t_ns: int,
@@ -70,7 +70,7 @@ def write_trace(
     write_covariance(room, t_ns, P_out)
 
 
-@kernel
+@borrowing
 def copy_matrix(source: Float64, target: Float64) -> None:
     """Copy an (n, n) matrix."""
     for i in range(source.shape[0]):

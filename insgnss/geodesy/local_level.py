@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from insgnss.jit import kernel
+from insgnss.jit import borrowing
 from insgnss.tables import Float64
 
 
-@kernel
+@borrowing
 def ecef_to_ned_matrix(lat: float, lon: float, C_ne: Float64) -> None:
     """Write C_ne (3, 3), rows north, east, down in ECEF axes, at geodetic ``lat``, ``lon`` [rad].
 

@@ -10,11 +10,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.jit import kernel
+from insgnss.jit import borrowing
 from insgnss.tables import Float64
 
 
-@kernel
+@borrowing
 def quaternion_to_matrix(q: Float64, C: Float64) -> None:
     """Write the rotation matrix of unit quaternion ``q`` (4,) into ``C`` (3, 3)."""
     a = q[0]
@@ -32,7 +32,7 @@ def quaternion_to_matrix(q: Float64, C: Float64) -> None:
     C[2, 2] = a * a - b * b - c * c + d * d
 
 
-@kernel
+@borrowing
 def matrix_to_quaternion(C: Float64, q: Float64) -> None:
     """Write the unit quaternion of rotation matrix ``C`` (3, 3) into ``q`` (4,), scalar not negative.
 
@@ -70,7 +70,7 @@ def matrix_to_quaternion(C: Float64, q: Float64) -> None:
             q[i] = -q[i]
 
 
-@kernel
+@borrowing
 def euler_to_matrix(roll: float, pitch: float, yaw: float, C: Float64) -> None:
     """Write C_nb (3, 3) of roll, pitch, yaw [rad]: yaw about down, then pitch about right, then roll about forward."""
     sr, cr = math.sin(roll), math.cos(roll)
@@ -87,7 +87,7 @@ def euler_to_matrix(roll: float, pitch: float, yaw: float, C: Float64) -> None:
     C[2, 2] = cr * cp
 
 
-@kernel
+@borrowing
 def matrix_to_euler(C: Float64) -> tuple[float, float, float]:
     """Return roll, pitch, yaw [rad] of C_nb (3, 3).
 
@@ -101,7 +101,7 @@ def matrix_to_euler(C: Float64) -> tuple[float, float, float]:
     return roll, math.atan2(-C[2, 0], level), yaw
 
 
-@kernel
+@borrowing
 def turn_left(q: Float64, x: float, y: float, z: float) -> None:
     """Turn ``q`` (4,) by the rotation vector (x, y, z) [rad] of its target frame: q <- dq (x) q, of length one."""
     a0, a1, a2, a3 = rotation_vector_quaternion(x, y, z)
@@ -114,7 +114,7 @@ def turn_left(q: Float64, x: float, y: float, z: float) -> None:
     q[0], q[1], q[2], q[3] = r0 * s, r1 * s, r2 * s, r3 * s
 
 
-@kernel
+@borrowing
 def rotation_vector_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return the quaternion of the rotation vector (x, y, z) [rad]: (cos(phi/2), sin(phi/2)/phi (x, y, z)).
 

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import C_MPS, S_PER_DAY
-from insgnss.jit import kernel
+from insgnss.jit import borrowing
 from insgnss.tables import Float64
 
 _NIGHT_DELAY_S: Final = 5.0e-9
@@ -32,7 +32,7 @@ _PEAK_HEIGHT_M: Final = 350_000.0  # the model's layer; IS-GPS-200N, 20.3.3.5.2.
 _SCALE_HEIGHT_M: Final = 80_000.0  # of the ionised gas above the peak, about 70 to 100 km (Chapman layer)
 
 
-@kernel
+@borrowing
 def klobuchar_delay(
     coefficients: Float64, lat: float, lon: float, azimuth: float, elevation: float, week_s: float
 ) -> float:
@@ -40,7 +40,7 @@ def klobuchar_delay(
     return klobuchar_towards(coefficients, lat, lon, math.cos(azimuth), math.sin(azimuth), elevation, week_s)
 
 
-@kernel
+@borrowing
 def klobuchar_towards(
     coefficients: Float64,
     lat: float,
@@ -85,7 +85,7 @@ def klobuchar_towards(
     return C_MPS * slant * vertical
 
 
-@kernel
+@borrowing
 def ionosphere_above(h: float) -> float:
     """Return the share of the vertical electron content that lies above height ``h`` [m]; 1 on the ground.
 

@@ -19,7 +19,7 @@ from insgnss.gnss.troposphere import (
     standard_atmosphere,
     zenith_delays,
 )
-from insgnss.jit import kernel
+from insgnss.jit import borrowing, kernel
 from insgnss.tables import Float64
 
 
@@ -116,7 +116,7 @@ AIR_DTYPE: Final = np.dtype(
 Air: TypeAlias = Any  # one element of AIR_DTYPE: what all delays of an epoch share
 
 
-@kernel
+@borrowing
 def place_air(
     air: Air,
     lat: float,
@@ -147,7 +147,7 @@ def place_air(
     mapping_coefficients(lat, h, air.mapping)
 
 
-@kernel
+@borrowing
 def slant_delay(
     air: Air, klobuchar: Float64, u_n: Float64, ionosphere_factor: float, ionosphere_m: float = math.nan
 ) -> float:

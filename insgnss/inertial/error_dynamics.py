@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
 
 
@@ -69,7 +69,7 @@ def transition_step(
     )
 
 
-@kernel
+@borrowing
 def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
     """Write ``B = Phi A`` for the step ``s``, row by row of the error state; ``A`` and ``B`` are (n, n), not the same.
 

@@ -7,7 +7,7 @@ import math
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_vector_quaternion
-from insgnss.jit import inlined, kernel
+from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
 
 
@@ -55,7 +55,7 @@ def turn_attitude(q_eb: Float64, C_eb: Float64, w: Float64, dt: float) -> None:
     quaternion_to_matrix(q_eb, C_eb)
 
 
-@kernel
+@borrowing
 def mechanize(
     q_eb: Float64,
     C_eb: Float64,
