@@ -39,6 +39,20 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
     NavigationDataError : the ionosphere's model has no coefficients, no epoch says where the receiver is, or the base
         station has nothing for the flight
     """
+    ionosphere_m, correction_m, events = row_corrections(setup, logs, flight)
+    rows = setup.rows(logs.gnss, setup.navigation, ionosphere_m=ionosphere_m, correction_m=correction_m)
+    return rows, events
+
+
+def row_corrections(
+    setup: FilterSetup, logs: FlightLogs, flight: Flight
+) -> tuple[Float64 | None, Float64 | None, list[Event]]:
+    """Return the delays on L1 and what a base station takes off the ranges, each (n,) [m] or None, and events.
+
+    Raises
+    ------
+    NavigationDataError : as ``corrected_rows``
+    """
     events: list[Event] = []
     model = setup.config.measurements.ionosphere
     navigation = setup.navigation
@@ -57,8 +71,7 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
     if base is not None and logs.base is not None:
         correction_m, found = base_corrections(setup, logs, base)
         events += found
-    rows = setup.rows(logs.gnss, navigation, ionosphere_m=ionosphere_m, correction_m=correction_m)
-    return rows, events
+    return ionosphere_m, correction_m, events
 
 
 def approximate_places(setup: FilterSetup, rows: Rows) -> tuple[Int64, Float64]:

@@ -7,9 +7,12 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.allan import allan
+from insgnss.cli.campaign import campaign
 from insgnss.cli.check import check
+from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
 from insgnss.cli.margin import margin
+from insgnss.cli.outage import outage
 from insgnss.cli.point import point
 from insgnss.cli.replay import replay
 from insgnss.cli.simulate import simulate
@@ -24,9 +27,12 @@ app = typer.Typer(
     help="Tightly coupled INS/GNSS navigation: logs in, a navigation solution out.",
 )
 app.command()(allan)
+app.command()(campaign)
 app.command()(check)
+app.command()(consistency)
 app.command()(convert)
 app.command()(margin)
+app.command()(outage)
 app.command()(point)
 app.command()(replay)
 app.command()(simulate)

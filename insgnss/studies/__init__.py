@@ -9,11 +9,60 @@
 
     cases = masking_study("sokolov_2015", runs=20)
     cases.cases, cases.false_locks, cases.reacquisition; cases.save("out/")
+
+    found = consistency_study(run)                       # a run or its folder
+    found.verdict, found.kinds, found.noise_factors; found.figure(); found.save("out/")
+
+    study = outage_study("flight.toml", Periodic(length_s=30.0, every_s=60.0), Removal(constellations=("R",)))
+    study.percentiles, study.windows; study.save("out/")
+
+    grid = manoeuvre_study("sokolov_2015", imus=("tactical", "industrial"))
+    grid.cases; grid.heat_map(); grid.save("out/")
+
+    flight = MatchedFlight.of("tactical", "tcxo")
+    covariance_analysis(flight).sd, monte_carlo(flight, 500).nees
+
+    if __name__ == "__main__":                           # the workers are processes that import the script
+        run_campaign("campaign.toml", "out/")
+    summary("out/", by=("case",))
 """
 
 from __future__ import annotations
 
+from insgnss.studies.campaign import CampaignConfig, CampaignDone, load_campaign, run_campaign
+from insgnss.studies.campaign_results import data_set, failures, summary
+from insgnss.studies.consistency import Consistency, consistency_study
 from insgnss.studies.hidden_variance import HiddenVariance, hidden_satellite_variance
+from insgnss.studies.manoeuvre import ManoeuvreStudy, manoeuvre_study
 from insgnss.studies.masking import MaskingStudy, masking_study
+from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance_analysis, monte_carlo
+from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
+from insgnss.studies.outage_windows import Removal
 
-__all__ = ["HiddenVariance", "MaskingStudy", "hidden_satellite_variance", "masking_study"]
+__all__ = [
+    "Banked",
+    "CampaignConfig",
+    "CampaignDone",
+    "Consistency",
+    "HiddenVariance",
+    "ManoeuvreStudy",
+    "MaskingStudy",
+    "MatchedFlight",
+    "MonteCarlo",
+    "OutageStudy",
+    "Periodic",
+    "Random",
+    "Removal",
+    "consistency_study",
+    "covariance_analysis",
+    "data_set",
+    "failures",
+    "hidden_satellite_variance",
+    "load_campaign",
+    "manoeuvre_study",
+    "masking_study",
+    "monte_carlo",
+    "outage_study",
+    "run_campaign",
+    "summary",
+]

@@ -1,0 +1,108 @@
+"""``insgnss campaign``: runs a grid of cases and seeds on many workers, goes on where it was, and sums up."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.errors import ResultError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+    from insgnss.studies.campaign import CampaignConfig, CampaignDone
+
+_SHOWN = ("n", "mean", "sd", "p05", "p50", "p95", "max")
+_FAILURES_SHOWN = 5
+
+
+def campaign(
+    file: Annotated[Path, typer.Argument(help="The campaign file (TOML).")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder of the results; goes on with what is there.")
+    ],
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", help="Of an embedded cluster: one a core; 0: none, in this process."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", help="Address of a running Dask cluster's, as tcp://host:8786."),
+    ] = None,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Also do the tasks again in which a run failed.")
+    ] = False,
+    by: Annotated[
+        str, typer.Option("--by", help="Columns that make a group of the summary, as case,way.")
+    ] = "case",
+) -> None:
+    """Run what is left of a campaign, write one Parquet file a task, and print a summary of all results."""
+    began = time.perf_counter()
+    with own_errors_told():
+        from rich.console import Console
+
+        from insgnss.studies.campaign import load_campaign
+        from insgnss.studies.campaign_results import failures, summary
+
+        config = load_campaign(file)
+        done = _run(config, output, workers, scheduler, retry_failed=retry_failed)
+        console = Console(file=sys.stdout, width=140)
+        table = summary(output, [name.strip() for name in by.split(",")])
+        failed = failures(output)
+    if not table.empty:
+        console.print(_table(table))
+    for row in failed.head(_FAILURES_SHOWN).to_dict("records"):
+        text = f"case {row['case']}, seed {row['seed']} failed: {row['error']}"
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    found = f", {done.n_found} of {done.n_tasks} tasks were there" if done.n_found else ""
+    typer.echo(
+        f"{done.n_runs} runs of {config.n_cases} cases{found}; {len(failed)} failed in all; wrote {output};"
+        f" {time.perf_counter() - began:.2f} s in all"
+    )
+    if done.lost:
+        typer.echo(f"{len(done.lost)} tasks were lost with their workers: run the command again", err=True)
+        raise typer.Exit(ResultError.exit_code)
+
+
+def _run(
+    config: CampaignConfig, output: Path, workers: int | None, scheduler: str | None, *, retry_failed: bool
+) -> CampaignDone:
+    """Run the campaign behind a progress bar."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from insgnss.studies.campaign import run_campaign
+    from insgnss.studies.campaign_tasks import TaskReport
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        shown = bar.add_task(f"{config.name}: tasks", total=None)
+
+        def tell(report: TaskReport, done: int, total: int) -> None:
+            bar.update(shown, completed=done, total=total)
+            if report.error:
+                bar.console.print(f"{report.key}: {report.error}", highlight=False, markup=False)
+
+        return run_campaign(
+            config, output, workers=workers, scheduler=scheduler, retry_failed=retry_failed, report=tell
+        )
+
+
+def _table(summary: pd.DataFrame) -> Table:
+    from rich.table import Table
+
+    table = Table()
+    shown = [name for name in _SHOWN if name in summary]
+    groups = [name for name in summary.columns[: list(summary.columns).index("column") + 1]]
+    for name in (*groups, *shown):
+        table.add_column(name, justify="left" if name in groups else "right")
+    for row in summary.to_dict("records"):
+        numbers = ("" if row[name] != row[name] else f"{row[name]:.4g}" for name in shown)
+        table.add_row(*(str(row[name]) for name in groups), *numbers)
+    return table

@@ -1,0 +1,66 @@
+"""``insgnss consistency``: whether a run's filter is as good as it says, and what to change if it is not."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+
+def consistency(
+    run: Annotated[Path, typer.Argument(help="A saved run: its folder.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for tables and picture; none is written without it."),
+    ] = None,
+    confidence: Annotated[
+        float, typer.Option("--confidence", help="Probability that a consistent filter is within each bound.")
+    ] = 0.99,
+    lags: Annotated[int, typer.Option("--lags", help="Of the autocorrelation, in epochs.")] = 20,
+    start: Annotated[
+        float | None,
+        typer.Option("--from", help="Seconds of the week where it begins; else at the heading known."),
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+) -> None:
+    """Test innovations, errors and sigmas of a run against each other, and say in words what they mean."""
+    began = time.perf_counter()
+    with own_errors_told():
+        from rich.console import Console
+
+        from insgnss.studies.consistency import consistency_study
+
+        study = consistency_study(run, confidence=confidence, lags=lags, from_s=start)
+        if output is not None:
+            study.save(output, pictures=pictures)
+    console = Console(file=sys.stdout, width=120)
+    console.print(_table("innovations", "kind", study.kinds, ("used", "refused", "mean_nis", "low", "high",
+                                                              "share_95", "factor")))  # fmt: skip
+    if not study.states.empty:
+        console.print(_table("errors against the reference", "component", study.states,
+                             ("rms", "mean_sigma", "nees", "low", "high")))  # fmt: skip
+    for sentence in study.verdict:
+        console.print(f"- {sentence}", highlight=False, markup=False, soft_wrap=True)
+    where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
+    typer.echo(f"from {study.asked['from_s']:.1f} s on; {where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _table(title: str, key: str, values: pd.DataFrame, columns: tuple[str, ...]) -> Table:
+    from rich.table import Table
+
+    table = Table(title=title)
+    for name in (key, *columns):
+        table.add_column(name, justify="left" if name == key else "right")
+    for row in values.to_dict("records"):
+        cells = (row[c] for c in columns)
+        table.add_row(str(row[key]), *("" if c != c else f"{c:.4g}" for c in cells))
+    return table

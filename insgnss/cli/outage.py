@@ -1,0 +1,168 @@
+"""``insgnss outage``: how a solution drifts where measurements are taken away, and how it comes back."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from insgnss.studies.outage import OutageStudy, Windows
+
+_ROWS = 12  # of the printed percentiles
+_ADVICE = "give one of --window FROM:UNTIL, --every, --random, --bank"
+
+
+def outage(
+    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
+    window: Annotated[
+        list[str] | None,
+        typer.Option("--window", help="FROM:UNTIL in seconds of the week; can be given again."),
+    ] = None,
+    every: Annotated[
+        float | None, typer.Option("--every", help="Seconds from the beginning of one window to the next.")
+    ] = None,
+    random: Annotated[
+        int | None, typer.Option("--random", help="So many windows at random, not overlapping.")
+    ] = None,
+    bank: Annotated[
+        float | None, typer.Option("--bank", help="Wherever the roll is beyond that many degrees.")
+    ] = None,
+    length: Annotated[float, typer.Option("--length", help="Seconds, with --every and --random.")] = 30.0,
+    seed: Annotated[int, typer.Option("--seed", help="Of --random.")] = 1,
+    satellites: Annotated[
+        str, typer.Option("--sv", help="Take away these alone, as in G01,G07; else all satellites.")
+    ] = "",
+    constellations: Annotated[
+        str, typer.Option("--constellation", help="Take away those of these alone, as in R,E.")
+    ] = "",
+    kinds: Annotated[
+        str, typer.Option("--kind", help="pseudorange,range_rate,carrier_difference: these alone.")
+    ] = "",
+    after: Annotated[float, typer.Option("--after", help="Seconds looked at after each window.")] = 60.0,
+    rate: Annotated[float, typer.Option("--rate", help="Of the compared solution in Hz.")] = 1.0,
+    filter: Annotated[
+        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
+    ] = "tight17",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for tables and picture; none is written without it."),
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+) -> None:
+    """Take measurements away in windows, replay, and tell drift, predicted sigma and the time to come back."""
+    began = time.perf_counter()
+    with own_errors_told():
+        windows = _windows(window, every, random, bank, length, seed)
+        from rich.console import Console
+
+        from insgnss.studies.outage import outage_study
+        from insgnss.studies.outage_windows import Removal
+
+        removal = Removal(_names(satellites), _names(constellations), _names(kinds))
+        with Console(stderr=True).status("starting") as status:
+            study = outage_study(
+                flight,
+                windows,
+                removal,
+                filter=filter,
+                after_s=after,
+                rate_hz=rate,
+                progress=lambda text: status.update(f"{text} ..."),
+            )
+            if output is not None:
+                status.update("saving ...")
+                study.save(output, pictures=pictures)
+    _print(study)
+    where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
+    typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _windows(
+    given: list[str] | None,
+    every: float | None,
+    random: int | None,
+    bank: float | None,
+    length: float,
+    seed: int,
+) -> Windows:
+    """Return the windows that the options ask for, which must do so in one way."""
+    from insgnss.studies.outage import Banked, Periodic, Random
+
+    ways: list[Windows] = []
+    if given:
+        ways.append([_window(text) for text in given])
+    if every is not None:
+        ways.append(Periodic(length, every))
+    if random is not None:
+        ways.append(Random(length, random, seed))
+    if bank is not None:
+        ways.append(Banked(bank))
+    if len(ways) != 1:
+        what = "nothing says when" if not ways else "more than one option says when"
+        raise ConfigError(f"{what} measurements are taken away", key="--window", advice=_ADVICE)
+    return ways[0]
+
+
+def _window(text: str) -> tuple[float, float]:
+    first, _, last = text.partition(":")
+    try:
+        return float(first), float(last)
+    except ValueError:
+        advice = "write FROM:UNTIL, as in --window 293800:293830"
+        raise ConfigError(f"'{text}' is no window", key="--window", advice=advice) from None
+
+
+def _print(study: OutageStudy) -> None:
+    from rich.console import Console
+
+    console = Console(file=sys.stdout, width=120)
+    for against in study.percentiles["against"].unique():
+        console.print(_table(study, str(against)))
+    back = study.windows["sd_back_s"].dropna()
+    told = f"median {back.median():.1f} s, longest {back.max():.1f} s" if len(back) else "in none"
+    console.print(f"{len(study.windows)} windows without {study.asked['removal']}", highlight=False)
+    console.print(
+        f"position sigma back within 10 % of the undisturbed one's: {told}"
+        f" ({len(back)} of {len(study.windows)} windows)",
+        highlight=False,
+    )
+    for skipped in study.skipped:
+        console.print(f"no filter at {skipped.from_s:.1f} s: that window was left out", highlight=False)
+
+
+def _table(study: OutageStudy, against: str) -> Table:
+    from rich.table import Table
+
+    names = (
+        "since the loss, s",
+        "windows",
+        "50 %, m",
+        "95 %, m",
+        "largest, m",
+        "rms, m",
+        "sigma, m",
+        "rms/sigma",
+    )
+    table = Table(title=f"position against the {against}")
+    for name in names:
+        table.add_column(name, justify="right")
+    rows = study.percentiles
+    rows = rows[(rows["against"] == against) & (rows["measure"] == "position_m")]
+    step = max(len(rows) // _ROWS, 1)
+    for row in rows.iloc[::step].to_dict("records"):
+        numbers = (row[c] for c in ("p50", "p95", "max", "rms", "sd", "sd_ratio"))
+        table.add_row(f"{row['since_s']:g}", str(row["n"]), *(f"{value:.3f}" for value in numbers))
+    return table

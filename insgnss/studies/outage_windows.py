@@ -1,0 +1,182 @@
+"""When an outage study takes measurements away, and which: windows given, periodic, at random, or while banking."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from insgnss.constants import NS_PER_S
+from insgnss.errors import ConfigError
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.status import SWITCHED_OFF, USED
+from insgnss.tables import GnssTable
+
+KIND_NUMBERS: Final = {"pseudorange": PSEUDORANGE, "range_rate": RANGE_RATE, "carrier_difference": CARRIER}
+
+
+class Window(NamedTuple):
+    """A time without the measurements that are taken away: from_s <= t < until_s, seconds of the week."""
+
+    from_s: float
+    until_s: float
+
+
+@dataclass(frozen=True)
+class Removal:
+    """Which measurements are taken away: all of them where nothing is named; what is named must hold together.
+
+    Whole satellites are taken out of the log as if the receiver had not had them. Of kinds the log keeps its values and
+    the filter is told not to use them.
+    """
+
+    satellites: tuple[str, ...] = ()
+    constellations: tuple[str, ...] = ()  # their letters
+    kinds: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.kinds) - set(KIND_NUMBERS))
+        if unknown:
+            advice = f"give one of {', '.join(KIND_NUMBERS)}"
+            raise ConfigError(f"{unknown[0]!r} is no kind of measurement", key="kinds", advice=advice)
+
+    def rows_of(self, gnss: GnssTable) -> npt.NDArray[np.bool_]:
+        """Return which rows of a log are of the named satellites.
+
+        Raises
+        ------
+        ConfigError : the log has no such satellite or constellation
+        """
+        for name in (*self.satellites, *self.constellations):
+            if not any(sv.startswith(name) for sv in gnss.sv_names):
+                raise ConfigError(
+                    f"the log has no {name}",
+                    key="satellites" if name in self.satellites else "constellations",
+                    advice=f"it has {', '.join(sorted(gnss.sv_names))}",
+                )
+        chosen = np.array(
+            [
+                (not self.satellites or sv in self.satellites)
+                and (not self.constellations or sv[0] in self.constellations)
+                for sv in gnss.sv_names
+            ],
+            np.bool_,
+        )
+        return np.asarray(chosen[gnss.sv])
+
+    def in_words(self) -> str:
+        """Return what is taken away."""
+        what = " and ".join(kind.replace("_", " ") for kind in self.kinds) or "all measurements"
+        whose = ", ".join(self.satellites) or ", ".join(self.constellations) or "all satellites"
+        return f"{what} of {whose}"
+
+
+ALL_MEASUREMENTS: Final = Removal()
+
+
+def without(
+    gnss: GnssTable, chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
+) -> npt.NDArray[np.intp]:
+    """Return the indices of a log's rows that an outage leaves; ``chosen`` (n,) are those it can take."""
+    within = (gnss.t_ns >= from_ns) & (gnss.t_ns < until_ns)
+    return np.flatnonzero(~(chosen & within))
+
+
+def switch_off(
+    rows: Rows, kinds: Sequence[str], chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
+) -> None:
+    """Tell the filter, in place, not to use some kinds of the ``chosen`` rows (n,) within an outage."""
+    t_ns = np.repeat(rows.epoch_ns, np.diff(rows.first))
+    off = chosen & (t_ns >= from_ns) & (t_ns < until_ns)
+    for kind in kinds:
+        if kind != "carrier_difference":
+            status = rows.observation["status"][:, KIND_NUMBERS[kind]]
+        elif len(rows.carrier):
+            status = rows.carrier["status"]
+        else:
+            continue
+        status[off & (status == USED) & (status != ABSENT)] = SWITCHED_OFF
+
+
+def periodic_windows(first_s: float, until_s: float, *, length_s: float, every_s: float) -> list[Window]:
+    """Return windows of a length, one each period, that end before ``until_s``.
+
+    Raises
+    ------
+    ConfigError : a length or period that is none
+    """
+    _check_length(length_s)
+    if not every_s > 0.0:
+        raise ConfigError(f"a period of {every_s} s is none", key="every_s", advice="give seconds, above 0")
+    count = max(int(np.floor((until_s - length_s - first_s) / every_s + 1e-9)) + 1, 0)
+    return [Window(first_s + k * every_s, first_s + k * every_s + length_s) for k in range(count)]
+
+
+def random_windows(
+    first_s: float, until_s: float, *, length_s: float, count: int, rng: np.random.Generator
+) -> list[Window]:
+    """Return windows at random that do not overlap, in the order of time.
+
+    Raises
+    ------
+    ConfigError : they do not fit
+    """
+    _check_length(length_s)
+    room = until_s - first_s - count * length_s
+    if count < 1 or room < 0.0:
+        raise ConfigError(
+            f"{count} windows of {length_s:g} s do not fit between {first_s:g} and {until_s:g} s",
+            key="random",
+            advice="fewer or shorter ones",
+        )
+    # gaps before each are ordered points of the free time: every placing is as likely as any other
+    free = np.sort(rng.uniform(0.0, room, count))
+    starts = first_s + free + length_s * np.arange(count)
+    return [Window(float(start), float(start) + length_s) for start in starts]
+
+
+def banked_windows(nav: pd.DataFrame, bank_deg: float) -> list[Window]:
+    """Return the times in which the roll of a solution is beyond an angle, to either side.
+
+    Raises
+    ------
+    ConfigError : it never is
+    """
+    t_s, beyond = nav["time_s"].to_numpy(), (nav["roll_deg"].abs() > bank_deg).to_numpy()
+    edges = np.flatnonzero(np.diff(beyond.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    step = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
+    found = [Window(float(t_s[a]), float(t_s[b - 1]) + step) for a, b in edges]
+    if not found:
+        raise ConfigError(
+            f"the bank is never beyond {bank_deg:g} deg",
+            key="bank_deg",
+            advice=f"the largest is {nav['roll_deg'].abs().max():.1f} deg",
+        )
+    return found
+
+
+def window_ns(window: Window, week_ns: int) -> tuple[int, int]:
+    """Return the GPS times of a window's ends."""
+    return week_ns + round(window.from_s * NS_PER_S), week_ns + round(window.until_s * NS_PER_S)
+
+
+def checked(windows: Sequence[tuple[float, float]]) -> list[Window]:
+    """Return given windows.
+
+    Raises
+    ------
+    ConfigError : one ends before it begins, or is not finite
+    """
+    for a, b in windows:
+        if not (np.isfinite(a) and np.isfinite(b) and a < b):
+            raise ConfigError(f"{a:g} to {b:g} s is no window", key="windows", advice="from before until")
+    return [Window(float(a), float(b)) for a, b in windows]
+
+
+def _check_length(length_s: float) -> None:
+    if not length_s > 0.0:
+        raise ConfigError(f"a length of {length_s} s is none", key="length_s", advice="give seconds, above 0")
