@@ -93,6 +93,10 @@ class NavigationDataError(InputError):
     """Broadcast navigation data is missing, empty or of the wrong week."""
 
 
+class GeometryError(InputError):
+    """Antennas or satellites stand so that what is asked for cannot be determined from them."""
+
+
 class StartError(InsGnssError):
     """The filter could not be started: no position, no inertial data, or a contradictory start."""
 

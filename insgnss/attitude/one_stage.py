@@ -1,0 +1,223 @@
+"""The one-stage filter: angles and their rates straight from the correlators of all antennas.
+
+Dneprov and Korogodin (2015), (5)-(9): X~ = F X^, X^ = X~ + D (dF/dX)^T, D^-1 = D~^-1 - d2F/dX2, with the expected
+second derivative of the log-likelihood in the place of the drawn one. No phase difference is ever formed, so
+there is no ambiguity to resolve; in exchange the first attitude must be right to half of the aperture.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.attitude.angular_discriminator import (
+    likelihood_discriminator,
+    likelihood_weights,
+    pair_covariance,
+    pair_discriminator,
+    pair_slopes,
+)
+from insgnss.attitude.baselines import (
+    AntennaArray,
+    Sky,
+    attitude_matrices,
+    phase_differences,
+    phases_by_euler,
+    phases_by_rotation,
+)
+from insgnss.attitude.correlator_bank import Complex
+from insgnss.attitude.observability import gradient, information, require_two_satellites
+from insgnss.attitude.small_rotation import rotation_matrix, to_euler
+from insgnss.errors import ConfigError, GeometryError
+from insgnss.tables import Float64
+from insgnss.tracking.admissible import require_known, require_positive
+
+Parameters = Literal["euler", "rotation"]
+Source = Literal["likelihood", "pairs"]
+ANGLE: Final = slice(0, 3)
+RATE: Final = slice(3, 6)
+# Euler angles: from here on roll and yaw are so nearly one angle that their rates exceed the body's tenfold
+_STEEPEST_PITCH_RAD: Final = math.radians(84.0)
+_SCAN_RAD: Final = math.radians(
+    0.5
+)  # of the range of lock: narrower than the lobes of any curve of 2 m baselines
+_BACK_SHARE: Final = 0.1  # of the first offset that may be left of a start that came back
+
+
+@dataclass(frozen=True)
+class AttitudeState:
+    """What the filter knows after an epoch."""
+
+    C_nb: Float64  # (3, 3)
+    rpy: Float64  # (3,) [rad]; unwrapped where the filter works in Euler angles
+    rate: Float64  # (3,) of roll, pitch, yaw, or of the rotation vector in n [rad/s]
+    covariance: Float64  # (6, 6) of angles (or rotation vector in n) and rates
+    agreement: float = math.nan  # mean cosine of the phases left over: near 1 in lock, lower on a false zero
+
+
+@dataclass(frozen=True)
+class OneStage:
+    """The filter's model: antennas, signals, and how the attitude may change.
+
+    ``parameters``: "euler" is the paper's state of angles and their rates, and is refused near a pitch of 90 deg;
+    "rotation" keeps the matrix and corrects it by a rotation vector in n, for all attitudes. ``source``: "likelihood"
+    uses all antennas' correlators as their joint likelihood does, "pairs" the paper's products with the first antenna,
+    summed as if their noises were independent: its covariance is too modest or too confident by what they share.
+    """
+
+    array: AntennaArray
+    sky: Sky
+    a: Float64  # (M, N) signal ratios 2 q T of one integration
+    integration_s: float
+    rate_noise: Float64  # (3,) variance by which the rates change in one integration [(rad/s)^2]
+    parameters: Parameters = "euler"
+    source: Source = "likelihood"
+
+    def __post_init__(self) -> None:
+        require_positive("integrations last 1 to 20 ms", integration_s=self.integration_s)
+        require_known(self.parameters, ("euler", "rotation"), "parameters", "set of parameters")
+        require_known(self.source, ("likelihood", "pairs"), "source", "discriminator")
+        require_two_satellites(self.sky)
+        shape = (len(self.array.positions_b), len(self.sky.los_n))
+        a = np.broadcast_to(np.asarray(self.a, np.float64), shape)
+        noise = np.broadcast_to(np.asarray(self.rate_noise, np.float64), (3,))
+        if not (a > 0.0).all() or not (noise >= 0.0).all():
+            raise ConfigError(
+                "signal ratios must be above 0 and variances not below",
+                key="a",
+                advice="leave a satellite that is not received out of the sky",
+            )
+        object.__setattr__(self, "a", a)
+        object.__setattr__(self, "rate_noise", noise)
+
+    def start(
+        self, rpy: npt.ArrayLike, sd_angle_rad: npt.ArrayLike, sd_rate_radps: npt.ArrayLike
+    ) -> AttitudeState:
+        """Return the first state: at rest, with standard deviations of one number or three each."""
+        angles = np.asarray(rpy, np.float64)
+        sd = np.r_[np.broadcast_to(sd_angle_rad, 3), np.broadcast_to(sd_rate_radps, 3)]
+        return AttitudeState(attitude_matrices(angles), angles, np.zeros(3), np.diag(sd**2))
+
+    def predicted(self, state: AttitudeState) -> AttitudeState:
+        """Return the state one integration later  [(5), (8), (9)]."""
+        T = self.integration_s
+        F = np.eye(6)
+        F[ANGLE, RATE] = T * np.eye(3)
+        if self.parameters == "rotation":
+            F[ANGLE, ANGLE] = rotation_matrix(T * state.rate)
+        D = F @ state.covariance @ F.T
+        D[RATE, RATE] += np.diag(self.rate_noise)
+        return replace(self._moved(state, T * state.rate), covariance=D)
+
+    def corrected(self, state: AttitudeState, Z: Complex) -> AttitudeState:
+        """Return the state after the correlators (M, N) of one integration  [(8), (9)].
+
+        Raises
+        ------
+        GeometryError : Euler angles too near to a pitch of +-90 deg
+        """
+        psi = phase_differences(state.C_nb, self.array, self.sky)
+        J = self._derivatives(state)
+        known, slope = self._score(Z, psi, J)
+        D_inverse = np.linalg.inv(state.covariance)
+        D_inverse[ANGLE, ANGLE] += known
+        D = np.linalg.inv(D_inverse)
+        dX = D[:, ANGLE] @ slope
+        moved = self._moved(state, dX[ANGLE])
+        return replace(
+            moved, rate=state.rate + dX[RATE], covariance=0.5 * (D + D.T), agreement=_agreement(Z, psi)
+        )
+
+    def step(self, state: AttitudeState, Z: Complex) -> AttitudeState:
+        """Return the state after prediction and correction by one integration's correlators (M, N)."""
+        return self.corrected(self.predicted(state), Z)
+
+    def _score(self, Z: Complex, psi: Float64, J: Float64) -> tuple[Float64, Float64]:
+        """Return the expected information (3, 3) and the gradient (3,) of the log-likelihood by the angles."""
+        if self.source == "likelihood":
+            u = likelihood_discriminator(Z, psi)
+            return information(J, likelihood_weights(self.a)), np.asarray(np.einsum("mni,mn->i", J, u))
+        D_psi = np.einsum("nmm->nm", pair_covariance(self.a))
+        W = np.eye(D_psi.shape[1]) / D_psi[:, None, :]
+        return information(J, W), gradient(J, W, pair_discriminator(Z, psi) / pair_slopes(self.a))
+
+    def _derivatives(self, state: AttitudeState) -> Float64:
+        if self.parameters == "rotation":
+            return phases_by_rotation(state.C_nb, self.array, self.sky)
+        if abs(math.sin(state.rpy[1])) > math.sin(_STEEPEST_PITCH_RAD):
+            raise GeometryError(
+                f"pitch {math.degrees(state.rpy[1]):.1f} deg: roll and yaw are one angle there",
+                key="parameters",
+                advice="use parameters = 'rotation', which knows no such attitude",
+            )
+        return phases_by_euler(state.rpy, self.array, self.sky)
+
+    def _moved(self, state: AttitudeState, step: Float64) -> AttitudeState:
+        if self.parameters == "euler":
+            rpy = state.rpy + step
+            return replace(state, rpy=rpy, C_nb=attitude_matrices(rpy))
+        C = rotation_matrix(step) @ state.C_nb
+        return replace(state, C_nb=C, rpy=to_euler(C))
+
+
+def _agreement(Z: Complex, psi: Float64) -> float:
+    """Return the mean cosine between each satellite's correlators, turned back by the prediction, and their sum."""
+    turned = Z.copy()
+    turned[1:] *= np.exp(-1j * psi)
+    total = np.sum(turned, axis=0)
+    return float(np.sum(np.abs(total)) / max(np.sum(np.abs(turned)), np.finfo(float).tiny))
+
+
+def recovery_curve(model: OneStage, rpy: npt.ArrayLike, angle: int, offsets_rad: npt.ArrayLike) -> Float64:
+    """Return the mean correction of one angle when the filter's is off by ``offsets_rad`` (n,), without noise, (n,).
+
+    The curve of (27)-(30) holds the derivatives at the true attitude and moves the truth; in the filter they move with
+    its own attitude, so that the unstable points differ. Negative slope at zero: it leads back.
+    """
+    true = np.asarray(rpy, np.float64)
+    Z = _noise_free(model, true)
+    found = []
+    for offset in np.atleast_1d(np.asarray(offsets_rad, np.float64)):
+        state = model.start(true + offset * np.eye(3)[angle], 1.0, 1.0)
+        psi = phase_differences(state.C_nb, model.array, model.sky)
+        J = phases_by_euler(state.rpy, model.array, model.sky)
+        found.append(model._score(Z, psi, J)[1][angle])
+    return np.array(found)
+
+
+def lock_range(model: OneStage, state: AttitudeState, angle: int, steps: int = 400) -> tuple[float, float]:
+    """Return how far one Euler angle may be off below and above for the filter to come back, without noise [rad].
+
+    The true attitude is ``state``'s, at rest; the filter starts beside it with ``state``'s covariance. It needs some
+    ``rate_noise``, or the gain dies away before a distant start has come back.
+    """
+    Z = _noise_free(model, state.rpy)
+
+    def comes_back(offset: float) -> bool:
+        rpy = state.rpy + offset * np.eye(3)[angle]
+        now = replace(state, rpy=rpy, C_nb=attitude_matrices(rpy))
+        for _ in range(steps):
+            now = model.step(now, Z)
+            if np.abs(now.rpy - state.rpy).max() < _BACK_SHARE * abs(offset):
+                return True
+        return False
+
+    found = []
+    for sign in (-1.0, 1.0):
+        inner, outer = _SCAN_RAD, 2.0 * _SCAN_RAD
+        while outer < math.pi and comes_back(sign * outer):
+            inner, outer = outer, outer + _SCAN_RAD
+        for _ in range(4):
+            middle = 0.5 * (inner + outer)
+            inner, outer = (middle, outer) if comes_back(sign * middle) else (inner, middle)
+        found.append(sign * 0.5 * (inner + outer))
+    return found[0], found[1]
+
+
+def _noise_free(model: OneStage, rpy: Float64) -> Complex:
+    psi = phase_differences(attitude_matrices(rpy), model.array, model.sky)
+    return np.asarray(model.a * np.exp(1j * np.concatenate([np.zeros_like(psi[:1]), psi])))

@@ -1,0 +1,79 @@
+"""The attitude that fits phase differences of one epoch best, whole cycles given, with the noise that they share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.attitude.baselines import AntennaArray, Sky, phase_differences, phases_by_rotation
+from insgnss.attitude.small_rotation import rotation_matrix
+from insgnss.attitude.wahba import Attitude
+from insgnss.tables import Float64
+
+_STEPS: Final = 4  # Newton's steps from an attitude right to a degree: the third is below 1e-12 rad
+
+
+@dataclass(frozen=True)
+class Rough:
+    """Baselines in n as codes or a guess of the attitude give them, to metres or decimetres."""
+
+    vectors_n: Float64  # (M - 1, 3) [m]
+    covariance: Float64  # (M - 1, 3, 3), independent of each other [m^2]
+
+
+@dataclass(frozen=True)
+class PhaseRows:
+    """Phase differences of one epoch, whole cycles left open, as rows that may be differences of satellites too."""
+
+    array: AntennaArray
+    sky: Sky
+    phase: Float64  # (M - 1, R) [rad]
+    covariance: Float64  # (R (M - 1), R (M - 1)) of all rows, baselines slowest [rad^2]
+    differences: Float64  # (R, N) rows from satellites: unit matrix, or differences against one satellite
+
+    def predicted(self, C_nb: Float64) -> Float64:
+        """Return the rows of an attitude, (M - 1, R) [rad]."""
+        return np.asarray(phase_differences(C_nb, self.array, self.sky) @ self.differences.T)
+
+    def derivatives(self, C_nb: Float64) -> Float64:
+        """Return their derivatives by a rotation in n, (rows, 3)."""
+        J = phases_by_rotation(C_nb, self.array, self.sky)
+        return np.asarray(np.einsum("rn,mni->mri", self.differences, J).reshape(-1, 3))
+
+    def wave_rows(self) -> Float64:
+        """Return the derivatives of the rows of one baseline by it, (R, 3) [rad/m]."""
+        return np.asarray(self.differences @ self.sky.wave_vectors_n)
+
+
+def fit_attitude(start: npt.ArrayLike, rows: PhaseRows, cycles: npt.ArrayLike, rough: Rough) -> Attitude:
+    """Return the attitude of least squares over phases and rough baselines, from a start right to some degrees.
+
+    The loss is chi-square with rows + 3 (M - 1) - 3 degrees of freedom where the whole cycles are right.
+
+    Parameters
+    ----------
+    start : (3, 3) C_nb
+    cycles : (M - 1, R) whole cycles to add to the phases
+    """
+    C = np.asarray(start, np.float64)
+    W = np.linalg.inv(rows.covariance)
+    W_rough = np.asarray(np.linalg.inv(rough.covariance))
+    measured = rows.phase + 2.0 * np.pi * np.asarray(cycles, np.float64)
+    for step in range(_STEPS + 1):
+        residual = (measured - rows.predicted(C)).ravel()
+        l_n = rows.array.baselines_b @ C.T
+        rest = rough.vectors_n - l_n
+        if step == _STEPS:
+            break
+        J = rows.derivatives(C)
+        J_rough = np.cross(np.eye(3)[None], l_n[:, None]).swapaxes(
+            1, 2
+        )  # phi x l, one column per component of phi
+        known = J.T @ W @ J + np.einsum("mai,mab,mbj->ij", J_rough, W_rough, J_rough)
+        slope = J.T @ W @ residual + np.einsum("mai,mab,mb->i", J_rough, W_rough, rest)
+        C = rotation_matrix(np.linalg.solve(known, slope)) @ C
+    loss = float(residual @ W @ residual + np.einsum("ma,mab,mb->", rest, W_rough, rest))
+    return Attitude(C, np.asarray(np.linalg.inv(known)), loss)

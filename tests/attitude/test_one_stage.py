@@ -1,0 +1,159 @@
+"""The one-stage filter: noise at the Cramer-Rao bound, range of lock, motion, false zeros, Euler's singularity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insgnss.attitude.angular_discriminator import likelihood_weights
+from insgnss.attitude.aperture import apertures
+from insgnss.attitude.baselines import attitude_matrices, difference_covariance, phase_differences, triangle
+from insgnss.attitude.correlator_bank import draw_correlators, phase_variances, signal_ratios
+from insgnss.attitude.observability import information, observability
+from insgnss.attitude.one_stage import ANGLE, OneStage, lock_range, recovery_curve
+from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector, to_euler
+from insgnss.errors import ConfigError, GeometryError
+from tests.attitude.arrays import eight, mixed
+from tests.statistics_bounds import assert_mean_chi_square, nees
+
+RPY = np.radians([5.0, -3.0, 30.0])
+A40 = signal_ratios(np.full((3, 8), 40.0), 0.01)  # 40 dBHz over 10 ms: a = 200
+
+
+def model(**changes: object) -> OneStage:
+    return replace(OneStage(triangle(1.0), eight(), A40, 0.01, np.zeros(3)), **changes)
+
+
+@pytest.mark.parametrize("parameters", ["euler", "rotation"])
+def test_static_errors_are_consistent_and_reach_the_bound(parameters: str) -> None:
+    one = model(parameters=parameters)
+    rng, runs, epochs, sd = np.random.default_rng(3), 60, 20, np.radians(1.0)
+    psi = phase_differences(attitude_matrices(RPY), one.array, one.sky)
+    errors = []
+    for _ in range(runs):
+        state = one.start(RPY, sd, 1e-9)
+        C = rotation_matrix(sd * rng.standard_normal(3)) @ state.C_nb
+        state = replace(state, C_nb=C, rpy=to_euler(C))
+        if parameters == "euler":
+            rpy = RPY + sd * rng.standard_normal(3)
+            state = replace(state, rpy=rpy, C_nb=attitude_matrices(rpy))
+        for _ in range(epochs):
+            state = one.step(state, draw_correlators(psi, A40, rng))
+        away = rotation_vector(state.C_nb @ attitude_matrices(RPY).T)
+        errors.append(state.rpy - RPY if parameters == "euler" else away)
+    bound = observability(
+        attitude_matrices(RPY), one.array, one.sky, difference_covariance(phase_variances(A40))
+    )
+    P = np.linalg.inv(epochs * bound.information_n + np.eye(3) / sd**2)
+
+    # the filter's own covariance is the bound of 20 looks and the start; it linearises at its own attitude, 0.1 deg off
+    assert_mean_chi_square(nees(errors, state.covariance[ANGLE, ANGLE]), 3)
+    if parameters == "rotation":
+        assert np.allclose(state.covariance[ANGLE, ANGLE], P, rtol=0.02, atol=0.02 * P.max())
+    assert np.degrees(np.sqrt(np.trace(P))) * 60.0 < 3.0
+
+
+def test_pairs_are_noisier_than_the_likelihood() -> None:
+    # unequal antennas: the first, which every pair shares, is 6 dB weaker
+    a = signal_ratios(np.array([[34.0], [40.0], [40.0]]) + np.zeros((3, 8)), 0.01)
+    rng, squares = np.random.default_rng(4), {}
+    psi = phase_differences(attitude_matrices(RPY), triangle(1.0), eight())
+    for source in ("likelihood", "pairs"):
+        one, errors = model(source=source, a=a), []
+        for _ in range(150):
+            state = one.corrected(one.start(RPY, 0.01, 1e-9), draw_correlators(psi, a, rng))
+            errors.append(state.rpy - RPY)
+        squares[source] = np.mean(np.square(errors), axis=0)
+
+    assert np.sum(squares["pairs"]) > 1.15 * np.sum(squares["likelihood"])
+
+
+@pytest.mark.parametrize("source", ["likelihood", "pairs"])
+def test_lock_range_ends_at_the_unstable_points_of_the_filters_own_curve(source: str) -> None:
+    one = model(source=source, rate_noise=np.array([0.0, 1e-6, 0.0]))
+    state = one.start(RPY, [1e-9, np.radians(1.0), 1e-9], [1e-9, 1e-3, 1e-9])
+    low, high = lock_range(one, state, 1, steps=300)
+    x = np.radians(np.arange(-25.0, 25.0, 0.05))
+    curve = recovery_curve(one, RPY, 1, x)
+    runs_away = curve * x > 0.0
+    below, above = x[runs_away & (x < -0.01)].max(), x[runs_away & (x > 0.01)].min()
+
+    # 300 steps do not suffice for a start nearer than 0.2 deg to an unstable point; the curve has steps of 0.05 deg
+    assert np.degrees(low) == pytest.approx(np.degrees(below), abs=0.25)
+    assert np.degrees(high) == pytest.approx(np.degrees(above), abs=0.25)
+    # the aperture holds the derivatives at the true attitude: the filter's own range stays inside it
+    aperture = apertures(RPY, one.array, one.sky)
+    assert aperture.below[0] < low < high < aperture.above[0]
+
+
+def test_likelihood_of_all_antennas_locks_from_further_away_than_pairs() -> None:
+    x = np.radians(np.arange(0.5, 30.0, 0.1))
+    ends = [x[recovery_curve(model(source=s), RPY, 1, x) > 0.0].min() for s in ("likelihood", "pairs")]
+
+    assert ends[0] > 1.4 * ends[1]
+
+
+@pytest.mark.parametrize("parameters", ["euler", "rotation"])
+def test_rates_of_a_turning_vehicle_are_found(parameters: str) -> None:
+    rng, rate, T = np.random.default_rng(5), np.array([0.0, 0.0, 0.3]), 0.01
+    one = model(parameters=parameters, sky=mixed(), rate_noise=np.full(3, 1e-8))
+    state = one.start(RPY, 0.02, 0.5)
+    for k in range(150):
+        psi = phase_differences(attitude_matrices(RPY + rate * T * (k + 1)), one.array, one.sky)
+        state = one.step(state, draw_correlators(psi, A40, rng))
+
+    # yaw turns about down: the rate of yaw and the rotation vector's third component are the same
+    sd = np.sqrt(np.diag(state.covariance))
+    away = rotation_vector(state.C_nb @ attitude_matrices(RPY + rate * T * 150).T)
+    assert np.all(np.abs(state.rate - rate) < 4.0 * sd[3:])
+    assert np.linalg.norm(away) < 4.0 * np.sqrt(np.sum(sd[:3] ** 2))
+    assert np.degrees(sd[5]) < 0.5
+
+
+def test_false_zero_shows_in_the_agreement_of_the_antennas() -> None:
+    one = model(rate_noise=np.full(3, 1e-6))
+    Z = A40 * np.exp(
+        1j * np.r_[np.zeros((1, 8)), phase_differences(attitude_matrices(RPY), one.array, one.sky)]
+    )
+    agreements = {}
+    for offset in (2.0, 25.0):
+        start = one.start(RPY + np.radians([0.0, offset, 0.0]), 0.02, 1e-3)
+        for _ in range(200):
+            start = one.step(start, Z)
+        agreements[offset] = start.agreement, np.linalg.norm(start.rpy - RPY)
+
+    assert agreements[2.0][0] > 0.999 and agreements[2.0][1] < 1e-3
+    assert agreements[25.0][0] < 0.9 and agreements[25.0][1] > 0.1
+
+
+def test_euler_angles_are_refused_where_they_fail_and_the_rotation_is_not() -> None:
+    steep = np.radians([10.0, 88.0, 20.0])
+    psi = phase_differences(attitude_matrices(steep), triangle(1.0), eight())
+    Z = A40 * np.exp(1j * np.r_[np.zeros((1, 8)), psi])
+
+    with pytest.raises(GeometryError, match="rotation"):
+        model().step(model().start(steep, 0.01, 1e-3), Z)
+    one = model(parameters="rotation")
+    state = one.start(steep, 0.02, 1e-3)
+    state = replace(state, C_nb=rotation_matrix([0.01, 0.0, 0.01]) @ state.C_nb)
+    for _ in range(30):
+        state = one.step(state, Z)
+    assert np.linalg.norm(rotation_vector(state.C_nb @ attitude_matrices(steep).T)) < 1e-3
+
+
+def test_bad_models_are_refused() -> None:
+    with pytest.raises(ConfigError):
+        model(a=-1.0 * A40)
+    with pytest.raises(ConfigError, match="likelihood"):
+        model(source="likelihod")
+    with pytest.raises(GeometryError, match="second satellite"):
+        model(sky=eight().only(np.arange(8) == 2), a=A40[:, :1])
+
+
+def test_information_of_weights_and_of_covariance_agree() -> None:
+    J = np.random.default_rng(6).standard_normal((2, 8, 3))
+    W = np.linalg.inv(difference_covariance(phase_variances(A40)))
+
+    assert np.allclose(information(J, W), information(J, likelihood_weights(A40)), rtol=1e-12)
