@@ -19,8 +19,8 @@ help:  ## show this list
 
 setup: $(STAMP)  ## make .venv and install the package with its test tools
 
-demo: $(STAMP)  ## replay the sample flight, print the summary, write the run to out/demo
-	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)"
+demo: $(STAMP)  ## replay the sample flight, print the summary, write the run and its page to out/demo
+	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)" --report "$(OUT)/report.html"
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)

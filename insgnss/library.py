@@ -28,6 +28,7 @@ KINDS = {
     "antennas": "antenna pattern",
     "simulations": "simulation scenario",
     "scenarios": "scenario",
+    "campaigns": "campaign",
 }
 _TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)
 _PACKAGE = Path(__file__).parent

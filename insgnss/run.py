@@ -19,6 +19,7 @@ From aiding on where they were asked for; ``insgnss.aiding.table`` and ``insgnss
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -133,6 +134,17 @@ class Run:
         if not settings.exists():
             raise ResultError(f"no {_SETTINGS} in the folder", file=folder, advice="save the run again")
         return cls(**tables, settings=json.loads(settings.read_text(encoding="utf-8")))  # type: ignore[arg-type]
+
+    def report(self, path: str | Path) -> Path:
+        """Write the run's page, one HTML file that opens without a network; return its path.
+
+        Raises
+        ------
+        ResultError : the run has no navigation row, or the file cannot be written
+        """
+        # the page is drawn from a run, so it stands above it, and is loaded when one is asked for
+        written: Path = importlib.import_module("insgnss.report.page").write_report(self, path)
+        return written
 
     def status_counts(self) -> pd.DataFrame:
         """Return how many measurements of each kind had each status; the sums are the input's."""

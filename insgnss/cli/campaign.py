@@ -23,7 +23,7 @@ _FAILURES_SHOWN = 5
 
 
 def campaign(
-    file: Annotated[Path, typer.Argument(help="The campaign file (TOML).")],
+    campaign: Annotated[str, typer.Argument(help="A campaign file (.toml), or a name in models/campaigns.")],
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder of the results; goes on with what is there.")
     ],
@@ -50,7 +50,7 @@ def campaign(
         from insgnss.studies.campaign import load_campaign
         from insgnss.studies.campaign_results import failures, summary
 
-        config = load_campaign(file)
+        config = load_campaign(campaign)
         done = _run(config, output, workers, scheduler, retry_failed=retry_failed)
         console = Console(file=sys.stdout, width=140)
         table = summary(output, [name.strip() for name in by.split(",")])

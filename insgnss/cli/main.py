@@ -1,43 +1,57 @@
-"""The command line: each command in a module of its own."""
+"""The command line: one command for each job, each with an example in its help."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Final
 
 import typer
 
 from insgnss.cli.allan import allan
 from insgnss.cli.campaign import campaign
 from insgnss.cli.check import check
+from insgnss.cli.compare import compare
 from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
+from insgnss.cli.export import export
 from insgnss.cli.margin import margin
 from insgnss.cli.outage import outage
 from insgnss.cli.point import point
 from insgnss.cli.replay import replay
+from insgnss.cli.report import report
 from insgnss.cli.simulate import simulate
 from insgnss.cli.track import track
 from insgnss.cli.visibility import visibility
 from insgnss.version import __version__
 
 app = typer.Typer(
+    name="insgnss",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     help="Tightly coupled INS/GNSS navigation: logs in, a navigation solution out.",
 )
-app.command()(allan)
-app.command()(campaign)
-app.command()(check)
-app.command()(consistency)
-app.command()(convert)
-app.command()(margin)
-app.command()(outage)
-app.command()(point)
-app.command()(replay)
-app.command()(simulate)
-app.command()(track)
-app.command()(visibility)
+_SAMPLE = "data/sample_flight/flight.toml"
+# each works as pasted in the repository's folder, in this order
+EXAMPLES: Final[dict[Callable[..., None], str]] = {
+    convert: "insgnss convert data/sample_receiver/rover.obs --output out/rover",
+    check: f"insgnss check {_SAMPLE}",
+    replay: f"insgnss replay {_SAMPLE} --output out/run",
+    report: "insgnss report out/run --output out/run/report.html",
+    compare: "insgnss compare out/run out/run --output out/compare.html",
+    export: "insgnss export out/run --output out/run.kmz",
+    consistency: "insgnss consistency out/run --output out/consistency",
+    visibility: f"insgnss visibility out/run --flight {_SAMPLE} -a patch_l1",
+    outage: f"insgnss outage {_SAMPLE} --every 120",
+    point: f"insgnss point {_SAMPLE} --output out/point",
+    simulate: "insgnss simulate at_rest --output out/rest --seed 1",
+    allan: "insgnss allan out/rest/flight.toml --output out/allan",
+    track: "insgnss track --cn0 38 --jerk 20 --frequency-bandwidth 5",
+    margin: "insgnss margin --oscillator tcxo --imu tactical --output out/margin",
+    campaign: "insgnss campaign imu_grades --output out/campaign",
+}
+for _command, _example in EXAMPLES.items():
+    # on a line of its own, and short enough for a terminal of 80 columns
+    app.command(epilog=f"Example:\n\n{_example}")(_command)
 
 
 def _show_version(wanted: bool) -> None:

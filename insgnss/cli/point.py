@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from insgnss.point import PointRun
+
+_MEDIANS: Final = ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m", "sd_e_m", "sd_d_m"]
 
 
 def point(
@@ -37,6 +39,9 @@ def point(
         ),
     ] = 1e-3,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object in place of the tables.")
+    ] = False,
 ) -> None:
     """Solve each GNSS epoch alone: position, velocity, clocks, dilution, residuals, fault exclusion."""
     began = time.perf_counter()
@@ -45,6 +50,7 @@ def point(
         # pandas and the compiled code are loaded only once the options are known to be right
         from rich.console import Console
 
+        from insgnss.cli.json_output import print_json
         from insgnss.log.flight import Flight
         from insgnss.point import point as solve
 
@@ -60,9 +66,12 @@ def point(
             if output is not None:
                 status.update("saving the tables ...")
                 run.save(output, form)
+    n_read = len(loaded.files()) - len(loaded.config.imu.files)
+    if as_json:
+        print_json({**_digest(loaded.name, run), "files_read": n_read, "wrote": output})
+        return
     _print_summary(Console(file=sys.stdout, width=120), loaded.name, run)
     where = f"; wrote {output}" if output is not None else "; nothing was written (no --output)"
-    n_read = len(loaded.files()) - len(loaded.config.imu.files)
     typer.echo(f"read {n_read} files{where}; {time.perf_counter() - began:.2f} s in all")
 
 
@@ -72,6 +81,21 @@ def _form(text: str) -> Literal["parquet", "csv"]:
     if text == "csv":
         return "csv"
     raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
+
+
+def _digest(name: str, run: PointRun) -> dict[str, Any]:
+    """Return the summary as plain data."""
+    reference = run.errors is not None and not run.errors.empty
+    return {
+        "flight": name,
+        "epochs": len(run.point),
+        "trusted": int(run.trusted().sum()),
+        "verdicts": run.verdict_counts().to_dict(),
+        "measurements": run.status_counts().to_dict(),
+        "errors": run.error_summary().to_dict(orient="index") if reference else {},
+        "median": {label: float(value) for label, value in run.point[_MEDIANS].median().items()},
+        "took": dict(run.settings["took"]),
+    }
 
 
 def _print_summary(console: Console, name: str, run: PointRun) -> None:
@@ -84,9 +108,7 @@ def _print_summary(console: Console, name: str, run: PointRun) -> None:
     console.print(_count_table(run))
     if run.errors is not None and not run.errors.empty:
         console.print(_error_table(run))
-    middle = table[
-        ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m", "sd_e_m", "sd_d_m"]
-    ].median()
+    middle = table[_MEDIANS].median()
     console.print(
         "median: " + ", ".join(f"{label} {value:.2f}" for label, value in middle.items()), highlight=False
     )

@@ -14,11 +14,13 @@ from rich.console import Console
 from rich.table import Table
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.errors import ConfigError
 from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
+from insgnss.report.digest import digest
 from insgnss.run import Run
 
 _EVENTS_SHOWN = 25
@@ -50,6 +52,12 @@ def replay(
         ),
     ] = None,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object in place of the summary.")
+    ] = False,
 ) -> None:
     """Run the filter over a flight's logs, print a summary, write the result tables."""
     began = time.perf_counter()
@@ -71,8 +79,15 @@ def replay(
             if output is not None:
                 status.update("saving the run ...")
                 run.save(output, form)
+            if report is not None:
+                status.update("drawing the page ...")
+                run.report(report)
+    written = [str(path) for path in (output, report) if path is not None]
+    if as_json:
+        print_json({**digest(run), "files_read": len(loaded.files()), "wrote": written})
+        return
     _print_summary(loaded, run)
-    where = f"; wrote {output}" if output is not None else "; nothing was written (no --output)"
+    where = f"; wrote {' and '.join(written)}" if written else "; nothing was written (no --output)"
     typer.echo(f"read {len(loaded.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
 
 

@@ -32,6 +32,7 @@ from pydantic import Field
 
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
+from insgnss.library import find
 from insgnss.studies.campaign_cluster import on_cluster
 from insgnss.studies.campaign_tasks import CAMPAIGN_FILE, RESULTS, Task, TaskReport, case_function, run_task
 
@@ -87,12 +88,14 @@ class CampaignDone:
 
 
 def load_campaign(path: str | Path) -> CampaignConfig:
-    """Read and check a campaign file.
+    """Read and check a campaign file (a path ending in .toml), or one of ``models/campaigns`` by its name.
 
     Raises
     ------
     MissingFileError, ConfigError : there is no such file; it does not fit, or names no case function
+    ModelError : the library has no campaign of this name
     """
+    path = path if str(path).endswith(".toml") else find("campaigns", str(path))
     config = load_toml(path, CampaignConfig)
     both = sorted(set(config.fixed) & set(config.grid))
     if both:

@@ -1,0 +1,75 @@
+"""``insgnss compare``: saved runs of one flight against each other, in numbers and on a page."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from insgnss.report.compare import Comparison
+
+
+def compare(
+    runs: Annotated[
+        list[Path], typer.Argument(help="Saved runs (their folders); the others are compared with the first.")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The page; none is written without it.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object in place of the table.")
+    ] = False,
+) -> None:
+    """Compare runs of a flight: differences over time, statistics, sigma beside each other."""
+    began = time.perf_counter()
+    with own_errors_told():
+        # pandas and Plotly are loaded only when the command runs
+        from rich.console import Console
+
+        from insgnss.cli.json_output import print_json
+        from insgnss.report.compare import compare_runs, write_comparison
+        from insgnss.run import Run
+
+        with Console(stderr=True).status("comparing ..."):
+            loaded = {name: Run.load(path) for name, path in zip(_names(runs), runs, strict=True)}
+            comparison = compare_runs(loaded)
+            page = None if output is None else write_comparison(comparison, output)
+    if as_json:
+        print_json({**comparison.as_json(), "wrote": page})
+        return
+    Console(file=sys.stdout, width=120).print(_table(comparison))
+    where = f"wrote {page}" if page is not None else "nothing was written (no --output)"
+    typer.echo(f"read {len(runs)} runs; {where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _names(paths: list[Path]) -> list[str]:
+    """Return a name for each folder: its own where that tells them apart, else the path, else numbered."""
+    for names in ([path.resolve().name for path in paths], [str(path) for path in paths]):
+        if len(set(names)) == len(names):
+            return names
+    return [f"{path} ({i})" for i, path in enumerate(paths, 1)]
+
+
+def _table(comparison: Comparison) -> Table:
+    from rich.table import Table
+
+    from insgnss.report.labels import label, number
+
+    table = Table(title=f"difference from '{comparison.first}', sigma, error against the flight's reference")
+    for name in ("run", "", "mean", "rms", "95 %", "largest", "median sigma", "rms error"):
+        table.add_column(name, justify="left" if name in ("run", "") else "right")
+    last = ""
+    for row in comparison.statistics.itertuples(index=False, name=None):
+        if row[0] != last and last:
+            table.add_section()
+        last = row[0]
+        table.add_row(row[0], label(row[1]).axis(), *(number(float(value)) for value in row[2:]))
+    return table

@@ -1,0 +1,34 @@
+"""``insgnss export``: a saved run as KML, KMZ, GPX, GeoJSON or CSV."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+
+
+def export(
+    run: Annotated[Path, typer.Argument(help="A saved run (its folder).")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")],
+    format: Annotated[
+        str | None,
+        typer.Option("--format", help="kml, kmz, gpx, geojson or csv; by default as the file's ending says."),
+    ] = None,
+) -> None:
+    """Write the track of a run for another program; times are UTC, heights above the ellipsoid."""
+    began = time.perf_counter()
+    with own_errors_told():
+        # pandas is loaded only when the command runs
+        from insgnss.report.export import export_run
+        from insgnss.run import Run
+
+        loaded = Run.load(run)
+        written = export_run(loaded, output, format)
+    typer.echo(
+        f"wrote {len(loaded.nav)} rows into {written} ({written.stat().st_size / 1e6:.2f} MB);"
+        f" {time.perf_counter() - began:.2f} s in all"
+    )

@@ -1,0 +1,42 @@
+"""``insgnss report``: one page of a saved run, that opens in any browser without a network."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+
+
+def report(
+    run: Annotated[Path, typer.Argument(help="A saved run (its folder).")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="The page; by default report.html in the run's folder."),
+    ] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option("--figures", help="Also write figures for a paper into this folder (needs matplotlib)."),
+    ] = None,
+    form: Annotated[str, typer.Option("--form", help="Of the figures: pdf, svg or png.")] = "pdf",
+) -> None:
+    """Write the page of a run: summary, map, errors, satellites, innovations, events, settings."""
+    began = time.perf_counter()
+    with own_errors_told():
+        # pandas and Plotly are loaded only when the command runs
+        from rich.console import Console
+
+        from insgnss.report.figures import save_figures
+        from insgnss.report.page import write_report
+        from insgnss.run import Run
+
+        with Console(stderr=True).status("drawing ..."):
+            loaded = Run.load(run)
+            page = write_report(loaded, run / "report.html" if output is None else output)
+            drawn = [] if figures is None else save_figures(loaded, figures, form)
+    size = page.stat().st_size / 1e6
+    more = f" and {len(drawn)} figures into {figures}" if drawn else ""
+    typer.echo(f"wrote {page} ({size:.1f} MB){more}; {time.perf_counter() - began:.2f} s in all")

@@ -1,0 +1,9 @@
+"""What people look at: the page of a run, comparisons of runs, files for maps, figures for papers.
+
+::
+
+    from insgnss.report.page import write_report          # run.report("page.html") does the same
+    from insgnss.report.compare import compare_runs
+    from insgnss.report.export import export_run
+    from insgnss.report import figures                    # matplotlib, loaded when a figure is drawn
+"""

@@ -1,0 +1,134 @@
+"use strict";
+(() => {
+  const charts = JSON.parse(document.getElementById("charts").textContent);
+  const places = new Map(charts.map((chart) => [chart.name, chart]));
+  const linked = charts.filter((chart) => chart.linked);
+  const drawn = new Set();
+  let span = null; // of the time axes, once the reader has chosen one
+  let busy = false;
+
+  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const axisNames = (layout) => Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key));
+
+  function themed(layout) {
+    const ink = css("--ink"), grid = css("--grid"), paper = css("--paper");
+    const look = {
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      "font.color": ink, "legend.bgcolor": "rgba(0,0,0,0)",
+      "hoverlabel.bgcolor": paper, "hoverlabel.font.color": ink,
+    };
+    for (const key of axisNames(layout)) {
+      look[key + ".gridcolor"] = grid;
+      look[key + ".zerolinecolor"] = css("--rule");
+      look[key + ".linecolor"] = css("--rule");
+    }
+    if (layout.polar) {
+      look["polar.bgcolor"] = "rgba(0,0,0,0)";
+      look["polar.radialaxis.gridcolor"] = grid;
+      look["polar.angularaxis.gridcolor"] = grid;
+      look["polar.angularaxis.linecolor"] = css("--rule");
+    }
+    return look;
+  }
+
+  function complete(layout) {
+    const narrow = window.innerWidth < 600;
+    const full = Object.assign({
+      margin: { l: narrow ? 52 : 66, r: 12, t: 10, b: 44 }, autosize: true, hovermode: "closest",
+      legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, itemsizing: "constant" }, font: { size: narrow ? 11 : 12 },
+      dragmode: narrow ? false : "zoom",
+    }, layout);
+    for (const key of axisNames(full)) {
+      full[key] = Object.assign({ automargin: true, zeroline: false, ticks: "outside" }, full[key]);
+    }
+    for (const [path, value] of Object.entries(themed(full))) {
+      const keys = path.split("."), last = keys.pop();
+      let at = full;
+      for (const key of keys) at = at[key] = at[key] || {};
+      at[last] = value;
+    }
+    return full;
+  }
+
+  function draw(place) {
+    if (drawn.has(place.id)) return;
+    drawn.add(place.id);
+    const chart = places.get(place.id);
+    const layout = complete(chart.layout);
+    if (chart.linked && span) layout.xaxis.range = span.slice();
+    Plotly.newPlot(place, chart.data, layout, { responsive: true, displaylogo: false, scrollZoom: false });
+    if (chart.linked) place.on("plotly_relayout", (change) => follow(place, change));
+  }
+
+  function follow(source, change) {
+    const all = change["xaxis.autorange"];
+    if (busy || !(all || "xaxis.range[0]" in change || "xaxis.range" in change)) return;
+    span = all ? null : source.layout.xaxis.range.slice();
+    busy = true;
+    const others = linked.map((chart) => document.getElementById(chart.name))
+      .filter((place) => place !== source && drawn.has(place.id));
+    const update = all ? { "xaxis.autorange": true } : { "xaxis.range": span };
+    Promise.all(others.map((place) => Plotly.relayout(place, update))).finally(() => { busy = false; });
+  }
+
+  const all = [...document.querySelectorAll(".chart")];
+  const watcher = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      if (!entry.isIntersecting) continue;
+      watcher.unobserve(entry.target);
+      draw(entry.target);
+    }
+  }, { rootMargin: "600px" });
+  all.forEach((place) => watcher.observe(place));
+
+  function recolour() {
+    for (const place of all) if (drawn.has(place.id)) Plotly.relayout(place, themed(places.get(place.id).layout));
+  }
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
+  // the media "print" has its own colours and width, and what was never seen has not been drawn
+  addEventListener("beforeprint", () => {
+    all.forEach(draw);
+    for (const place of all) Plotly.relayout(place, Object.assign(themed(places.get(place.id).layout), { width: 680 }));
+  });
+  addEventListener("afterprint", () => {
+    recolour();
+    for (const place of all) Plotly.relayout(place, { width: null, autosize: true });
+  });
+
+  const worth = (cell) => {
+    const words = cell.textContent.trim(), value = Number.parseFloat(words);
+    return Number.isNaN(value) ? words : value;
+  };
+  for (const table of document.querySelectorAll("table.sortable")) {
+    const body = table.tBodies[0], heads = [...table.tHead.rows[0].cells];
+    heads.forEach((head, column) => head.addEventListener("click", () => {
+      const up = head.getAttribute("aria-sort") !== "ascending";
+      heads.forEach((other) => other.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", up ? "ascending" : "descending");
+      const rows = [...body.rows].map((row) => [worth(row.cells[column]), row]);
+      rows.sort(([a], [b]) => (typeof a === typeof b ? (a < b ? -1 : a > b ? 1 : 0) : typeof a === "number" ? -1 : 1));
+      if (!up) rows.reverse();
+      body.append(...rows.map(([, row]) => row));
+    }));
+  }
+  for (const input of document.querySelectorAll("input[data-table]")) {
+    const name = input.dataset.table, rows = [...document.getElementById(name).tBodies[0].rows];
+    const choice = document.querySelector(`select[data-table="${name}"]`);
+    const told = document.querySelector(`output[data-table="${name}"]`);
+    for (const kind of [...new Set(rows.map((row) => row.cells[1].textContent))].sort()) choice.add(new Option(kind, kind));
+    const filter = () => {
+      const word = input.value.toLowerCase();
+      let shown = 0;
+      for (const row of rows) {
+        const fits = row.textContent.toLowerCase().includes(word)
+          && (!choice.value || row.cells[1].textContent === choice.value);
+        row.hidden = !fits;
+        shown += fits;
+      }
+      told.textContent = `${shown} of ${rows.length}`;
+    };
+    input.addEventListener("input", filter);
+    choice.addEventListener("change", filter);
+    filter();
+  }
+})();

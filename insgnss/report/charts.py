@@ -1,0 +1,181 @@
+"""A chart of the page: traces and layout as plain data, numbers packed, the way Plotly's own script reads them."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.report.thinning import breaks, envelope, line
+from insgnss.tables import Float64
+
+LINE_POINTS: Final = 1200  # of a line: more than one to each pixel
+# Okabe and Ito's colours, which the colour-blind tell apart; read on white and on black
+PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c8c8c", "#b8a800")
+BAND_SIGMAS: Final = 3.0
+
+Trace = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One drawing of the page, with what is said below it."""
+
+    name: str  # letters, digits and dashes: the place on the page
+    title: str
+    traces: Sequence[Trace]
+    layout: Mapping[str, Any]
+    height_px: int = 320
+    caption: str = ""
+    linked: bool = False  # its x axis is the time, and moves with all the others
+
+    def data(self) -> dict[str, Any]:
+        """Return what the page's script draws."""
+        return {"name": self.name, "linked": self.linked, "data": self.traces, "layout": dict(self.layout)}
+
+
+@dataclass
+class Rows:
+    """The traces of a chart of several rows with one time axis, filled row by row."""
+
+    labels: Sequence[str]  # of the rows' y axes, top first
+    traces: list[Trace] = field(default_factory=list)
+    ranges: dict[int, tuple[float, float]] = field(default_factory=dict)
+    kinds: dict[int, str] = field(default_factory=dict)  # "log" where a row's axis is
+
+    def add(self, row: int, trace: Trace) -> None:
+        """Put a trace into a row, counted from 0."""
+        place = "" if row == 0 else str(row + 1)
+        self.traces.append({**trace, "xaxis": "x", "yaxis": f"y{place}"})
+
+    def layout(self, **more: Any) -> dict[str, Any]:
+        """Return the layout: rows of one height below each other, the time at the foot."""
+        n, gap = len(self.labels), 0.04
+        height = (1.0 - gap * (n - 1)) / n
+        layout: dict[str, Any] = {"xaxis": TIME_AXIS | {"anchor": _y(n - 1)}}
+        for row, text in enumerate(self.labels):
+            top = 1.0 - row * (height + gap)
+            axis: dict[str, Any] = {
+                "title": {"text": text},
+                "domain": [max(top - height, 0.0), top],
+                "anchor": "x",
+            }
+            if row in self.ranges:
+                axis["range"] = list(self.ranges[row])
+            if row in self.kinds:
+                axis["type"] = self.kinds[row]
+            layout["yaxis" + ("" if row == 0 else str(row + 1))] = axis
+        return layout | more
+
+    def chart(self, name: str, title: str, *, row_px: int = 170, caption: str = "", **layout: Any) -> Chart:
+        """Return the chart."""
+        height = 70 + row_px * len(self.labels)
+        return Chart(name, title, self.traces, self.layout(**layout), height, caption, linked=True)
+
+
+# plain seconds, as they stand in the tables: 293800, not 293.8k
+TIME_AXIS: Final[Trace] = {"title": {"text": "time, s of the GPS week"}, "tickformat": "d"}
+
+
+def _y(row: int) -> str:
+    return "y" if row == 0 else f"y{row + 1}"
+
+
+def packed(values: npt.ArrayLike, double: bool = False) -> dict[str, Any]:
+    """Return numbers as Plotly reads them packed: four bytes each, eight where ``double``."""
+    array = np.ascontiguousarray(values, "<f8" if double else "<f4")
+    data = {"dtype": "f8" if double else "f4", "bdata": base64.b64encode(array.tobytes()).decode()}
+    return data if array.ndim == 1 else data | {"shape": ", ".join(str(size) for size in array.shape)}
+
+
+def line_trace(
+    time_s: Float64,
+    values: Float64,
+    name: str,
+    colour: str,
+    *,
+    period: float | None = None,
+    at_most: int = LINE_POINTS,
+    **more: Any,
+) -> Trace:
+    """Return a line over time, thinned to ``at_most`` points with its envelope kept and broken at its gaps."""
+    x, y = line(time_s, values, at_most, period)
+    style = {"color": colour, "width": 1.5} | more.pop("line", {})
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": name,
+        "x": packed(x, double=True),
+        "y": packed(y),
+        "line": style,
+        **more,
+    }
+
+
+def band_trace(
+    time_s: Float64, middle: Float64, sigma: Float64, colour: str, *, period: float | None = None
+) -> Trace:
+    """Return the band of three sigma around ``middle``: one filled area from each break of the line to the next.
+
+    The band of an angle is never wider than the circle.
+    """
+    half = BAND_SIGMAS * sigma if period is None else np.minimum(BAND_SIGMAS * sigma, period / 2.0)
+    edges = np.unique(np.concatenate([[0], breaks(time_s, middle, period), [len(time_s)]]))
+    at_most = max(LINE_POINTS // max(len(edges) - 1, 1), 20)
+    x: list[Float64] = []
+    y: list[Float64] = []
+    for start, end in pairwise(edges.tolist()):
+        piece = slice(start, end)
+        t, low, high = time_s[piece], (middle - half)[piece], (middle + half)[piece]
+        below, above = envelope(low, at_most), envelope(high, at_most)[::-1]
+        x += [t[below], t[above], t[below[:1]], np.array([np.nan])]
+        y += [low[below], high[above], low[below[:1]], np.array([np.nan])]
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": "3 sigma",
+        "x": packed(np.concatenate(x), double=True),
+        "y": packed(np.concatenate(y)),
+        "line": {"width": 0},
+        "fill": "toself",
+        "fillcolor": translucent(colour, 0.22),
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+
+
+def marker_trace(time_s: Float64, values: Float64, name: str, colour: str, **more: Any) -> Trace:
+    """Return points over time, all that are given."""
+    marker = {"color": colour, "size": 3} | more.pop("marker", {})
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": packed(time_s, double=True),
+        "y": packed(values),
+        "marker": marker,
+        **more,
+    }
+
+
+def translucent(colour: str, opacity: float) -> str:
+    """Return '#rrggbb' as a colour that lets shine through what is behind it."""
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity:g})"
+
+
+def colour_of(place: int) -> str:
+    """Return the palette's colour of a place in a list; after the last one it begins anew."""
+    return PALETTE[place % len(PALETTE)]
+
+
+def as_json(charts: Sequence[Chart]) -> str:
+    """Return the charts as JSON that can stand inside a script element."""
+    text = json.dumps([chart.data() for chart in charts], separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")

@@ -1,0 +1,181 @@
+"""Runs against each other: what a setting, a mask or a smoother changed, over time and in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from insgnss.comparison import errors_against
+from insgnss.errors import ResultError
+from insgnss.gpstime import week_seconds_to_ns
+from insgnss.report.charts import Chart, Rows, colour_of, line_trace
+from insgnss.report.digest import digest, without_nan
+from insgnss.report.html import Section, page, paragraphs, table, text, write
+from insgnss.report.labels import label, number
+from insgnss.report.run_time import gps_week
+from insgnss.report.sections.motion import SIGMA_GROUPS
+from insgnss.report.sentences import name_of
+from insgnss.run import Run
+from insgnss.tables import ReferenceTable
+from insgnss.version import __version__
+
+COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs, and what each differs in from the first."""
+
+    runs: Mapping[str, Run]  # the first is what the others are compared with
+    differences: Mapping[str, pd.DataFrame]  # of each other: time_s and d_n_m ... d_yaw_deg, run minus first
+    statistics: pd.DataFrame  # a row for each run and component
+
+    @property
+    def first(self) -> str:
+        """The name of the run that the others are compared with."""
+        return next(iter(self.runs))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return names, statistics and each run's own summary as plain data."""
+        return {
+            "first": self.first,
+            "statistics": without_nan(self.statistics.to_dict(orient="records")),
+            "runs": {name: digest(run) for name, run in self.runs.items()},
+        }
+
+
+def compare_runs(runs: Mapping[str, Run]) -> Comparison:
+    """Return what each run differs in from the first, at its own navigation rows inside the first's time.
+
+    Parameters
+    ----------
+    runs : by the name that the tables and charts call them
+
+    Raises
+    ------
+    ResultError : fewer than two runs, or two of them have no time in common
+    """
+    if len(runs) < 2:
+        raise ResultError("a comparison needs two runs or more", advice="insgnss compare RUN RUN")
+    first, *others = runs
+    base = runs[first]
+    reference, week = _as_reference(base), gps_week(base)
+    differences = {}
+    for name in others:
+        nav = runs[name].nav
+        shift_s = float(week_seconds_to_ns(gps_week(runs[name]), 0.0) - week_seconds_to_ns(week, 0.0)) * 1e-9
+        found = errors_against(nav.assign(time_s=nav["time_s"] + shift_s), reference, week, None)
+        if found.empty:
+            raise ResultError(
+                f"'{name}' and '{first}' have no time in common", advice="compare runs of the same flight"
+            )
+        differences[name] = found.drop(columns="quality")
+    return Comparison(runs, differences, _statistics(runs, first, differences))
+
+
+def write_comparison(comparison: Comparison, path: str | Path) -> Path:
+    """Write the comparison's page; return its path.
+
+    Raises
+    ------
+    ResultError : the file cannot be written
+    """
+    names = list(comparison.differences)
+    charts = [_chart(comparison, group, columns) for group, _, columns in SIGMA_GROUPS]
+    sigmas = [_sigma_chart(comparison, group, columns) for group, _, columns in SIGMA_GROUPS]
+    told = [f"'{name}' is compared with '{comparison.first}'." for name in names]
+    told += [f"'{name}': {name_of(run)}, {len(run.nav)} rows." for name, run in comparison.runs.items()]
+    sections = [
+        Section("summary", "What is compared", before=paragraphs(told)),
+        Section("statistics", "Statistics", before=_statistics_table(comparison)),
+        Section("differences", "Differences over time", charts=charts),
+        Section("sigma", "Sigma over time", charts=sigmas),
+    ]
+    foot = f"insgnss {__version__}; a difference is the run minus '{comparison.first}'."
+    return write(path, page(f"Comparison: {', '.join(comparison.runs)}", sections, foot))
+
+
+def _as_reference(run: Run) -> ReferenceTable:
+    """Return a run's navigation rows as the trajectory that others are measured against."""
+    nav = run.nav
+    return ReferenceTable(
+        t_ns=week_seconds_to_ns(gps_week(run), nav["time_s"].to_numpy()),
+        lat_deg=nav["lat_deg"].to_numpy(),
+        lon_deg=nav["lon_deg"].to_numpy(),
+        h_m=nav["h_m"].to_numpy(),
+        v_n=nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy(),
+        rpy_deg=nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy(),
+        quality=np.ones(len(nav)),
+    )
+
+
+def _statistics(runs: Mapping[str, Run], first: str, differences: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return a row for each run and component; the first run has no difference."""
+    rows = []
+    for name, run in runs.items():
+        errors = None
+        if run.errors is not None and not run.errors.empty:
+            errors = run.error_summary(from_s=_settled_s([run], run.errors))
+        for component in COMPONENTS:
+            row: dict[str, Any] = {"run": name, "component": component}
+            if name != first:
+                table_ = differences[name]
+                from_s = _settled_s([runs[first], run], table_)
+                values = table_.loc[table_["time_s"] >= from_s, f"d_{component}"].dropna()
+                row |= {"mean": values.mean(), "rms": float(np.sqrt((values**2).mean()))}
+                row |= {"p95": values.abs().quantile(0.95), "max": values.abs().max()}
+            row["median_sigma"] = run.nav[f"sd_{component}"].median()
+            if errors is not None and component in errors.index:
+                row["rms_error"] = errors.loc[component, "rms"]
+            rows.append(row)
+    columns = ["run", "component", "mean", "rms", "p95", "max", "median_sigma", "rms_error"]
+    return pd.DataFrame(rows).reindex(columns=columns)
+
+
+def _settled_s(runs: Sequence[Run], table_: pd.DataFrame) -> float:
+    """Return the time from which all of these runs knew the heading, the table's start where that is never."""
+    known = [run.heading_known_s() for run in runs]
+    latest = max((time_s for time_s in known if time_s is not None), default=-np.inf)
+    return latest if latest <= table_["time_s"].iloc[-1] else float(table_["time_s"].iloc[0])
+
+
+def _statistics_table(comparison: Comparison) -> str:
+    head = ("run", "component", "mean", "rms", "95 %", "largest", "median sigma", "rms error")
+    rows = [
+        [row[0], label(row[1]).axis(), *(number(float(value)) for value in row[2:])]
+        for row in comparison.statistics.itertuples(index=False, name=None)
+    ]
+    about = (
+        f"<p>Mean, rms, 95 % and largest are of the difference from '{text(comparison.first)}'; the error is against"
+        " the flight's own reference, where there is one; both from the time on at which the heading was known.</p>"
+    )
+    return about + table(head, rows)
+
+
+def _chart(comparison: Comparison, group: str, columns: tuple[str, ...]) -> Chart:
+    rows = Rows([label(column).axis() for column in columns])
+    for place, (name, table_) in enumerate(comparison.differences.items()):
+        time_s = table_["time_s"].to_numpy()
+        for row, column in enumerate(columns):
+            more: dict[str, Any] = {"legendgroup": name, "showlegend": row == 0}
+            rows.add(
+                row, line_trace(time_s, table_[f"d_{column}"].to_numpy(), name, colour_of(place), **more)
+            )
+    return rows.chart(f"chart-difference-{group}", f"Difference in {group}", row_px=150)
+
+
+def _sigma_chart(comparison: Comparison, group: str, columns: tuple[str, ...]) -> Chart:
+    rows = Rows([label(column).axis() for column in columns])
+    for place, (name, run) in enumerate(comparison.runs.items()):
+        time_s = run.nav["time_s"].to_numpy()
+        for row, column in enumerate(columns):
+            more: dict[str, Any] = {"legendgroup": name, "showlegend": row == 0}
+            rows.kinds[row] = "log"
+            values = run.nav[f"sd_{column}"].to_numpy()
+            rows.add(row, line_trace(time_s, values, name, colour_of(place), **more))
+    return rows.chart(f"chart-sigma-{group}", f"One sigma of {group}", row_px=130)

@@ -1,0 +1,48 @@
+"""The satellites of a table, and how many of them each GNSS epoch used, where one satellite has several rows."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from insgnss.run import Run
+from insgnss.tables import Float64, Int64
+
+_USED: Final = ("used", "used_for_start")
+
+
+def satellites_of(table: pd.DataFrame) -> tuple[Int64, list[str]]:
+    """Return, of each row, its satellite's place in the list of names, and the names that occur, sorted."""
+    words = pd.Categorical(
+        table["sv"]
+    ).remove_unused_categories()  # no copy of the words: a ledger has millions
+    names = [str(name) for name in words.categories]
+    order = sorted(range(len(names)), key=names.__getitem__)
+    place = np.empty(len(names), np.int64)
+    place[order] = np.arange(len(names))
+    return place[words.codes] if len(names) else np.empty(0, np.int64), [names[i] for i in order]
+
+
+def satellites_used(run: Run) -> tuple[Float64, Int64]:
+    """Return the times of the log's epochs [s], and how many satellites corrected or started the state at each."""
+    ledger = run.measurements
+    time_s = ledger["time_s"].to_numpy()
+    new = np.diff(time_s, prepend=-np.inf) != 0.0  # the ledger is in the order of the epochs
+    epochs, epoch = time_s[new], np.cumsum(new) - 1
+    place, names = satellites_of(ledger)
+    used = ledger["status"].isin(_USED).to_numpy()
+    seen = np.zeros((len(epochs), len(names)), np.bool_)
+    seen[epoch[used], place[used]] = True
+    return epochs, seen.sum(axis=1)
+
+
+def used_at(run: Run, time_s: Float64) -> Float64:
+    """Return the satellites used in the latest epoch at each of these times; 0 before the first."""
+    epochs, count = satellites_used(run)
+    if len(epochs) == 0:
+        return np.zeros(len(time_s))
+    # a row of the navigation table stands at its epoch to the nanosecond, but seconds of the week round
+    latest = np.searchsorted(epochs, time_s + 1e-6, side="right") - 1
+    return np.where(latest >= 0, count[np.maximum(latest, 0)], 0).astype(np.float64)

@@ -1,0 +1,71 @@
+"""Columns in words: 'vn_mps' is drawn as 'velocity north' in 'm/s'."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class Label(NamedTuple):
+    """What an axis or a table's head says."""
+
+    words: str
+    unit: str  # "" without one
+
+    def axis(self) -> str:
+        """Return the text of an axis: 'height, m'."""
+        return f"{self.words}, {self.unit}" if self.unit else self.words
+
+
+# endings of column names, the longest first: "mps2" before "mps"
+UNITS: Final[dict[str, str]] = {
+    "mps3": "m/s³",
+    "mps2": "m/s²",
+    "mps": "m/s",
+    "radps": "rad/s",
+    "deg": "°",
+    "dbhz": "dB-Hz",
+    "dbi": "dBi",
+    "hz_per_s": "Hz/s",
+    "hz": "Hz",
+    "m": "m",
+    "s": "s",
+}
+_WORDS: Final[dict[str, str]] = {
+    "n": "north",
+    "e": "east",
+    "d": "down",
+    "h": "height",
+    "vn": "velocity north",
+    "ve": "velocity east",
+    "vd": "velocity down",
+    "lat": "latitude",
+    "lon": "longitude",
+}
+KIND_UNITS: Final[dict[str, str]] = {"pseudorange": "m", "range_rate": "m/s", "carrier_difference": "m"}
+
+
+def label(column: str) -> Label:
+    """Return the words and the unit of a column's name; a name without a known unit has none."""
+    for ending, unit in UNITS.items():
+        if column.endswith(f"_{ending}"):
+            stem = column[: -len(ending) - 1]
+            return Label(_WORDS.get(stem, stem.replace("_", " ")), unit)
+    return Label(column.replace("_", " "), "")
+
+
+def duration(seconds: float) -> str:
+    """Return a span of time as people say it: '12.3 s', '4 min 05 s', '1 h 02 min'."""
+    if seconds < 120.0:
+        return f"{seconds:.1f} s"
+    if seconds < 7200.0:
+        minutes, rest = divmod(round(seconds), 60)
+        return f"{minutes} min {rest:02d} s"
+    hours, rest = divmod(round(seconds / 60.0), 60)
+    return f"{hours} h {rest:02d} min"
+
+
+def number(value: float) -> str:
+    """Return a number with three figures that count, '-' for what is none."""
+    if value != value:
+        return "-"
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"

@@ -1,0 +1,73 @@
+"""The page of a run: one HTML file that opens anywhere, without a network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from insgnss.errors import ResultError
+from insgnss.report.html import Section, page, paragraphs, write
+from insgnss.report.sections import (
+    aiding,
+    biases,
+    errors,
+    events,
+    innovations,
+    ledger,
+    motion,
+    satellites,
+    settings,
+    sky,
+    supervision,
+    track,
+)
+from insgnss.report.sentences import name_of, sentences
+from insgnss.run import Run
+from insgnss.version import __version__
+
+_SECTIONS = (
+    track,
+    errors,
+    motion,
+    satellites,
+    sky,
+    innovations,
+    biases,
+    aiding,
+    supervision,
+    events,
+    ledger,
+    settings,
+)
+
+
+def write_report(run: Run, path: str | Path) -> Path:
+    """Write the run's page; return its path.
+
+    Parameters
+    ----------
+    run : as a replay gives it, or loaded from its folder
+    path : of the HTML file; its folder is made if needed
+
+    Raises
+    ------
+    ResultError : the run has no navigation row, or the file cannot be written
+    """
+    return write(path, report_html(run))
+
+
+def report_html(run: Run) -> str:
+    """Return the run's page: a summary, then every section that the run has something for.
+
+    Raises
+    ------
+    ResultError : the run has no navigation row
+    """
+    if run.nav.empty:
+        raise ResultError("the run has no navigation row to show", advice="replay the flight again")
+    summary = Section("summary", "Summary", before=paragraphs(sentences(run)))
+    found = [part.section(run) for part in _SECTIONS]
+    made = run.settings.get("made", "")
+    foot = (
+        f"insgnss {__version__}; the run was made {made}. Time axes move together; a double click shows all."
+    )
+    return page(name_of(run), [summary, *(section for section in found if section is not None)], foot)

@@ -1,0 +1,193 @@
+"""Innovations of each kind: over time, against their sigma, as a histogram, and the mean NIS of each satellite."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from scipy.stats import chi2, norm
+
+from insgnss.report.charts import PALETTE, Chart, Rows, Trace, colour_of, marker_trace, packed
+from insgnss.report.epochs import satellites_of
+from insgnss.report.html import Section, table
+from insgnss.report.labels import KIND_UNITS, number
+from insgnss.report.thinning import envelope
+from insgnss.run import Run
+from insgnss.tables import Float64
+
+_POINTS: Final = 7000  # of a kind's innovations, all satellites together
+_REFUSED_POINTS: Final = 1500
+_BOUND: Final = 1.959963984540054  # of a standard normal variable: 95 % lie inside
+_SHOWN: Final = 6.0  # sigma to either side of the histogram
+_BINS: Final = 48
+
+
+def section(run: Run) -> Section | None:
+    """Return the innovations of every kind that was used, None where there is none."""
+    ledger = run.measurements
+    ledger = ledger[np.isfinite(ledger["innovation"]) & (ledger["sd_innovation"] > 0.0)]
+    charts: list[Chart] = []
+    for kind in ledger["kind"].cat.categories:
+        rows = ledger[ledger["kind"] == kind]
+        if (rows["status"] == "used").any():
+            charts += _charts(rows, str(kind))
+    if not charts:
+        return None
+    about = (
+        "<p>An innovation is measured minus predicted. Divided by its predicted sigma, 95 % should lie within ±1.96;"
+        " its square, NIS, should be 1 in the mean. Below 1 the filter is more careful than it need be, above 1 it"
+        " trusts too much.</p>"
+    )
+    return Section("innovations", "Innovations", before=about + _summary(run), charts=charts)
+
+
+def nis_bounds(n: int, share: float = 0.95) -> tuple[float, float]:
+    """Return the bounds that ``share`` of the means of ``n`` independent NIS lie in.
+
+    Equation: n mean(NIS) is chi-square with n degrees of freedom. [Bar-Shalom, Li, Kirubarajan 2001, 5.4.2]
+    """
+    tail = (1.0 - share) / 2.0
+    return float(chi2.ppf(tail, n)) / n, float(chi2.ppf(1.0 - tail, n)) / n
+
+
+def histogram(values: Float64) -> tuple[Float64, Float64]:
+    """Return the middles of the bins and the density of ``values`` in each; what lies outside counts at the edge."""
+    edges = np.linspace(-_SHOWN, _SHOWN, _BINS + 1)
+    count, _ = np.histogram(np.clip(values, -_SHOWN, _SHOWN), edges)
+    width = edges[1] - edges[0]
+    return 0.5 * (edges[1:] + edges[:-1]), count / (max(len(values), 1) * width)
+
+
+def _summary(run: Run) -> str:
+    rows = [
+        [kind, int(row["used"]), number(float(row["mean_nis"])), number(100.0 * float(row["share_95"]))]
+        for kind, row in run.nis_summary().iterrows()
+    ]
+    return table(("kind", "used", "mean NIS (1)", "within 95 % bound, %"), rows)
+
+
+def _charts(rows: pd.DataFrame, kind: str) -> list[Chart]:
+    used = rows[rows["status"] == "used"]
+    words = kind.replace("_", " ")
+    return [
+        _over_time(rows, used, kind, words),
+        _histogram(used, kind, words),
+        _by_satellite(used, kind, words),
+    ]
+
+
+def _over_time(rows: pd.DataFrame, used: pd.DataFrame, kind: str, words: str) -> Chart:
+    """Return innovations in their unit, and divided by their sigma, with the 95 % bound."""
+    chart = Rows([f"innovation, {KIND_UNITS.get(kind, '-')}", "innovation / sigma"])
+    place_of, names = satellites_of(used)
+    each = max(_POINTS // max(len(names), 1), 40)
+    for place, name in enumerate(names):
+        _add(chart, used[place_of == place], name, each, {"color": colour_of(place), "size": 3}, name)
+    refused = rows[rows["status"] != "used"]
+    if len(refused):
+        marker = {"color": PALETTE[1], "size": 6, "symbol": "x-thin-open"}
+        _add(chart, refused, "refused", _REFUSED_POINTS, marker, "refused")
+    for bound in (-_BOUND, _BOUND):
+        chart.add(1, _level(rows["time_s"].to_numpy(), bound))
+    sizes = (
+        np.abs(used["innovation"].to_numpy()),
+        np.abs((used["innovation"] / used["sd_innovation"]).to_numpy()),
+    )
+    for row, size in enumerate(sizes):
+        limit = 1.25 * float(np.quantile(size, 0.995)) + 1e-9
+        chart.ranges[row] = (-limit, limit) if row == 0 else (-max(limit, 3.5), max(limit, 3.5))
+    caption = "Touch a satellite's name to hide it, twice to see it alone. The axes open on what was used."
+    return chart.chart(f"chart-innovation-{kind}", f"Innovations: {words}", row_px=190, caption=caption)
+
+
+def _add(
+    chart: Rows, rows: pd.DataFrame, name: str, at_most: int, marker: dict[str, Any], group: str
+) -> None:
+    innovation = rows["innovation"].to_numpy()
+    kept = envelope(innovation, at_most)
+    time_s, values = rows["time_s"].to_numpy()[kept], innovation[kept]
+    normalised = values / rows["sd_innovation"].to_numpy()[kept]
+    chart.add(0, marker_trace(time_s, values, name, marker["color"], marker=marker, legendgroup=group))
+    second = {"marker": marker, "legendgroup": group, "showlegend": False}
+    chart.add(1, marker_trace(time_s, normalised, name, marker["color"], **second))
+
+
+def _level(time_s: Float64, value: float) -> Trace:
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": "95 % bound",
+        "x": [float(time_s.min()), float(time_s.max())],
+        "y": [value, value],
+        "line": {"color": PALETTE[6], "width": 1, "dash": "dash"},
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+
+
+def _histogram(used: pd.DataFrame, kind: str, words: str) -> Chart:
+    middle, density = histogram((used["innovation"] / used["sd_innovation"]).to_numpy())
+    bell = np.linspace(-_SHOWN, _SHOWN, 121)
+    traces: list[Trace] = [
+        {
+            "type": "bar",
+            "name": "innovations used",
+            "x": packed(middle),
+            "y": packed(density),
+            "marker": {"color": PALETTE[5]},
+        },
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "name": "standard normal",
+            "x": packed(bell),
+            "y": packed(norm.pdf(bell)),
+            "line": {"color": PALETTE[1], "width": 2},
+        },
+    ]
+    layout = {"bargap": 0, "xaxis": {"title": {"text": "innovation / sigma"}}}
+    layout |= {"yaxis": {"title": {"text": "density"}}}
+    return Chart(f"chart-histogram-{kind}", f"Distribution: {words}", traces, layout, 260)
+
+
+def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
+    """Return the mean NIS of each satellite beside the bounds for as many independent values."""
+    place_of, names = satellites_of(used)
+    groups = used["nis"].groupby(place_of)
+    means, counts = groups.mean(), groups.count()
+    bounds = np.array([nis_bounds(int(n)) for n in counts])
+    colours = [
+        PALETTE[2] if low <= mean <= high else PALETTE[4] if mean < low else PALETTE[1]
+        for mean, (low, high) in zip(means, bounds, strict=True)
+    ]
+    bars: Trace = {
+        "type": "bar",
+        "name": "mean NIS",
+        "x": names,
+        "y": packed(means.to_numpy()),
+        "marker": {"color": colours},
+        "text": [f"{n} values" for n in counts],
+        "textposition": "none",
+        "hovertemplate": "%{x}: %{y:.2f}, %{text}<extra></extra>",
+    }
+    edges: list[Trace] = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "name": name,
+            "x": names,
+            "y": packed(bounds[:, i]),
+            "marker": {"symbol": "line-ew-open", "size": 14, "color": PALETTE[6]},
+        }
+        for i, name in enumerate(("lower bound", "upper bound"))
+    ]
+    layout = {
+        "xaxis": {"type": "category", "title": {"text": "satellite"}},
+        "yaxis": {"title": {"text": "mean NIS"}, "rangemode": "tozero"},
+    }
+    caption = (
+        "Marks: 95 % bounds of the mean if the values were independent; errors that last for seconds"
+        " (multipath) leave them without being a defect."
+    )
+    return Chart(f"chart-nis-{kind}", f"Mean NIS by satellite: {words}", [bars, *edges], layout, 280, caption)

@@ -1,0 +1,44 @@
+"""The ledger's totals: what became of every measurement in the log, by kind and by satellite."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from insgnss.report.epochs import satellites_of
+from insgnss.report.html import Section, table
+from insgnss.run import Run
+
+
+def section(run: Run) -> Section:
+    """Return both tables; the sums are the input's."""
+    counts = run.status_counts()
+    kinds = [str(kind) for kind in counts.columns]
+    rows: list[list[object]] = [
+        [str(status), *(int(row[kind]) for kind in kinds)] for status, row in counts.iterrows()
+    ]
+    rows.append(["in the log", *(int(counts[kind].sum()) for kind in kinds)])
+    head = ("status", *(kind.replace("_", " ") for kind in kinds))
+    title = f"<p>{len(run.measurements)} measurements, each with what became of it.</p>"
+    return Section(
+        "ledger", "Ledger", before=title + table(head, rows, name="ledger-totals") + _by_satellite(run)
+    )
+
+
+def _by_satellite(run: Run) -> str:
+    ledger = run.measurements
+    if ledger.empty:
+        return ""
+    place, names = satellites_of(ledger)
+    status = pd.Categorical(ledger["status"])
+    cell = place * len(status.categories) + status.codes
+    counts = np.bincount(cell, minlength=len(names) * len(status.categories)).reshape(len(names), -1)
+    rows = []
+    for name, of_satellite in zip(names, counts, strict=True):
+        found = pd.Series(of_satellite, index=[str(word) for word in status.categories])
+        n, n_used = int(found.sum()), int(found.get("used", 0))
+        others = found[(found > 0) & (found.index != "used")].sort_values(ascending=False, kind="stable")
+        told = ", ".join(f"{reason} {count}" for reason, count in others.items())
+        rows.append([name, n, n_used, f"{100.0 * n_used / n:.1f}", told or "-"])
+    head = ("satellite", "in the log", "used", "used, %", "why not")
+    return "<h3>By satellite</h3>" + table(head, rows, name="ledger-satellites")

@@ -1,0 +1,110 @@
+"""Who was tracked when: a line per satellite, coloured by what became of it, and how many were used."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from insgnss.report.charts import TIME_AXIS, Chart, Rows, Trace, line_trace, packed
+from insgnss.report.epochs import satellites_of, satellites_used
+from insgnss.report.html import Section
+from insgnss.report.thinning import columns_of_time
+from insgnss.run import Run
+from insgnss.tables import Float64, Int64
+
+_COLUMNS: Final = 1500  # of the picture's time
+STATE_COLOURS: Final = {
+    "tracked": "#009e73",
+    "track": "#009e73",
+    "hold": "#e69f00",
+    "search": "#d55e00",
+    "control_detection": "#e69f00",
+    "resume": "#56b4e9",
+    "lost": "#8c8c8c",
+    "masked_gain": "#cc79a7",
+    "masked_obstruction": "#882255",
+    "masked_elevation": "#8c8c8c",
+    "masked_cn0": "#b8a800",
+    "gated": "#d55e00",
+    "inconsistent": "#d55e00",
+    "drifting": "#e69f00",
+    "reflected": "#56b4e9",
+    "absent": "#b0b0b0",
+}
+_OTHER_STATE: Final = "#0072b2"
+
+
+def section(run: Run) -> Section | None:
+    """Return the satellites' timeline and number, None where the run has seen none."""
+    if run.satellites.empty:
+        return None
+    rows = Rows(["satellites used"])
+    time_s, used = satellites_used(run)
+    step = {"shape": "hv"}
+    rows.add(0, line_trace(time_s, used.astype(np.float64), "used", "#0072b2", line=step, fill="tozeroy"))
+    rows.ranges[0] = (0.0, float(used.max()) * 1.1 + 0.5)
+    count = rows.chart("chart-used", "Satellites used at each epoch", row_px=160, showlegend=False)
+    caption = (
+        "Where the picture is too coarse for every epoch, what was refused is drawn over what was tracked."
+    )
+    timeline = timeline_chart(run.satellites, "chart-timeline", "Satellites and their state", caption)
+    return Section("satellites", "Satellites", charts=(timeline, count))
+
+
+def timeline_chart(table: pd.DataFrame, name: str, title: str, caption: str = "") -> Chart:
+    """Return a line per satellite, coloured by the column ``state``.
+
+    Parameters
+    ----------
+    table : one row per satellite and time: ``time_s``, ``sv``, ``state``
+    name : the chart's place on the page
+    """
+    place, present = satellites_of(table)
+    traces = []
+    columns = columns_of_time(table["time_s"].to_numpy(np.float64), _COLUMNS)
+    counts = table["state"].value_counts()
+    # the most frequent state first, the rare ones over it
+    for state in [str(s) for s in counts.index if counts[s] > 0]:
+        traces.append(_state_trace((table["state"] == state).to_numpy(), place, columns, state, present))
+    layout: dict[str, Any] = {
+        "xaxis": dict(TIME_AXIS),
+        "yaxis": {"type": "category", "categoryorder": "array", "categoryarray": present[::-1]},
+        "showlegend": True,
+    }
+    layout["yaxis"] |= {"range": [-0.6, len(present) - 0.4], "tickmode": "linear"}
+    return Chart(name, title, traces, layout, 110 + 20 * max(len(present), 5), caption, linked=True)
+
+
+def _state_trace(
+    here: npt.NDArray[np.bool_],
+    place: Int64,
+    columns: tuple[Int64, float, float],
+    state: str,
+    present: list[str],
+) -> Trace:
+    """Return one state's stretches of all satellites, as one broken line."""
+    column, first, width = columns
+    sv = place[here]
+    n_columns = (
+        int(column.max()) + 2
+    )  # one more: the last column of a satellite never touches the next one's first
+    cells = np.unique(sv * np.int64(n_columns) + column[here])
+    starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 2) > 1)
+    ends = np.append(starts[1:], len(cells)) - 1
+    row = cells[starts] // n_columns
+    x: Float64 = np.full(3 * len(starts), np.nan)
+    x[0::3] = first + width * (cells[starts] % n_columns)
+    x[1::3] = first + width * (cells[ends] % n_columns + 1)
+    x[2::3] = x[1::3]
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "name": state.replace("_", " "),
+        "x": packed(x, double=True),
+        "y": [name for sat in row.tolist() for name in (present[sat], present[sat], None)],
+        "line": {"color": STATE_COLOURS.get(state, _OTHER_STATE), "width": 9},
+        "hovertemplate": f"%{{y}}: {state}<br>%{{x:.2f}} s<extra></extra>",
+    }

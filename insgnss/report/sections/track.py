@@ -1,0 +1,145 @@
+"""The track from above, without any map server: metres east and north of the start."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import pymap3d
+
+from insgnss.report.charts import PALETTE, Chart, Trace, packed
+from insgnss.report.epochs import used_at
+from insgnss.report.html import Section
+from insgnss.report.thinning import envelope
+from insgnss.run import Run
+from insgnss.tables import Float64
+
+_POINTS: Final = 3000
+
+
+def east_north(nav: pd.DataFrame, origin: pd.Series | None = None) -> tuple[Float64, Float64]:
+    """Return metres east and north of the first row, or of ``origin`` (lat_deg, lon_deg, h_m), on the plane there."""
+    first = nav.iloc[0] if origin is None else origin
+    at = (first["lat_deg"], first["lon_deg"], first["h_m"])
+    here = (nav[name].to_numpy() for name in ("lat_deg", "lon_deg", "h_m"))
+    east, north, _ = pymap3d.geodetic2enu(*here, *at)
+    return np.asarray(east, np.float64), np.asarray(north, np.float64)
+
+
+def horizontal_sigma(nav: pd.DataFrame) -> Float64:
+    """Return the sigma of the horizontal position [m]: the root of the sum of both variances."""
+    return np.asarray(np.hypot(nav["sd_n_m"].to_numpy(), nav["sd_e_m"].to_numpy()))
+
+
+def section(run: Run) -> Section:
+    """Return the map: the track coloured by its sigma or by the satellites used, the reference below it."""
+    nav = run.nav
+    east, north = east_north(nav)
+    sigma, used = horizontal_sigma(nav), used_at(run, nav["time_s"].to_numpy())
+    kept = envelope(np.column_stack([east, north, sigma]), _POINTS)
+    traces = [*_reference(run, east, north), _track(nav, east, north, sigma, kept), *_ends(east, north)]
+    chosen = traces.index(next(t for t in traces if t["name"] == "track"))
+    by_sigma: dict[str, Any] = {
+        "marker.color": [packed(sigma[kept])],
+        "marker.colorbar.title.text": "sigma, m",
+    }
+    by_sigma |= {"marker.cmin": [_low(sigma)], "marker.cmax": [_high(sigma)]}
+    by_used: dict[str, Any] = {
+        "marker.color": [packed(used[kept])],
+        "marker.colorbar.title.text": "satellites",
+    }
+    by_used |= {"marker.cmin": [float(used.min())], "marker.cmax": [float(max(used.max(), used.min() + 1))]}
+    layout = {
+        "xaxis": {"title": {"text": "east of the start, m"}, "tickformat": "d"},
+        "yaxis": {"title": {"text": "north of the start, m"}, "scaleanchor": "x", "tickformat": "d"},
+        "updatemenus": [_buttons([("by sigma", by_sigma), ("by satellites used", by_used)], chosen)],
+        "margin": {"l": 66, "r": 12, "t": 44, "b": 44},
+        "legend": {"orientation": "h", "y": -0.16, "x": 0},
+    }
+    caption = "Horizontal sigma is the root of the summed variances north and east; its colours end at the 98 % point."
+    chart = Chart("chart-track", "Track from above", traces, layout, 520, caption)
+    return Section("map", "Map", charts=(chart,))
+
+
+def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, kept: Any) -> Trace:
+    """Return the track as points, coloured by sigma."""
+    place = nav[["lat_deg", "lon_deg", "time_s"]].to_numpy()[kept]
+    marker = {"size": 5, "color": packed(sigma[kept]), "cmin": _low(sigma), "cmax": _high(sigma)}
+    marker |= {"colorscale": "Viridis", "showscale": True}
+    marker |= {"colorbar": {"title": {"text": "sigma, m"}, "thickness": 12, "len": 0.8}}
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "track",
+        "x": packed(east[kept]),
+        "y": packed(north[kept]),
+        "marker": marker,
+        "customdata": packed(place, double=True),
+        "hovertemplate": "%{customdata[0]:.7f}°, %{customdata[1]:.7f}°<br>%{customdata[2]:.2f} s"
+        "<br>%{marker.color:.3g}<extra></extra>",
+    }
+
+
+def _reference(run: Run, east: Float64, north: Float64) -> list[Trace]:
+    """Return the reference's track: the estimate less its error, where there is one."""
+    if run.errors is None or run.errors.empty:
+        return []
+    at = np.searchsorted(run.nav["time_s"].to_numpy(), run.errors["time_s"].to_numpy())
+    at = np.minimum(at, len(east) - 1)
+    x, y = east[at] - run.errors["d_e_m"].to_numpy(), north[at] - run.errors["d_n_m"].to_numpy()
+    kept = envelope(np.column_stack([x, y]), _POINTS)
+    line = {"color": PALETTE[6], "width": 1}
+    return [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "name": "reference",
+            "x": packed(x[kept]),
+            "y": packed(y[kept]),
+            "line": line,
+            "hoverinfo": "skip",
+        }
+    ]
+
+
+def _ends(east: Float64, north: Float64) -> list[Trace]:
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "name": name,
+            "x": [float(east[row])],
+            "y": [float(north[row])],
+            "marker": {"size": 12, "symbol": symbol, "color": colour},
+            "hoverinfo": "name",
+        }
+        for name, row, symbol, colour in (
+            ("start", 0, "triangle-up", PALETTE[2]),
+            ("end", -1, "square", PALETTE[1]),
+        )
+    ]
+
+
+def _buttons(choices: list[tuple[str, dict[str, Any]]], trace: int) -> dict[str, Any]:
+    buttons = [{"label": word, "method": "restyle", "args": [change, [trace]]} for word, change in choices]
+    # the active button is light whatever the page is: dark letters on both
+    return {
+        "type": "buttons",
+        "direction": "right",
+        "buttons": buttons,
+        "x": 0,
+        "y": 1.02,
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "font": {"color": "#1b1f24"},
+        "bgcolor": "#d5dae0",
+    }
+
+
+def _low(sigma: Float64) -> float:
+    return float(np.nanmin(sigma))
+
+
+def _high(sigma: Float64) -> float:
+    return max(float(np.nanquantile(sigma, 0.98)), _low(sigma) * 1.01 + 1e-9)

@@ -1,0 +1,129 @@
+"""The page in a real browser: everything is drawn, nothing complains, axes are linked, tables filter and sort."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from insgnss.report.page import report_html
+from tests.report.runs import made_run
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed"),
+]
+
+# done by the page itself once it is drawn, and told to the test
+PROBE = """<script>
+addEventListener("load", () => setTimeout(async () => {
+  const told = {};
+  const places = [...document.querySelectorAll(".chart")];
+  const drawn = () => places.filter((p) => p.layout && p.querySelector(".main-svg")).length;
+  const pause = () => new Promise((done) => setTimeout(done, 200));
+  for (let tries = 0; tries < 100 && drawn() < places.length; tries += 1) await pause();
+  told.charts = places.length;
+  told.drawn = drawn();
+  told.ink = document.getElementById("chart-height").layout.font.color;
+  told.overflow = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  await Plotly.relayout("chart-height", {"xaxis.range": [293710, 293760]});
+  const moved = () => places.filter((p) => p.layout.xaxis && p.layout.xaxis.range[0] === 293710).length;
+  told.followers = JSON.parse(document.getElementById("charts").textContent).filter((c) => c.linked).length;
+  for (let tries = 0; tries < 20 && moved() < told.followers; tries += 1) await pause();
+  told.linked = moved();
+  const table = document.getElementById("events-table"), rows = () => [...table.tBodies[0].rows];
+  const input = document.querySelector('input[data-table="events-table"]');
+  input.value = "SAMPLE"; input.dispatchEvent(new Event("input"));
+  told.found = rows().filter((r) => !r.hidden).map((r) => r.cells[1].textContent);
+  input.value = ""; input.dispatchEvent(new Event("input"));
+  const choice = document.querySelector('select[data-table="events-table"]');
+  choice.value = "start"; choice.dispatchEvent(new Event("change"));
+  told.chosen = rows().filter((r) => !r.hidden).map((r) => r.cells[1].textContent);
+  const head = table.tHead.rows[0].cells[0];
+  head.querySelector("button").click();
+  head.querySelector("button").click();
+  told.sorted = rows().map((r) => r.cells[1].textContent);
+  told.broken = window.broken === 1;
+  await fetch("http://127.0.0.1:PORT/", {method: "POST", mode: "no-cors", body: JSON.stringify(told)});
+}));
+</script>"""
+
+
+class Listener(HTTPServer):
+    """Waits on the loopback for what the page tells of itself."""
+
+    told: dict[str, Any] | None = None
+
+
+class Answer(BaseHTTPRequestHandler):
+    def do_POST(self) -> None:
+        assert isinstance(self.server, Listener)
+        self.server.told = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+def opened(page: str, folder: Path, *options: str, width: int = 1200) -> tuple[dict[str, Any], list[str]]:
+    """Return what the page tells of itself, and the lines of the browser's console."""
+    path, log = folder / "page.html", folder / "browser.log"
+    listener = Listener(("127.0.0.1", 0), Answer)
+    listener.timeout = 60.0  # s, of a machine that does much else
+    probe = PROBE.replace("PORT", str(listener.server_port))
+    path.write_text(page.replace("</body>", probe + "</body>"), encoding="utf-8")
+    command = [str(BROWSER), "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+    command += [f"--user-data-dir={folder / 'profile'}", f"--window-size={width},30000"]
+    command += ["--enable-logging=stderr", *options, path.as_uri()]
+    environment = {**os.environ, "HOME": str(folder)}
+    with log.open("w") as stderr, listener:
+        browser = subprocess.Popen(command, stdout=stderr, stderr=stderr, env=environment)
+        try:
+            listener.handle_request()
+        finally:
+            browser.terminate()
+            browser.wait(timeout=30.0)
+    text = log.read_text(errors="replace")
+    assert listener.told is not None, text[-2000:]
+    return listener.told, [line for line in text.splitlines() if "CONSOLE" in line]
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return report_html(made_run(aiding=True))
+
+
+def test_page_draws_links_filters_and_sorts_without_a_complaint(page: str, tmp_path: Path) -> None:
+    told, console = opened(page, tmp_path)
+
+    assert console == []
+    assert told["charts"] > 15
+    assert told["drawn"] == told["charts"]
+    assert told["linked"] == told["followers"] > 8
+    assert told["found"] == ["imu_gap"]
+    assert told["chosen"] == ["start"]
+    assert told["sorted"][:3] == ["csv_delimiter", "imu_gap", "heading_known"]
+    assert not told["broken"]
+
+
+def test_page_is_dark_where_the_reader_asked_for_it(page: str, tmp_path: Path) -> None:
+    light, _ = opened(page, tmp_path)
+    dark, console = opened(page, tmp_path, "--blink-settings=preferredColorScheme=0")
+
+    assert console == []
+    assert (light["ink"], dark["ink"]) == ("#1b1f24", "#e4e7ea")
+
+
+def test_page_is_no_wider_than_a_phone(page: str, tmp_path: Path) -> None:
+    told, console = opened(page, tmp_path, width=500)  # the narrowest window that this browser opens
+
+    assert console == []
+    assert told["overflow"] == 0

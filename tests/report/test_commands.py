@@ -1,0 +1,138 @@
+"""The commands: every example in a help works as pasted, ``--json`` is one object, nothing heavy is loaded unasked."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from insgnss.cli.main import EXAMPLES, app
+from insgnss.run import Run
+from tests.report.runs import made_run
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLE = "data/sample_flight/flight.toml"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Return a folder with the repository's data in it, gone into for these tests."""
+    there = tmp_path_factory.mktemp("pasted")
+    (there / "data").symlink_to(ROOT / "data", target_is_directory=True)
+    before = Path.cwd()
+    os.chdir(there)
+    yield there
+    os.chdir(before)
+
+
+def called(command: str) -> Result:
+    return CliRunner().invoke(app, shlex.split(command))
+
+
+def test_every_command_has_an_example() -> None:
+    assert {command.callback for command in app.registered_commands} == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("example", EXAMPLES.values(), ids=lambda text: text.split()[1])
+def test_help_shows_the_example_on_a_line_of_a_narrow_terminal(example: str) -> None:
+    narrow = CliRunner(env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"})
+
+    shown = narrow.invoke(app, [example.split()[1], "--help"])
+
+    assert shown.exit_code == 0
+    assert example in [line.strip() for line in shown.output.splitlines()]
+
+
+def test_examples_work_as_pasted_one_after_the_other(folder: Path) -> None:
+    for example in EXAMPLES.values():
+        name, *arguments = shlex.split(example)
+        done = CliRunner().invoke(app, arguments)
+
+        assert name == "insgnss"
+        assert done.exit_code == 0, f"{example}\n{done.output}"
+    made = {path.name for path in (folder / "out").rglob("*")}
+    assert {"report.html", "compare.html", "run.kmz", "nav.parquet", "gnss_obs.csv"} <= made
+
+
+def test_replay_prints_one_json_object_and_writes_run_and_page(folder: Path) -> None:
+    done = called(
+        f"insgnss {SAMPLE}".replace("insgnss", "replay") + " -o out/j --report out/j/page.html --json"
+    )
+
+    read = json.loads(done.stdout)
+    run = Run.load(folder / "out" / "j")
+    assert done.exit_code == 0
+    assert read["rows"] == len(run.nav)
+    assert sum(sum(of_kind.values()) for of_kind in read["measurements"].values()) == len(run.measurements)
+    assert read["errors"]["n_m"]["rms"] < 0.6  # m, the README's 0.34 with room
+    assert read["wrote"] == ["out/j", "out/j/page.html"]
+    assert (folder / "out" / "j" / "page.html").stat().st_size > 5e6
+
+
+def test_check_prints_one_json_object(folder: Path) -> None:
+    read = json.loads(called(f"check {SAMPLE} --json").stdout)
+
+    assert (read["flight"], read["severity"]) == ("sample flight", "ok")
+    assert {finding["topic"] for finding in read["findings"]} >= {"imu", "gnss", "flight"}
+
+
+def test_point_prints_one_json_object(folder: Path) -> None:
+    read = json.loads(called(f"point {SAMPLE} --json").stdout)
+
+    assert read["epochs"] == 1200
+    assert sum(read["verdicts"]["position"].values()) == 1200
+    assert read["wrote"] is None
+
+
+def test_compare_prints_one_json_object(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        made_run().save(tmp_path / name)
+
+    read = json.loads(called(f"compare {tmp_path / 'a'} {tmp_path / 'b'} --json").stdout)
+
+    assert read["first"] == "a"
+    assert set(read["runs"]) == {"a", "b"}
+
+
+def test_runs_in_folders_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    paths = [tmp_path / name / "run" for name in ("x", "y")]
+    for path in paths:
+        made_run().save(path)
+
+    assert set(json.loads(called(f"compare {paths[0]} {paths[1]} --json").stdout)["runs"]) == set(
+        map(str, paths)
+    )
+
+
+def test_report_of_no_run_ends_with_the_code_of_a_result(tmp_path: Path) -> None:
+    done = called(f"report {tmp_path}")
+
+    assert done.exit_code == 5
+    assert "no table 'nav'" in done.stderr
+    assert "Traceback" not in done.output
+
+
+def test_export_of_an_unknown_format_ends_with_the_code_of_a_setting(tmp_path: Path) -> None:
+    made_run().save(tmp_path)
+
+    assert called(f"export {tmp_path} -o {tmp_path / 'run.shp'}").exit_code == 2
+
+
+def test_commands_and_digest_load_neither_plotly_nor_matplotlib() -> None:
+    script = (
+        "import sys; import insgnss.cli.main, insgnss.report.digest, insgnss.report.page, insgnss.report.figures;"
+        "print([name for name in ('plotly', 'matplotlib') if name in sys.modules])"
+    )
+
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,103 @@
+"""Comparisons find a difference that was put in, with its sign."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import ResultError
+from insgnss.report.compare import compare_runs, write_comparison
+from insgnss.run import Run
+from tests.report.runs import START_S, WEEK, made_run
+
+SECONDS_OF_WEEK = NS_PER_WEEK // NS_PER_S
+
+
+def moved(run: Run, north_m: float) -> Run:
+    # the ellipsoid's meridian radius at 45 deg is 6 367 382 m
+    return replace(
+        run, nav=run.nav.assign(lat_deg=run.nav["lat_deg"] + np.degrees(north_m / (6_367_382.0 + 300.0)))
+    )
+
+
+def row(run: Run, other: Run, component: str) -> dict[str, float]:
+    table = compare_runs({"one": run, "two": other}).statistics.set_index(["run", "component"])
+    return table.loc[("two", component)].to_dict()
+
+
+def test_run_against_itself_differs_in_nothing() -> None:
+    run = made_run()
+
+    # ECEF coordinates of 6e6 m have a resolution of 1e-9 m
+    assert row(run, run, "n_m")["max"] == pytest.approx(0.0, abs=5e-9)
+    assert row(run, run, "yaw_deg")["max"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_offset_to_the_north_is_found_with_its_sign() -> None:
+    found = row(made_run(), moved(made_run(), 2.0), "n_m")
+
+    assert found["mean"] == pytest.approx(2.0, abs=2e-3)  # the radius varies with the height by 20 m of 6.4e6
+    assert found["rms"] == pytest.approx(2.0, abs=2e-3)
+    assert abs(row(made_run(), moved(made_run(), 2.0), "e_m")["mean"]) < 1e-3
+
+
+def test_run_of_another_rate_is_compared_at_its_own_rows() -> None:
+    comparison = compare_runs({"slow": made_run(rate_hz=1.0), "fast": made_run(rate_hz=10.0)})
+
+    table = comparison.differences["fast"]
+    assert len(table) == 2991  # from the first to the last row of the slow one
+    # 10 m/s on a circle of 500 m: chords of 1 s lie 0.2 m/s^2 / 8 = 25 mm inside it
+    assert table["d_n_m"].abs().max() < 0.026
+
+
+def test_run_that_counts_from_another_week_is_compared_at_the_same_time() -> None:
+    run, other = made_run(), made_run()
+    other.nav["time_s"] += SECONDS_OF_WEEK
+    other.settings = {**other.settings, "flight": {"gps_week": WEEK - 1}}
+
+    assert row(run, other, "n_m")["max"] == pytest.approx(0.0, abs=5e-9)
+
+
+def test_statistics_are_from_the_known_heading_on() -> None:
+    run, other = made_run(), made_run()
+    other.nav.loc[other.nav["time_s"] < START_S + 20.0, "yaw_deg"] += 90.0
+
+    assert row(run, other, "yaw_deg")["max"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_runs_without_common_time_are_refused() -> None:
+    late = made_run()
+    late.nav["time_s"] += 10_000.0
+
+    with pytest.raises(ResultError, match="no time in common"):
+        compare_runs({"one": made_run(), "two": late})
+
+
+def test_one_run_is_no_comparison() -> None:
+    with pytest.raises(ResultError, match="two runs"):
+        compare_runs({"one": made_run()})
+
+
+def test_run_without_a_week_is_refused() -> None:
+    run = made_run()
+    run.settings = {}
+
+    with pytest.raises(ResultError, match="which GPS week"):
+        compare_runs({"one": run, "two": made_run()})
+
+
+def test_page_of_a_comparison_has_all_runs_and_json_is_plain(tmp_path: Path) -> None:
+    comparison = compare_runs({name: made_run(seed=i) for i, name in enumerate(("a<b>", "b", "c"))})
+
+    text = write_comparison(comparison, tmp_path / "page.html").read_text(encoding="utf-8")
+    read = json.loads(json.dumps(comparison.as_json(), allow_nan=False))
+
+    assert "a&lt;b&gt;" in text
+    assert "<b>" not in text.split("<script")[0]
+    assert read["first"] == "a<b>"
+    assert len(read["statistics"]) == 27

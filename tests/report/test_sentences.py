@@ -1,0 +1,99 @@
+"""The summary says what the tables say, in words and in plain numbers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from insgnss.report.digest import digest
+from insgnss.report.epochs import satellites_used, used_at
+from insgnss.report.sentences import sentences, way_m
+from insgnss.run import Run
+from tests.report.runs import START_S, made_run, words
+
+
+def said(run: Run) -> str:
+    return "\n".join(sentences(run))
+
+
+def with_events(run: Run, *kinds: str) -> Run:
+    run.events = pd.DataFrame({"time_s": START_S, "kind": list(kinds), "detail": ""})
+    return run
+
+
+def test_summary_tells_span_and_date_in_utc() -> None:
+    # GPS week 2385 began on 2025-09-21; 293700 s later it is Wednesday 09:35:00 GPS time, 18 s ahead of UTC
+    assert "2025-09-24 09:34:42 to 09:39:41 UTC (GPS week 2385)" in said(made_run(seconds=300.0))
+
+
+def test_summary_tells_when_the_heading_became_known() -> None:
+    assert "became known 20.0 s after the start, at 293720.0 s" in said(made_run())
+
+
+def test_summary_tells_that_the_heading_never_became_known() -> None:
+    run = with_events(made_run(), "start")
+    run.nav["sd_yaw_deg"] = 90.0
+
+    assert "never became known: its sigma was 90° at best" in said(run)
+
+
+def test_summary_names_trouble_by_its_number_and_not_what_is_none() -> None:
+    text = said(with_events(made_run(), "start", "imu_gap", "imu_gap", "reset"))
+
+    assert "imu gap (2), reset (1)" in text
+    assert "Nothing went wrong" not in text
+    assert "Nothing went wrong" in said(with_events(made_run(), "start", "heading_known"))
+
+
+def test_summary_tells_errors_of_known_size() -> None:
+    run = made_run()
+    run.errors["d_n_m"], run.errors["d_e_m"], run.errors["d_d_m"] = 3.0, 4.0, -2.0
+    run.errors["sd_n_m"] = run.errors["sd_e_m"] = 1.0
+
+    text = said(run)
+
+    assert "within 5 m half of the time, 5 m 95 % of it, 5 m at worst; the height within 2 m" in text
+    assert "too small: the error is 3.54 sigma" in text  # sqrt((9 + 16) / 2)
+
+
+def test_summary_without_a_reference_tells_the_sigma() -> None:
+    run = made_run(reference=False)
+    run.nav["sd_n_m"], run.nav["sd_e_m"] = 0.6, 0.8
+
+    assert "by its own account the position is good to 1 m horizontally" in said(run)
+
+
+def test_satellite_with_two_signals_counts_once() -> None:
+    run = made_run(seconds=2.0, satellites=3)
+    run.measurements["status"] = words(np.array([0] * 4 + [1] * 2 + [1] * 6), ["used", "gated"])
+
+    times, count = satellites_used(run)
+
+    assert times.tolist() == [START_S, START_S + 1.0]
+    assert count.tolist() == [2, 0]
+    assert used_at(run, np.array([START_S - 1.0, START_S + 0.5, START_S + 9.0])).tolist() == [0.0, 2.0, 0.0]
+    assert "fewer than four for 1.0 s" in said(run)
+
+
+def test_way_is_speed_times_time() -> None:
+    assert way_m(made_run(seconds=101.0).nav) == pytest.approx(1000.0)  # 10 m/s over 100 s
+
+
+def test_digest_is_plain_json_and_agrees_with_the_tables() -> None:
+    run = made_run()
+    run.nav["sd_n_m"] = np.nan
+
+    read = json.loads(json.dumps(digest(run), allow_nan=False))
+
+    assert read["rows"] == 300
+    assert read["heading_known_s"] == START_S + 20.0
+    assert read["median_sigma"]["n_m"] is None
+    counts = {kind: sum(of_kind.values()) for kind, of_kind in read["measurements"].items()}
+    assert counts == {"pseudorange": 2400, "range_rate": 2400}
+    assert read["nis"]["pseudorange"]["mean_nis"] == pytest.approx(
+        run.nis_summary()["mean_nis"]["pseudorange"]
+    )
+    assert read["events"]["imu_gap"] == 1
