@@ -32,7 +32,7 @@ from insgnss.fusion.output import (
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
 from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, new_bank
-from insgnss.fusion.tracing import carry_traced, copy_matrix
+from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
@@ -77,24 +77,48 @@ def new_workspace(
 
 @borrowing
 def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
-    """Carry the whole bank to ``stop_ns``, writing the output times before it on the way, and the trace up to it.
+    """Carry the whole bank to ``stop_ns`` by way of the trace's times, writing the output times before it on the way.
 
-    An output between samples is made on a copy of the leader, so asking for output does not change a bit of the filter.
+    All that the bank is carried by way of are whole samples, which changes no bit of the filter; an output between
+    samples is made on a copy of the leader. Times of the trace up to a start are passed over: there was no filter.
     """
-    count = out.counts[0]
+    count, traced = out.counts[0], out.trace.counts[0]
     head = bank.head[0]
-    while count.time < out.times_ns.shape[0] and out.times_ns[count.time] < stop_ns:
-        t_ns = out.times_ns[count.time]
-        count.time += 1
-        k = head.next
-        whole_ns = head.now_ns
-        while k < imu.t_ns.shape[0] and imu.t_ns[k] <= t_ns:
-            whole_ns = imu.t_ns[k]
-            k += 1
-        carry_traced(bank, whole_ns, imu, par, out.trace, work.spare.state, work.P_out, work.scratch)
-        if t_ns >= head.now_ns:
-            write_between(bank, t_ns, imu, par, out, work)
-    carry_traced(bank, stop_ns, imu, par, out.trace, work.spare.state, work.P_out, work.scratch)
+    while True:
+        goal_ns = stop_ns
+        writes = count.time < out.times_ns.shape[0] and out.times_ns[count.time] < stop_ns
+        if writes:
+            goal_ns = newest_sample(head, imu, out.times_ns[count.time])
+        traces = traced.next < out.trace.times_ns.shape[0] and out.trace.times_ns[traced.next] <= goal_ns
+        if traces:
+            goal_ns = out.trace.times_ns[traced.next]
+            traced.next += 1
+        ahead = goal_ns > head.now_ns
+        carry_bank(bank, goal_ns, imu, par, work.scratch)
+        if traces:
+            if ahead:
+                asked_for = out.trace.is_epoch[traced.next - 1]
+                write_trace(
+                    bank, goal_ns, asked_for, par, out.trace, work.spare.state, work.P_out, work.scratch
+                )
+        elif writes:
+            t_ns = out.times_ns[count.time]
+            count.time += 1
+            if t_ns >= head.now_ns:
+                write_between(bank, t_ns, imu, par, out, work)
+        else:
+            return
+
+
+@inlined
+def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
+    """Return the time of the last sample up to ``t_ns``, the bank's own where none lies between."""
+    k = head.next
+    whole_ns: int = head.now_ns
+    while k < imu.t_ns.shape[0] and imu.t_ns[k] <= t_ns:
+        whole_ns = imu.t_ns[k]
+        k += 1
+    return whole_ns
 
 
 @inlined
@@ -118,7 +142,7 @@ def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Out
         mixture_covariance(bank, work.P_out)
     else:
         copy_matrix(source.P[i], work.P_out)
-    write_nav(out, t_ns, source.state[i], work.P_out, n_used, n_hypotheses)
+    write_nav(out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, n_used, n_hypotheses)
 
 
 @inlined
@@ -289,10 +313,10 @@ def update_bank(
         work.epoch.lines[: rows.first[epoch + 1] - rows.first[epoch]],
     )
     if done.clock_step != 0.0:
-        log_event(out, t_ns, CLOCK_STEP, done.clock_step)
+        log_event(out.events, out.counts[0], t_ns, CLOCK_STEP, done.clock_step)
         bank.head[0].renewed_ns = t_ns
     if done.drift_step != 0.0:
-        log_event(out, t_ns, DRIFT_STEP, done.drift_step)
+        log_event(out.events, out.counts[0], t_ns, DRIFT_STEP, done.drift_step)
         bank.head[0].renewed_ns = t_ns
     if par.visibility != 0:
         note_masking(bank.head[0], bank.state[lead], out, t_ns)
@@ -306,7 +330,7 @@ def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) ->
     now = 1 if lead.mask_waits == 1 else 2
     if now != head.masking:
         head.masking = now
-        log_event(out, t_ns, MASKING_WAITS if now == 1 else MASKING_ON, 0.0)
+        log_event(out.events, out.counts[0], t_ns, MASKING_WAITS if now == 1 else MASKING_ON, 0.0)
 
 
 @inlined
@@ -315,9 +339,9 @@ def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
     quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > _SILENCE_S
     if head.silent_ns == 0 and (used == 0 or quiet):
         head.silent_ns = head.epoch_ns if quiet else t_ns
-        log_event(out, head.silent_ns, NO_MEASUREMENTS, 0.0)
+        log_event(out.events, out.counts[0], head.silent_ns, NO_MEASUREMENTS, 0.0)
     if head.silent_ns != 0 and used > 0:
-        log_event(out, t_ns, MEASUREMENTS_BACK, (t_ns - head.silent_ns) * 1e-9)
+        log_event(out.events, out.counts[0], t_ns, MEASUREMENTS_BACK, (t_ns - head.silent_ns) * 1e-9)
         head.silent_ns = 0
 
 

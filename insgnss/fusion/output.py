@@ -105,6 +105,7 @@ COUNT_DTYPE: Final = np.dtype(
     )
 )
 Table: TypeAlias = npt.NDArray[Any]
+CountRecord: TypeAlias = Any  # one element of COUNT_DTYPE
 CarrierEntry: TypeAlias = Any  # one element of CARRIER_LEDGER_DTYPE
 
 
@@ -155,15 +156,15 @@ def new_output(
 
 
 @borrowing
-def log_event(out: Output, t_ns: int, kind: np.int64, a: float) -> None:
+def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: float) -> None:
     """Write one event while there is room, and count it in any case."""
-    i = out.counts[0].events
-    if i < out.events.shape[0]:
-        event = out.events[i]
+    i = count.events
+    if i < events.shape[0]:
+        event = events[i]
         event.t_ns = t_ns
         event.kind = kind
         event.a = a
-    out.counts[0].events = i + 1
+    count.events = i + 1
 
 
 @borrowing
@@ -230,12 +231,20 @@ def attitude_deviations(P: Float64, C_ne: Float64, pitch: float, yaw: float, out
 
 
 @kernel
-def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n_hypotheses: int) -> None:
+def write_nav(
+    nav: Table,
+    optional: Float64,
+    count: CountRecord,
+    t_ns: int,
+    m: StateRecord,
+    P: Float64,
+    n_used: int,
+    n_hypotheses: int,
+) -> None:
     """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``."""
-    count = out.counts[0]
-    if count.nav >= out.nav.shape[0]:
+    if count.nav >= nav.shape[0]:
         return
-    row = out.nav[count.nav]
+    row = nav[count.nav]
     count.nav += 1
     row.t_ns = t_ns
     v = row.value
@@ -262,8 +271,8 @@ def write_nav(out: Output, t_ns: int, m: StateRecord, P: Float64, n_used: int, n
     v[32] = math.sqrt(max(P[CLOCK, CLOCK], 0.0))
     v[33] = math.sqrt(max(P[DRIFT, DRIFT], 0.0))
     v[34], v[35] = n_used, n_hypotheses
-    for i in range(out.optional.shape[1]):
-        out.optional[count.nav - 1, i] = m.optional[i]
+    for i in range(optional.shape[1]):
+        optional[count.nav - 1, i] = m.optional[i]
 
 
 @kernel

@@ -236,7 +236,7 @@ def carry(
     return k
 
 
-@borrowing
+@inlined
 def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
     """Carry every hypothesis to ``stop_ns``."""
     head = bank.head[0]

@@ -1,45 +1,14 @@
-"""Carrying a bank by way of the times at which its state is wanted, and writing it there, compiled."""
+"""Writing a bank's state, and now and then its covariance, at the times at which it is wanted, compiled."""
 
 from __future__ import annotations
 
 from insgnss.fusion.output import mixture_covariance
 from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.prediction import Imu, Scratch, carry_bank, predict_covariance
+from insgnss.fusion.prediction import Scratch, predict_covariance
 from insgnss.fusion.state import Bank, StateArray
 from insgnss.fusion.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
 from insgnss.jit import borrowing
 from insgnss.tables import Float64
-
-
-@borrowing
-def carry_traced(
-    bank: Bank,
-    stop_ns: int,
-    imu: Imu,
-    par: Parameters,
-    room: TraceRoom,
-    spare: StateArray,
-    P_out: Float64,
-    scratch: Scratch,
-) -> None:
-    """Carry every hypothesis to ``stop_ns`` by way of the trace's times, whole samples: that changes no bit either.
-
-    Times up to a start are passed over: there was no filter. The work space is handed over in its parts: handing over
-    all of it would cost more than the row.
-
-    Parameters
-    ----------
-    spare, P_out : (1,) and (n, n) scratch of a state and of its covariance
-    """
-    count = room.counts[0]
-    head = bank.head[0]
-    while count.next < room.times_ns.shape[0] and room.times_ns[count.next] <= stop_ns:
-        t_ns = room.times_ns[count.next]
-        count.next += 1
-        if t_ns > head.now_ns:
-            carry_bank(bank, t_ns, imu, par, scratch)
-            write_trace(bank, t_ns, room.is_epoch[count.next - 1], par, room, spare, P_out, scratch)
-    carry_bank(bank, stop_ns, imu, par, scratch)
 
 
 @borrowing
@@ -55,7 +24,12 @@ def write_trace(
 ) -> None:
     """Write the leader's state at the bank's time ``t_ns``, and the covariance there where it is due or asked for.
 
-    It is the leader's, or the bank's while the heading is open.
+    It is the leader's, or the bank's while the heading is open. The work space is handed over in its parts: handing
+    over all of it would cost more than the row.
+
+    Parameters
+    ----------
+    spare, P_out : (1,) and (n, n) scratch of a state and of its covariance
     """
     head = bank.head[0]
     write_state(room, t_ns, bank.state[head.leader])
