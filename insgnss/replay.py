@@ -23,6 +23,7 @@ from insgnss.comparison import errors_against
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import corrected_rows
+from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
 from insgnss.fusion.loop import run_epochs
 from insgnss.fusion.output import Output
@@ -139,6 +140,7 @@ def replay(
     output: OutputRate = "gnss",
     aiding: float | AidingConfig | None = None,
     supervise: bool = False,
+    smooth: bool = False,
     progress: Progress | None = None,
 ) -> Run:
     """Run the filter over a flight's logs.
@@ -152,10 +154,13 @@ def replay(
         aiding
     supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
         ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
+    smooth : whether ``run.nav`` has what the whole log tells of each epoch, not only what came before it
+        (``fusion.smoother``); the measurements are then still those of the filter
     progress : is told in words what is being done
 
     Raises
     ------
+    ConfigError : smoothing gives a row for each epoch and neither aiding nor supervision, which live on the past
     InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
         aiding or supervision is asked for and nothing says where the satellites are
     """
@@ -165,12 +170,20 @@ def replay(
         flight = Flight.load(flight)
     config = filter_config(filter)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
+    if smooth and (output != "gnss" or aided is not None or supervise):
+        raise ConfigError(
+            "a smoothed run has a row for each GNSS epoch, no aiding and no supervision",
+            key="smooth",
+            advice="leave output, aiding and supervise out, or replay once more without smoothing",
+        )
     with compiled_beside(run_epochs, compile_loop.MODULE) as loop_is_compiled:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
         read = time.perf_counter()
         tell("running the filter")
         wanted = _trace_wanted(aided, record.supervised)
-        out, events = run_filter(setup, *work, output, trace=wanted, before_loop=loop_is_compiled)
+        out, events = run_filter(
+            setup, *work, output, trace=wanted, before_loop=loop_is_compiled, smooth=smooth
+        )
     filtered = time.perf_counter()
     found = traced(out.trace, Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b))
     aids = None if record.aiding is None else _aiding(record, found, flight, tell)
@@ -187,7 +200,7 @@ def replay(
     took |= {} if aided is None else {"aiding_s": given - filtered}
     took |= {"supervision_s": settled - given} if supervise else {}
     resolved = None if aided is None else aided.model_dump(mode="json")
-    run.settings = {**run.settings, "took": took, "output": output, "aiding": resolved}
+    run.settings = {**run.settings, "took": took, "output": output, "smooth": smooth, "aiding": resolved}
     return run
 
 

@@ -20,6 +20,7 @@ from insgnss.cli.point import point
 from insgnss.cli.replay import replay
 from insgnss.cli.report import report
 from insgnss.cli.simulate import simulate
+from insgnss.cli.smooth import smooth
 from insgnss.cli.track import track
 from insgnss.cli.visibility import visibility
 from insgnss.version import __version__
@@ -37,7 +38,8 @@ EXAMPLES: Final[dict[Callable[..., None], str]] = {
     check: f"insgnss check {_SAMPLE}",
     replay: f"insgnss replay {_SAMPLE} --output out/run",
     report: "insgnss report out/run --output out/run/report.html",
-    compare: "insgnss compare out/run out/run --output out/compare.html",
+    smooth: f"insgnss smooth {_SAMPLE} --output out/smooth",
+    compare: "insgnss compare out/run out/smooth --output out/compare.html",
     export: "insgnss export out/run --output out/run.kmz",
     consistency: "insgnss consistency out/run --output out/consistency",
     visibility: f"insgnss visibility out/run --flight {_SAMPLE} -a patch_l1",

@@ -64,7 +64,7 @@ def replay(
     give_back_what_is_freed()
     console = Console(stderr=True)
     with own_errors_told():
-        form = _form(format)
+        form = table_form(format)
         wanted = _rate(rate)
         loaded = Flight.load(flight)
         with console.status("starting") as status:
@@ -86,12 +86,13 @@ def replay(
     if as_json:
         print_json({**digest(run), "files_read": len(loaded.files()), "wrote": written})
         return
-    _print_summary(loaded, run)
+    print_summary(loaded, run)
     where = f"; wrote {' and '.join(written)}" if written else "; nothing was written (no --output)"
     typer.echo(f"read {len(loaded.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
 
 
-def _form(text: str) -> Literal["parquet", "csv"]:
+def table_form(text: str) -> Literal["parquet", "csv"]:
+    """Return the format of tables that an option names."""
     if text == "parquet":
         return "parquet"
     if text == "csv":
@@ -115,7 +116,7 @@ def _rate(text: str) -> OutputRate:
     return rate
 
 
-def _print_summary(flight: Flight, run: Run) -> None:
+def print_summary(flight: Flight, run: Run) -> None:
     """Print what the run gave: times, errors and sigmas, satellites, refusals, NIS, events."""
     console = Console(file=sys.stdout, width=120)
     nav = run.nav

@@ -14,7 +14,7 @@ from insgnss.fusion.faults import (
     weigh_robustly,
 )
 from insgnss.fusion.gating import absorb_clock_step, common_step, gate_between, gate_rows
-from insgnss.fusion.lines import Epoch, Lines
+from insgnss.fusion.lines import CLONE_ROWS, Epoch, Lines
 from insgnss.fusion.masking import Masking, mask_hidden
 from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.parameters import Parameters
@@ -97,6 +97,9 @@ def update_epoch(
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
+        for i in range(N_CLONE):  # what a smoother needs of the epoch before, now that it goes
+            for j in range(P.shape[0]):
+                s.vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
         clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
     return Outcome(
         log_likelihood,

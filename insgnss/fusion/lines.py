@@ -64,13 +64,18 @@ Lines: TypeAlias = npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row of a
 Antenna: TypeAlias = Any  # one element of ANTENNA_DTYPE
 
 
+CLONE_ROWS: Final = 4  # first of the vectors that keep the clone's rows of P until the next epoch
+
+
 class Epoch(NamedTuple):
     """Work space of one epoch."""
 
     lines: Lines  # room for the rows of the largest epoch
     antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
     air: npt.NDArray[Any]  # (1,) of AIR_DTYPE
-    vectors: Float64  # (4, n or k): correction, two of scratch, one to sort
+    vectors: (
+        Float64  # (4 + N_CLONE, n or k): correction, two of scratch, one to sort; the old clone's rows of P
+    )
 
 
 def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
@@ -84,7 +89,7 @@ def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
         lines,
         np.zeros(1, ANTENNA_DTYPE),
         np.zeros(1, AIR_DTYPE),
-        np.zeros((4, max(k, n))),
+        np.zeros((CLONE_ROWS + N_CLONE, max(k, n))),
     )
 
 

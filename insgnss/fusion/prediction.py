@@ -22,6 +22,7 @@ from insgnss.fusion.state import (
     DRIFT,
     DRIFT_FACTOR,
     DV,
+    MAX_OPTIONAL,
     OFFSETS,
     PSI,
     Bank,
@@ -133,7 +134,7 @@ def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float) -> No
         P[BG + i, BG + i] += half * par.gyro_bias_density
     P[CLOCK, CLOCK] += half * m.noise_factor[BIAS_FACTOR] * par.clock_bias_density
     P[DRIFT, DRIFT] += half * m.noise_factor[DRIFT_FACTOR] * par.clock_drift_density
-    for i in range(OFFSETS, P.shape[0]):
+    for i in range(OFFSETS, min(P.shape[0], OFFSETS + MAX_OPTIONAL)):
         P[i, i] += half * par.optional_density[i - OFFSETS]
 
 

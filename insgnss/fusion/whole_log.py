@@ -16,6 +16,7 @@ from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.smoother import Smoother
 from insgnss.fusion.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
 from insgnss.gnss.observation_rows import Rows
 from insgnss.status import NO_IMU, USED
@@ -40,11 +41,13 @@ def run_filter(
     *,
     trace: TraceWanted | None = None,
     before_loop: Callable[[], object] = lambda: None,
+    smooth: bool = False,
 ) -> tuple[Output, list[Event]]:
     """Run a filter over samples and rows; return the loop's output and the events.
 
     ``trace`` asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of
-    ``Output.trace``. ``before_loop`` is called when the compiled loop is needed, after the start.
+    ``Output.trace``. ``before_loop`` is called when the compiled loop is needed, after the start. ``smooth`` gives the
+    navigation rows, one an epoch then, what the rest of their stretch tells of them.
 
     The log is cut where inertial samples are missing for longer than the restart limit: each part starts anew.
     """
@@ -63,7 +66,10 @@ def run_filter(
         covered[e0:e1] = True
         navigator = Navigator(setup, before_loop)
         navigator.starter.given = given and not started
-        navigator.run(part, rows, int(e0), int(e1), out)
+        if smooth:
+            Smoother(navigator, part).run(rows, int(e0), int(e1), out)
+        else:
+            navigator.run(part, rows, int(e0), int(e1), out)
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             run_to(
                 navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, navigator.workspace(rows)

@@ -1,0 +1,57 @@
+"""``insgnss smooth``: a flight's logs in, out comes what the whole log tells of each epoch."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import print_json
+from insgnss.cli.memory import give_back_what_is_freed
+from insgnss.cli.replay import print_summary, table_form
+from insgnss.log.flight import Flight
+from insgnss.replay import replay as run_replay
+from insgnss.report.digest import digest
+
+
+def smooth(
+    flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
+    ] = None,
+    filter: Annotated[
+        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
+    ] = "tight17",
+    format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object in place of the summary.")
+    ] = False,
+) -> None:
+    """Run the filter forward and the smoother back over a flight's logs: for what is looked at afterwards."""
+    began = time.perf_counter()
+    give_back_what_is_freed()
+    with own_errors_told():
+        form = table_form(format)
+        loaded = Flight.load(flight)
+        with Console(stderr=True).status("starting") as status:
+            run = run_replay(loaded, filter, smooth=True, progress=lambda text: status.update(f"{text} ..."))
+            if output is not None:
+                status.update("saving the run ...")
+                run.save(output, form)
+            if report is not None:
+                status.update("drawing the page ...")
+                run.report(report)
+    written = [str(path) for path in (output, report) if path is not None]
+    if as_json:
+        print_json({**digest(run), "files_read": len(loaded.files()), "wrote": written})
+        return
+    print_summary(loaded, run)
+    where = f"; wrote {' and '.join(written)}" if written else "; nothing was written (no --output)"
+    typer.echo(f"read {len(loaded.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
