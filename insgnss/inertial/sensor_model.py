@@ -50,20 +50,29 @@ class SensorModel:
 
 
 def sensor_model(grade: ImuGrade) -> SensorModel:
-    """Return the SI densities of an IMU grade."""
+    """Return the SI densities of an IMU grade.
+
+    What is constant in one attitude and changes with it is not a state of its own: a gyro's sensitivity to the specific
+    force of rest and an accelerometer's misalignment times gravity count as constant bias, misalignments else as scale
+    factors, whose errors they resemble in a manoeuvre. Each adds in variance.
+    """
+    gyro_scale = math.hypot(ppm_to_ratio(grade.gyro_scale_factor_ppm), 1e-3 * grade.gyro_misalignment_mrad)
+    accel_scale = math.hypot(ppm_to_ratio(grade.accel_scale_factor_ppm), 1e-3 * grade.accel_misalignment_mrad)
+    gyro_bias = math.hypot(grade.gyro_bias_deg_per_h, grade.gyro_g_sensitivity_deg_per_h_per_g)
+    accel_bias = math.hypot(grade.accel_bias_mg, grade.accel_misalignment_mrad)  # a milliradian of g is a mg
     return SensorModel(
         gyro_density=deg_per_sqrt_h_to_rad_per_sqrt_s(grade.gyro_arw_deg_per_sqrt_h) ** 2,
         accel_density=mps_per_sqrt_h_to_mps_per_sqrt_s(grade.accel_vrw_mps_per_sqrt_h) ** 2,
         gyro_bias=bias_model(
-            deg_per_h_to_radps(grade.gyro_bias_deg_per_h),
+            deg_per_h_to_radps(gyro_bias),
             deg_per_h_to_radps(grade.gyro_bias_instability_deg_per_h),
             grade.gyro_correlation_time_s,
         ),
         accel_bias=bias_model(
-            mg_to_mps2(grade.accel_bias_mg),
+            mg_to_mps2(accel_bias),
             mg_to_mps2(grade.accel_bias_instability_mg),
             grade.accel_correlation_time_s,
         ),
-        gyro_scale=ppm_to_ratio(grade.gyro_scale_factor_ppm),
-        accel_scale=ppm_to_ratio(grade.accel_scale_factor_ppm),
+        gyro_scale=gyro_scale,
+        accel_scale=accel_scale,
     )

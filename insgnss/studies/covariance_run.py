@@ -6,7 +6,7 @@ The filter's own kernels carry it and correct it; there are no measurements, for
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,14 @@ from insgnss.units import deg_per_h_to_radps, deg_to_rad, mg_to_mps2
 OutageCause = Literal["switch", "bank"]
 Sensors = Literal["strapdown", "levelled"]
 _LEVEL_NORTH = (0.0, 0.0)  # roll and heading of the user at rest [rad]
+
+
+# the paper's sensors have biases, noise and scale factors, nothing else
+_NO_MISALIGNMENT: Final = {
+    "gyro_misalignment_mrad": 0.0,
+    "gyro_g_sensitivity_deg_per_h_per_g": 0.0,
+    "accel_misalignment_mrad": 0.0,
+}
 
 
 class Update(NamedTuple):
@@ -86,7 +94,7 @@ class CovarianceRun:
         ):
             if word not in words:
                 raise ConfigError(f"{word!r} is unknown", key=key, advice=f"give one of {', '.join(words)}")
-        grade, sky = imu_grade(imu), sky_of(scenario)
+        grade, sky = imu_grade(imu).model_copy(update=_NO_MISALIGNMENT), sky_of(scenario)
         bank = new_bank(1, 0)
         bank.state[0].r_e[:] = sky.r_e
         bank.P[0] = initial_covariance(scenario, grade, sky.C_ne)

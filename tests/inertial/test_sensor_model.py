@@ -72,3 +72,29 @@ def test_drawn_bias_has_the_density_of_its_model(rng: np.random.Generator) -> No
 
     # increments over one step: density * step, to 1 % of decay inside it, and 600 000 draws (0.2 %)
     assert np.var(np.diff(drawn, axis=0)) == pytest.approx(model.density * step_s, rel=0.02, abs=0.0)
+
+
+def test_misalignment_counts_as_scale_factor_and_as_bias_under_gravity() -> None:
+    """A milliradian of misalignment is 1000 ppm across the axes, and a mg where gravity stands across."""
+    bare = GRADE.model_copy(
+        update={
+            "gyro_scale_factor_ppm": 300.0,
+            "accel_bias_mg": 3.0,
+            "gyro_bias_deg_per_h": 5.0,
+            "gyro_bias_instability_deg_per_h": 0.0,
+            "accel_bias_instability_mg": 0.0,
+        }
+    )
+    crossed = bare.model_copy(
+        update={
+            "gyro_misalignment_mrad": 0.4,
+            "accel_misalignment_mrad": 4.0,
+            "gyro_g_sensitivity_deg_per_h_per_g": 12.0,
+        }
+    )
+
+    without, with_them = sensor_model(bare), sensor_model(crossed)
+
+    assert (without.gyro_scale, with_them.gyro_scale) == pytest.approx((300e-6, 500e-6))
+    assert with_them.accel_bias.sigma / without.accel_bias.sigma == pytest.approx(5.0 / 3.0)
+    assert with_them.gyro_bias.sigma / without.gyro_bias.sigma == pytest.approx(13.0 / 5.0)
