@@ -43,13 +43,13 @@ known_s = run.heading_known_s()
 print(
     f"{len(run.aiding)} predictions for {run.aiding['sv'].nunique()} satellites; heading known at {known_s:.0f} s"
 )
-run.aiding[run.aiding["time_s"] > known_s].groupby("sv", observed=True).first().iloc[:4].T
+run.aiding[run.aiding["time_s"] > known_s].groupby("sv", observed=True).first().head(4).transpose()
 
 # %% [markdown]
 # ## The truth
 #
 # The true distance is $\rho(t)=|\mathbf S(t-\rho/c)-\mathbf R(t)|$ in axes that do not turn; its derivatives are taken
-# numerically. Nothing of the filter's own equations enters: the trajectory is a spline, the orbits are the simulation's.
+# numerically. None of the filter's own equations enters: the trajectory is a spline, the orbits are the simulation's.
 
 # %%
 scenario = sample_scenario()
@@ -201,8 +201,8 @@ print({p: f"{100 * v / sum(share.values()):.1f} %" for p, v in share.items() if 
 # %% [markdown]
 # ## The lever arm
 #
-# The antenna is 1.36 m from the IMU; while the aircraft rolls it moves by $\boldsymbol\omega\times\mathbf l$. What would
-# the loop be told if that were left out?
+# The antenna is 1.36 m from the IMU; while the aircraft rolls it moves by $\boldsymbol\omega\times\mathbf l$. What
+# would the loop be told if that were left out?
 
 # %%
 lever_term = true_rate(time_s - START_S) - true_rate(time_s - START_S, (0.0, 0.0, 0.0))
@@ -250,14 +250,13 @@ axes.legend(fontsize=8)
 # %%
 rms_rate = float(np.sqrt(np.mean(error**2)))
 consistency = float(np.sqrt(np.mean(scaled**2)))
-print(
-    f"1. The filter predicts the range rate to {1e3 * rms_rate:.0f} mm/s ({rms_rate / WAVELENGTH_M:.2f} Hz) and says so:"
-)
+motion_hz = rms_rate / WAVELENGTH_M
+print(f"1. The filter predicts the range rate to {1e3 * rms_rate:.0f} mm/s ({motion_hz:.2f} Hz) and says so:")
 print(f"   error / sigma has the rms {consistency:.2f}, {100 * within:.1f} % lie inside three sigma.")
-print(f"2. The clock limits the Doppler: {rms_doppler:.2f} Hz rms just before an update, against")
 print(
-    f"   {rms_rate / WAVELENGTH_M:.2f} Hz of the vehicle's motion. A quieter oscillator is worth more than better gyros."
+    f"2. The clock limits the Doppler: {rms_doppler:.2f} Hz rms just before an update, against {motion_hz:.2f} Hz"
 )
+print("   of the vehicle's motion. A quieter oscillator is worth more than better gyros.")
 print(f"3. Without the lever arm a roll would mislead the loop by {largest / WAVELENGTH_M:.1f} Hz.")
 print(
     f"4. Led on by the acceleration, 100 ms of latency cost at most {by_latency[3, 4] / WAVELENGTH_M:.2f} Hz;"
