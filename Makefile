@@ -11,11 +11,12 @@ STAMP := .venv/ready
 FLIGHT ?= data/sample_flight/flight.toml
 OUT ?= out/demo
 ARGS ?=
+NOTEBOOKS ?= notebooks/*.ipynb
 
-.PHONY: help setup demo test lint check-rules check-format check-types check-imports format bench clean
+.PHONY: help setup demo test notebooks pair lint check-rules check-format check-types check-imports format bench clean
 
 help:  ## show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' Makefile
 
 setup: $(STAMP)  ## make .venv and install the package with its test tools
 
@@ -24,6 +25,13 @@ demo: $(STAMP)  ## replay the sample flight, print the summary, write the run an
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+
+notebooks: $(STAMP)  ## run every notebook, write them with their outputs to out/notebooks (NOTEBOOKS='notebooks/00*' to choose)
+	mkdir -p out/notebooks
+	$(BIN)/jupyter execute --timeout=120 --output=../out/notebooks/{notebook_name} $(NOTEBOOKS)
+
+pair: $(STAMP)  ## write each notebook file anew from its text; the cells keep their ids
+	$(BIN)/jupytext --quiet --update --to ipynb notebooks/*.py
 
 lint: check-rules check-format check-types check-imports  ## ruff, format, mypy --strict, import contracts
 

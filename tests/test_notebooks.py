@@ -1,0 +1,146 @@
+"""The notebooks: text and notebook file in step, one question each, public names alone, and each one runs and holds.
+
+A notebook asserts its own conclusion in its last cell; running it here is what keeps that conclusion true.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import jupytext
+import nbformat
+import pytest
+from nbclient import NotebookClient
+from nbformat import NotebookNode
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "notebooks"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+NAMES = sorted(path.stem for path in FOLDER.glob("*.py"))
+# "**Question.** ...?" is the second paragraph, below the title, which carries the file's number
+OPENING = re.compile(r"\A# (?P<number>\d\d) .+\n\n\*\*Question\.\*\* (?P<question>[^?]+\?)")
+# a room is open to everybody if the README names it
+OPEN_ROOMS = set(re.findall(r"`(insgnss(?:\.\w+)+)", README)) | set(
+    re.findall(r"from (insgnss[\w.]*) import", README)
+)
+CELL_LIMIT_S = 120
+
+each_notebook = pytest.mark.parametrize("name", NAMES)
+
+
+def text_of(name: str) -> NotebookNode:
+    """Return the notebook as its text file tells it."""
+    return jupytext.read(FOLDER / f"{name}.py")
+
+
+def stored(name: str) -> NotebookNode:
+    """Return the notebook as its notebook file tells it."""
+    return nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
+
+
+def statements(name: str) -> Iterator[ast.AST]:
+    """Yield every node of the code of a notebook."""
+    for cell in text_of(name).cells:
+        if cell.cell_type == "code":
+            yield from ast.walk(ast.parse(cell.source))
+
+
+def imported(name: str) -> Iterator[tuple[str, str]]:
+    """Yield module and name ('' for the module itself) of everything a notebook imports from the package."""
+    for node in statements(name):
+        if isinstance(node, ast.Import):
+            yield from ((a.name, "") for a in node.names if a.name.split(".")[0] == "insgnss")
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "insgnss":
+            yield from ((node.module or "", a.name) for a in node.names)
+
+
+def is_open(module: str, name: str) -> bool:
+    """Return whether the README names the room a notebook imports from."""
+    rooms = {"insgnss", *OPEN_ROOMS}
+    return (
+        f"{module}.{name}" in rooms
+        or any(module == room or module.startswith(f"{room}.") for room in rooms - {"insgnss"})
+        or (module == "insgnss")
+    )
+
+
+def test_there_are_notebooks_and_each_number_stands_once() -> None:
+    numbers = [name[:2] for name in NAMES]
+
+    assert NAMES
+    assert [n for n in NAMES if not re.fullmatch(r"\d\d_[a-z0-9_]+", n)] == []
+    assert len(set(numbers)) == len(numbers)
+
+
+def test_every_text_has_its_notebook_file_and_the_other_way_round() -> None:
+    assert NAMES == sorted(path.stem for path in FOLDER.glob("*.ipynb"))
+
+
+@each_notebook
+def test_notebook_file_is_in_step_with_its_text(name: str) -> None:
+    def cells(notebook: NotebookNode) -> list[tuple[str, str]]:
+        return [(cell.cell_type, cell.source) for cell in notebook.cells]
+
+    assert cells(stored(name)) == cells(text_of(name)), "run: make pair"
+
+
+@each_notebook
+def test_notebook_file_has_no_outputs_and_every_cell_its_own_id(name: str) -> None:
+    cells = stored(name).cells
+
+    assert [c.id for c in cells if c.cell_type == "code" and (c.outputs or c.execution_count)] == []
+    assert len({c.id for c in cells}) == len(cells)
+
+
+@each_notebook
+def test_notebook_begins_with_its_question_which_the_readme_repeats(name: str) -> None:
+    opening = OPENING.match(text_of(name).cells[0].source)
+
+    assert opening is not None
+    assert opening["number"] == name[:2]
+    row = re.search(rf"^\| \[{name}\]\(notebooks/{name}\.ipynb\) \| (.+?) \|", README, re.MULTILINE)
+    assert row is not None, "the README's table of notebooks has no such row"
+    assert row[1] == " ".join(opening["question"].split())
+
+
+@each_notebook
+def test_notebook_ends_by_asserting_its_answer_and_printing_it(name: str) -> None:
+    last = text_of(name).cells[-1]
+    kinds = [type(node).__name__ for node in ast.parse(last.source).body]
+
+    assert last.cell_type == "code"
+    assert "Assert" in kinds
+    assert ast.unparse(ast.parse(last.source).body[-1]).startswith("print(f'Answer")
+
+
+@each_notebook
+def test_notebook_imports_only_what_is_open_to_everybody(name: str) -> None:
+    hidden = {
+        getattr(node, field)
+        for node in statements(name)
+        for field in ("id", "attr", "name")
+        if re.match(r"_[a-z]", str(getattr(node, field, "")))
+    }
+
+    assert [f"{module}: {what}" for module, what in imported(name) if not is_open(module, what)] == []
+    assert hidden == set()
+
+
+@each_notebook
+def test_notebook_runs_and_its_conclusion_holds(name: str) -> None:
+    """Run it in a kernel of its own, in its own folder, as somebody would who opened it."""
+    notebook = stored(name)
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    client = NotebookClient(
+        notebook, timeout=CELL_LIMIT_S, kernel_name="python3", resources={"metadata": {"path": str(FOLDER)}}
+    )
+
+    client.execute(env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)})
+
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert [output.text for output in outputs if output.get("name") == "stderr"] == []
+    assert re.match(r"Answer: .*\d", notebook.cells[-1].outputs[-1].text)
