@@ -1,8 +1,22 @@
+# ---
+# jupyter:
+#   jupytext:
+#     formats: ipynb,py:percent
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
 # %% [markdown]
 # # 06 Loop aiding and its error budget
 #
-# **Question.** The filter can tell each tracking channel which Doppler to expect. How far can the channel trust that
-# number, and what limits it: the inertial sensors, the clock, the lever arm, or the time that passes until it is used?
+# **Question.** How far can a tracking loop trust the Doppler that the filter predicts for it, and what limits it?
+#
+# Candidates are the inertial sensors, the clock, the lever arm, and the time that passes until the number is used.
 #
 # The prediction for one satellite, with $\mathbf u$ the line of sight from the antenna to the satellite,
 #
@@ -22,14 +36,16 @@ import numpy as np
 import insgnss
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
+from insgnss.report.figures import STYLE
 from insgnss.simulation.constellation import satellite_states
 from insgnss.simulation.sample_flight import LEVER_ARM_B, SEED, START_S, sample_scenario
 from insgnss.simulation.simulated_log import Simulator
 
-ROOT = next(p for p in (Path.cwd(), *Path.cwd().parents) if (p / "data/sample_flight").is_dir())
+plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
+SAMPLE = Path("../data/sample_flight")
 WAVELENGTH_M = C_MPS / 1575.42e6
 
-flight = insgnss.Flight.load(ROOT / "data/sample_flight/flight.toml")
+flight = insgnss.Flight.load(SAMPLE / "flight.toml")
 
 
 def replayed(**settings: float) -> insgnss.Run:
@@ -110,21 +126,17 @@ print(
 print(f"rms of error / sigma {np.sqrt(np.mean(scaled**2)):.2f}, inside three sigma {100 * within:.2f} %")
 
 nav = run.nav
-figure, (upper, lower) = plt.subplots(
-    2, 1, figsize=(9, 5), sharex=True, layout="constrained", height_ratios=(2, 1)
-)
+figure, (upper, lower) = plt.subplots(2, 1, figsize=(7, 3.6), sharex=True, height_ratios=(2, 1))
 for name, colour in (("G23", "tab:blue"), ("G16", "tab:red")):
     k = NAMES.index(name)
     upper.plot(time_s - START_S, 1e3 * error[:, k], color=colour, lw=0.6, label=f"{name}: error")
     for sign in (-3.0, 3.0):
         upper.plot(time_s - START_S, sign * 1e3 * sigma[:, k], color=colour, lw=0.8, ls="--")
 upper.set_ylabel("range rate, mm/s\n(dashed: three sigma)")
-upper.legend(loc="upper right", fontsize=8)
+upper.legend(loc="upper right")
 lower.plot(nav["time_s"] - START_S, nav["roll_deg"], color="tab:gray")
 lower.set_ylabel("roll, deg")
 lower.set_xlabel("time since the log's start, s")
-for axes in (upper, lower):
-    axes.grid(alpha=0.3)
 
 # %% [markdown]
 # ## The clock
@@ -159,13 +171,13 @@ seldom = replayed(sigma_interval_s=1.0)
 seldom_s, sd_seldom = table(seldom, "sd_doppler_hz")
 k = NAMES.index("G23")
 span = (doppler_s >= START_S + 300.0) & (doppler_s < START_S + 304.0)
-figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
+figure, axes = plt.subplots(figsize=(5.5, 2.4))
 axes.plot(doppler_s[span] - START_S, sd_doppler[span, k], label="sigma found every 0.1 s")
 axes.plot(seldom_s[span] - START_S, sd_seldom[span, k], ls="--", label="every second (default)")
 axes.set_xlabel("time since the log's start, s")
 axes.set_ylabel("sigma of the Doppler of G23, Hz")
-axes.legend(fontsize=8)
-axes.grid(alpha=0.3)
+axes.set_ylim(0.0, 1.35)
+axes.legend(ncols=2)
 too_small = float(np.median(sd_doppler[whole, k] / sd_seldom[np.isin(seldom_s, doppler_s[whole]), k]))
 print(f"just before an update sigma is {too_small:.1f} times that of right after the update before")
 
@@ -180,21 +192,18 @@ budget = run.aiding_budget
 budget = budget[(budget["sv"] == "G16") & (budget["time_s"] > known_s + 30.0)]
 parts = ("velocity", "attitude", "accelerometer", "gyro", "clock", "satellite", "motion")
 colours = dict(zip(parts, plt.rcParams["axes.prop_cycle"].by_key()["color"], strict=False))
-figure, panels = plt.subplots(2, 1, figsize=(9, 6), sharex=True, layout="constrained")
+figure, panels = plt.subplots(2, 1, figsize=(7, 4.2), sharex=True)
 for axes, kind, unit in ((panels[0], "rate", "mps"), (panels[1], "acceleration", "mps2")):
     for part in parts:
         value = budget[f"sd_{kind}_{part}_{unit}"].to_numpy()
         if value.max() > 0.0:
             smooth = np.sqrt(np.convolve(value**2, np.full(10, 0.1), mode="valid"))  # over a second
-            axes.semilogy(
-                budget["time_s"].to_numpy()[9:] - START_S, smooth, label=part, color=colours[part], lw=1.0
-            )
-    axes.grid(alpha=0.3)
+            axes.semilogy(budget["time_s"].to_numpy()[9:] - START_S, smooth, label=part, color=colours[part])
 panels[0].set_ylabel("sigma of the rate, m/s")
 panels[1].set_ylabel("sigma of the acceleration, m/s²")
 panels[1].set_xlabel("time since the log's start, s")
 panels[0].set_title("G16, mean over each second (no part above zero: not shown)")
-panels[1].legend(ncols=6, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.45))
+panels[1].legend(ncols=6, loc="upper center", bbox_to_anchor=(0.5, 0.45))
 share = {p: float(np.mean(budget[f"sd_rate_{p}_mps"] ** 2)) for p in parts}
 print({p: f"{100 * v / sum(share.values()):.1f} %" for p, v in share.items() if v > 0.0})
 
@@ -234,39 +243,46 @@ for latency_s in latencies:
     found.append([*rms, float(np.abs(late_error).max()), float(np.abs(held).max())])
 by_latency = np.array(found)
 
-figure, axes = plt.subplots(figsize=(7, 3.5), layout="constrained")
+figure, axes = plt.subplots(figsize=(7, 2.6))
 milliseconds = 1e3 * np.array(latencies)
-axes.semilogy(milliseconds, 1e3 * by_latency[:, 5], "s-", label="largest error, rate held")
-axes.semilogy(milliseconds, 1e3 * by_latency[:, 4], "s--", label="largest error, led on by the acceleration")
-axes.semilogy(milliseconds, 1e3 * by_latency[:, 2], "o-", color="k", label="sigma (rms)")
-axes.semilogy(milliseconds, 1e3 * by_latency[:, 0], "o--", label="rms error, led on")
+axes.semilogy(milliseconds, 1e3 * by_latency[:, 5], "s-", ms=4, label="largest error, rate held")
+axes.semilogy(
+    milliseconds, 1e3 * by_latency[:, 4], "s--", ms=4, label="largest error, led on by the acceleration"
+)
+axes.semilogy(milliseconds, 1e3 * by_latency[:, 2], "o-", ms=4, color="k", label="sigma (rms)")
+axes.semilogy(milliseconds, 1e3 * by_latency[:, 0], "o--", ms=4, label="rms error, led on")
 axes.set_xlabel("latency, ms")
 axes.set_ylabel("range rate, mm/s")
-axes.grid(alpha=0.3)
-axes.legend(fontsize=8)
+axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+print("latency, ms:", [round(1e3 * latency_s) for latency_s in latencies])
+print(
+    "largest error led on, mm/s: ",
+    (1e3 * by_latency[:, 4]).round(),
+    " held: ",
+    (1e3 * by_latency[:, 5]).round(),
+)
+
 # %% [markdown]
 # ## Answer
+#
+# Between two updates the oscillator is what a loop cannot be told: a quieter one is worth more than better gyros.
 
 # %%
 rms_rate = float(np.sqrt(np.mean(error**2)))
 consistency = float(np.sqrt(np.mean(scaled**2)))
-motion_hz = rms_rate / WAVELENGTH_M
-print(f"1. The filter predicts the range rate to {1e3 * rms_rate:.0f} mm/s ({motion_hz:.2f} Hz) and says so:")
-print(f"   error / sigma has the rms {consistency:.2f}, {100 * within:.1f} % lie inside three sigma.")
-print(
-    f"2. The clock limits the Doppler: {rms_doppler:.2f} Hz rms just before an update, against {motion_hz:.2f} Hz"
-)
-print("   of the vehicle's motion. A quieter oscillator is worth more than better gyros.")
-print(f"3. Without the lever arm a roll would mislead the loop by {largest / WAVELENGTH_M:.1f} Hz.")
-print(
-    f"4. Led on by the acceleration, 100 ms of latency cost at most {by_latency[3, 4] / WAVELENGTH_M:.2f} Hz;"
-)
-print(f"   the held rate would be off by up to {by_latency[3, 5] / WAVELENGTH_M:.1f} Hz.")
+motion_hz, lever_hz = rms_rate / WAVELENGTH_M, largest / WAVELENGTH_M
+led_hz, held_hz = by_latency[3, 4:] / WAVELENGTH_M
 
 assert 0.7 < consistency < 1.1 and within > 0.99
 assert rms_rate < 0.025
-assert 0.8 < np.sqrt(np.mean(scaled_doppler**2)) < 1.2 and rms_doppler > 5.0 * rms_rate / WAVELENGTH_M
+assert 0.8 < np.sqrt(np.mean(scaled_doppler**2)) < 1.2 and rms_doppler > 5.0 * motion_hz
 assert too_small > 5.0
 assert largest > 5.0 * sigma[at]
-assert by_latency[3, 4] < 0.25 * by_latency[3, 5]
-assert np.all(by_latency[:, 3] < 1.1)
+assert led_hz < 0.25 * held_hz and np.all(by_latency[:, 3] < 1.1)
+print(
+    f"Answer: the motion is predicted to {1e3 * rms_rate:.0f} mm/s rms, {motion_hz:.2f} Hz at L1, and the sigma says"
+    f" so (error over sigma {consistency:.2f} rms, {100 * within:.1f} % inside three sigma); the TCXO limits the"
+    f" Doppler to {rms_doppler:.2f} Hz just before an update; without the lever arm a roll would mislead the loop by"
+    f" {lever_hz:.1f} Hz; 100 ms of latency cost at most {led_hz:.1f} Hz when led on by the radial acceleration,"
+    f" {held_hz:.1f} Hz when not."
+)
