@@ -263,6 +263,6 @@ print(
     f" 1 ms one observation has {math.sqrt(D_phase):.3f} rad and {math.sqrt(D_delay) * C_MPS:.0f} m, the squaring loss"
     f" doubles the variance at {doubled_dbhz:.0f} dBHz; gains of a continuous loop give {euler:.0f} Hz for 50 Hz; the"
     f" linear theory tells the rms to {100 * off:.0f} % down to 35 dBHz, but at {levels[-1]:.0f} dBHz"
-    f" {seen[-1].slipped} of 12 channels slip; combined with code the phase range has {steady_mm[1, 1]:.2f} mm at once, the code range"
-    f" {code_after[2]:.1f} m after 10 s."
+    f" {seen[-1].slipped} of 12 channels slip; combined with code the phase range has {steady_mm[1, 1]:.2f} mm at once,"
+    f" the code range {code_after[2]:.1f} m after 10 s."
 )
