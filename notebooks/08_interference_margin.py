@@ -153,7 +153,8 @@ discriminator = "atan(Q/I)"
 """
 SAMPLE = Path("../data/sample_flight")
 run = insgnss.replay(SAMPLE / "flight.toml", filter="tight17", aiding=10.0)
-folder = Path(tempfile.mkdtemp())
+keeper = tempfile.TemporaryDirectory()
+folder = Path(keeper.name)
 (folder / "emitters.toml").write_text(EMITTERS)
 study = flown_margin(run, folder / "emitters.toml")
 summary = study.summary()
@@ -161,8 +162,8 @@ print(summary.round(2).to_string())
 flown_figure(study)
 
 # %% [markdown]
-# Red without blue: the aided loop alone keeps the satellite. The gain over time is the difference of the two reserves;
-# it is there where the aircraft turns, and without turns the two loops face the same clock.
+# Blue: the aided loop alone keeps the satellite; red: neither does. What the aiding gains is the difference of the two
+# reserves: it is there where the aircraft turns; without turns both loops face the same clock.
 
 # %%
 table = study.satellites[study.satellites["time_s"] > run.heading_known_s()]
@@ -214,6 +215,7 @@ told = subprocess.run(
 )
 print(told.stdout.splitlines()[-1].replace(str(folder), "...").split(";")[0])
 same = pd.read_parquet(folder / "margin_satellites.parquet")
+keeper.cleanup()
 
 # %% [markdown]
 # ## Answer
