@@ -31,6 +31,7 @@ from __future__ import annotations
 from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import NavState
+from insgnss.log.doctor import check_flight
 from insgnss.log.flight import Flight
 from insgnss.point import PointRun, point
 from insgnss.replay import engine_settings, replay
@@ -45,6 +46,7 @@ __all__ = [
     "PointRun",
     "Run",
     "__version__",
+    "check_flight",
     "engine_settings",
     "point",
     "replay",

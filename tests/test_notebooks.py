@@ -114,7 +114,7 @@ def test_notebook_ends_by_asserting_its_answer_and_printing_it(name: str) -> Non
 
     assert last.cell_type == "code"
     assert "Assert" in kinds
-    assert ast.unparse(ast.parse(last.source).body[-1]).startswith("print(f'Answer")
+    assert re.match(r"print\(f['\"]Answer: ", ast.unparse(ast.parse(last.source).body[-1]))
 
 
 @each_notebook
