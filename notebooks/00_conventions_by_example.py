@@ -150,6 +150,7 @@ axes.plot(
 )
 axes.set(xlabel="GPS seconds of the week, s", ylabel="range rate of G01, m/s")
 axes.legend()
+plt.show()
 sigma_mps = (rate_of_code - mid_interval).std()
 assert abs((rate_of_code - mid_interval).median()) < 4.0 * sigma_mps / np.sqrt(len(one))
 assert abs(rate_of_code + mid_interval).median() > 100.0  # with the other sign nothing fits

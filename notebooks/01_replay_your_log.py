@@ -176,6 +176,7 @@ for axes, (kind, unit) in zip(panels, (("pseudorange", "m"), ("range_rate", "m/s
     axes.set_title(kind.replace("_", " "))
 panels[-1].set_xticks(range(len(satellites)), satellites)
 panels[-1].set_xlabel("satellite; within each, time from left to right")
+plt.show()
 
 # %% [markdown]
 # ## The errors
