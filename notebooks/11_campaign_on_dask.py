@@ -57,9 +57,7 @@ campaign = load_campaign("imu_grades").model_copy(update=short)
 print(f"case {campaign.case!r}, fixed {campaign.fixed}, grid {campaign.grid}")
 print(f"{campaign.n_cases} cases x {len(campaign.seed_list)} seeds = {campaign.n_runs} runs")
 
-begun = time.perf_counter()
 done = run_campaign(campaign, folder / "two", workers=2)  # a cluster of two processes on this machine
-took_s = time.perf_counter() - begun
 print(f"{done.n_runs} runs in {done.n_tasks} tasks, {len(failures(folder / 'two'))} of them failed")
 
 # %% [markdown]
@@ -176,6 +174,6 @@ assert nis[1.0].between(0.9, 1.1).all() and nis[1.4].between(1.7, 2.1).all()
 print(
     f"Answer: over {done.n_runs} flights the mean NEES of position, velocity and attitude lies in"
     f" {means.min():.2f}...{means.max():.2f} for three grades of IMU (bounds {low:.2f}, {high:.2f}); with 1.4 times the"
-    f" noise that of the position is {factor_of_position:.1f} times as large and the NIS {nis[1.4].mean():.2f}; two workers, one process and a run"
-    f" that was killed and resumed give the same bytes in all {len(whole)} files."
+    f" noise that of the position is {factor_of_position:.1f} times as large and the NIS {nis[1.4].mean():.2f}; two"
+    f" workers, one process and a run that was killed and resumed give the same bytes in all {len(whole)} files."
 )
