@@ -158,9 +158,9 @@ print("mems_consumer, error over sigma by flight and window (2.8: 95 %)")
 print(scaled(drifts["mems_consumer"]).round(1).to_string())
 
 # %% [markdown]
-# Some windows of the consumer sensor stand out: they begin after steep turns. Its gyros feel specific force,
-# 360 deg/h for each g. The bias that the filter found under 1.5 g in the turn is wrong in the straight flight after
-# it, and the filter, which has no state for this, is too sure. The same flights with a sensor that lacks this error:
+# Some windows of the consumer sensor stand out. Its gyros feel specific force, 360 deg/h for each g: the bias that the
+# filter found before, during take-off or under 1.5 g in a steep turn, is wrong in the outage that follows under another
+# load. The filter has no state for this, and is too sure. The same flights with a sensor that lacks this error:
 
 # %%
 text = find("imus", "mems_consumer").read_text(encoding="utf-8")
