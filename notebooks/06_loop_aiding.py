@@ -203,7 +203,7 @@ for axes, kind, unit in ((panels[0], "rate", "mps"), (panels[1], "acceleration",
 panels[0].set_ylabel("sigma of the rate, m/s")
 panels[1].set_ylabel("sigma of the acceleration, m/s²")
 panels[1].set_xlabel("time since the log's start, s")
-panels[0].set_title("G16, mean over each second (no part above zero: not shown)")
+panels[0].set_title("G16, mean over each second; parts that are zero are left out")
 panels[1].legend(ncols=6, loc="upper center", bbox_to_anchor=(0.5, 0.45))
 share = {p: float(np.mean(budget[f"sd_rate_{p}_mps"] ** 2)) for p in parts}
 print({p: f"{100 * v / sum(share.values()):.1f} %" for p, v in share.items() if v > 0.0})
