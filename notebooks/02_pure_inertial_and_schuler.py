@@ -201,9 +201,8 @@ print(f"largest speeds at {np.round(largest_s / 60.0, 1)} min")
 print(
     f"period {period_min:.2f} min; 2 pi sqrt(R/g) = {schuler_min:.2f}, on the turning Earth {seen_min:.2f} min"
 )
-print(
-    f"direction of the swing after {largest_s[-1] / 3600.0:.1f} h: {turned_deg}, Foucault {foucault_deg:.1f} deg"
-)
+print(f"direction of the swing after {largest_s[-1] / 3600.0:.1f} h, clockwise from north:")
+print({source: round(angle, 2) for source, angle in turned_deg.items()}, f"Foucault {foucault_deg:.2f} deg")
 
 # %% [markdown]
 # ## The vertical channel
