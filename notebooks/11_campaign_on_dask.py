@@ -38,12 +38,22 @@ from scipy import stats
 
 from insgnss.report.figures import STYLE
 from insgnss.studies import data_set, failures, load_campaign, run_campaign, summary
+from insgnss.studies.campaign_cases import matched
 from insgnss.studies.campaign_scaling import Costs, scaling_table
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 SEEDS = 40
 keeper = tempfile.TemporaryDirectory()
 folder = Path(keeper.name)
+
+# %% [markdown]
+# ## One run
+#
+# A simulated flight with errors drawn from the filter's own model, the filter over it, a row for each epoch looked at.
+
+# %%
+one = pd.DataFrame(matched({"imu": "tactical", "duration_s": 40}, 0))
+print(one[["time_s", "nees_position", "nis_range", "position_error_m", "position_sd_m"]].round(2).to_string())
 
 # %% [markdown]
 # ## The campaign
