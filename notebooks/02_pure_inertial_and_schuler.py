@@ -163,7 +163,8 @@ for column, name in zip(panels.T, CASES, strict=True):
         axes.set_ylabel(f"{'position' if quantity == 'dr' else 'velocity'} error, {unit}")
     column[0].set_title(name)
     column[1].set_xlabel("time, h")
-panels[0, 2].legend(title="dotted: linear model", loc="lower left")
+lines, names = panels[0, 0].get_legend_handles_labels()
+figure.legend(lines, names, title="dotted: linear model", loc="outside lower center", ncols=2)
 plt.show()
 
 # %% [markdown]

@@ -25,7 +25,6 @@
 # %%
 import matplotlib.pyplot as plt
 import numpy as np
-import pandas as pd
 
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.report.figures import STYLE
