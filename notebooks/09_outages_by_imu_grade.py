@@ -160,7 +160,8 @@ print(scaled(drifts["mems_consumer"]).round(1).to_string())
 # %% [markdown]
 # Some windows of the consumer sensor stand out. Its gyros feel specific force, 360 deg/h for each g: the bias that the
 # filter found before, during take-off or under 1.5 g in a steep turn, is wrong in the outage that follows under another
-# load. A constant bias is all that the filter makes of it, and so it is too sure. The same flights with a sensor that lacks this error:
+# load. A constant bias is all that the filter makes of it, and so it is too sure. The same flights with a sensor that
+# lacks this error:
 
 # %%
 text = find("imus", "mems_consumer").read_text(encoding="utf-8")
