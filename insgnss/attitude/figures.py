@@ -83,6 +83,7 @@ def simulated_figure(
         axes.plot(np.degrees(x), drawn, ".", color=_COLOURS[1], ms=3, label=f"{looks} looks")
         axes.set_xlabel(f"{angle} off by, deg")
         axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel("mean output, 1/rad")
     figure.axes[0].legend(fontsize=8)
     return figure
 

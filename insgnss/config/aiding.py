@@ -46,7 +46,9 @@ class AidingConfig(StrictModel):
         2, description="over how many samples rates and forces are differenced: noise falls, delay grows"
     )
     sigma_interval_s: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        1.0, description="satellites, air delays and sigma are computed anew so often"
+        1.0,
+        description="satellites, air delays and sigma are computed anew so often; until then sigma stay as they were"
+        " though a crystal's drift walks on: 0.1 where the Doppler's counts",
     )
     # The jerk that a loop must stand between sample and use: 0.5 g within a second, a car or a transport aircraft
     jerk_sigma_mps3: NotNegative = 5.0

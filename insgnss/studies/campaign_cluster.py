@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -37,9 +38,9 @@ def on_cluster(tasks: Sequence[Task], workers: int | None, scheduler: str | None
     with ExitStack() as stack:
         if scheduler is None:
             count = workers or os.cpu_count() or 1
-            cluster = stack.enter_context(
-                dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
-            )
+            # a worker that died shows in the results; one that is slow to end on a busy machine is no news
+            quiet = {"dashboard_address": None, "silence_logs": logging.ERROR}
+            cluster = stack.enter_context(dask.LocalCluster(n_workers=count, threads_per_worker=1, **quiet))
             client = stack.enter_context(dask.Client(cluster))
         else:
             client = stack.enter_context(_connected(dask.Client, scheduler))
