@@ -29,7 +29,7 @@ OPENING = re.compile(r"\A# (?P<number>\d\d) .+\n\n\*\*Question\.\*\* (?P<questio
 OPEN_ROOMS = set(re.findall(r"`(insgnss(?:\.\w+)+)", README)) | set(
     re.findall(r"from (insgnss[\w.]*) import", README)
 )
-CELL_LIMIT_S = 120
+CELL_LIMIT_S = 300
 
 each_notebook = pytest.mark.parametrize("name", NAMES)
 

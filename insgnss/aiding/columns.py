@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -57,12 +58,16 @@ def fill_columns(
     receiver_drift: Float64,
     per_cycle: Float64,
     lag: float,
+    since_s: Float64,
+    rate_density: float,
+    drift_density: float,
     out: Columns,
 ) -> None:
     """Write all columns, at the time of use.
 
     Equation: rate + acceleration L, pseudorange + rate L + acceleration L^2 / 2, L the latency; the jerk is too noisy
-    to be used.
+    to be used. Since sigma were found, the noise of the accelerometers and the walk of the clock's drift have gone on:
+    var(rate) += q_a t, var(Doppler) += (q_a + q_drift) t.
 
     Parameters
     ----------
@@ -72,11 +77,14 @@ def fill_columns(
     receiver_drift : (n,) [m/s], zero where the receiver's clock is out
     per_cycle : (s,) 1 / wavelength of each satellite [1/m]
     lag : latency [s]
+    since_s : (n,) from the time of the span's sigma to each time [s]
+    rate_density, drift_density : q_a of a range rate, and q_drift of the receiver's clock [m^2/s^3]
     """
     row = 0
     for span in range(len(spans.first_time) - 1):
         first, end = spans.first_satellite[span], spans.first_satellite[span + 1]
         for i in range(spans.first_time[span], spans.first_time[span + 1]):
+            of_rate, of_doppler = rate_density * since_s[i], (rate_density + drift_density) * since_s[i]
             for j in range(first, end):
                 satellite = spans.satellite[j]
                 cycles, drift = per_cycle[satellite], receiver_drift[i] - spans.drift_mps[j]
@@ -91,11 +99,13 @@ def fill_columns(
                     now + drift + 0.5 * lag * acceleration
                 )
                 out.code_delay_rate_s_per_s[row] = code / C_MPS
-                out.sd_range_rate_mps[row] = sigma[j, SD_RATE]
+                sd_rate = math.sqrt(float(sigma[j, SD_RATE]) ** 2 + of_rate)
+                sd_doppler = math.sqrt(float(sigma[j, SD_DOPPLER]) ** 2 + of_doppler)
+                out.sd_range_rate_mps[row] = sd_rate
                 out.sd_range_acceleration_mps2[row] = sigma[j, SD_ACCELERATION]
                 out.sd_range_jerk_mps3[row] = sigma[j, SD_JERK]
-                out.sd_doppler_hz[row] = sigma[j, SD_DOPPLER] * cycles
+                out.sd_doppler_hz[row] = sd_doppler * cycles
                 out.sd_doppler_rate_hz_per_s[row] = sigma[j, SD_DOPPLER_RATE] * cycles
                 out.sd_pseudorange_m[row] = sigma[j, SD_RANGE]
-                out.sd_code_delay_rate_s_per_s[row] = sigma[j, SD_DOPPLER] / C_MPS
+                out.sd_code_delay_rate_s_per_s[row] = sd_doppler / C_MPS
                 row += 1

@@ -22,7 +22,8 @@ of its own, ``run.aiding_budget``, one row for each satellite whenever sigma are
 | sd_acceleration_*_mps2, cross_acceleration_m2ps4 | the same of the Doppler rate in m/s^2 |
 
 At the time of an epoch the aiding is from before its update: what a receiver has at that instant. Sigma are those of
-the last time at which a covariance was left behind (``AidingConfig.sigma_interval_s``), carried on to that time.
+the last time at which a covariance was left behind (``AidingConfig.sigma_interval_s``), those of range rate and Doppler
+carried on from there by the noise of the accelerometers and the walk of the receiver's clock.
 """
 
 from __future__ import annotations
@@ -152,6 +153,8 @@ class AidingTable:
     sigma: npt.NDArray[np.float32]  # (q, N_SIGMA) of each span's satellites
     latency_s: float
     receiver_drift_mps: Float64  # (n,) zero where the receiver's clock is out
+    since_s: Float64  # (n,) from the time at which the span's sigma were found
+    doubts: Doubts
 
     @property
     def n_rows(self) -> int:
@@ -184,6 +187,7 @@ class AidingTable:
             values=Values(v.range_rate[row], v.pseudorange[row], v.acceleration[row], v.jerk[row]),
             sigma=self.sigma[own],
             receiver_drift_mps=self.receiver_drift_mps[-1:],
+            since_s=self.since_s[-1:],
         )
 
     def satellite(self) -> Int16:
@@ -210,10 +214,11 @@ class AidingTable:
         if self.latency_s == 0.0:  # the same numbers: no room of their own
             made = made._replace(range_rate_mps=v.range_rate, pseudorange_m=v.pseudorange)
         per_cycle = 1.0 / self.wavelength_m
-        drift = self.receiver_drift_mps
+        drift, doubts = self.receiver_drift_mps, self.doubts
         fill_columns(
-            self.spans, v, self.sigma, self._used_s(self.t_ns, week), drift, per_cycle, self.latency_s, made
-        )
+            self.spans, v, self.sigma, self._used_s(self.t_ns, week), drift, per_cycle, self.latency_s,
+            self.since_s, doubts.accel_density, doubts.receiver_clock * doubts.drift_density, made,
+        )  # fmt: skip
         table: dict[str, npt.NDArray[Any]] = made._asdict()
         table |= {"range_acceleration_mps2": v.acceleration, "range_jerk_mps3": v.jerk}
         table["age_s"] = np.full(self.n_rows, self.latency_s, np.float32)
@@ -261,6 +266,7 @@ def compute_aiding(
     """
     spans, values, sigma = aiding_arrays(setup, satellites, trace, imu, covariances)
     names = satellites.sv_names
+    begin_ns = np.repeat(trace.t_ns[spans.first_time[:-1]], np.diff(spans.first_time))
     return AidingTable(
         t_ns=trace.t_ns,
         sv_names=names,
@@ -270,6 +276,8 @@ def compute_aiding(
         sigma=sigma.astype(np.float32),
         latency_s=setup.config.latency_s,
         receiver_drift_mps=float(setup.config.receiver_clock) * trace.clock[:, 1],
+        since_s=np.asarray((trace.t_ns - begin_ns) * 1e-9, np.float64),
+        doubts=setup.doubts(),
     )
 
 

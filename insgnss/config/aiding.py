@@ -47,8 +47,8 @@ class AidingConfig(StrictModel):
     )
     sigma_interval_s: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         1.0,
-        description="satellites, air delays and sigma are computed anew so often; until then sigma stay as they were"
-        " though a crystal's drift walks on: 0.1 where the Doppler's counts",
+        description="satellites, air delays and sigma are computed anew so often; between, the sigma of rate and"
+        " Doppler grow by the accelerometers' noise and the clock's walk alone",
     )
     # The jerk that a loop must stand between sample and use: 0.5 g within a second, a car or a transport aircraft
     jerk_sigma_mps3: NotNegative = 5.0
