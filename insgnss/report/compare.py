@@ -16,7 +16,7 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.report.charts import Chart, Rows, colour_of, line_trace
 from insgnss.report.digest import digest, without_nan
 from insgnss.report.html import Section, page, paragraphs, table, text, write
-from insgnss.report.labels import label, number
+from insgnss.report.labels import label, row_of_numbers
 from insgnss.report.run_time import gps_week
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sentences import name_of
@@ -147,7 +147,7 @@ def _settled_s(runs: Sequence[Run], table_: pd.DataFrame) -> float:
 def _statistics_table(comparison: Comparison) -> str:
     head = ("run", "component", "mean", "rms", "95 %", "largest", "median sigma", "rms error")
     rows = [
-        [row[0], label(row[1]).axis(), *(number(float(value)) for value in row[2:])]
+        [row[0], label(row[1]).axis(), *row_of_numbers([float(value) for value in row[2:]], float(row[6]))]
         for row in comparison.statistics.itertuples(index=False, name=None)
     ]
     about = (
