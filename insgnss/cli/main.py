@@ -10,6 +10,7 @@ import typer
 from insgnss.cli.allan import allan
 from insgnss.cli.campaign import campaign
 from insgnss.cli.check import check
+from insgnss.cli.columns import columns
 from insgnss.cli.compare import compare
 from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
@@ -48,6 +49,7 @@ EXAMPLES: Final[dict[Callable[..., None], str]] = {
     track: "insgnss track --cn0 38 --jerk 20 --frequency-bandwidth 5",
     margin: "insgnss margin --oscillator tcxo --imu tactical --output out/margin",
     campaign: "insgnss campaign imu_grades --output out/campaign",
+    columns: "insgnss columns nav",
 }
 for _command, _example in EXAMPLES.items():
     # on a line of its own, and short enough for a terminal of 80 columns

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from insgnss.columns.sheet import UNITS
+
 
 class Label(NamedTuple):
     """What an axis or a table's head says."""
@@ -18,20 +20,6 @@ class Label(NamedTuple):
         return f"{self.words}, {self.unit}" if self.unit else self.words
 
 
-# endings of column names, the longest first: "mps2" before "mps"
-UNITS: Final[dict[str, str]] = {
-    "mps3": "m/s³",
-    "mps2": "m/s²",
-    "mps": "m/s",
-    "radps": "rad/s",
-    "deg": "°",
-    "dbhz": "dB-Hz",
-    "dbi": "dBi",
-    "hz_per_s": "Hz/s",
-    "hz": "Hz",
-    "m": "m",
-    "s": "s",
-}
 _WORDS: Final[dict[str, str]] = {
     "n": "north",
     "e": "east",

@@ -38,7 +38,7 @@ def on_cluster(tasks: Sequence[Task], workers: int | None, scheduler: str | None
         if scheduler is None:
             count = workers or os.cpu_count() or 1
             cluster = stack.enter_context(
-                dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
+                dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address="127.0.0.1:0")
             )
             client = stack.enter_context(dask.Client(cluster))
         else:
