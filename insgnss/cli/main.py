@@ -31,6 +31,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Tightly coupled INS/GNSS navigation: logs in, a navigation solution out.",
 )
+# what a script can rely on; the classes of insgnss.errors carry theirs
+EXIT_CODES: Final = {
+    0: "done",
+    1: "a fault of the program",
+    2: "a wrong option, flight, filter or model file",
+    3: "a log that cannot be used",
+    4: "the filter could not start",
+    5: "a run or a result that cannot be read or written",
+    130: "interrupted",
+}
 _SAMPLE = "data/sample_flight/flight.toml"
 # each works as pasted in the repository's folder, in this order
 EXAMPLES: Final[dict[Callable[..., None], str]] = {
@@ -62,7 +72,9 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(
+    epilog="Exit codes: " + ", ".join(f"{code} {words}" for code, words in EXIT_CODES.items()) + "."
+)
 def options(
     version: Annotated[
         bool,
