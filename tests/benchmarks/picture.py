@@ -57,7 +57,9 @@ def track(axes: Any, run: Run) -> None:
     points = 1e-3 * np.column_stack([east, north])
     sigma = np.hypot(nav["sd_n_m"], nav["sd_e_m"])
     pieces = [list(pair) for pair in pairwise(points)]
-    lines = LineCollection(pieces, array=sigma, cmap="viridis", linewidths=2.4, capstyle="projecting", clim=(0.4, 0.7))
+    lines = LineCollection(
+        pieces, array=sigma, cmap="viridis", linewidths=2.4, capstyle="projecting", clim=(0.4, 0.7)
+    )
     axes.add_collection(lines)
     axes.autoscale()
     axes.set_aspect("equal")
