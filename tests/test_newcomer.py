@@ -74,7 +74,7 @@ def test_three_steps_work_as_pasted(folder: Path) -> None:
 
 
 def test_foreign_names_and_units_give_the_flight_of_the_sample(folder: Path) -> None:
-    # after the take-off, at second 293850, the truth is 60 m up and climbing: units taken wrong would be off by kilometres
+    # the flight is up and climbing by then: units taken wrong would be off by kilometres
     replayed = CliRunner().invoke(
         app, ["replay", str(folder / "flight.toml"), "-o", str(folder / "again"), "--json"]
     )

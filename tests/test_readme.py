@@ -10,8 +10,8 @@ from typing import get_args
 from pydantic import BaseModel
 
 from insgnss import status
-from insgnss.config.flight import FlightConfig
 from insgnss.cli.main import EXAMPLES, EXIT_CODES
+from insgnss.config.flight import FlightConfig
 from insgnss.run import TABLES
 from insgnss.version import __version__
 
