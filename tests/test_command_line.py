@@ -40,7 +40,8 @@ def test_exit_codes_are_those_of_the_errors() -> None:
     ("arguments", "code"),
     [
         (("columns", "nav"), 0),
-        (("replay", "none.toml"), 2),
+        (("replay", "none.toml"), 3),
+        (("replay", "data/sample_flight/flight.toml", "--format", "xlsx"), 2),
         (("replay", "--no-such-option"), 2),
         (("report", "none"), 5),
     ],

@@ -101,7 +101,8 @@ def test_every_status_the_readme_names_exists() -> None:
 
 
 def test_exit_codes_are_those_of_the_readme() -> None:
-    shown = dict(re.findall(r"^\| (\d+) \| (.+?) \|$", README, re.MULTILINE))
+    table = README.split("| exit code | meaning |")[1].split("\n\n")[0]
+    shown = dict(re.findall(r"^\| (\d+) \| (.+?) \|$", table, re.MULTILINE))
 
     assert set(shown) == set(map(str, EXIT_CODES))
     assert all(shown[str(code)].startswith(words) for code, words in EXIT_CODES.items())
@@ -132,7 +133,7 @@ def test_citation_is_of_this_version() -> None:
 
 
 def test_every_make_target_that_is_shown_exists() -> None:
-    shown = set(re.findall(r"\bmake ([a-z]+)", README))
+    shown = set(re.findall(r"(?:^    |`)make ([a-z]+)", README, re.MULTILINE))
 
     assert {"demo", "test"} <= shown
     assert all(re.search(rf"^{target}:", MAKEFILE, re.MULTILINE) for target in shown)

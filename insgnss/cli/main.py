@@ -36,7 +36,7 @@ EXIT_CODES: Final = {
     0: "done",
     1: "a fault of the program",
     2: "a wrong option, flight, filter or model file",
-    3: "a log that cannot be used",
+    3: "a file that is missing, or a log that cannot be used",
     4: "the filter could not start",
     5: "a run or a result that cannot be read or written",
     130: "interrupted",
