@@ -57,7 +57,7 @@
       dragmode: narrow ? false : "zoom",
     }, layout);
     for (const key of axisNames(full)) {
-      full[key] = Object.assign({ automargin: true, zeroline: false, ticks: "outside" }, full[key]);
+      full[key] = Object.assign({ automargin: true, zeroline: false, ticks: "outside", exponentformat: "power" }, full[key]);
     }
     return dressed(full);
   }
