@@ -91,12 +91,12 @@ def test_foreign_names_and_units_give_the_flight_of_the_sample(folder: Path) -> 
     assert last["h_m"] == pytest.approx(height_m, abs=5.0)
 
 
-def test_degrees_declared_as_radians_are_refused_with_advice(folder: Path) -> None:
-    text = pasted_flight_file().replace('"deg/s"', '"rad/s"')
+def test_g_declared_as_metres_per_second_squared_is_refused_with_advice(folder: Path) -> None:
+    text = pasted_flight_file().replace('accel_unit = "g"', 'accel_unit = "m/s^2"')
     wrong = folder / "wrong.toml"
     wrong.write_text(text, encoding="utf-8")
 
     checked = CliRunner().invoke(app, ["check", str(wrong)])
 
     assert checked.exit_code == 3
-    assert "deg/s" in checked.output
+    assert "accel_unit = 'g' fits" in checked.output
