@@ -116,5 +116,12 @@ def states(axes: Any, run: Run) -> None:
 
 if __name__ == "__main__":
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else SAMPLE / "picture.png"
-    picture(flown()).savefig(path, dpi=130)
+    run = flown()
+    picture(run).savefig(path, dpi=130)
+    times = run.search_times
+    assert times is not None
+    print(
+        f"in search {times['search_s'].sum() + times['control_s'].sum():.2f} s,"
+        f" without the supervisor {times['unsupervised_s'].sum():.0f} s"
+    )
     print(f"wrote {path} ({path.stat().st_size / 1e3:.0f} kB)")
