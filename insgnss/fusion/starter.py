@@ -118,9 +118,9 @@ class Starter:
         speed = float(np.linalg.norm(v_a))
         how = "at rest, levelled by the accelerometers" if at_rest else f"in motion at {speed:.1f} m/s"
         detail = (
-            f"automatic, {how}; {fix.n_used} satellites; {len(attitudes)} headings are open"
+            f"automatic, {how}; {fix.n_used} pseudoranges; {len(attitudes)} headings are open"
             if len(attitudes) > 1
-            else f"automatic, {how}; {fix.n_used} satellites; heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
+            else f"automatic, {how}; {fix.n_used} pseudoranges; heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
         )
         return bank, fix, [Event(fix.t_ns, "start", detail)]
 

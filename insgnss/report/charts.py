@@ -21,7 +21,7 @@ PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e
 BAND_SIGMAS: Final = 3.0
 _FEW_DECADES: Final = 3  # of a logarithmic axis, with room for three ticks each
 _NARROW: Final = 4.0  # largest by smallest, below which such an axis has no tick of its own to show
-_MANY_DECADES: Final = 6  # without room for a tick at each
+_MANY_DECADES: Final = 7  # without room for a tick at each
 
 Trace = dict[str, Any]
 

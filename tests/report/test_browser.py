@@ -126,13 +126,8 @@ def test_page_draws_links_filters_and_sorts_without_a_complaint(page: str, tmp_p
     assert told["chosen"] == ["start"]
     assert told["sorted"][:3] == ["csv_delimiter", "imu_gap", "heading_known"]
     assert not told["broken"]
-
-
-def test_tiles_are_not_fetched_until_the_reader_asks(page: str, tmp_path: Path) -> None:
-    told, _ = opened(page, tmp_path)
-
-    assert told["folded"] == ["chart-tiles"]
-    assert told["fetched"] == 0
+    # the street map's tiles: nothing is fetched until the reader asks
+    assert (told["folded"], told["fetched"]) == (["chart-tiles"], 0)
 
 
 def test_page_is_dark_where_the_reader_asked_for_it(page: str, tmp_path: Path) -> None:

@@ -13,15 +13,14 @@ from insgnss.report.labels import distance, row_of_numbers
     ("values", "words"),
     [
         ([0.2, 3.0], ["0.1", "0.2", "0.5", "1", "2", "5", "10", "20", "50"]),
-        ([1e-4, 50.0], ["0.0001", "0.001", "0.01", "0.1", "1", "10", "100"][::1]),
+        ([1e-4, 50.0], ["0.0001", "0.001", "0.01", "0.1", "1", "10", "100"]),
         ([1e-8, 0.1], ["1e-8", "1e-6", "0.0001", "0.01"]),
     ],
 )
 def test_logarithmic_axis_has_a_few_ticks_in_full(values: list[float], words: list[str]) -> None:
     told = log_ticks(np.array([*values, np.nan, 0.0]))["ticktext"]
 
-    assert told == words or told == words[::2]
-    assert len(told) < 10
+    assert told == words
 
 
 def test_narrow_or_empty_logarithmic_axis_keeps_the_usual_ticks() -> None:

@@ -244,3 +244,12 @@ def test_charts_over_time_are_linked_and_the_others_are_not(page: str) -> None:
         charts[name]["linked"] for name in ("chart-track", "chart-sky-local", "chart-nis-pseudorange")
     )
     assert START_S <= unpacked(charts["chart-height"]["data"][1]["x"])[0]
+
+
+def test_offset_of_a_band_that_was_never_used_is_not_drawn() -> None:
+    run = made_run()
+    run.nav["offset_E_m"], run.nav["offset_C_m"] = 3.0, 0.0
+
+    drawn = [trace["name"] for trace in charts_of(report_html(run))["chart-offsets"]["data"]]
+
+    assert drawn == ["offset E (3.00 m)"]
