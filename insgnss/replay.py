@@ -179,7 +179,10 @@ def replay(
     with compiled_beside(run_epochs, compile_loop.MODULE) as loop_is_compiled:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
         read = time.perf_counter()
-        tell("running the filter")
+        told = (
+            "running the filter" if is_compiled(run_epochs) else "compiling the filter, once per installation"
+        )
+        tell(told)
         wanted = _trace_wanted(aided, record.supervised)
         out, events = run_filter(
             setup, *work, output, trace=wanted, before_loop=loop_is_compiled, smooth=smooth

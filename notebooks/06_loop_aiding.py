@@ -176,7 +176,9 @@ k = NAMES.index("G23")
 span = (doppler_s >= START_S + 300.0) & (doppler_s < START_S + 304.0)
 figure, axes = plt.subplots(figsize=(5.5, 2.4))
 axes.plot(doppler_s[span] - START_S, sd_doppler[span, k], label="sigma found every 0.1 s")
-axes.plot(seldom_s[span] - START_S, sd_seldom[span, k], ls="--", label="every second, grown between (default)")
+axes.plot(
+    seldom_s[span] - START_S, sd_seldom[span, k], ls="--", label="every second, grown between (default)"
+)
 axes.set_xlabel("time since the log's start, s")
 axes.set_ylabel("sigma of the Doppler of G23, Hz")
 axes.set_ylim(0.0, 1.35)

@@ -7,20 +7,22 @@ import tomllib
 from pathlib import Path
 from typing import get_args
 
-import pytest
 from pydantic import BaseModel
 
-from insgnss import errors, status
+from insgnss import status
+from insgnss.cli.main import EXAMPLES, EXIT_CODES
 from insgnss.config.flight import FlightConfig
-from insgnss.fusion.output import NAV_COLUMNS
+from insgnss.run import TABLES
+from insgnss.version import __version__
 
-README = (Path(__file__).resolve().parents[1] / "README.md").read_text(encoding="utf-8")
-MAKEFILE = (Path(__file__).resolve().parents[1] / "Makefile").read_text(encoding="utf-8")
+REPOSITORY = Path(__file__).resolve().parents[1]
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+MAKEFILE = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
 
 
 def flight_example(uncommented: tuple[str, ...] = ()) -> str:
     """Return the README's flight file, with the commented-out blocks that begin with these headers switched on."""
-    match = re.search(r"```toml\n(.*?)```", README, re.DOTALL)
+    match = re.search(r"```toml\n(name = \"survey 7\".*?)```", README, re.DOTALL)
     assert match is not None
     blocks = match.group(1).split("\n\n")
     for header in uncommented:
@@ -85,8 +87,8 @@ def test_flight_example_shows_the_defaults_of_what_may_be_left_out() -> None:
     assert shown.gnss.oscillator == bare.gnss.oscillator
 
 
-def test_every_column_of_the_navigation_table_is_explained() -> None:
-    assert [name for name in ("time_s", *NAV_COLUMNS) if f"`{name}`" not in README] == []
+def test_every_table_of_a_run_is_named() -> None:
+    assert [name for name in TABLES if f"`run.{name}`" not in README] == []
 
 
 def test_every_status_the_readme_names_exists() -> None:
@@ -98,23 +100,40 @@ def test_every_status_the_readme_names_exists() -> None:
     assert named - set(status.NAMES.values()) - {"clock_bias_m", "clock_drift_mps"} == set()
 
 
-@pytest.mark.parametrize(
-    ("error", "code"),
-    [
-        (errors.ConfigError, 2),
-        (errors.ModelError, 2),
-        (errors.InputError, 3),
-        (errors.StartError, 4),
-        (errors.ResultError, 5),
-    ],
-)
-def test_exit_codes_are_those_of_the_readme(error: type[errors.InsGnssError], code: int) -> None:
-    assert error.exit_code == code
-    assert re.search(rf"\b{code} (for|when)", README)
+def test_exit_codes_are_those_of_the_readme() -> None:
+    table = README.split("| exit code | meaning |")[1].split("\n\n")[0]
+    shown = dict(re.findall(r"^\| (\d+) \| (.+?) \|$", table, re.MULTILINE))
+
+    assert set(shown) == set(map(str, EXIT_CODES))
+    assert all(shown[str(code)].startswith(words) for code, words in EXIT_CODES.items())
+
+
+def test_every_command_is_in_the_table() -> None:
+    commands = {example.split()[1] for example in EXAMPLES.values()}
+
+    assert commands - set(re.findall(r"^\| `insgnss (\w+)", README, re.MULTILINE)) == set()
+
+
+def test_every_file_and_heading_that_is_linked_exists() -> None:
+    named = set(re.findall(r"`((?:insgnss|tests|models|data)/[\w/.]+)`", README))
+    links = re.findall(r"\]\(([^)#]+)\)", README)
+    words = re.findall(r"^## (.+)$", README, re.MULTILINE)
+    anchors = {re.sub(r"[^a-z0-9 -]", "", head.lower()).replace(" ", "-") for head in words}
+
+    assert len(named) > 40
+    assert [path for path in (*named, *links) if not (REPOSITORY / path).exists()] == []
+    assert set(re.findall(r"\]\(#([^)]+)\)", README)) - anchors == set()
+
+
+def test_citation_is_of_this_version() -> None:
+    citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+
+    assert f"version: {__version__}\n" in citation
+    assert "license: Apache-2.0\n" in citation
 
 
 def test_every_make_target_that_is_shown_exists() -> None:
-    shown = set(re.findall(r"\bmake ([a-z]+)", README))
+    shown = set(re.findall(r"(?:^    |`)make ([a-z]+)", README, re.MULTILINE))
 
     assert {"demo", "test"} <= shown
     assert all(re.search(rf"^{target}:", MAKEFILE, re.MULTILINE) for target in shown)

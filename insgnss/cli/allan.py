@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ def allan(
         str, typer.Option("--accel-unit", help="Of a CSV log: m/s^2, g, mg, m/s, g*s.")
     ] = "m/s^2",
     pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Measure a sensor's noise from a log at rest: random walk, bias instability, rate random walk."""
     began = time.perf_counter()
@@ -43,10 +46,15 @@ def allan(
         from insgnss.allan import allan_study
         from insgnss.library import imu_grade
 
-        imu = _part(_read(log, gyro_unit, accel_unit), first, last)
-        study = allan_study(imu, None if like is None else imu_grade(like))
-        written = [] if output is None else study.save(output, pictures)
+        with telling("measuring the noise"):
+            imu = _part(_read(log, gyro_unit, accel_unit), first, last)
+            study = allan_study(imu, None if like is None else imu_grade(like))
+            written = [] if output is None else study.save(output, pictures)
     grade = study.grade
+    if as_json:
+        about = {"duration_s": study.duration_s, "samples": len(imu.t_ns)}
+        print_json({**about, "grade": grade.model_dump(), "wrote": [str(path) for path in written]})
+        return
     typer.echo(f"{log}: {study.duration_s:.0f} s at rest, {len(imu.t_ns)} samples")
     typer.echo(
         f"gyro: ARW {grade.gyro_arw_deg_per_sqrt_h:.4g} deg/sqrt(h), "

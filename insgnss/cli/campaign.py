@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.progress import counting
 from insgnss.errors import ResultError
 
 if TYPE_CHECKING:
@@ -41,6 +43,7 @@ def campaign(
     by: Annotated[
         str, typer.Option("--by", help="Columns that make a group of the summary, as case,way.")
     ] = "case",
+    as_json: AsJson = False,
 ) -> None:
     """Run what is left of a campaign, write one Parquet file a task, and print a summary of all results."""
     began = time.perf_counter()
@@ -48,13 +51,24 @@ def campaign(
         from rich.console import Console
 
         from insgnss.studies.campaign import load_campaign
-        from insgnss.studies.campaign_results import failures, summary
+        from insgnss.studies.campaign_results import failures, summary, with_parameters
 
         config = load_campaign(campaign)
         done = _run(config, output, workers, scheduler, retry_failed=retry_failed)
         console = Console(file=sys.stdout, width=140)
-        table = summary(output, [name.strip() for name in by.split(",")])
+        table = with_parameters(summary(output, [name.strip() for name in by.split(",")]), config)
         failed = failures(output)
+    if as_json:
+        told: dict[str, Any] = {
+            "runs": done.n_runs,
+            "cases": config.n_cases,
+            "tasks": done.n_tasks,
+            "tasks_found": done.n_found,
+        }
+        told |= {"failed": len(failed), "lost": len(done.lost), "summary": records(table)}
+        print_json({**told, "failures": records(failed.head(_FAILURES_SHOWN)), "wrote": output})
+        _end(done)
+        return
     if not table.empty:
         console.print(_table(table))
     for row in failed.head(_FAILURES_SHOWN).to_dict("records"):
@@ -65,6 +79,11 @@ def campaign(
         f"{done.n_runs} runs of {config.n_cases} cases{found}; {len(failed)} failed in all; wrote {output};"
         f" {time.perf_counter() - began:.2f} s in all"
     )
+    _end(done)
+
+
+def _end(done: CampaignDone) -> None:
+    """End with the code of a result where tasks were lost."""
     if done.lost:
         typer.echo(f"{len(done.lost)} tasks were lost with their workers: run the command again", err=True)
         raise typer.Exit(ResultError.exit_code)
@@ -74,14 +93,10 @@ def _run(
     config: CampaignConfig, output: Path, workers: int | None, scheduler: str | None, *, retry_failed: bool
 ) -> CampaignDone:
     """Run the campaign behind a progress bar."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from insgnss.studies.campaign import run_campaign
     from insgnss.studies.campaign_tasks import TaskReport
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with counting() as bar:
         shown = bar.add_task(f"{config.name}: tasks", total=None)
 
         def tell(report: TaskReport, done: int, total: int) -> None:

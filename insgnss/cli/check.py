@@ -10,7 +10,8 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
-from insgnss.cli.json_output import print_json
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import telling
 from insgnss.log.doctor import check_flight
 from insgnss.log.flight import Flight
 
@@ -19,15 +20,14 @@ _FAILED = 3  # the exit code of an input error, as when replay meets it
 
 def check(
     flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object in place of the lines.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Read all logs of a flight and report rates, gaps, units, axes, overlap, satellites and ephemerides."""
     began = time.perf_counter()
     with own_errors_told():
         loaded = Flight.load(flight)
-        report = check_flight(loaded)
+        with telling("reading and checking"):
+            report = check_flight(loaded)
     files = loaded.files()
     took_s = time.perf_counter() - began
     if as_json:

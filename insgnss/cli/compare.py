@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import telling
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,9 +26,7 @@ def compare(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="The page; none is written without it.")
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object in place of the table.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare runs of a flight: differences over time, statistics, sigma beside each other."""
     began = time.perf_counter()
@@ -34,11 +34,10 @@ def compare(
         # pandas and Plotly are loaded only when the command runs
         from rich.console import Console
 
-        from insgnss.cli.json_output import print_json
         from insgnss.report.compare import compare_runs, write_comparison
         from insgnss.run import Run
 
-        with Console(stderr=True).status("comparing ..."):
+        with telling("comparing"):
             loaded = {name: Run.load(path) for name, path in zip(_names(runs), runs, strict=True)}
             comparison = compare_runs(loaded)
             page = None if output is None else write_comparison(comparison, output)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.progress import telling
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,6 +33,7 @@ def consistency(
         typer.Option("--from", help="Seconds of the week where it begins; else at the heading known."),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Test innovations, errors and sigmas of a run against each other, and say in words what they mean."""
     began = time.perf_counter()
@@ -39,9 +42,15 @@ def consistency(
 
         from insgnss.studies.consistency import consistency_study
 
-        study = consistency_study(run, confidence=confidence, lags=lags, from_s=start)
-        if output is not None:
-            study.save(output, pictures=pictures)
+        with telling("studying the run"):
+            study = consistency_study(run, confidence=confidence, lags=lags, from_s=start)
+            if output is not None:
+                study.save(output, pictures=pictures)
+    if as_json:
+        tables = {"kinds": records(study.kinds), "states": records(study.states)}
+        found = {"from_s": study.asked["from_s"], **tables, "verdict": list(study.verdict)}
+        print_json({**found, "wrote": output})
+        return
     console = Console(file=sys.stdout, width=120)
     console.print(_table("innovations", "kind", study.kinds, ("used", "refused", "mean_nis", "low", "high",
                                                               "share_95", "factor")))  # fmt: skip

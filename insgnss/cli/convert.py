@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import telling
 
 if TYPE_CHECKING:
     from insgnss.log.convert import Conversion
@@ -20,6 +22,7 @@ def convert(
         typer.Argument(help="UBX, SBF, Android GnssLogger, RINEX observation (and navigation) files."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    as_json: AsJson = False,
 ) -> None:
     """Read receivers' files of any format and write CSV, a RINEX navigation file and a first flight file."""
     began = time.perf_counter()
@@ -27,13 +30,33 @@ def convert(
     from insgnss.log.convert import convert as convert_files
 
     with own_errors_told():
-        done = convert_files(inputs, output)
+        with telling("converting"):
+            done = convert_files(inputs, output)
+    if as_json:
+        print_json(_digest(done))
+        return
     for line in _summary(done):
         typer.echo(line)
     files = (
         f"read {len(inputs)} file{'s' if len(inputs) > 1 else ''}, wrote {len(done.written)} into {output}"
     )
     typer.echo(f"{files}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _digest(done: Conversion) -> dict[str, Any]:
+    """Return the summary as plain data."""
+    gnss, imu = done.log.gnss, done.log.imu
+    return {
+        "formats": {str(path): kind for path, kind in done.formats},
+        "measurements": len(gnss.t_ns),
+        "satellites": len(set(gnss.sv.tolist())),
+        "signals": list(gnss.signal_names),
+        "messages": done.messages,
+        "imu_samples": 0 if imu is None else len(imu.t_ns),
+        "events": [{"kind": event.kind, "detail": event.detail} for event in done.events],
+        "wrote": [str(path) for path in done.written],
+        "kept": [str(path) for path in done.kept],
+    }
 
 
 def _summary(done: Conversion) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
 
 
 def export(
@@ -18,6 +19,7 @@ def export(
         str | None,
         typer.Option("--format", help="kml, kmz, gpx, geojson or csv; by default as the file's ending says."),
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write the track of a run for another program; times are UTC, heights above the ellipsoid."""
     began = time.perf_counter()
@@ -28,6 +30,9 @@ def export(
 
         loaded = Run.load(run)
         written = export_run(loaded, output, format)
+    if as_json:
+        print_json({"rows": len(loaded.nav), "bytes": written.stat().st_size, "wrote": written})
+        return
     typer.echo(
         f"wrote {len(loaded.nav)} rows into {written} ({written.stat().st_size / 1e6:.2f} MB);"
         f" {time.perf_counter() - began:.2f} s in all"

@@ -10,6 +10,7 @@ import typer
 from insgnss.cli.allan import allan
 from insgnss.cli.campaign import campaign
 from insgnss.cli.check import check
+from insgnss.cli.columns import columns
 from insgnss.cli.compare import compare
 from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
@@ -31,6 +32,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Tightly coupled INS/GNSS navigation: logs in, a navigation solution out.",
 )
+# what a script can rely on; the classes of insgnss.errors carry theirs
+EXIT_CODES: Final = {
+    0: "done",
+    1: "a fault of the program",
+    2: "a wrong option, flight, filter or model file",
+    3: "a file that is missing, or a log that cannot be used",
+    4: "the filter could not start",
+    5: "a run or a result that cannot be read or written",
+    130: "interrupted",
+}
 _SAMPLE = "data/sample_flight/flight.toml"
 # each works as pasted in the repository's folder, in this order
 EXAMPLES: Final[dict[Callable[..., None], str]] = {
@@ -50,6 +61,7 @@ EXAMPLES: Final[dict[Callable[..., None], str]] = {
     track: "insgnss track --cn0 38 --jerk 20 --frequency-bandwidth 5",
     margin: "insgnss margin --oscillator tcxo --imu tactical --output out/margin",
     campaign: "insgnss campaign imu_grades --output out/campaign",
+    columns: "insgnss columns nav",
 }
 for _command, _example in EXAMPLES.items():
     # on a line of its own, and short enough for a terminal of 80 columns
@@ -62,7 +74,9 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(
+    epilog="Exit codes: " + ", ".join(f"{code} {words}" for code, words in EXIT_CODES.items()) + "."
+)
 def options(
     version: Annotated[
         bool,

@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.progress import counting, telling
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -67,6 +69,7 @@ def margin(
     ] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Tell which J/S a phase loop stands with an oscillator and an INS, and where along a run it would lose lock."""
     began = time.perf_counter()
@@ -78,9 +81,9 @@ def margin(
             )
         from rich.console import Console
 
-        console = Console(file=sys.stdout, width=120)
+        console = Console(file=sys.stdout, width=120, quiet=as_json)
         if run is not None and emitters is not None:
-            written = _flown(console, run, emitters, output, form, step, pictures)
+            told, written = _flown(console, run, emitters, output, form, step, pictures)
         else:
             loops, carrier = _loops(signal, discriminator, threshold, bandwidth, accumulation)
             drifts = _drifts(oscillator, imu, interval, carrier)
@@ -88,6 +91,11 @@ def margin(
             found = _simulated(console, seed) if simulate else []
             draw = output is not None and pictures
             written = _pictures(output, loops, drifts, carrier, cn0, found) if draw and output else []
+            told = {"drift_rad2_per_s3": drifts, "loops": _margins(loops, drifts, cn0)}
+            told |= {"simulated": [{"discriminator": f.discriminator.name, "c_a": f.ratio()} for f in found]}
+    if as_json:
+        print_json({**told, "wrote": [str(path) for path in written]})
+        return
     where = f"wrote {', '.join(str(p) for p in written)}" if written else "nothing was written"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
 
@@ -149,8 +157,6 @@ def _margin_table(loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: fl
     """Return the margin of each discriminator, and what an oscillator or an INS without drift would add."""
     from rich.table import Table
 
-    from insgnss.interference.margin import bandwidth_at_margin_hz, margin_db, threshold_cn0_dbhz
-
     total = sum(drifts.values())
     parts = ", ".join(f"{name} {value:.4g}" for name, value in drifts.items())
     first = next(iter(loops.values()))
@@ -162,29 +168,47 @@ def _margin_table(loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: fl
     alone = [f"J/S, {name} alone, dB" for name in drifts]
     for name in ("discriminator", "C_A", "J/S, dB", "bandwidth, Hz", "least C/N0, dBHz", *alone):
         table.add_column(name, justify="left" if name == "discriminator" else "right")
-    for name, loop in loops.items():
+    for row in _margins(loops, drifts, cn0):
         cells = [
-            f"{loop.discriminator.threshold_ratio:.3f}",
-            f"{float(margin_db(total, loop, cn0)):.2f}",
-            f"{float(bandwidth_at_margin_hz(total, loop)):.3f}",
-            f"{float(threshold_cn0_dbhz(total, loop)):.2f}",
-            *(f"{float(margin_db(value, loop, cn0)):.2f}" for value in drifts.values()),
+            f"{row['c_a']:.3f}",
+            f"{row['margin_db']:.2f}",
+            f"{row['bandwidth_hz']:.3f}",
+            f"{row['least_cn0_dbhz']:.2f}",
+            *(f"{value:.2f}" for value in row["margin_alone_db"].values()),
         ]
-        table.add_row(name, *cells)
+        table.add_row(row["discriminator"], *cells)
     return table
+
+
+def _margins(
+    loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: float | None
+) -> list[dict[str, Any]]:
+    """Return the margin of each discriminator as plain data."""
+    from insgnss.interference.margin import bandwidth_at_margin_hz, margin_db, threshold_cn0_dbhz
+
+    total = sum(drifts.values())
+    return [
+        {
+            "discriminator": name,
+            "c_a": loop.discriminator.threshold_ratio,
+            "margin_db": float(margin_db(total, loop, cn0)),
+            "bandwidth_hz": float(bandwidth_at_margin_hz(total, loop)),
+            "least_cn0_dbhz": float(threshold_cn0_dbhz(total, loop)),
+            "margin_alone_db": {n: float(margin_db(value, loop, cn0)) for n, value in drifts.items()},
+        }
+        for name, loop in loops.items()
+    ]
 
 
 def _simulated(console: Console, seed: int) -> list[LockThreshold]:
     """Return the thresholds of all discriminators, with a bar of the progress on standard error."""
     import numpy as np
-    from rich.console import Console as NewConsole
-    from rich.progress import Progress
 
     from insgnss.interference.discriminators import DISCRIMINATORS
     from insgnss.interference.lock_threshold import LIFETIME, lock_threshold
 
     found = []
-    with Progress(console=NewConsole(stderr=True)) as bar:
+    with counting() as bar:
         for kind in DISCRIMINATORS:
             task = bar.add_task(kind.name, total=1.0)
 
@@ -234,31 +258,38 @@ def _flown(
     form: Literal["parquet", "csv"],
     step: float,
     pictures: bool,
-) -> list[Path]:
-    """Study a saved run; print the summary, write tables and picture, return what was written."""
+) -> tuple[dict[str, Any], list[Path]]:
+    """Study a saved run; print the summary, write tables and picture; return the same as data, and what was written."""
     from insgnss.config.interference import InterferenceConfig
     from insgnss.config.strict import load_toml
     from insgnss.flown_margin import flown_margin, picture
     from insgnss.run import Run
 
     config = load_toml(emitters, InterferenceConfig)
-    study = flown_margin(Run.load(source), config, step_s=step)
+    with telling("flying the run past the emitters"):
+        study = flown_margin(Run.load(source), config, step_s=step)
     console.print(_flown_table(study))
     told = study.events[~study.events["kind"].str.startswith("lock_lost")]
     for _, event in told.iterrows():
         console.print(f"{event['time_s']:.1f} s: {event['kind']}: {event['detail']}", highlight=False)
     counts = study.in_lock()
+    found: dict[str, Any] = {"satellites": records(study.summary().reset_index()), "events": records(told)}
+    least_in_lock = {}
     for loop, words in (("unaided", "without"), ("aided", "with")):
         least = counts.iloc[int(counts[f"lock_{loop}"].to_numpy().argmin())]
+        least_in_lock[loop] = {
+            name: float(least[name]) for name in (f"lock_{loop}", "n_satellites", "time_s")
+        }
         console.print(
             f"{words} aiding: at least {least[f'lock_{loop}']:.0f} of {least['n_satellites']:.0f} satellites "
             f"in lock, at {least['time_s']:.1f} s",
             highlight=False,
         )
+    found["least_in_lock"] = least_in_lock
     if output is None:
-        return []
+        return found, []
     written = [study.save(output, form)]
-    return written + ([picture(study, output / "margin_flown.png")] if pictures else [])
+    return found, written + ([picture(study, output / "margin_flown.png")] if pictures else [])
 
 
 def _flown_table(study: FlownMargin) -> Table:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -57,18 +59,17 @@ def outage(
         typer.Option("--output", "-o", help="Folder for tables and picture; none is written without it."),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Take measurements away in windows, replay, and tell drift, predicted sigma and the time to come back."""
     began = time.perf_counter()
     with own_errors_told():
         windows = _windows(window, every, random, bank, length, seed)
-        from rich.console import Console
-
         from insgnss.studies.outage import outage_study
         from insgnss.studies.outage_windows import Removal
 
         removal = Removal(_names(satellites), _names(constellations), _names(kinds))
-        with Console(stderr=True).status("starting") as status:
+        with telling("starting") as tell:
             study = outage_study(
                 flight,
                 windows,
@@ -76,11 +77,17 @@ def outage(
                 filter=filter,
                 after_s=after,
                 rate_hz=rate,
-                progress=lambda text: status.update(f"{text} ..."),
+                progress=tell,
             )
             if output is not None:
-                status.update("saving ...")
+                tell("saving")
                 study.save(output, pictures=pictures)
+    if as_json:
+        tables = {"windows": records(study.windows), "percentiles": records(study.percentiles)}
+        skipped = [skipped._asdict() for skipped in study.skipped]
+        told = {"asked": dict(study.asked), **tables, "skipped": skipped, "took": dict(study.took)}
+        print_json({**told, "wrote": output})
+        return
     _print(study)
     where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -39,9 +41,7 @@ def point(
         ),
     ] = 1e-3,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object in place of the tables.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Solve each GNSS epoch alone: position, velocity, clocks, dilution, residuals, fault exclusion."""
     began = time.perf_counter()
@@ -50,21 +50,20 @@ def point(
         # pandas and the compiled code are loaded only once the options are known to be right
         from rich.console import Console
 
-        from insgnss.cli.json_output import print_json
         from insgnss.log.flight import Flight
         from insgnss.point import point as solve
 
         loaded = Flight.load(flight)
-        with Console(stderr=True).status("starting") as status:
+        with telling("starting") as tell:
             run = solve(
                 loaded,
                 filter,
                 false_alarm=false_alarm,
                 missed_detection=missed_detection,
-                progress=lambda text: status.update(f"{text} ..."),
+                progress=tell,
             )
             if output is not None:
-                status.update("saving the tables ...")
+                tell("saving the tables")
                 run.save(output, form)
     n_read = len(loaded.files()) - len(loaded.config.imu.files)
     if as_json:

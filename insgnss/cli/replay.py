@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.table import Table
 
 from insgnss.cli.ending import own_errors_told
-from insgnss.cli.json_output import print_json
+from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
+from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
@@ -55,32 +56,29 @@ def replay(
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object in place of the summary.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run the filter over a flight's logs, print a summary, write the result tables."""
     began = time.perf_counter()
     give_back_what_is_freed()
-    console = Console(stderr=True)
     with own_errors_told():
         form = table_form(format)
         wanted = _rate(rate)
         loaded = Flight.load(flight)
-        with console.status("starting") as status:
+        with telling("starting") as tell:
             run = run_replay(
                 loaded,
                 filter,
                 output=wanted,
                 aiding=aiding,
                 supervise=supervise,
-                progress=lambda text: status.update(f"{text} ..."),
+                progress=tell,
             )
             if output is not None:
-                status.update("saving the run ...")
+                tell("saving the run")
                 run.save(output, form)
             if report is not None:
-                status.update("drawing the page ...")
+                tell("drawing the page")
                 run.report(report)
     written = [str(path) for path in (output, report) if path is not None]
     if as_json:
@@ -129,7 +127,8 @@ def print_summary(flight: Flight, run: Run) -> None:
     console.print(_measurement_table(run))
     used = run.nav["n_used"]
     console.print(
-        f"satellites used per row: {used.min()} to {used.max()}, mean {used.mean():.1f}", highlight=False
+        f"rows used per epoch, a satellite once for each band: {used.min()} to {used.max()}, mean {used.mean():.1f}",
+        highlight=False,
     )
     _print_events(console, run)
     _print_aiding(console, run)

@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import telling
 
 
 def report(
@@ -22,21 +24,24 @@ def report(
         typer.Option("--figures", help="Also write figures for a paper into this folder (needs matplotlib)."),
     ] = None,
     form: Annotated[str, typer.Option("--form", help="Of the figures: pdf, svg or png.")] = "pdf",
+    as_json: AsJson = False,
 ) -> None:
     """Write the page of a run: summary, map, errors, satellites, innovations, events, settings."""
     began = time.perf_counter()
     with own_errors_told():
         # pandas and Plotly are loaded only when the command runs
-        from rich.console import Console
-
         from insgnss.report.figures import save_figures
         from insgnss.report.page import write_report
         from insgnss.run import Run
 
-        with Console(stderr=True).status("drawing ..."):
+        with telling("drawing"):
             loaded = Run.load(run)
             page = write_report(loaded, run / "report.html" if output is None else output)
             drawn = [] if figures is None else save_figures(loaded, figures, form)
+    if as_json:
+        written = [str(path) for path in (page, *drawn)]
+        print_json({"bytes": page.stat().st_size, "wrote": written})
+        return
     size = page.stat().st_size / 1e6
     more = f" and {len(drawn)} figures into {figures}" if drawn else ""
     typer.echo(f"wrote {page} ({size:.1f} MB){more}; {time.perf_counter() - began:.2f} s in all")

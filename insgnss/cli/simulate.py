@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import telling
 
 
 def simulate(
@@ -23,21 +25,25 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option("--duration", help="Only the first so many seconds.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate a flight: IMU and GNSS CSV, RINEX navigation, the true trajectory and a flight file to replay them."""
     began = time.perf_counter()
     with own_errors_told():
         # NumPy and SciPy are loaded only when there is something to simulate
-        from rich.console import Console
-
         from insgnss.simulate import simulate as simulated
 
-        with Console(stderr=True).status("simulating ...") as status:
+        with telling("simulating") as tell:
             made = simulated(scenario, seed, noise=not clean, duration_s=duration)
-            status.update("writing ...")
+            tell("writing")
             paths = made.save(output)
     log = made.log
     satellites = len(set(log.gnss.sv.tolist()))
+    if as_json:
+        about = {"name": made.config.name or scenario, "duration_s": made.scenario.duration_s, "seed": seed}
+        rows = {"imu_samples": len(log.imu.t_ns), "gnss_rows": len(log.gnss.t_ns), "satellites": satellites}
+        print_json({**about, **rows, "wrote": [str(path) for path in paths]})
+        return
     typer.echo(
         f"{made.config.name or scenario}: {made.scenario.duration_s:.0f} s, {len(log.imu.t_ns)} inertial samples, "
         f"{len(log.gnss.t_ns)} GNSS rows of {satellites} satellites"

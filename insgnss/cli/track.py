@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.progress import counting
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 
@@ -49,13 +51,12 @@ def track(
     channels: Annotated[int, typer.Option("--channels", "-n", help="Channels with noise of their own.")] = 12,
     seed: Annotated[int, typer.Option("--seed", help="Of all noise.")] = 1,
     threads: Annotated[int, typer.Option("--threads", help="The numbers do not depend on it.")] = 1,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate tracking loops: rms errors, lock, and the C/N0 that the receiver would report."""
     began = time.perf_counter()
     with own_errors_told():
         # the numerical libraries are loaded only when the command runs
-        from rich.progress import Progress
-
         from insgnss.gnss.signals import G1_HZ, L1_HZ
         from insgnss.tracking.codes import code_of
         from insgnss.tracking.loop_filters import assisted_filter, digital_filter
@@ -77,11 +78,38 @@ def track(
         )
         motion = Motion(acceleration, jerk, wander)
         simulation = simulation_of(design, code, carrier_hz, motion, seconds, channels, seed, aided)
-        with Progress(transient=True) as bar:
+        with counting() as bar:
             task = bar.add_task("tracking", total=simulation.scene.sign.size)
             history = simulation.run(seed, threads, lambda done: bar.advance(task, done))
+    if as_json:
+        print_json(_digest(simulation, history, cn0, code.rate_hz))
+        return
     _print_result(simulation, history, cn0, code.rate_hz)
     typer.echo(f"nothing was written; {time.perf_counter() - began:.2f} s in all")
+
+
+def _digest(
+    simulation: Simulation, history: ChannelHistory, cn0: float, chip_hz: float
+) -> dict[str, float | int]:
+    """Return the result as plain data."""
+    from insgnss.tracking.trial import assess
+
+    found = assess(simulation, history)
+    chip_m = C_MPS / chip_hz
+    return {
+        "phase_rms_deg": math.degrees(found.phase_rms_rad),
+        "phase_noise_deg": math.degrees(found.phase_noise_rad),
+        "delay_rms_m": found.delay_rms_chips * chip_m,
+        "delay_noise_m": found.delay_noise_chips * chip_m,
+        "frequency_rms_hz": found.rate_rms_radps / (2.0 * math.pi),
+        "noise_bandwidth_hz": float(simulation.design.carrier.noise_bandwidth_hz()),
+        "channels": int(found.channels),
+        "slipped": int(found.slipped),
+        "phase_lock": float(found.phase_lock),
+        "cn0_dbhz": cn0,
+        "cn0_moments_dbhz": float(found.moment_dbhz),
+        "cn0_narrow_wide_dbhz": float(found.narrow_wide_dbhz),
+    }
 
 
 def _print_result(simulation: Simulation, history: ChannelHistory, cn0: float, chip_hz: float) -> None:

@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.table import Table
 
     from insgnss.visibility import VisibilityStudy
@@ -40,6 +43,7 @@ def visibility(
     step: Annotated[float, typer.Option("--step", help="Seconds between two attitudes; 0 takes all.")] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Tell which satellites antennas and airframe hid, when, and what that cost in geometry."""
     began = time.perf_counter()
@@ -60,13 +64,19 @@ def visibility(
             settings = {"threshold": "gain", "threshold_gain_dbic": threshold}
             changed = config.visibility.model_copy(update=settings)
             config = config.model_copy(update={"visibility": changed})
-        with Console(stderr=True).status("studying ...") as status:
+        with telling("studying") as tell:
             study = visibility_of(source, Flight.load(flight), config, antenna, step)
             written: list[Path] = []
             if output is not None:
-                status.update("saving ...")
+                tell("saving")
                 written.append(study.save(output, form))
                 written += save_figures(study, output) if pictures else []
+    if as_json:
+        median = study.dop.drop(columns="time_s").median().to_dict()
+        dop = {"median": median, "largest_pdop_seen": study.dop["pdop_seen"].max()}
+        found = {"satellites": records(_shares(study).reset_index()), "dop": dop}
+        print_json({**found, "events": records(study.events), "wrote": output if written else None})
+        return
     console = Console(file=sys.stdout, width=120)
     console.print(_satellite_table(study))
     console.print(_dop_line(study), highlight=False)
@@ -92,18 +102,26 @@ def _satellite_table(study: VisibilityStudy) -> Table:
     names = ("satellite", "seen", "uncertain", "gain too low", "behind the airframe", "lowest gain, dBic")
     for name in names:
         table.add_column(name, justify="left" if name == "satellite" else "right")
-    above = study.satellites[study.satellites["reason"] != "masked_elevation"]
-    for sv, rows in above.groupby("sv", observed=True):
-        decision, reason = rows["decision"].astype("str"), rows["reason"].astype("str")
-        shares = (
-            decision.isin(["visible", "uncertain_visible"]),
-            decision.str.startswith("uncertain"),
-            reason == "masked_gain",
-            reason == "masked_obstruction",
-        )
-        cells = (f"{100.0 * share.mean():.1f} %" for share in shares)
-        table.add_row(str(sv), *cells, f"{rows['gain_dbic'].min():.1f}")
+    for sv, row in _shares(study).iterrows():
+        cells = (f"{100.0 * share:.1f} %" for share in row.iloc[:-1])
+        table.add_row(str(sv), *cells, f"{row['lowest_gain_dbic']:.1f}")
     return table
+
+
+def _shares(study: VisibilityStudy) -> pd.DataFrame:
+    """Return, per satellite, the shares of its time above the mask in each state, and its lowest gain."""
+    import pandas as pd
+
+    above = study.satellites[study.satellites["reason"] != "masked_elevation"]
+    decision, reason = above["decision"].astype("str"), above["reason"].astype("str")
+    states = {
+        "seen": decision.isin(["visible", "uncertain_visible"]),
+        "uncertain": decision.str.startswith("uncertain"),
+        "masked_gain": reason == "masked_gain",
+        "masked_obstruction": reason == "masked_obstruction",
+    }
+    groups = pd.DataFrame(states).groupby(above["sv"], observed=True)
+    return groups.mean().assign(lowest_gain_dbic=above["gain_dbic"].groupby(above["sv"], observed=True).min())
 
 
 def _dop_line(study: VisibilityStudy) -> str:

@@ -257,7 +257,7 @@ class Navigator:
         mark_rows(out, rows, epoch, fix)
         detail = (
             f"{reason}: position moved by {delta_r:.1f} m,"
-            f" velocity {velocity}, clock moved by {delta_clock:.1f} m; {fix.n_used} satellites"
+            f" velocity {velocity}, clock moved by {delta_clock:.1f} m; {fix.n_used} pseudoranges"
         )
         self.events.append(Event(t_ns, "reset", detail))
 

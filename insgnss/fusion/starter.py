@@ -117,11 +117,12 @@ class Starter:
         bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns, self.setup.layout)
         speed = float(np.linalg.norm(v_a))
         how = "at rest, levelled by the accelerometers" if at_rest else f"in motion at {speed:.1f} m/s"
-        detail = (
-            f"automatic, {how}; {fix.n_used} satellites; {len(attitudes)} headings are open"
+        heading = (
+            f"{len(attitudes)} headings are open"
             if len(attitudes) > 1
-            else f"automatic, {how}; {fix.n_used} satellites; heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
+            else f"heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
         )
+        detail = f"automatic, {how}; {fix.n_used} pseudoranges; {heading}"
         return bank, fix, [Event(fix.t_ns, "start", detail)]
 
     def _at_rest(self, window: Window, v_a: Float64, P_v: Float64) -> bool:

@@ -19,6 +19,9 @@ LINE_POINTS: Final = 1200  # of a line: more than one to each pixel
 # Okabe and Ito's colours, which the colour-blind tell apart; read on white and on black
 PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c8c8c", "#b8a800")
 BAND_SIGMAS: Final = 3.0
+_FEW_DECADES: Final = 3  # of a logarithmic axis, with room for three ticks each
+_NARROW: Final = 4.0  # largest by smallest, below which such an axis has no tick of its own to show
+_MANY_DECADES: Final = 7  # without room for a tick at each
 
 Trace = dict[str, Any]
 
@@ -34,6 +37,7 @@ class Chart:
     height_px: int = 320
     caption: str = ""
     linked: bool = False  # its x axis is the time, and moves with all the others
+    on_request: str = ""  # words of a fold that it is drawn in once the reader opens it: what needs a network
 
     def data(self) -> dict[str, Any]:
         """Return what the page's script draws."""
@@ -48,6 +52,7 @@ class Rows:
     traces: list[Trace] = field(default_factory=list)
     ranges: dict[int, tuple[float, float]] = field(default_factory=dict)
     kinds: dict[int, str] = field(default_factory=dict)  # "log" where a row's axis is
+    more: dict[int, dict[str, Any]] = field(default_factory=dict)  # of a row's y axis
 
     def add(self, row: int, trace: Trace) -> None:
         """Put a trace into a row, counted from 0."""
@@ -69,9 +74,15 @@ class Rows:
             if row in self.ranges:
                 axis["range"] = list(self.ranges[row])
             if row in self.kinds:
-                axis["type"] = self.kinds[row]
+                axis |= {"type": self.kinds[row]} | log_ticks(self._values(row))
+            axis |= self.more.get(row, {})
             layout["yaxis" + ("" if row == 0 else str(row + 1))] = axis
         return layout | more
+
+    def _values(self, row: int) -> Float64:
+        """Return all values drawn in a row."""
+        mine = [t for t in self.traces if t["yaxis"] == _y(row)]
+        return np.concatenate([unpacked(t["y"]) for t in mine]) if mine else np.empty(0)
 
     def chart(self, name: str, title: str, *, row_px: int = 170, caption: str = "", **layout: Any) -> Chart:
         """Return the chart."""
@@ -92,6 +103,24 @@ def packed(values: npt.ArrayLike, double: bool = False) -> dict[str, Any]:
     array = np.ascontiguousarray(values, "<f8" if double else "<f4")
     data = {"dtype": "f8" if double else "f4", "bdata": base64.b64encode(array.tobytes()).decode()}
     return data if array.ndim == 1 else data | {"shape": ", ".join(str(size) for size in array.shape)}
+
+
+def unpacked(values: Mapping[str, Any]) -> Float64:
+    """Return what ``packed`` was given, to the precision that was kept."""
+    return np.frombuffer(base64.b64decode(values["bdata"]), "<" + values["dtype"]).astype(np.float64)
+
+
+def log_ticks(values: Float64) -> dict[str, Any]:
+    """Return the ticks of a logarithmic axis, written in full: 1, 2 and 5 of each decade, of many the decades alone."""
+    shown = values[np.isfinite(values) & (values > 0.0)]
+    if len(shown) == 0 or shown.max() < _NARROW * shown.min():
+        return {}
+    decades = np.arange(np.floor(np.log10(shown.min())), np.ceil(np.log10(shown.max())) + 1.0)
+    steps = (1.0, 2.0, 5.0) if len(decades) <= _FEW_DECADES else (1.0,)
+    if len(decades) > _MANY_DECADES:
+        decades = decades[::2]
+    ticks = [step * 10.0 ** float(decade) for decade in decades for step in steps]
+    return {"tickvals": ticks, "ticktext": [f"{tick:g}".replace("e-0", "e-") for tick in ticks]}
 
 
 def line_trace(

@@ -16,10 +16,11 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.report.charts import Chart, Rows, colour_of, line_trace
 from insgnss.report.digest import digest, without_nan
 from insgnss.report.html import Section, page, paragraphs, table, text, write
-from insgnss.report.labels import label, number
+from insgnss.report.labels import label, row_of_numbers
 from insgnss.report.run_time import gps_week
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sentences import name_of
+from insgnss.report.settings_compared import settings_that_differ
 from insgnss.run import Run
 from insgnss.tables import ReferenceTable
 from insgnss.version import __version__
@@ -44,6 +45,7 @@ class Comparison:
         """Return names, statistics and each run's own summary as plain data."""
         return {
             "first": self.first,
+            "settings_that_differ": [list(row) for row in settings_that_differ(self.runs)],
             "statistics": without_nan(self.statistics.to_dict(orient="records")),
             "runs": {name: digest(run) for name, run in self.runs.items()},
         }
@@ -91,7 +93,7 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     told = [f"'{name}' is compared with '{comparison.first}'." for name in names]
     told += [f"'{name}': {name_of(run)}, {len(run.nav)} rows." for name, run in comparison.runs.items()]
     sections = [
-        Section("summary", "What is compared", before=paragraphs(told)),
+        Section("summary", "What is compared", before=paragraphs(told) + _settings_table(comparison)),
         Section("statistics", "Statistics", before=_statistics_table(comparison)),
         Section("differences", "Differences over time", charts=charts),
         Section("sigma", "Sigma over time", charts=sigmas),
@@ -144,10 +146,17 @@ def _settled_s(runs: Sequence[Run], table_: pd.DataFrame) -> float:
     return latest if latest <= table_["time_s"].iloc[-1] else float(table_["time_s"].iloc[0])
 
 
+def _settings_table(comparison: Comparison) -> str:
+    rows = settings_that_differ(comparison.runs)
+    if not rows:
+        return "<p>Every setting is the same in all runs.</p>"
+    return "<h3>Settings that differ</h3>" + table(("setting", *comparison.runs), rows)
+
+
 def _statistics_table(comparison: Comparison) -> str:
     head = ("run", "component", "mean", "rms", "95 %", "largest", "median sigma", "rms error")
     rows = [
-        [row[0], label(row[1]).axis(), *(number(float(value)) for value in row[2:])]
+        [row[0], label(row[1]).axis(), *row_of_numbers([float(value) for value in row[2:]], float(row[6]))]
         for row in comparison.statistics.itertuples(index=False, name=None)
     ]
     about = (

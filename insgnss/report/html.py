@@ -27,6 +27,7 @@ class Section:
     def html(self) -> str:
         """Return the section's HTML; the charts are places that the script fills."""
         charts = "".join(_place(chart) for chart in self.charts)
+        charts = f'<div class="charts">{charts}</div>' if charts else ""
         head = f"<h2>{text(self.title)}</h2>"
         return f'<section id="{text(self.name)}">{head}{self.before}{charts}{self.after}</section>'
 
@@ -69,6 +70,20 @@ def table(
 def paragraphs(sentences: Iterable[str]) -> str:
     """Return each sentence as an entry of a list."""
     return "<ul>" + "".join(f"<li>{text(sentence)}</li>" for sentence in sentences) + "</ul>"
+
+
+def key_figures(figures: Iterable[tuple[str, str, str]]) -> str:
+    """Return the few numbers that a reader looks for first.
+
+    Parameters
+    ----------
+    figures : of each its name, its value, and a word about it
+    """
+    cells = (
+        f"<div><dt>{text(name)}</dt><dd>{text(value)}<small>{text(about)}</small></dd></div>"
+        for name, value, about in figures
+    )
+    return f'<dl class="figures">{"".join(cells)}</dl>'
 
 
 def folded(title: str, inside: str) -> str:
@@ -114,11 +129,10 @@ def write(path: str | Path, content: str) -> Path:
 
 def _place(chart: Chart) -> str:
     caption = f"<figcaption>{text(chart.caption)}</figcaption>" if chart.caption else ""
-    return (
-        f"<figure><h3>{text(chart.title)}</h3>"
-        f'<div class="chart" id="{text(chart.name)}" style="height:{chart.height_px}px"></div>'
-        f"{caption}</figure>"
-    )
+    place = f'<div class="chart" id="{text(chart.name)}" style="height:{chart.height_px}px"></div>{caption}'
+    if chart.on_request:
+        return f'<figure class="request">{folded(chart.on_request, place)}</figure>'
+    return f"<figure><h3>{text(chart.title)}</h3>{place}</figure>"
 
 
 def _row(row: Sequence[object]) -> str:

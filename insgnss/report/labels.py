@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
+
+from insgnss.columns.sheet import UNITS
 
 
 class Label(NamedTuple):
@@ -16,20 +20,6 @@ class Label(NamedTuple):
         return f"{self.words}, {self.unit}" if self.unit else self.words
 
 
-# endings of column names, the longest first: "mps2" before "mps"
-UNITS: Final[dict[str, str]] = {
-    "mps3": "m/s³",
-    "mps2": "m/s²",
-    "mps": "m/s",
-    "radps": "rad/s",
-    "deg": "°",
-    "dbhz": "dB-Hz",
-    "dbi": "dBi",
-    "hz_per_s": "Hz/s",
-    "hz": "Hz",
-    "m": "m",
-    "s": "s",
-}
 _WORDS: Final[dict[str, str]] = {
     "n": "north",
     "e": "east",
@@ -69,3 +59,16 @@ def number(value: float) -> str:
     if value != value:
         return "-"
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+
+
+def row_of_numbers(values: Sequence[float], scale: float) -> list[str]:
+    """Return numbers of one unit with the same number of decimals, so that ``scale`` has three figures that count."""
+    size = abs(scale)
+    known = size > 0.0 and math.isfinite(size)
+    decimals = min(max(2 - math.floor(math.log10(size)), 0), 6) if known else 3
+    return ["-" if value != value else f"{value:.{decimals}f}" for value in values]
+
+
+def distance(metres: float) -> str:
+    """Return a way as people say it: '129 m', '90.9 km'."""
+    return f"{metres:.0f} m" if metres < 1000.0 else f"{number(metres / 1000.0)} km"

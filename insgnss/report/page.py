@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from insgnss.errors import ResultError
-from insgnss.report.html import Section, page, paragraphs, write
+from insgnss.report.html import Section, key_figures, page, paragraphs, write
 from insgnss.report.sections import (
     aiding,
     biases,
@@ -20,7 +20,7 @@ from insgnss.report.sections import (
     supervision,
     track,
 )
-from insgnss.report.sentences import name_of, sentences
+from insgnss.report.sentences import figures, name_of, sentences
 from insgnss.run import Run
 from insgnss.version import __version__
 
@@ -64,7 +64,7 @@ def report_html(run: Run) -> str:
     """
     if run.nav.empty:
         raise ResultError("the run has no navigation row to show", advice="replay the flight again")
-    summary = Section("summary", "Summary", before=paragraphs(sentences(run)))
+    summary = Section("summary", "Summary", before=key_figures(figures(run)) + paragraphs(sentences(run)))
     found = [part.section(run) for part in _SECTIONS]
     made = run.settings.get("made", "")
     foot = (

@@ -9,19 +9,67 @@ import pandas as pd
 
 from insgnss.errors import ResultError
 from insgnss.report.epochs import used_at
-from insgnss.report.labels import duration, number
+from insgnss.report.labels import distance, duration, number
 from insgnss.report.run_time import gps_week, utc
 from insgnss.run import Run
 from insgnss.tables import Float64
 
 # kinds of events that tell how the run went, and are no trouble; of the readers' notices only these are let pass
 QUIET: Final = frozenset(
-    "start heading_single heading_known measurements_back masking_on csv_delimiter csv_header_in_comment "
+    "start heading_single heading_known measurements_back masking_on masking_waits csv_delimiter csv_header_in_comment "
     "leap_seconds_by_date navigation_not_used navigation_repeated signal_assumed time_mark week_crossover "
     "ubx_foreign_bytes ubx_not_used android_lines_not_read rinex_event".split()
 )
 FEW: Final = 4  # satellites, below which a receiver alone has no position
 _KINDS_TOLD: Final = 8
+_CONSTANT: Final = 5.0  # times the scatter about it, from which an offset is told apart
+_ENOUGH: Final = 10  # rows, below which nothing can be called constant
+
+
+def figures(run: Run) -> list[tuple[str, str, str]]:
+    """Return the numbers that a reader looks for first: name, value, and a word about it."""
+    nav = run.nav
+    span = float(nav["time_s"].iloc[-1]) - float(nav["time_s"].iloc[0])
+    told = [("Navigation", duration(span), f"{distance(way_m(nav))} over ground"), _position_figure(run)]
+    known_s = run.heading_known_s()
+    yaw = float(nav["sd_yaw_deg"].iloc[-1])
+    after = (
+        ""
+        if known_s is None
+        else f", known after {duration(max(known_s - float(nav['time_s'].iloc[0]), 0.0))}"
+    )
+    told.append(("Heading", f"{number(yaw)}°", f"sigma at the end{after}"))
+    counts = run.measurements["status"].value_counts()
+    total = int(counts.sum())
+    if total:
+        share = 100.0 * int(counts.get("used", 0)) / total
+        told.append(("Measurements used", f"{share:.1f} %", f"of {total} in the log"))
+    nis = run.nis_summary()["mean_nis"]
+    if len(nis):
+        kinds = ", ".join(str(kind).replace("_", " ") for kind in nis.index)
+        told.append(("Mean NIS (1 is right)", " / ".join(f"{value:.2f}" for value in nis), kinds))
+    return told
+
+
+def _position_figure(run: Run) -> tuple[str, str, str]:
+    """Return the horizontal position's 95 % error, its median sigma without a reference."""
+    known_s = run.heading_known_s()
+    from_s = -np.inf if known_s is None else known_s
+    table = run.nav if run.errors is None else run.errors
+    late = table[table["time_s"] >= from_s]
+    table = table if late.empty else late
+    if run.errors is not None and table["d_n_m"].notna().any():
+        offset = constant_offset(table) or {"n_m": 0.0, "e_m": 0.0}
+        error = np.hypot(table["d_n_m"].to_numpy() - offset["n_m"], table["d_e_m"].to_numpy() - offset["e_m"])
+        constant = float(np.hypot(offset["n_m"], offset["e_m"]))
+        less = f", less a constant {number(constant)} m" if constant else ""
+        return (
+            "Horizontal error",
+            f"{number(float(np.nanquantile(error, 0.95)))} m",
+            f"95 % of the time{less}",
+        )
+    sigma = np.hypot(table["sd_n_m"].to_numpy(), table["sd_e_m"].to_numpy())
+    return ("Horizontal sigma", f"{number(float(np.nanmedian(sigma)))} m", "median; there is no reference")
 
 
 def way_m(nav: pd.DataFrame) -> float:
@@ -61,7 +109,7 @@ def _how_long(run: Run) -> str:
     else:
         when = f", {utc(first, week):%Y-%m-%d %H:%M:%S} to {utc(last, week):%H:%M:%S} UTC (GPS week {week})"
     return (
-        f"{duration(last - first)} of navigation in {len(nav)} rows{when}; {number(way_m(nav) / 1000.0)} km over"
+        f"{duration(last - first)} of navigation in {len(nav)} rows{when}; {distance(way_m(nav))} over"
         f" ground, at most {number(speed)} m/s."
     )
 
@@ -79,19 +127,41 @@ def _how_good(run: Run) -> list[str]:
     errors = run.errors if known_s is None else run.errors[run.errors["time_s"] >= known_s]
     errors = run.errors if errors.empty else errors
     since = "" if known_s is None or errors is run.errors else ", from the heading known on"
+    if errors["d_n_m"].notna().sum() == 0:
+        return []
+    offset = constant_offset(errors)
+    told = [f"Against the reference {_within(errors)}{since}."]
+    if offset is None:
+        return [*told, _honesty(errors)]
+    about = errors.assign(**{f"d_{name}": errors[f"d_{name}"] - value for name, value in offset.items()})
+    sides = zip(offset.values(), (("north", "south"), ("east", "west"), ("down", "up")), strict=True)
+    told_offset = ", ".join(f"{number(abs(value))} m {words[value < 0.0]}" for value, words in sides)
+    told.append(
+        f"Nearly all of it is one constant offset, {told_offset}: the reference may be of another point or datum, or"
+        f" either has errors that last for minutes. About it {_within(about)}."
+    )
+    return [*told, _honesty(about)]
+
+
+def constant_offset(errors: pd.DataFrame) -> dict[str, float] | None:
+    """Return the median error of the position where it is five times what it varies by, else None [m]."""
+    position = errors[["d_n_m", "d_e_m", "d_d_m"]].dropna()
+    median = position.median()
+    rest = float(np.sqrt(((position - median) ** 2).sum(axis=1).mean()))
+    if len(position) < _ENOUGH or not float(np.sqrt((median**2).sum())) > _CONSTANT * rest:
+        return None
+    return {str(name)[2:]: float(value) for name, value in median.items()}
+
+
+def _within(errors: pd.DataFrame) -> str:
+    """Return how near the reference the position is, horizontally and vertically."""
     horizontal = np.hypot(errors["d_n_m"].to_numpy(), errors["d_e_m"].to_numpy())
-    horizontal = horizontal[np.isfinite(horizontal)]
-    told = []
-    if len(horizontal):
-        half, most, worst = np.quantile(horizontal, (0.5, 0.95, 1.0))
-        vertical = float(errors["d_d_m"].abs().quantile(0.95))
-        told.append(
-            f"Against the reference the horizontal position is within {number(half)} m half of the time,"
-            f" {number(most)} m 95 % of it, {number(worst)} m at worst;"
-            f" the height within {number(vertical)} m 95 % of the time{since}."
-        )
-        told.append(_honesty(errors))
-    return told
+    half, most, worst = np.quantile(horizontal[np.isfinite(horizontal)], (0.5, 0.95, 1.0))
+    vertical = float(errors["d_d_m"].abs().quantile(0.95))
+    return (
+        f"the horizontal position is within {number(half)} m half of the time, {number(most)} m 95 % of it,"
+        f" {number(worst)} m at worst; the height within {number(vertical)} m 95 % of the time"
+    )
 
 
 def _honesty(errors: pd.DataFrame) -> str:

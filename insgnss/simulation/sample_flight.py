@@ -151,6 +151,7 @@ to 45 deg of bank, landing, at rest |
 | `nav.rnx` | RINEX 3.04, one message for each of 11 satellites, exact; Klobuchar coefficients, leap seconds |
 | `reference.csv` | truth of the IMU (not of the antenna), {REFERENCE_RATE_HZ:.0f} Hz |
 | `flight.toml` | the flight file |
+| `picture.png` | what a replay gives; drawn by `python -m tests.benchmarks.picture` |
 
 What was put in:
 

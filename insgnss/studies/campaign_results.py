@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 
 from insgnss.errors import ConfigError, ResultError
+from insgnss.studies.campaign import CampaignConfig
 from insgnss.studies.campaign_tasks import KEY_COLUMNS, RESULTS
 from insgnss.tables import Float64
 
@@ -145,6 +146,21 @@ def summary(folder: str | Path, by: Sequence[str] = ("case",), columns: Sequence
         if told
         else pd.DataFrame()
     )
+
+
+def with_parameters(table: pd.DataFrame, config: CampaignConfig) -> pd.DataFrame:
+    """Return a summary with what sets its cases apart, the grid's values, beside each case's number."""
+    if "case" not in table.columns:
+        return table
+    cases = list(config.cases())
+    values = {name: [cases[int(case)][name] for case in table["case"]] for name in config.grid}
+    first = list(table.columns).index("case") + 1
+    for place, (name, of_rows) in enumerate(values.items()):
+        # a value may be a list: a column of objects, not a table of its own
+        table.insert(
+            first + place, name, pd.Series(of_rows, index=table.index, dtype=object), allow_duplicates=True
+        )
+    return table
 
 
 def failures(folder: str | Path) -> pd.DataFrame:

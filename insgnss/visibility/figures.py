@@ -12,11 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from insgnss.antenna.equipment import limits_of
-from insgnss.antenna.obstruction import directions
-from insgnss.antenna.visibility import DECISIONS, look_at_all
+from insgnss.antenna.gain_map import gain_map
+from insgnss.antenna.visibility import DECISIONS
 from insgnss.errors import ResultError
-from insgnss.status import MASKED_OBSTRUCTION
-from insgnss.tables import Float64
 from insgnss.visibility.study import VisibilityStudy
 
 if TYPE_CHECKING:
@@ -65,7 +63,7 @@ def sky_figure(study: VisibilityStudy) -> Figure:
     axes.set_theta_direction(-1)
     azimuth, down = np.radians(np.arange(0.0, 360.1, _GRID_DEG)), np.arange(0.0, 180.1, _GRID_DEG)
     if len(study.antennas.lever_b):
-        gain = _gain_map(study, azimuth, down)
+        gain = gain_map(study.antennas, limits_of(study.settings), np.degrees(azimuth), down)
         shown = axes.pcolormesh(azimuth, down, gain, shading="gouraud", cmap="Greys_r", rasterized=True)
         figure.colorbar(shown, ax=axes, label="gain of the best antenna, dBic", shrink=0.8)
         threshold = limits_of(study.settings).threshold_dbic
@@ -136,18 +134,6 @@ def dop_figure(study: VisibilityStudy) -> Figure:
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     return figure
-
-
-def _gain_map(study: VisibilityStudy, azimuth: Float64, down_deg: Float64) -> Float64:
-    """Return the best antenna's gain over the body's sphere (down, azimuth); NaN where the airframe hides it."""
-    u = directions(np.degrees(azimuth)[None, :], 90.0 - down_deg[:, None]).reshape(1, -1, 3)
-    shape = u.shape[:2]
-    decision, reason, antenna = (np.zeros(shape, np.int8) for _ in range(3))
-    gain = np.zeros((*shape, 2))
-    level, known = np.eye(3)[None], np.zeros((1, 3, 3))
-    look_at_all(level, known, u, study.antennas, limits_of(study.settings), decision, reason, antenna, gain)
-    shown = np.where(reason[0] == MASKED_OBSTRUCTION, np.nan, gain[0, :, 0])
-    return shown.reshape(len(down_deg), len(azimuth))
 
 
 def _new_figure(width: float, height: float) -> Figure:

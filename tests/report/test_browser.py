@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from insgnss.report.page import report_html
-from tests.report.runs import made_run
+from tests.report.runs import START_S, made_run
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [
@@ -25,12 +25,20 @@ pytestmark = [
 PROBE = """<script>
 addEventListener("load", () => setTimeout(async () => {
   const told = {};
-  const places = [...document.querySelectorAll(".chart")];
+  const folded = [...document.querySelectorAll("details .chart")];
+  const places = [...document.querySelectorAll(".chart")].filter((p) => !folded.includes(p));
   const drawn = () => places.filter((p) => p.layout && p.querySelector(".main-svg")).length;
   const pause = () => new Promise((done) => setTimeout(done, 200));
   for (let tries = 0; tries < 100 && drawn() < places.length; tries += 1) await pause();
   told.charts = places.length;
   told.drawn = drawn();
+  told.folded = folded.map((p) => p.id);
+  told.fetched = folded.filter((p) => p.layout).length;
+  const timed = JSON.parse(document.getElementById("charts").textContent).filter((c) => c.linked)
+    .map((c) => document.getElementById(c.name));
+  const edges = () => new Set(timed.map((p) => [p.layout.margin.l, ...p.layout.xaxis.range].join()));
+  told.spans = edges().size;
+  told.span = timed[0].layout.xaxis.range;
   told.ink = document.getElementById("chart-height").layout.font.color;
   told.overflow = document.documentElement.scrollWidth - document.documentElement.clientWidth;
   await Plotly.relayout("chart-height", {"xaxis.range": [293710, 293760]});
@@ -38,6 +46,10 @@ addEventListener("load", () => setTimeout(async () => {
   told.followers = JSON.parse(document.getElementById("charts").textContent).filter((c) => c.linked).length;
   for (let tries = 0; tries < 20 && moved() < told.followers; tries += 1) await pause();
   told.linked = moved();
+  await Plotly.relayout("chart-height", {"xaxis.autorange": true});
+  const whole = () => timed.filter((p) => p.layout.xaxis.range[0] === told.span[0]).length;
+  for (let tries = 0; tries < 20 && whole() < timed.length; tries += 1) await pause();
+  told.again = edges().size;
   const table = document.getElementById("events-table"), rows = () => [...table.tBodies[0].rows];
   const input = document.querySelector('input[data-table="events-table"]');
   input.value = "SAMPLE"; input.dispatchEvent(new Event("input"));
@@ -108,10 +120,14 @@ def test_page_draws_links_filters_and_sorts_without_a_complaint(page: str, tmp_p
     assert told["charts"] > 15
     assert told["drawn"] == told["charts"]
     assert told["linked"] == told["followers"] > 8
+    assert told["spans"] == told["again"] == 1  # as the page opens, and after a double click
+    assert told["span"][0] <= START_S < START_S + 299.0 <= told["span"][1]
     assert told["found"] == ["imu_gap"]
     assert told["chosen"] == ["start"]
     assert told["sorted"][:3] == ["csv_delimiter", "imu_gap", "heading_known"]
     assert not told["broken"]
+    # the street map's tiles: nothing is fetched until the reader asks
+    assert (told["folded"], told["fetched"]) == (["chart-tiles"], 0)
 
 
 def test_page_is_dark_where_the_reader_asked_for_it(page: str, tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from insgnss.run import Run
 from tests.report.runs import made_run
 
 ROOT = Path(__file__).resolve().parents[2]
+# what prints a summary: all but the page of columns
+SUMMARIES = [text for text in EXAMPLES.values() if text.split()[1] != "columns"]
 SAMPLE = "data/sample_flight/flight.toml"
 
 
@@ -59,6 +61,30 @@ def test_examples_work_as_pasted_one_after_the_other(folder: Path) -> None:
         assert done.exit_code == 0, f"{example}\n{done.output}"
     made = {path.name for path in (folder / "out").rglob("*")}
     assert {"report.html", "compare.html", "run.kmz", "nav.parquet", "gnss_obs.csv"} <= made
+
+
+@pytest.mark.parametrize("example", SUMMARIES, ids=lambda text: text.split()[1])
+def test_example_prints_one_json_object_and_says_nothing_in_a_pipe(folder: Path, example: str) -> None:
+    arguments = shlex.split(example)[1:]
+    if not (folder / "out" / "campaign").exists():
+        pytest.skip("the examples before it were not run")
+
+    done = CliRunner().invoke(app, [*arguments, "--json"])
+
+    assert done.exit_code == 0, done.output
+    assert isinstance(json.loads(done.stdout), dict)
+    assert done.stderr == ""
+
+
+def test_campaign_tells_the_parameters_beside_the_case(folder: Path) -> None:
+    if not (folder / "out" / "campaign").exists():
+        pytest.skip("the examples before it were not run")
+
+    told = json.loads(called("campaign imu_grades --output out/campaign --json").stdout)
+
+    cases = {(row["case"], row["imu"], row["noise_factor"]) for row in told["summary"]}
+    assert len(cases) == told["cases"] == 6
+    assert (0, "navigation", 1.0) in cases and (5, "industrial", 1.4) in cases
 
 
 def test_replay_prints_one_json_object_and_writes_run_and_page(folder: Path) -> None:

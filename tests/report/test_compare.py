@@ -12,6 +12,7 @@ import pytest
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ResultError
 from insgnss.report.compare import compare_runs, write_comparison
+from insgnss.report.settings_compared import settings_that_differ
 from insgnss.run import Run
 from tests.report.runs import START_S, WEEK, made_run
 
@@ -101,3 +102,26 @@ def test_page_of_a_comparison_has_all_runs_and_json_is_plain(tmp_path: Path) -> 
     assert "<b>" not in text.split("<script")[0]
     assert read["first"] == "a<b>"
     assert len(read["statistics"]) == 27
+
+
+def test_settings_that_differ_are_listed_key_by_key(tmp_path: Path) -> None:
+    first, second = made_run(), made_run()
+    first.settings["filter"] = {"name": "tight17", "visibility": {"on": True}, "same": 1}
+    second.settings["filter"] = {"name": "open", "visibility": {"on": False}, "same": 1, "more": [1, 2]}
+    comparison = compare_runs({"masked": first, "open": second})
+
+    assert settings_that_differ(comparison.runs) == [
+        ("filter.name", "tight17", "open"),
+        ("filter.visibility.on", "true", "false"),
+        ("filter.more", "-", "[1, 2]"),
+    ]
+    page = write_comparison(comparison, tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<td>filter.visibility.on</td><td>true</td><td>false</td>" in page
+
+
+def test_runs_of_the_same_settings_are_said_to_be(tmp_path: Path) -> None:
+    comparison = compare_runs({"a": made_run(), "b": made_run(seed=2)})
+
+    page = write_comparison(comparison, tmp_path / "page.html").read_text(encoding="utf-8")
+
+    assert "Every setting is the same in all runs." in page

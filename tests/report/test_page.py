@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import plotly.graph_objects as go
 import pytest
 
@@ -88,7 +87,8 @@ def test_every_chart_is_one_that_plotly_knows(page: str) -> None:
         figure = go.Figure(data=chart["data"], layout=chart["layout"])  # raises on an unknown key or value
 
         assert len(figure.data) > 0
-        assert figure.layout.xaxis.title.text or figure.layout.polar.radialaxis.range
+        axes = figure.layout.xaxis.title.text or figure.layout.polar.radialaxis.range
+        assert axes or figure.layout.map.style == "open-street-map"
 
 
 def test_line_of_the_height_has_the_extremes_of_the_table() -> None:
@@ -155,8 +155,29 @@ def test_sky_is_coloured_by_the_gain_where_it_is_known() -> None:
     with_gain = charts_of(report_html(made_run(gain=True)))["chart-sky-body"]
     without = charts_of(report_html(made_run()))["chart-sky-body"]
 
-    assert with_gain["data"][0]["marker"]["colorbar"]["title"]["text"] == "gain, dBi"
+    assert with_gain["data"][0]["marker"]["colorbar"]["title"]["text"] == "gain, dBic"
     assert [t["name"] for t in without["data"]] == ["used", "not used", "names"]
+
+
+def test_sky_of_the_body_lies_over_the_pattern_of_the_flight_s_antenna() -> None:
+    run = made_run(gain=True)
+    run.settings["flight"]["gnss"] = {"antenna": [{"name": "roof", "pattern": "patch_l1"}]}
+
+    rings = [t for t in charts_of(report_html(run))["chart-sky-body"]["data"] if t["type"] == "barpolar"]
+
+    gain = np.array([unpacked(ring["marker"]["color"]).mean() for ring in rings])
+    assert [ring["base"][0] for ring in rings] == list(range(0, 180, 10))
+    assert np.all(np.diff(gain[:9]) < 0.0)  # a patch: the lower, the weaker
+    assert gain[0] == pytest.approx(5.0, abs=1.0)  # dBic towards the zenith, as its file says
+
+
+def test_sky_does_without_the_pattern_whose_file_is_gone() -> None:
+    run = made_run(gain=True)
+    run.settings["flight"]["gnss"] = {"antenna": [{"name": "roof", "pattern": "gone.csv"}]}
+
+    sky = charts_of(report_html(run))["chart-sky-body"]["data"]
+
+    assert [t["name"] for t in sky] == ["gain", "names"]
 
 
 def test_ledger_of_the_page_adds_up_to_the_input(page: str) -> None:
@@ -188,10 +209,8 @@ def test_run_without_navigation_rows_is_refused() -> None:
         report_html(run)
 
 
-def test_page_of_an_hour_is_below_ten_megabytes() -> None:
-    run = made_run(seconds=3600.0, rate_hz=5.0, satellites=32, aiding=True)
-    several = [run.aiding.assign(time_s=run.aiding["time_s"] + 0.1 * i) for i in range(2)]
-    run.aiding = pd.concat(several).sort_values("time_s", kind="stable")
+def test_page_of_an_hour_at_ten_hertz_is_below_ten_megabytes() -> None:
+    run = made_run(seconds=3600.0, rate_hz=10.0, satellites=30, aiding=True, gain=True)
 
     assert len(report_html(run).encode()) < 10e6
 
@@ -222,3 +241,12 @@ def test_charts_over_time_are_linked_and_the_others_are_not(page: str) -> None:
         charts[name]["linked"] for name in ("chart-track", "chart-sky-local", "chart-nis-pseudorange")
     )
     assert START_S <= unpacked(charts["chart-height"]["data"][1]["x"])[0]
+
+
+def test_offset_of_a_band_that_was_never_used_is_not_drawn() -> None:
+    run = made_run()
+    run.nav["offset_E_m"], run.nav["offset_C_m"] = 3.0, 0.0
+
+    drawn = [trace["name"] for trace in charts_of(report_html(run))["chart-offsets"]["data"]]
+
+    assert drawn == ["offset E (3.00 m)"]

@@ -10,7 +10,7 @@ import pytest
 
 from insgnss.report.digest import digest
 from insgnss.report.epochs import satellites_used, used_at
-from insgnss.report.sentences import sentences, way_m
+from insgnss.report.sentences import figures, sentences, way_m
 from insgnss.run import Run
 from tests.report.runs import START_S, made_run, words
 
@@ -50,13 +50,37 @@ def test_summary_names_trouble_by_its_number_and_not_what_is_none() -> None:
 
 def test_summary_tells_errors_of_known_size() -> None:
     run = made_run()
-    run.errors["d_n_m"], run.errors["d_e_m"], run.errors["d_d_m"] = 3.0, 4.0, -2.0
+    side = np.where(np.arange(len(run.errors)) % 2, 1.0, -1.0)
+    run.errors["d_n_m"], run.errors["d_e_m"], run.errors["d_d_m"] = 3.0 * side, 4.0 * side, -2.0 * side
     run.errors["sd_n_m"] = run.errors["sd_e_m"] = 1.0
 
     text = said(run)
 
     assert "within 5 m half of the time, 5 m 95 % of it, 5 m at worst; the height within 2 m" in text
     assert "too small: the error is 3.54 sigma" in text  # sqrt((9 + 16) / 2)
+
+
+def test_summary_tells_a_constant_offset_apart() -> None:
+    run = made_run()
+    side = np.where(np.arange(len(run.errors)) % 2, 1.0, -1.0)
+    run.errors["d_n_m"], run.errors["d_e_m"], run.errors["d_d_m"] = 6.0 + 0.3 * side, -8.0 + 0.4 * side, -2.0
+    run.errors["sd_n_m"] = run.errors["sd_e_m"] = 0.5
+
+    text = said(run)
+
+    assert "one constant offset, 6 m north, 8 m west, 2 m up" in text
+    assert "About it the horizontal position is within 0.5 m half of the time" in text
+    assert "the error is 0.707 sigma" in text  # sqrt((0.09 + 0.16) / 2) / 0.5
+
+
+def test_figures_are_those_of_the_tables() -> None:
+    run = made_run()
+    told = {name: (value, about) for name, value, about in figures(run)}
+
+    assert told["Navigation"] == ("4 min 59 s", "2.99 km over ground")
+    used = 100.0 * (run.measurements["status"] == "used").mean()
+    assert told["Measurements used"] == (f"{used:.1f} %", "of 4800 in the log")
+    assert told["Heading"][1] == "sigma at the end, known after 20.0 s"
 
 
 def test_summary_without_a_reference_tells_the_sigma() -> None:

@@ -4,18 +4,36 @@
   const places = new Map(charts.map((chart) => [chart.name, chart]));
   const linked = charts.filter((chart) => chart.linked);
   const drawn = new Set();
-  let span = null; // of the time axes, once the reader has chosen one
-  let busy = false;
+  const numbers = (x) => (Array.isArray(x) ? x
+    : new Float64Array(Uint8Array.from(atob(x.bdata), (letter) => letter.charCodeAt(0)).buffer));
+  const whole = wholeSpan(); // of every time axis as the page opens
+  let span = whole; // of the time axes now
 
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const axisNames = (layout) => Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key));
+
+  // one span for all: a chart of points would open wider than a chart of lines
+  function wholeSpan() {
+    let from = Infinity, to = -Infinity;
+    for (const chart of linked) {
+      for (const trace of chart.data) {
+        for (const t of numbers(trace.x)) {
+          if (t < from) from = t;
+          if (t > to) to = t;
+        }
+      }
+    }
+    const edge = 0.004 * (to - from) || 0.5;
+    return [from - edge, to + edge];
+  }
 
   function themed(layout) {
     const ink = css("--ink"), grid = css("--grid"), paper = css("--paper");
     const look = {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       "font.color": ink, "legend.bgcolor": "rgba(0,0,0,0)",
-      "hoverlabel.bgcolor": paper, "hoverlabel.font.color": ink,
+      "hoverlabel.bgcolor": paper, "hoverlabel.font.color": ink, "hoverlabel.bordercolor": css("--rule"),
+      "modebar.bgcolor": "rgba(0,0,0,0)", "modebar.color": css("--rule"), "modebar.activecolor": ink,
     };
     for (const key of axisNames(layout)) {
       look[key + ".gridcolor"] = grid;
@@ -39,8 +57,12 @@
       dragmode: narrow ? false : "zoom",
     }, layout);
     for (const key of axisNames(full)) {
-      full[key] = Object.assign({ automargin: true, zeroline: false, ticks: "outside" }, full[key]);
+      full[key] = Object.assign({ automargin: true, zeroline: false, ticks: "outside", exponentformat: "power" }, full[key]);
     }
+    return dressed(full);
+  }
+
+  function dressed(full) {
     for (const [path, value] of Object.entries(themed(full))) {
       const keys = path.split("."), last = keys.pop();
       let at = full;
@@ -55,20 +77,31 @@
     drawn.add(place.id);
     const chart = places.get(place.id);
     const layout = complete(chart.layout);
-    if (chart.linked && span) layout.xaxis.range = span.slice();
-    Plotly.newPlot(place, chart.data, layout, { responsive: true, displaylogo: false, scrollZoom: false });
+    if (chart.linked) alignTime(layout);
+    Plotly.newPlot(place, chart.data, layout, {
+      responsive: true, displaylogo: false, scrollZoom: Boolean(layout.map),
+      displayModeBar: matchMedia("(hover: none)").matches ? false : "hover",
+      modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+    });
     if (chart.linked) place.on("plotly_relayout", (change) => follow(place, change));
+  }
+
+  // the same left edge below each other, so that a moment stands in one vertical line on the whole page
+  function alignTime(layout) {
+    layout.xaxis.range = span.slice();
+    layout.margin.l = window.innerWidth < 600 ? 62 : 78;
+    for (const key of axisNames(layout)) if (key[0] === "y") layout[key].automargin = false;
   }
 
   function follow(source, change) {
     const all = change["xaxis.autorange"];
-    if (busy || !(all || "xaxis.range[0]" in change || "xaxis.range" in change)) return;
-    span = all ? null : source.layout.xaxis.range.slice();
-    busy = true;
+    if (!(all || "xaxis.range[0]" in change || "xaxis.range" in change)) return;
+    const range = source.layout.xaxis.range;
+    if (!all && range[0] === span[0] && range[1] === span[1]) return; // it was moved from here
+    span = all ? whole : range.slice();
     const others = linked.map((chart) => document.getElementById(chart.name))
-      .filter((place) => place !== source && drawn.has(place.id));
-    const update = all ? { "xaxis.autorange": true } : { "xaxis.range": span };
-    Promise.all(others.map((place) => Plotly.relayout(place, update))).finally(() => { busy = false; });
+      .filter((place) => (all || place !== source) && drawn.has(place.id));
+    for (const place of others) Plotly.relayout(place, { "xaxis.range": span.slice() });
   }
 
   const all = [...document.querySelectorAll(".chart")];
@@ -87,12 +120,16 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
   // the media "print" has its own colours and width, and what was never seen has not been drawn
   addEventListener("beforeprint", () => {
-    all.forEach(draw);
-    for (const place of all) Plotly.relayout(place, Object.assign(themed(places.get(place.id).layout), { width: 680 }));
+    const printed = all.filter((place) => place.checkVisibility() || !place.closest("details"));
+    printed.forEach(draw);
+    for (const place of printed) {
+      const width = place.closest("#sky") ? 340 : 680; // px: two beside each other, or the sheet's width
+      Plotly.relayout(place, Object.assign(themed(places.get(place.id).layout), { width }));
+    }
   });
   addEventListener("afterprint", () => {
     recolour();
-    for (const place of all) Plotly.relayout(place, { width: null, autosize: true });
+    for (const place of all) if (drawn.has(place.id)) Plotly.relayout(place, { width: null, autosize: true });
   });
 
   const worth = (cell) => {

@@ -22,7 +22,8 @@ def section(run: Run) -> Section:
         _biases(run, "gyro", "radps", _RADPS_TO_DEG_PER_H, "°/h", "Gyro bias"),
         _clock(run),
     ]
-    offsets = [name for name in run.nav.columns if name.startswith(("offset_", "glonass_", "zenith_"))]
+    names = [name for name in run.nav.columns if name.startswith(("offset_", "glonass_", "zenith_"))]
+    offsets = [name for name in names if run.nav[name].any()]  # of a band that was never used it stays zero
     if offsets:
         charts.append(_optional(run, offsets))
     return Section("biases", "Biases and clock", charts=charts)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from insgnss.report.charts import BAND_SIGMAS, Chart, Rows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section, table
-from insgnss.report.labels import label, number
+from insgnss.report.labels import label, row_of_numbers
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.run import Run
 from insgnss.tables import Float64
@@ -62,7 +62,10 @@ def _statistics(run: Run) -> str:
         summary = run.error_summary()
     rows = []
     for name, row in summary.iterrows():
-        columns = ("mean", "rms", "p50", "p95", "max", "mean_sigma", "rms_over_sigma")
-        rows.append([label(str(name)).axis(), *(number(float(row[column])) for column in columns)])
+        columns = ("mean", "rms", "p50", "p95", "max", "mean_sigma")
+        told = row_of_numbers(
+            [float(row[column]) for column in columns], min(float(row["rms"]), float(row["mean_sigma"]))
+        )
+        rows.append([label(str(name)).axis(), *told, f"{row['rms_over_sigma']:.2f}"])
     since = "" if known_s is None else f"<p>From {known_s:.1f} s on, when the heading was known.</p>"
     return since + table(_HEADS, rows)

@@ -6,9 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2, norm
+from scipy.special import gammaincinv
 
-from insgnss.report.charts import PALETTE, Chart, Rows, Trace, colour_of, marker_trace, packed
+from insgnss.report.charts import PALETTE, Chart, Rows, Trace, colour_of, marker_trace, packed, translucent
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section, table
 from insgnss.report.labels import KIND_UNITS, number
@@ -48,7 +48,9 @@ def nis_bounds(n: int, share: float = 0.95) -> tuple[float, float]:
     Equation: n mean(NIS) is chi-square with n degrees of freedom. [Bar-Shalom, Li, Kirubarajan 2001, 5.4.2]
     """
     tail = (1.0 - share) / 2.0
-    return float(chi2.ppf(tail, n)) / n, float(chi2.ppf(1.0 - tail, n)) / n
+    # the quantile of chi-square by the inverse of the incomplete gamma function; scipy.stats takes a second to load
+    low, high = (2.0 * float(gammaincinv(0.5 * n, p)) / n for p in (tail, 1.0 - tail))
+    return low, high
 
 
 def histogram(values: Float64) -> tuple[Float64, Float64]:
@@ -61,7 +63,12 @@ def histogram(values: Float64) -> tuple[Float64, Float64]:
 
 def _summary(run: Run) -> str:
     rows = [
-        [kind, int(row["used"]), number(float(row["mean_nis"])), number(100.0 * float(row["share_95"]))]
+        [
+            str(kind).replace("_", " "),
+            int(row["used"]),
+            number(float(row["mean_nis"])),
+            number(100.0 * float(row["share_95"])),
+        ]
         for kind, row in run.nis_summary().iterrows()
     ]
     return table(("kind", "used", "mean NIS (1)", "within 95 % bound, %"), rows)
@@ -142,7 +149,7 @@ def _histogram(used: pd.DataFrame, kind: str, words: str) -> Chart:
             "mode": "lines",
             "name": "standard normal",
             "x": packed(bell),
-            "y": packed(norm.pdf(bell)),
+            "y": packed(np.exp(-0.5 * bell**2) / np.sqrt(2.0 * np.pi)),
             "line": {"color": PALETTE[1], "width": 2},
         },
     ]
@@ -161,33 +168,35 @@ def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
         PALETTE[2] if low <= mean <= high else PALETTE[4] if mean < low else PALETTE[1]
         for mean, (low, high) in zip(means, bounds, strict=True)
     ]
-    bars: Trace = {
+    width = bounds[:, 1] - bounds[:, 0]
+    interval: Trace = {
         "type": "bar",
+        "name": "95 % bounds",
+        "x": names,
+        "base": packed(bounds[:, 0]),
+        "y": packed(width),
+        "width": [0.5] * len(names),
+        "marker": {"color": translucent(PALETTE[6], 0.45)},
+        "hoverinfo": "skip",
+    }
+    found: Trace = {
+        "type": "scatter",
+        "mode": "markers",
         "name": "mean NIS",
         "x": names,
         "y": packed(means.to_numpy()),
-        "marker": {"color": colours},
+        "marker": {"color": colours, "size": 10},
         "text": [f"{n} values" for n in counts],
-        "textposition": "none",
         "hovertemplate": "%{x}: %{y:.2f}, %{text}<extra></extra>",
+        "showlegend": False,
     }
-    edges: list[Trace] = [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": name,
-            "x": names,
-            "y": packed(bounds[:, i]),
-            "marker": {"symbol": "line-ew-open", "size": 14, "color": PALETTE[6]},
-        }
-        for i, name in enumerate(("lower bound", "upper bound"))
-    ]
     layout = {
         "xaxis": {"type": "category", "title": {"text": "satellite"}},
-        "yaxis": {"title": {"text": "mean NIS"}, "rangemode": "tozero"},
+        "yaxis": {"title": {"text": "mean NIS"}, "rangemode": "tozero", "zeroline": True},
     }
     caption = (
-        "Marks: 95 % bounds of the mean if the values were independent; errors that last for seconds"
-        " (multipath) leave them without being a defect."
+        "Grey: the 95 % bounds of the mean if the values were independent; errors that last for seconds (multipath)"
+        " leave them without being a defect. Green lies inside, amber below (too careful), red above (too trusting)."
     )
-    return Chart(f"chart-nis-{kind}", f"Mean NIS by satellite: {words}", [bars, *edges], layout, 280, caption)
+    title = f"Mean NIS by satellite: {words}"
+    return Chart(f"chart-nis-{kind}", title, [interval, found], layout, 280, caption)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from insgnss.columns.statuses import STATUS_MEANINGS
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section, table
 from insgnss.run import Run
@@ -15,10 +16,11 @@ def section(run: Run) -> Section:
     counts = run.status_counts()
     kinds = [str(kind) for kind in counts.columns]
     rows: list[list[object]] = [
-        [str(status), *(int(row[kind]) for kind in kinds)] for status, row in counts.iterrows()
+        [str(status), *(int(row[kind]) for kind in kinds), STATUS_MEANINGS.get(str(status), "")]
+        for status, row in counts.iterrows()
     ]
-    rows.append(["in the log", *(int(counts[kind].sum()) for kind in kinds)])
-    head = ("status", *(kind.replace("_", " ") for kind in kinds))
+    rows.append(["in the log", *(int(counts[kind].sum()) for kind in kinds), ""])
+    head = ("status", *(kind.replace("_", " ") for kind in kinds), "meaning")
     title = f"<p>{len(run.measurements)} measurements, each with what became of it.</p>"
     return Section(
         "ledger", "Ledger", before=title + table(head, rows, name="ledger-totals") + _by_satellite(run)

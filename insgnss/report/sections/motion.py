@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from insgnss.tables import Float64
 _HEIGHT: Final = (("h_m", "sd_d_m", None),)
 _VELOCITY: Final = tuple((f"v{axis}_mps", f"sd_v{axis}_mps", None) for axis in "ned")
 _ATTITUDE: Final = tuple((f"{angle}_deg", f"sd_{angle}_deg", 360.0) for angle in ("roll", "pitch", "yaw"))
+_LINES: Final = ("north, roll", "east, pitch", "down, yaw")
 SIGMA_GROUPS: Final = (
     ("position", "m", ("n_m", "e_m", "d_m")),
     ("velocity", "m/s", ("vn_mps", "ve_mps", "vd_mps")),
@@ -53,17 +54,20 @@ def _banded(
         rows.add(row, band_trace(time_s, values, nav[sigma].to_numpy(), colour, period=period))
         rows.add(row, line_trace(time_s, values, label(column).words, colour, period=period))
         rows.ranges[row] = opening_range(values, nav[sigma].to_numpy())
+        if period is not None and np.ptp(rows.ranges[row]) > 0.5 * period:
+            rows.more[row] = {"dtick": 0.25 * period}  # quarters of the circle
     caption = "The band is three sigma to either side; where it cannot be seen, it is thinner than the line."
     return rows.chart(name, title, row_px=row_px, caption=caption, showlegend=False)
 
 
 def _sigmas(run: Run) -> Chart:
-    """Return one sigma of position, velocity and attitude over time."""
+    """Return one sigma of position, velocity and attitude over time, in the colours of the axes above."""
     time_s = run.nav["time_s"].to_numpy()
-    rows = Rows([f"sigma of {group}, {unit}" for group, unit, _ in SIGMA_GROUPS])
+    rows = Rows([f"{group}, {unit}" for group, unit, _ in SIGMA_GROUPS])
     for row, (_, _, columns) in enumerate(SIGMA_GROUPS):
         rows.kinds[row] = "log"
         for place, column in enumerate(columns):
             values = run.nav[f"sd_{column}"].to_numpy()
-            rows.add(row, line_trace(time_s, values, label(column).words, colour_of(3 * row + place)))
+            more: dict[str, Any] = {"legendgroup": place, "showlegend": row == 0}
+            rows.add(row, line_trace(time_s, values, _LINES[place], colour_of(place), **more))
     return rows.chart("chart-sigma", "One sigma", row_px=170)

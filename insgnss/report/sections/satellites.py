@@ -21,7 +21,7 @@ STATE_COLOURS: Final = {
     "track": "#009e73",
     "hold": "#e69f00",
     "search": "#d55e00",
-    "control_detection": "#e69f00",
+    "control_detection": "#cc79a7",
     "resume": "#56b4e9",
     "lost": "#8c8c8c",
     "masked_gain": "#cc79a7",

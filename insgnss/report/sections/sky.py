@@ -1,4 +1,4 @@
-"""Where the satellites stood: in the local level and in the body, coloured by the antenna's gain where it is known."""
+"""Where the satellites stood: in the local level and in the body, with the antenna's gain where it is known."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ import pandas as pd
 from insgnss.report.charts import Chart, Trace, packed
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
+from insgnss.report.sections.pattern import pattern_traces
 from insgnss.report.sections.satellites import STATE_COLOURS
 from insgnss.run import Run
 
 _POINTS_EACH: Final = 200  # of a satellite's way
 _POINTS_ALL: Final = 6000
+_SCALE_DB: Final = 20.0  # that a scale of gains spans at most
+_WAY: Final = "#1b1f24"
 
 
 def section(run: Run) -> Section | None:
@@ -25,14 +28,30 @@ def section(run: Run) -> Section | None:
         return None
     table = _thinned(table)
     with_gain = bool(np.isfinite(table["gain_dbi"]).any())
-    coloured = "the gain of the best antenna" if with_gain else "whether the satellite was used"
-    local = _chart(table, "", "chart-sky-local", "Sky in the local level (north up)", with_gain)
-    body = _chart(table, "body_", "chart-sky-body", "Sky in body axes (forward up)", with_gain)
+    scale = _scale(table) if with_gain else {}
+    behind = pattern_traces(run, scale) if with_gain else []
+    local = _chart(table, "", "chart-sky-local", "Local level, north up", scale, [])
+    body = _chart(table, "body_", "chart-sky-body", "Body axes, forward up", scale, behind)
     about = (
-        f"<p>Colour tells {coloured}. In the local level the rim is the horizon; in body axes the inner circle is the"
-        " body's own horizon and the rim is straight below it.</p>"
+        f"<p>Colour tells {_told_by_colour(with_gain, bool(behind))}. In the local level the rim is the horizon; in"
+        " body axes the middle is straight up and the circle marked 0° is the body's own horizon.</p>"
     )
     return Section("sky", "Sky", before=about, charts=(local, body))
+
+
+def _told_by_colour(with_gain: bool, with_pattern: bool) -> str:
+    if with_pattern:
+        return "the gain of the best antenna; in body axes its whole pattern lies behind the satellites' ways"
+    return "the gain of the best antenna" if with_gain else "whether the satellite was used"
+
+
+def _scale(table: pd.DataFrame) -> dict[str, Any]:
+    """Return the colours of the gain: one scale for both plots and the pattern, 20 dB below the best at most."""
+    gain = table["gain_dbi"].to_numpy()
+    high = float(np.nanmax(gain))
+    low = max(min(float(np.nanmin(gain)), high - 1.0), high - _SCALE_DB)
+    bar = {"title": {"text": "gain, dBic"}, "thickness": 12, "len": 0.8, "x": 1.1}
+    return {"colorscale": "Viridis", "cmin": low, "cmax": high, "colorbar": bar}
 
 
 def _thinned(table: pd.DataFrame) -> pd.DataFrame:
@@ -46,28 +65,49 @@ def _thinned(table: pd.DataFrame) -> pd.DataFrame:
     return table.iloc[np.concatenate(kept)]
 
 
-def _chart(table: pd.DataFrame, prefix: str, name: str, title: str, with_gain: bool) -> Chart:
-    traces = [_gain_trace(table, prefix)] if with_gain else _used_traces(table, prefix)
-    traces.append(_names_trace(table, prefix))
-    ticks = [0, 45, 90, 135, 180] if prefix else [0, 30, 60, 90]
-    words = [f"{90 - down}°" for down in ticks]
-    radial: dict[str, Any] = {"range": [0, ticks[-1]], "tickvals": ticks, "ticktext": words, "angle": 90}
-    angular = {"rotation": 90, "direction": "clockwise"}
-    if prefix:
-        angular |= {"tickvals": [0, 90, 180, 270], "ticktext": ["forward", "right", "aft", "left"]}
-    layout = {
-        "polar": {"radialaxis": radial | {"tickfont": {"size": 10}}, "angularaxis": angular},
-        "margin": {"l": 40, "r": 40, "t": 40, "b": 30},
-        "legend": {"orientation": "h", "y": -0.08, "x": 0},
+def _chart(
+    table: pd.DataFrame, prefix: str, name: str, title: str, scale: dict[str, Any], behind: list[Trace]
+) -> Chart:
+    if scale and behind:
+        # over a coloured pattern the ways are dark, with the scale's bar
+        ways = [_points(table, prefix, "way", {"size": 3, "color": _WAY}), _bar_alone(scale)]
+    else:
+        ways = [_gain_trace(table, prefix, scale)] if scale else _used_traces(table, prefix)
+    traces = [*behind, *ways, _names_trace(table, prefix) | ({"textfont": {"color": _WAY}} if behind else {})]
+    deepest = float((90.0 - table[f"{prefix}el_deg"]).max())
+    # the half of the sky below the body's horizon only where a satellite stood there
+    ticks = [0, 30, 60, 90] if deepest <= 90.0 else [0, 30, 60, 90, 120, 150]
+    radial: dict[str, Any] = {
+        "range": [0, 90.0 if deepest <= 90.0 else min(30.0 * np.ceil(deepest / 30.0), 180.0)],
+        "tickvals": ticks[1:],
+        "ticktext": [f"{90 - down}°" for down in ticks[1:]],
+        "angle": 67.5,
+        "tickangle": 0,
+        "showline": False,
+        "ticks": "",
+        "layer": "above traces",
     }
-    return Chart(name, title, traces, layout, 480)
+    words = ("forward", "right", "aft", "left") if prefix else ("N", "E", "S", "W")
+    angular = {"rotation": 90, "direction": "clockwise", "tickvals": [0, 90, 180, 270], "ticktext": words}
+    layout = {
+        "polar": {"radialaxis": radial | {"tickfont": {"size": 10}}, "angularaxis": angular, "bargap": 0},
+        "margin": {"l": 44, "r": 44, "t": 30, "b": 30},
+        "legend": {"orientation": "h", "y": -0.06, "x": 0},
+        "showlegend": not scale,
+    }
+    return Chart(name, title, traces, layout, 400)
 
 
-def _gain_trace(table: pd.DataFrame, prefix: str) -> Trace:
+def _bar_alone(scale: dict[str, Any]) -> Trace:
+    """Return a trace without a point, which carries the bar of the colours."""
+    marker = {"color": [scale["cmin"]], "showscale": True, **scale}
+    return {"type": "scatterpolar", "mode": "markers", "r": [None], "theta": [None], "marker": marker}
+
+
+def _gain_trace(table: pd.DataFrame, prefix: str, scale: dict[str, Any]) -> Trace:
     gain = table["gain_dbi"].to_numpy()
     known = np.isfinite(gain)
-    marker = {"size": 4, "color": packed(gain[known]), "colorscale": "Viridis", "showscale": True}
-    marker |= {"colorbar": {"title": {"text": "gain, dBi"}, "thickness": 12, "len": 0.8}}
+    marker = {"size": 5, "color": packed(gain[known]), "showscale": True, **scale}
     return _points(table[known], prefix, "gain", marker)
 
 

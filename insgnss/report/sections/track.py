@@ -16,6 +16,8 @@ from insgnss.run import Run
 from insgnss.tables import Float64
 
 _POINTS: Final = 3000
+_FROM_KM: Final = 5000.0  # m across, from which the axes are in kilometres
+_TILE_CORNERS: Final = 500  # points of the track over tiles
 
 
 def east_north(nav: pd.DataFrame, origin: pd.Series | None = None) -> tuple[Float64, Float64]:
@@ -36,9 +38,15 @@ def section(run: Run) -> Section:
     """Return the map: the track coloured by its sigma or by the satellites used, the reference below it."""
     nav = run.nav
     east, north = east_north(nav)
+    scale = 1e-3 if max(np.ptp(east), np.ptp(north)) > _FROM_KM else 1.0
+    east, north = scale * east, scale * north
     sigma, used = horizontal_sigma(nav), used_at(run, nav["time_s"].to_numpy())
     kept = envelope(np.column_stack([east, north, sigma]), _POINTS)
-    traces = [*_reference(run, east, north), _track(nav, east, north, sigma, kept), *_ends(east, north)]
+    traces = [
+        *_reference(run, east, north, scale),
+        _track(nav, east, north, sigma, kept),
+        *_ends(east, north),
+    ]
     chosen = traces.index(next(t for t in traces if t["name"] == "track"))
     by_sigma: dict[str, Any] = {
         "marker.color": [packed(sigma[kept])],
@@ -50,16 +58,17 @@ def section(run: Run) -> Section:
         "marker.colorbar.title.text": "satellites",
     }
     by_used |= {"marker.cmin": [float(used.min())], "marker.cmax": [float(max(used.max(), used.min() + 1))]}
+    unit = "km" if scale != 1.0 else "m"
     layout = {
-        "xaxis": {"title": {"text": "east of the start, m"}, "tickformat": "d"},
-        "yaxis": {"title": {"text": "north of the start, m"}, "scaleanchor": "x", "tickformat": "d"},
+        "xaxis": {"title": {"text": f"east of the start, {unit}"}},
+        "yaxis": {"title": {"text": f"north of the start, {unit}"}, "scaleanchor": "x"},
         "updatemenus": [_buttons([("by sigma", by_sigma), ("by satellites used", by_used)], chosen)],
         "margin": {"l": 66, "r": 12, "t": 44, "b": 44},
         "legend": {"orientation": "h", "y": -0.16, "x": 0},
     }
     caption = "Horizontal sigma is the root of the summed variances north and east; its colours end at the 98 % point."
     chart = Chart("chart-track", "Track from above", traces, layout, 520, caption)
-    return Section("map", "Map", charts=(chart,))
+    return Section("map", "Map", charts=(chart, _over_tiles(nav)))
 
 
 def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, kept: Any) -> Trace:
@@ -72,6 +81,7 @@ def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, kep
         "type": "scatter",
         "mode": "markers",
         "name": "track",
+        "showlegend": False,
         "x": packed(east[kept]),
         "y": packed(north[kept]),
         "marker": marker,
@@ -81,13 +91,40 @@ def _track(nav: pd.DataFrame, east: Float64, north: Float64, sigma: Float64, kep
     }
 
 
-def _reference(run: Run, east: Float64, north: Float64) -> list[Trace]:
+def _over_tiles(nav: pd.DataFrame) -> Chart:
+    """Return the track over street-map tiles, which the browser fetches once the reader opens the fold."""
+    place = nav[["lat_deg", "lon_deg"]].to_numpy()
+    lat, lon = place[envelope(place, _TILE_CORNERS)].T
+    line = {"color": PALETTE[1], "width": 3}
+    trace = {
+        "type": "scattermap",
+        "mode": "lines",
+        "lat": packed(lat, True),
+        "lon": packed(lon, True),
+        "line": line,
+    }
+    # 360 degrees fill 512 pixels at zoom 0; a drawing of 500 pixels is left a fifth free
+    across = max(float(np.ptp(lat)) / np.cos(np.radians(lat.mean())), float(np.ptp(lon)), 1e-5)
+    zoom = min(np.log2(360.0 * 0.8 * 500.0 / 512.0 / across), 17.0)
+    centre = {"lat": float(lat.min() + lat.max()) / 2.0, "lon": float(lon.min() + lon.max()) / 2.0}
+    layout = {
+        "map": {"style": "open-street-map", "center": centre, "zoom": float(zoom)},
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+        "showlegend": False,
+        "dragmode": "pan",
+    }
+    fold = "Over a street map (fetches tiles from openstreetmap.org)"
+    return Chart("chart-tiles", "Over a street map", [trace], layout, 500, on_request=fold)
+
+
+def _reference(run: Run, east: Float64, north: Float64, scale: float) -> list[Trace]:
     """Return the reference's track: the estimate less its error, where there is one."""
     if run.errors is None or run.errors.empty:
         return []
     at = np.searchsorted(run.nav["time_s"].to_numpy(), run.errors["time_s"].to_numpy())
     at = np.minimum(at, len(east) - 1)
-    x, y = east[at] - run.errors["d_e_m"].to_numpy(), north[at] - run.errors["d_n_m"].to_numpy()
+    x = east[at] - scale * run.errors["d_e_m"].to_numpy()
+    y = north[at] - scale * run.errors["d_n_m"].to_numpy()
     kept = envelope(np.column_stack([x, y]), _POINTS)
     line = {"color": PALETTE[6], "width": 1}
     return [

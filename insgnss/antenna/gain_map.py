@@ -1,0 +1,35 @@
+"""The gain of a vehicle's best antenna over the whole sphere of its body: the background of sky plots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insgnss.antenna.installation import Installation
+from insgnss.antenna.obstruction import directions
+from insgnss.antenna.visibility import Limits, look_at_all
+from insgnss.status import MASKED_OBSTRUCTION
+from insgnss.tables import Float64
+
+
+def gain_map(antennas: Installation, limits: Limits, azimuth_deg: Float64, down_deg: Float64) -> Float64:
+    """Return the gain of the best antenna towards directions in body axes [dBic]; NaN where the airframe hides them.
+
+    Parameters
+    ----------
+    antennas : of the vehicle
+    limits : of the visibility stage
+    azimuth_deg : (m,) from forward to the right
+    down_deg : (n,) from straight up, 0, over the body's horizon, 90, to straight down, 180
+
+    Returns
+    -------
+    (n, m)
+    """
+    u_n = directions(azimuth_deg[None, :], 90.0 - down_deg[:, None]).reshape(1, -1, 3)
+    shape = u_n.shape[:2]
+    decision, reason, antenna = (np.zeros(shape, np.int8) for _ in range(3))
+    gain = np.zeros((*shape, 2))
+    level, known = np.eye(3)[None], np.zeros((1, 3, 3))
+    look_at_all(level, known, u_n, antennas, limits, decision, reason, antenna, gain)
+    shown = np.where(reason[0] == MASKED_OBSTRUCTION, np.nan, gain[0, :, 0])
+    return np.asarray(shown.reshape(len(down_deg), len(azimuth_deg)))

@@ -1,0 +1,24 @@
+"""``insgnss columns``: what each column of a table means."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+
+
+def columns(
+    table: Annotated[
+        str | None, typer.Argument(help="A table: imu.csv, nav, measurements, ...; all without it.")
+    ] = None,
+) -> None:
+    """Print the names, units and meanings of the columns of all tables, or of one, as Markdown."""
+    with own_errors_told():
+        from insgnss.columns.page import SHEETS, columns_page, sheet_text
+        from insgnss.errors import ConfigError
+
+        if table is not None and table not in SHEETS:
+            raise ConfigError(f"'{table}' is no table", key="TABLE", advice=f"one of: {', '.join(SHEETS)}")
+        typer.echo(columns_page() if table is None else sheet_text(SHEETS[table]), nl=False)

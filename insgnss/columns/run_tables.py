@@ -1,0 +1,172 @@
+"""The columns of a run's tables: navigation, ledger, satellites, events, errors, aiding, supervision."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.columns.sheet import Sheet
+
+_NAV = """
+time_s: GPS seconds of the week stated in the flight file; beyond 604 800 after a week crossover
+lat_deg lon_deg: position of the IMU, WGS-84
+h_m: height of the IMU above the ellipsoid
+vn_mps ve_mps vd_mps: velocity against the Earth: north, east, down
+roll_deg pitch_deg yaw_deg: attitude of the body (forward, right, down) against north, east, down; yaw
+  clockwise from north
+sd_n_m sd_e_m sd_d_m: one sigma of position: north, east, down
+sd_vn_mps sd_ve_mps sd_vd_mps: one sigma of velocity
+sd_roll_deg sd_pitch_deg sd_yaw_deg: one sigma of attitude
+accel_bias_x_mps2 accel_bias_y_mps2 accel_bias_z_mps2: estimated accelerometer bias along forward, right, down
+gyro_bias_x_radps gyro_bias_y_radps gyro_bias_z_radps: estimated gyro bias along forward, right, down
+sd_accel_bias_x_mps2 sd_accel_bias_y_mps2 sd_accel_bias_z_mps2: one sigma of the accelerometer bias
+sd_gyro_bias_x_radps sd_gyro_bias_y_radps sd_gyro_bias_z_radps: one sigma of the gyro bias
+clock_bias_m clock_drift_mps: receiver clock against GPS time, and its rate
+sd_clock_bias_m sd_clock_drift_mps: one sigma of the receiver clock
+n_used: pseudorange rows used in the latest epoch; a satellite counts once for each of its bands
+n_hypotheses: headings still possible: 1 as soon as the heading is known
+offset_*_m: clock offset of each further constellation, and of each further band of one, where estimated
+glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
+zenith_delay_m: residual tropospheric delay at the zenith, where estimated
+"""
+_MEASUREMENTS = """
+time_s: receiver time tag, seconds of the GPS week
+sv: satellite, as G05
+signal: RINEX code, as C1C
+kind: pseudorange, range_rate or carrier_difference
+innovation: measured minus predicted, at the prior; m for pseudorange and carrier difference, m/s for range rate
+sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit
+nis: squared ratio of the two: 1 in the mean where filter and noise agree
+status: used, or why not: see the list at the end
+"""
+_SATELLITES = """
+time_s: receiver time tag, seconds of the GPS week
+sv: satellite
+az_deg el_deg: direction from the local level: azimuth clockwise from north, elevation
+body_az_deg body_el_deg: direction from the airframe: azimuth from forward to the right, elevation against
+  the body's own horizon
+gain_dbi: gain of the best antenna towards it, circularly polarised; empty where no antenna is described
+state: tracked, or why not: see the list at the end; absent: no measurement in this epoch
+sd_range_m sd_range_rate_mps: how well range and range rate were predicted before the update: sqrt(h P h^T)
+"""
+EVENTS: Final = Sheet(
+    "events",
+    "thing worth telling: a gap, a reset, a clock jump, the heading known",
+    """
+time_s: seconds of the GPS week; empty for what concerns a whole file
+kind: one word: imu_gap, heading_known, clock_jump, ...
+detail: the same in a sentence, with numbers
+""",
+)
+ERRORS: Final = Sheet(
+    "errors",
+    "navigation row inside the reference",
+    """
+time_s: seconds of the GPS week
+quality: the reference's own mark of its quality, 1 where it has none
+d_n_m d_e_m d_d_m: estimate minus reference: position north, east, down
+d_vn_mps d_ve_mps d_vd_mps: estimate minus reference: velocity
+d_roll_deg d_pitch_deg d_yaw_deg: estimate minus reference: attitude, within a half circle
+sd_n_m sd_e_m sd_d_m: the estimate's one sigma of position
+sd_vn_mps sd_ve_mps sd_vd_mps: the estimate's one sigma of velocity
+sd_roll_deg sd_pitch_deg sd_yaw_deg: the estimate's one sigma of attitude
+""",
+    "Only where the flight file names a reference; what the reference has not is empty.",
+)
+_AIDING = """
+time_s: time of use, seconds of the GPS week
+sv: satellite
+range_rate_mps: of the antenna's phase centre, the receiver clock's drift included; positive when the
+  distance grows
+range_acceleration_mps2 range_jerk_mps3: its first and second derivative
+doppler_hz doppler_rate_hz_per_s: at the carrier; RINEX sign, positive when the distance shrinks
+pseudorange_m: predicted, the receiver clock included
+code_delay_rate_s_per_s: rate of the code's delay
+sd_range_rate_mps sd_range_acceleration_mps2 sd_range_jerk_mps3: one sigma at the time of use
+sd_doppler_hz sd_doppler_rate_hz_per_s: one sigma at the time of use
+sd_pseudorange_m sd_code_delay_rate_s_per_s: one sigma at the time of use
+age_s: time since the inertial sample it was predicted from
+"""
+_BUDGET = """
+time_s: when the sigmas were found, seconds of the GPS week
+sv: satellite
+sd_rate_velocity_mps: part of the range rate's sigma that velocity's uncertainty makes
+sd_rate_attitude_mps: part of attitude and lever arm
+sd_rate_accelerometer_mps: part of the accelerometer
+sd_rate_gyro_mps: part of the gyro
+sd_rate_clock_mps: part of the receiver clock
+sd_rate_satellite_mps: part of the satellite's orbit and clock
+sd_rate_motion_mps: part of the motion since the last inertial sample
+cross_rate_m2ps2: what correlations between the parts add to the variance; negative as a rule
+sd_acceleration_velocity_mps2 sd_acceleration_attitude_mps2 sd_acceleration_accelerometer_mps2: the same
+  parts of the acceleration's sigma
+sd_acceleration_gyro_mps2 sd_acceleration_clock_mps2 sd_acceleration_satellite_mps2
+  sd_acceleration_motion_mps2: the same parts of the acceleration's sigma
+cross_acceleration_m2ps4: what correlations between the parts add to the acceleration's variance
+"""
+_SUPERVISION = """
+time_s: seconds of the GPS week
+sv: satellite
+state: what the receiver should do: track, hold, control_detection, resume, search, lost; absent without a
+  prediction
+decision: whether antenna and airframe let it be seen: visible, hidden, or either while uncertain
+receiver: whether the receiver's log has a pseudorange: present, missing, not_known
+el_deg: elevation above the local level
+gain_dbi sd_gain_db: gain of the best antenna and its sigma, from that of the attitude
+cn0_dbhz: expected C/N0
+pseudorange_m doppler_hz: what the receiver would measure, its clock included
+sd_range_m sd_range_rate_mps: sqrt(D), D = h P h^T of the prior: how well they are predicted
+within_aperture: whether three sigmas stay inside the discriminator's aperture
+delay_half_width_chips doppler_half_width_hz: half widths of the search window
+delay_cells doppler_bins: cells of the window in delay and Doppler
+accumulation_s search_s: time of one accumulation and of the whole search; infinite where none suffices
+"""
+_TRANSITIONS = """
+time_s: seconds of the GPS week
+sv: satellite
+from_state to_state: of the channel
+reason: why: hidden, visible_again, signal_lost, detected, pulled_in, ...
+pseudorange_m doppler_hz: predicted at the transition, the receiver clock included
+sd_range_m sd_doppler_hz: how well
+accumulation_s: time of one accumulation
+delay_cells doppler_bins: cells of the search window in delay and Doppler
+search_s: time of the whole search
+"""
+_SEARCH = """
+sv: satellite
+predicted_s: time with a prediction
+hold_s: time held while hidden
+control_s search_s: time in detections at the predicted place, and in search
+in_vain_s: of both: failed or broken off
+unsupervised_s unsupervised_in_vain_s: what a receiver without attitude would have searched; of it while
+  there was nothing to be found
+n_events n_agree n_differ n_not_covered: events in the receiver's own log, and how they compare; only with
+  such a log
+receiver_search_s receiver_inhibited_s receiver_needless_s: search by the receiver's own log; of it while
+  hidden, and while the signal was expected at the predicted place; only with such a log
+"""
+_RECEIVER = """
+time_s: seconds of the GPS week
+sv: satellite
+event: lock, loss, search or detection
+supervisor: the supervisor's state at that moment
+verdict: agrees, not_covered, or how they differ
+lag_s: the receiver's event after the supervisor's change of state
+"""
+RUN_SHEETS: Final = (
+    Sheet("nav", "output time", _NAV),
+    Sheet("measurements", "satellite, signal, epoch and kind: every value of the log", _MEASUREMENTS),
+    Sheet("satellites", "satellite and epoch", _SATELLITES),
+    EVENTS,
+    ERRORS,
+    Sheet("aiding", "time and satellite above the horizon", _AIDING, "Only with `--aiding`."),
+    Sheet("aiding_budget", "satellite, whenever its sigmas are found anew", _BUDGET, "Only with `--aiding`."),
+    Sheet("supervision", "satellite above the horizon and epoch", _SUPERVISION, "Only with `--supervise`."),
+    Sheet("transitions", "change of a channel's state", _TRANSITIONS, "Only with `--supervise`."),
+    Sheet("search_times", "satellite", _SEARCH, "Only with `--supervise`."),
+    Sheet(
+        "receiver_events",
+        "event in the receiver's own log",
+        _RECEIVER,
+        "Only with `--supervise` and `receiver_events` in the flight file.",
+    ),
+)

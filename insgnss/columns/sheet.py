@@ -1,0 +1,78 @@
+"""A table's description: what a row stands for, and each column's unit and meaning."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+# endings of column names, the longest first: "mps2" before "mps"
+UNITS: Final[dict[str, str]] = {
+    "m_per_channel": "m/channel",
+    "hz_per_s": "Hz/s",
+    "s_per_s": "s/s",
+    "m2ps2": "m²/s²",
+    "m2ps4": "m²/s⁴",
+    "m2": "m²",
+    "mps3": "m/s³",
+    "mps2": "m/s²",
+    "mps": "m/s",
+    "radps": "rad/s",
+    "deg": "°",
+    "dbhz": "dB-Hz",
+    "dbi": "dBi",
+    "db": "dB",
+    "hz": "Hz",
+    "chips": "chips",
+    "cycles": "cycles",
+    "m": "m",
+    "s": "s",
+}
+
+
+class Column(NamedTuple):
+    """One column, or one family of columns where its name has a ``*``."""
+
+    name: str
+    unit: str  # "" without one
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """What is said of one table."""
+
+    name: str
+    row: str  # what one row stands for
+    text: str  # a line for each meaning: the columns it holds for, a colon, the meaning; indented: goes on
+    intro: str = ""
+
+    def lines(self) -> list[tuple[list[Column], str]]:
+        """Return the columns that share a meaning, and the meaning, in the table's order."""
+        told = []
+        whole = self.text.replace("\n  ", " ")  # an indented line goes on with the one before
+        for line in filter(None, map(str.strip, whole.splitlines())):
+            names, _, meaning = line.partition(":")
+            columns = [Column(name, unit_of(name), meaning.strip()) for name in names.split()]
+            told.append((columns, meaning.strip()))
+        return told
+
+    def columns(self) -> list[Column]:
+        """Return all columns."""
+        return [column for columns, _ in self.lines() for column in columns]
+
+    def undescribed(self, names: Iterable[str]) -> list[str]:
+        """Return which of these columns have no meaning here."""
+        known = [column.name for column in self.columns() if column.meaning]
+        return [name for name in names if not any(fnmatch.fnmatchcase(name, pattern) for pattern in known)]
+
+    def absent(self, names: Iterable[str]) -> list[str]:
+        """Return which of the columns described here are not among these."""
+        present = list(names)
+        return [c.name for c in self.columns() if not fnmatch.filter(present, c.name)]
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that a column's name ends in, "" where it has none."""
+    return next((unit for ending, unit in UNITS.items() if name.endswith(f"_{ending}")), "")

@@ -1,0 +1,47 @@
+"""What became of a measurement, in plain words: one line for each status of the ledger."""
+
+from __future__ import annotations
+
+from typing import Final
+
+STATUS_MEANINGS: Final[dict[str, str]] = {
+    "used": "it corrected the state",
+    "gated": "normalised innovation above the gate, judged on the prior",
+    "masked_elevation": "below the elevation mask",
+    "masked_cn0": "below the C/N0 mask",
+    "masked_gain": "in the vehicle's attitude no antenna has enough gain towards it",
+    "masked_obstruction": "in the vehicle's attitude the airframe hides it from the antenna",
+    "no_clock": "its constellation's clock offset was not known yet: the row started it",
+    "inconsistent": "the epoch's rows do not agree with each other, and it is the one that stands out",
+    "drifting": "its innovations of the last seconds have one sign: a slow error that no single gate sees",
+    "reflected": "much weaker than its elevation lets expect: not the direct signal",
+    "no_ephemeris": "no broadcast message or precise orbit of the satellite",
+    "stale_ephemeris": "the newest message is too old",
+    "unhealthy": "the message says that the satellite is not to be used",
+    "unknown_signal": "the signal's code is not known",
+    "signal_not_used": "a setting: another signal of the same satellite and band is used",
+    "constellation_not_used": "a setting",
+    "bad_value": "not a number, or outside any physical range",
+    "bad_sigma": "the log states a sigma that is zero, negative or not a number",
+    "duplicate": "satellite and signal stand twice in the epoch; the first one counts",
+    "switched_off": "a setting: this kind of measurement is not used",
+    "not_started": "before the filter had a start",
+    "no_imu": "outside the time the inertial log covers",
+    "too_late": "it reached the streaming engine after its latency limit",
+    "clock_jump": "refused with its whole epoch: the receiver's clock jumped and the step was not known yet",
+    "used_for_start": "it went into the single-point solution that started or restarted the filter",
+    "refused_at_start": "the single-point solution excluded it",
+    "combined": "its value stands in another row of the satellite: the ionosphere-free combination",
+    "no_second_signal": "the ionosphere-free combination needs a second signal, and this satellite has one",
+    "no_solution": "the epoch has no point solution",
+    "no_correction": "the base station has none for this signal, message and time",
+    "no_epoch_before": "no carrier of this signal in the epoch before, or the filter was not there yet",
+    "slip_indicated": "cycle slip: the receiver says so",
+    "slip_doppler": "cycle slip: carrier and Doppler (without one, pseudorange) disagree",
+    "slip_geometry_free": "cycle slip: two carriers of the satellite disagree",
+    "half_cycle": "the half-cycle ambiguity was resolved or lost between the two epochs",
+    "message_changed": "the two epochs' satellite states are from different messages",
+    "clock_stepped": "the receiver's clock stepped between the two epochs",
+    "no_range": "no pseudorange beside the carrier tells when the signal was sent",
+    "no_channel": "GLONASS: neither messages, log nor flight file tell its frequency channel",
+}

@@ -1,0 +1,132 @@
+"""The page of column names says what the tables hold: no column without a meaning, none that does not exist."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from typer.testing import CliRunner
+
+import insgnss
+from insgnss.aiding import table as aiding_table
+from insgnss.cli.main import app
+from insgnss.columns.page import SHEETS, columns_page
+from insgnss.columns.sheet import Sheet, unit_of
+from insgnss.columns.statuses import STATUS_MEANINGS
+from insgnss.config.flight import GnssColumns, ImuColumns, MountedAntenna, ReferenceColumns
+from insgnss.fusion.output import NAV_COLUMNS
+from insgnss.log.flight import Flight
+from insgnss.point import TABLES as POINT_TABLES
+from insgnss.run import TABLES, Run
+from insgnss.status import NAMES
+from tests.conftest import REPOSITORY
+
+SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
+# columns that only some runs have: of optional states, and of a log of the receiver's own
+SOMETIMES = {"offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m"}
+
+
+def with_everything(folder: Path) -> Flight:
+    """Return the sample flight with an antenna and a log of the receiver's own events."""
+    events = folder / "tracking.csv"
+    events.write_text("time_s,sv,event\n293800,G01,lock\n293856,G01,loss\n")
+    flight = Flight.load(SAMPLE)
+    gnss = flight.config.gnss.model_copy(
+        update={"antenna": (MountedAntenna(pattern="patch_l1"),), "receiver_events": events}
+    )
+    return replace(flight, config=flight.config.model_copy(update={"gnss": gnss}))
+
+
+@cache
+def whole_run(folder: Path) -> Run:
+    return insgnss.replay(with_everything(folder), supervise=True, aiding=0.1)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return whole_run(tmp_path_factory.mktemp("columns"))
+
+
+def defaults(model: type[BaseModel]) -> list[str]:
+    """Return the names of the columns that are read where the flight file maps none."""
+    values: list[Any] = [field.default for field in model.model_fields.values()]
+    return [name for value in values for name in ((value,) if isinstance(value, str) else value)]
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_table_of_a_run_has_the_columns_of_the_page(run: Run, name: str) -> None:
+    table = getattr(run, name)
+
+    assert SHEETS[name].undescribed(table.columns) == []
+    assert set(SHEETS[name].absent(table.columns)) - SOMETIMES == set()
+
+
+@pytest.mark.parametrize("name", POINT_TABLES)
+def test_table_of_a_point_solution_has_the_columns_of_the_page(name: str) -> None:
+    table = getattr(point_run(), name)
+    attitude = {c for c in SHEETS["errors"].absent(table.columns) if c.endswith("_deg")}
+
+    assert SHEETS[name].undescribed(table.columns) == []
+    assert set(SHEETS[name].absent(table.columns)) - (attitude if name == "errors" else set()) == set()
+
+
+@cache
+def point_run() -> insgnss.PointRun:
+    return insgnss.point(Flight.load(SAMPLE))
+
+
+@pytest.mark.parametrize(
+    ("name", "model"),
+    [("imu.csv", ImuColumns), ("gnss.csv", GnssColumns), ("reference.csv", ReferenceColumns)],
+)
+def test_log_has_the_columns_of_the_page(name: str, model: type[BaseModel]) -> None:
+    assert SHEETS[name].undescribed(defaults(model)) == []
+    assert SHEETS[name].absent(defaults(model)) == []
+
+
+def test_schemas_of_navigation_and_aiding_are_described() -> None:
+    assert SHEETS["nav"].undescribed(("time_s", *NAV_COLUMNS, "offset_E_m", "zenith_delay_m")) == []
+    assert SHEETS["aiding"].undescribed(aiding_table.COLUMNS) == []
+
+
+def test_every_column_has_one_meaning() -> None:
+    for sheet in SHEETS.values():
+        names = [column.name for column in sheet.columns()]
+
+        assert len(names) == len(set(names)), sheet.name
+        assert all(column.meaning.strip() for column in sheet.columns()), sheet.name
+
+
+def test_column_without_a_meaning_is_found() -> None:
+    sheet = Sheet("made", "row", "a_m: a length\nb_m:\nc_*_m: a family\n  of lengths")
+
+    assert sheet.undescribed(["a_m", "b_m", "c_x_m", "d_m"]) == ["b_m", "d_m"]
+    assert sheet.absent(["a_m", "b_m"]) == ["c_*_m"]
+    assert sheet.columns()[-1].meaning == "a family of lengths"
+
+
+def test_unit_is_the_longest_ending_of_the_name() -> None:
+    names = ("doppler_rate_hz_per_s", "vn_mps", "range_jerk_mps3", "sd_gain_db", "cn0_dbhz", "sv")
+
+    assert [unit_of(name) for name in names] == ["Hz/s", "m/s", "m/s³", "dB", "dB-Hz", ""]
+
+
+def test_every_status_has_a_meaning() -> None:
+    assert set(STATUS_MEANINGS) == set(NAMES.values())
+
+
+def test_page_is_up_to_date() -> None:
+    # insgnss columns > COLUMNS.md
+    assert (REPOSITORY / "COLUMNS.md").read_text(encoding="utf-8") == columns_page()
+
+
+def test_command_prints_the_page_or_one_table() -> None:
+    assert CliRunner().invoke(app, ["columns"]).stdout == columns_page()
+    assert "`sd_yaw_deg`" in CliRunner().invoke(app, ["columns", "nav"]).stdout
+    refused = CliRunner().invoke(app, ["columns", "navy"])
+    assert refused.exit_code == 2
+    assert "one of: imu.csv" in refused.stderr

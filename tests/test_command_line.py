@@ -1,0 +1,78 @@
+"""The command line's manners: exit codes, completion in the shell, nothing but the result on standard output."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from insgnss import errors
+from insgnss.cli.main import EXIT_CODES, app
+from tests.conftest import REPOSITORY
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Return what a process of its own says: its standard error is no terminal."""
+    command = [sys.executable, "-m", "insgnss.cli", *arguments]
+    whole = {**os.environ, **environment}
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=REPOSITORY, env=whole)
+
+
+def test_help_tells_every_exit_code() -> None:
+    told = CliRunner(env={"COLUMNS": "200", "TERMINAL_WIDTH": "200"}).invoke(app, ["--help"]).output
+
+    for code, words in EXIT_CODES.items():
+        assert f"{code} {words}" in " ".join(told.split())
+
+
+def test_exit_codes_are_those_of_the_errors() -> None:
+    tree = [kind for kind in vars(errors).values() if isinstance(kind, type)]
+    own = {kind.exit_code for kind in tree if issubclass(kind, errors.InsGnssError)}
+
+    assert own | {0, 130} == set(EXIT_CODES)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("columns", "nav"), 0),
+        (("replay", "none.toml"), 3),
+        (("replay", "data/sample_flight/flight.toml", "--format", "xlsx"), 2),
+        (("replay", "--no-such-option"), 2),
+        (("report", "none"), 5),
+    ],
+)
+def test_command_ends_with_the_code_of_the_table(arguments: tuple[str, ...], code: int) -> None:
+    done = CliRunner().invoke(app, arguments)
+
+    assert done.exit_code == code
+    assert "Traceback" not in done.output
+    assert (done.stdout == "") == (code != 0)
+
+
+def test_result_alone_stands_on_standard_output_of_a_pipe(tmp_path: Path) -> None:
+    done = run("track", "--time", "1", "--channels", "2", "--json")
+
+    assert done.returncode == 0
+    assert done.stdout.startswith("{") and done.stdout.endswith("}\n")
+    assert done.stderr == ""
+
+
+def test_shell_completes_the_commands() -> None:
+    asked = {"_INSGNSS_COMPLETE": "complete_bash", "COMP_WORDS": "insgnss re", "COMP_CWORD": "1"}
+
+    offered = run(**asked).stdout.split()
+
+    assert sorted(offered) == ["replay", "report"]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_script_is_shown(shell: str) -> None:
+    shown = CliRunner().invoke(app, [], env={"_INSGNSS_COMPLETE": f"source_{shell}"}, prog_name="insgnss")
+
+    assert shown.exit_code == 0
+    assert "_INSGNSS_COMPLETE" in shown.output
