@@ -47,6 +47,7 @@ from insgnss.result_tables import (
     satellite_table,
 )
 from insgnss.run import Run
+from insgnss.several_antennas import antenna_data, with_differences
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
 from insgnss.version import __version__
@@ -248,6 +249,8 @@ def _prepared(
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
     rows, found = corrected_rows(setup, logs, flight)
+    further, told = antenna_data(setup, logs, flight, rows)
+    setup, found = replace(setup, antenna_data=further), found + told
     supervised = None
     if supervise:
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
@@ -270,6 +273,8 @@ def _as_run(flight: Flight, record: _Record, setup: FilterSetup, out: Output, ev
     with ThreadPoolExecutor(1) as beside:  # NumPy leaves Python's lock free
         satellites = beside.submit(satellite_table, out, record.keys, week)
         measurements = measurement_table(out, record.keys, week)
+    if setup.antenna_data is not None:
+        measurements = with_differences(measurements, setup.antenna_data, week)
     return Run(
         nav=nav,
         measurements=measurements,

@@ -302,7 +302,9 @@ class Attitude(StrictModel):
         if len({*names, self.main_antenna}) != len(names) + 1:
             raise ValueError("each antenna needs a name of its own, and none is that of the main antenna")
         if (self.vehicle is None) != (self.main_antenna is None):
-            raise ValueError("vehicle and main_antenna go together: main_antenna says which one [gnss] is from")
+            raise ValueError(
+                "vehicle and main_antenna go together: main_antenna says which one [gnss] is from"
+            )
         return self
 
 

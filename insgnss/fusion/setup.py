@@ -12,6 +12,7 @@ from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import Limits
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
+from insgnss.fusion.antenna_attitude import AntennaData
 from insgnss.fusion.masking import NO_LIMITS
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.state import Layout
@@ -43,6 +44,7 @@ class FilterSetup:
     )  # the vehicle's antennas, none: nothing masked
     visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
+    antenna_data: AntennaData | None = None  # phases of several antennas; None: they are not used
 
     @property
     def klobuchar(self) -> Float64 | None:

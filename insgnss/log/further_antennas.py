@@ -13,9 +13,7 @@ from insgnss.log.gnss_log import read_receiver
 from insgnss.tables import Event, GnssTable
 
 
-def read_further_antennas(
-    config: FlightConfig, main: GnssTable
-) -> tuple[tuple[GnssTable, ...], list[Event]]:
+def read_further_antennas(config: FlightConfig, main: GnssTable) -> tuple[tuple[GnssTable, ...], list[Event]]:
     """Return the observations of each antenna of ``config.attitude``, in its order, and what is worth telling.
 
     Raises
