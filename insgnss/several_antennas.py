@@ -12,7 +12,7 @@ from insgnss.attitude.observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight
 from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InputError
-from insgnss.fusion.antenna_attitude import AntennaData, new_ledger
+from insgnss.fusion.antenna_data import AntennaData, new_ledger
 from insgnss.fusion.antenna_rows import Antennas
 from insgnss.fusion.antenna_visibility import Hiding
 from insgnss.fusion.setup import FilterSetup

@@ -22,8 +22,8 @@ import numpy.typing as npt
 
 from insgnss.attitude.cycle_search import DifferenceRows, Found, find_cycles
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.fusion.antenna_data import AntennaData
 from insgnss.fusion.antenna_rows import (
-    Antennas,
     Differences,
     attitude_rows,
     baselines,
@@ -34,14 +34,13 @@ from insgnss.fusion.antenna_rows import (
     without_clocks,
 )
 from insgnss.fusion.antenna_seeding import priors_of, seeded
-from insgnss.fusion.antenna_visibility import Hiding, hidden_reasons
+from insgnss.fusion.antenna_visibility import hidden_reasons
 from insgnss.fusion.epoch_update import close_loop
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import N_CLONE, PSI, Bank, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.antenna_phases import AntennaPhases
 from insgnss.status import (
     CYCLES_OPEN,
     CYCLES_WRONG,
@@ -49,10 +48,9 @@ from insgnss.status import (
     MASKED_CN0,
     MASKED_ELEVATION,
     NO_DIFFERENCE,
-    NOT_STARTED,
     USED,
 )
-from insgnss.tables import Event, Float64, Int8, Int64
+from insgnss.tables import Event, Float64, Int64
 
 Key = tuple[int, int, int]  # antenna from, antenna to, channel
 Bool = npt.NDArray[np.bool_]
@@ -65,39 +63,6 @@ _REFUSED_EPOCHS: Final = 3  # a difference refused for so long, by no whole cycl
 _STRAINED_EPOCHS: Final = 5  # with most differences refused: the attitude or all whole cycles are wrong
 _MISFITS: Final = 5  # epochs in which no whole cycles fit, before other orders of the cables are tried
 _MOST_PERMUTED: Final = 5  # antennas
-
-
-@dataclass(frozen=True)
-class DifferenceLedger:
-    """What became of every phase of the antennas beside the main one: one entry for each row of the phases."""
-
-    status: Int8  # (n,)
-    innovation: Float64  # (n,) [m], NaN where nothing was predicted
-    variance: Float64  # (n,) its predicted variance
-
-
-def new_ledger(phases: AntennaPhases) -> DifferenceLedger:
-    """Return a ledger as it stands before the filter runs."""
-    n = len(phases.status)
-    status = np.where(phases.status == USED, NOT_STARTED, phases.status).astype(np.int8)
-    status[phases.first[-1] :] = np.where(
-        phases.status[phases.first[-1] :] == USED, NO_DIFFERENCE, phases.status[phases.first[-1] :]
-    )
-    return DifferenceLedger(status, np.full(n, math.nan), np.full(n, math.nan))
-
-
-@dataclass(frozen=True)
-class AntennaData:
-    """All that the stage needs beside the filter: the phases, the antennas, its settings, and where it writes."""
-
-    phases: AntennaPhases
-    antennas: Antennas
-    ledger: DifferenceLedger
-    multipath_time_s: float
-    ratio: float
-    confirmations: int
-    gate_sigma: float
-    hiding: Hiding | None = None  # what hides satellites from each antenna; None: nothing is masked
 
 
 @dataclass

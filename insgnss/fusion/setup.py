@@ -12,7 +12,7 @@ from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import Limits
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
-from insgnss.fusion.antenna_attitude import AntennaData
+from insgnss.fusion.antenna_data import AntennaData
 from insgnss.fusion.masking import NO_LIMITS
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.state import Layout

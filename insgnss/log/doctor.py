@@ -10,6 +10,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.gnss.signals import CHANNELS
+from insgnss.log.doctor_antennas import antenna_findings
 from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
 from insgnss.log.doctor_imu import imu_findings
 from insgnss.log.flight import Flight, check_overlap
@@ -48,7 +49,8 @@ def check_flight(flight: Flight) -> CheckReport:
     """Read all logs of a flight and report what they show.
 
     Reports rates, gaps, overlaps, gravity and tilt at rest, suspicions of units and axes, satellites and ephemerides
-    per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm. A log that cannot be
+    per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm, and of several antennas
+    where they stand and what their logs share. A log that cannot be
     read is an error in the report, not an exception; the others are still looked at.
     """
     config = flight.config
@@ -72,6 +74,7 @@ def check_flight(flight: Flight) -> CheckReport:
     if imu is not None and gnss is not None:
         findings += _overlap_findings(flight, imu, gnss)
     findings.append(_lever_arm_finding(flight))
+    findings += antenna_findings(flight, gnss)
     return CheckReport(flight.name, tuple(findings))
 
 
