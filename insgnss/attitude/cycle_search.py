@@ -127,7 +127,7 @@ def _axes(prior: Prior, step: float) -> tuple[Float64, Float64]:
     tilts = math.ceil(max(_LEVEL_SIGMAS * prior.sd_level - 0.5 * step, 0.0) / step)
     turns = math.ceil(min(prior.reach, math.pi) / step)
     even = min(prior.reach, math.pi) / turns
-    return np.arange(-tilts, tilts + 1) * step, np.arange(-turns, turns + 1) * even
+    return np.asarray(np.arange(-tilts, tilts + 1) * step), np.asarray(np.arange(-turns, turns + 1) * even)
 
 
 def _node_count(prior: Prior, step: float) -> int:

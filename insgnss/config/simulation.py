@@ -234,6 +234,7 @@ class SimulatedAntenna(MountedAntenna):
 
     name: str = Field(min_length=1)
     pattern: str = "isotropic"
+    lever_arm_m: Vector3 = Field(description="IMU to phase centre, body axes")
     clock_bias_m: float = Field(0.0, description="of its own clock beyond the main one's, at the start")
 
 
@@ -245,9 +246,7 @@ class SimulatedAttitude(StrictModel):
     antenna: tuple[SimulatedAntenna, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _antennas_are_placed(self) -> SimulatedAttitude:
-        if any(antenna.lever_arm_m is None for antenna in self.antenna):
-            raise ValueError("each further antenna needs a lever_arm_m, IMU to phase centre")
+    def _names_are_different(self) -> SimulatedAttitude:
         if len({antenna.name for antenna in self.antenna}) != len(self.antenna):
             raise ValueError("two further antennas have the same name")
         return self
