@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -80,6 +80,7 @@ def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.
     count = len(rows.value_m)
     if count < 2 or np.linalg.matrix_rank(rows.u_n, tol=_SAME_DIRECTION * math.sqrt(count)) < 2:
         return _nothing("fewer than two satellites in different directions")
+    rows = _less_clocks(rows)
     W, freedom = _weights(rows)
     if freedom < 1:
         return _nothing("too few differences to test a set of whole cycles")
@@ -109,6 +110,15 @@ def _nothing(reason: str) -> Found:
     return Found(False, reason, False, np.eye(3), np.zeros(0, np.int64), math.inf, math.nan, 0)
 
 
+def _less_clocks(rows: DifferenceRows) -> DifferenceRows:
+    """Return the rows with the first of each clock taken off: what is left of a clock is small, and costs no digits."""
+    value = rows.value_m.copy()
+    for clock in np.unique(rows.clock[rows.clock >= 0]):
+        own = np.flatnonzero(rows.clock == clock)
+        value[own] -= value[own[0]]
+    return replace(rows, value_m=value)
+
+
 def _weights(rows: DifferenceRows) -> tuple[Float64, int]:
     """Return W with the clocks eliminated, (R, R), and the degrees of freedom: rows - clocks + 2 levels - 3 angles."""
     W, B = np.linalg.inv(rows.covariance), rows.clocks()
@@ -119,7 +129,9 @@ def _weights(rows: DifferenceRows) -> tuple[Float64, int]:
 
 def _step(rows: DifferenceRows) -> float:
     lengths = np.linalg.norm(rows.l_b, axis=1)
-    return float(np.min(_STEP_CYCLES * rows.wavelength_m / lengths))
+    # with clocks of their own it is differences of two satellites that are rounded: they change twice as fast
+    twice = np.where(rows.clock >= 0, 2.0, 1.0)
+    return float(np.min(_STEP_CYCLES * rows.wavelength_m / (twice * lengths)))
 
 
 def _axes(prior: Prior, step: float) -> tuple[Float64, Float64]:

@@ -62,6 +62,10 @@ _ROUNDING_SIGMAS: Final = (
 _REFUSED_EPOCHS: Final = 3  # a difference refused for so long, by no whole cycles, is resolved anew
 _STRAINED_EPOCHS: Final = 5  # with most differences refused: the attitude or all whole cycles are wrong
 _MISFITS: Final = 5  # epochs in which no whole cycles fit, before other orders of the cables are tried
+# a search that fails takes some tens of milliseconds: after so many in a row it pauses, longer and longer
+_FAILURES_AT_ONCE: Final = 10
+_SHORTEST_PAUSE_S: Final = 0.5
+_LONGEST_PAUSE_S: Final = 20.0
 _MOST_PERMUTED: Final = 5  # antennas
 
 
@@ -77,6 +81,8 @@ class AttitudeAid:
     _candidate: dict[Key, int] = field(default_factory=dict)
     _confirmed: int = 0
     _misfits: int = 0
+    _failures: int = 0
+    _next_search_ns: int = 0
     _strained: int = 0
     _is_lost: bool = False
     _waits_for: str = ""
@@ -86,7 +92,15 @@ class AttitudeAid:
         copied = AttitudeAid(self.data, dict(self.cycles), list(self.events))
         for name in ("_seen_ns", "_refused", "_candidate"):
             setattr(copied, name, dict(getattr(self, name)))
-        for name in ("_confirmed", "_misfits", "_strained", "_is_lost", "_waits_for"):
+        for name in (
+            "_confirmed",
+            "_misfits",
+            "_failures",
+            "_next_search_ns",
+            "_strained",
+            "_is_lost",
+            "_waits_for",
+        ):
             setattr(copied, name, getattr(self, name))
         return copied
 
@@ -117,6 +131,8 @@ class AttitudeAid:
         late_s = float(m.clock[0]) / C_MPS
         l_b = baselines(d, data.antennas, w_ib_b - m.b_g, late_s)
         if not any(key in self.cycles for key in d.keys):
+            if t_ns < self._next_search_ns:
+                return bank, 0
             bank = self._search(bank, d, l_b, t_ns)
             if not self.cycles:
                 return bank, 0
@@ -168,12 +184,16 @@ class AttitudeAid:
         found = find_cycles(rows, priors, self.data.ratio)
         if not found.is_valid:
             self._candidate, self._confirmed = {}, 0
+            self._failures += 1
+            pause_s = min(_SHORTEST_PAUSE_S * 2.0 ** (self._failures - _FAILURES_AT_ONCE), _LONGEST_PAUSE_S)
+            if self._failures > _FAILURES_AT_ONCE:
+                self._next_search_ns = t_ns + int(pause_s * NS_PER_S)
             self._misfits = 0 if found.fits else self._misfits + 1
             if self._misfits == _MISFITS and math.isfinite(found.loss):
                 self._try_other_orders(rows, d, bank, t_ns)
             self._wait(t_ns, found.reason)
             return bank
-        self._misfits = 0
+        self._misfits, self._failures = 0, 0
         now = dict(zip(d.keys, found.cycles.tolist(), strict=True))
         alike = bool(self._candidate) and _agree(self._candidate, now, d)
         self._confirmed = self._confirmed + 1 if alike else 1
