@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.attitude.cycle_search import DifferenceRows, Found, find_cycles
-from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.fusion.antenna_data import AntennaData
 from insgnss.fusion.antenna_rows import (
     Differences,
@@ -33,14 +33,12 @@ from insgnss.fusion.antenna_rows import (
     whitened,
     without_clocks,
 )
-from insgnss.fusion.antenna_seeding import priors_of, seeded
+from insgnss.fusion.antenna_seeding import level_axes, priors_of, seeded
 from insgnss.fusion.antenna_visibility import hidden_reasons
 from insgnss.fusion.epoch_update import close_loop
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import N_CLONE, PSI, Bank, StateRecord
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.status import (
     CYCLES_OPEN,
     CYCLES_WRONG,
@@ -129,13 +127,15 @@ class AttitudeAid:
         if len(bank.state) > 1:
             self.cycles.clear()
         late_s = float(m.clock[0]) / C_MPS
-        l_b = baselines(d, data.antennas, w_ib_b - m.b_g, late_s)
+        w_eb_b = w_ib_b - m.b_g - WGS84_OMEGA_RADPS * m.C_eb[2]
+        l_b = baselines(d, data.antennas, w_eb_b, late_s)
         if not any(key in self.cycles for key in d.keys):
             if t_ns < self._next_search_ns:
                 return bank, 0
-            bank = self._search(bank, d, l_b, t_ns)
-            if not self.cycles:
+            found = self._search(bank, d, l_b, t_ns)
+            if found is None:
                 return bank, 0
+            bank = seeded(bank, found.prior, found.C_nb, level_axes(m.r_e), par.lever_b, w_eb_b)
         lead = bank.head[0].leader
         return bank, self._update(bank.state[lead], bank.P[lead], d, l_b, t_ns, self._spread(bank), par)
 
@@ -148,9 +148,7 @@ class AttitudeAid:
         """Return the rows of an epoch that pass every mask; the others' reason goes into the ledger."""
         phases = self.data.phases
         status = phases.status[rows].copy()
-        lat, lon, _ = ecef_to_geodetic(m.r_e)
-        C_ne = np.zeros((3, 3))
-        ecef_to_ned_matrix(lat, lon, C_ne)
+        C_ne = level_axes(m.r_e)
         u_n = directions(phases.sat[rows], m.r_e) @ C_ne.T
         good = status == USED
         status[good & ~(-u_n[:, 2] >= par.sine_mask)] = MASKED_ELEVATION
@@ -177,8 +175,8 @@ class AttitudeAid:
             del self.cycles[key]
         self._seen_ns.update(dict.fromkeys(d.keys, t_ns))
 
-    def _search(self, bank: Bank, d: Differences, l_b: Float64, t_ns: int) -> Bank:
-        """Look for the whole cycles of all differences at once; where they are certain, return the bank so aligned."""
+    def _search(self, bank: Bank, d: Differences, l_b: Float64, t_ns: int) -> Found | None:
+        """Look for the whole cycles of all differences at once; return them when they are certain."""
         priors, C_ne = priors_of(bank, anywhere=self._is_lost)
         rows = DifferenceRows(l_b, d.u_e @ C_ne.T, d.value_m, d.wavelength_m, d.white + d.slow, d.clock)
         found = find_cycles(rows, priors, self.data.ratio)
@@ -192,18 +190,18 @@ class AttitudeAid:
             if self._misfits == _MISFITS and math.isfinite(found.loss):
                 self._try_other_orders(rows, d, bank, t_ns)
             self._wait(t_ns, found.reason)
-            return bank
+            return None
         self._misfits, self._failures = 0, 0
         now = dict(zip(d.keys, found.cycles.tolist(), strict=True))
         alike = bool(self._candidate) and _agree(self._candidate, now, d)
         self._confirmed = self._confirmed + 1 if alike else 1
         self._candidate = now
         if self._confirmed < self.data.confirmations:
-            return bank
+            return None
         self.cycles, self._candidate, self._confirmed, self._is_lost = now, {}, 0, False
         self._waits_for = ""
         self._tell_found(found, d, t_ns)
-        return seeded(bank, found.prior, found.C_nb, C_ne)
+        return found
 
     def _tell_found(self, found: Found, d: Differences, t_ns: int) -> None:
         yaw = math.degrees(math.atan2(found.C_nb[1, 0], found.C_nb[0, 0])) % 360.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from insgnss.attitude.cycle_search import Prior
 from insgnss.attitude.small_rotation import rotation_matrix
-from insgnss.fusion.state import BA, BG, PSI, Bank, select_members
+from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, select_members
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
@@ -30,9 +30,7 @@ def priors_of(bank: Bank, *, anywhere: bool = False) -> tuple[list[Prior], Float
     ----------
     anywhere : all headings are looked at, whatever the filter believes
     """
-    lat, lon, _ = ecef_to_geodetic(bank.state[bank.head[0].leader].r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
+    C_ne = level_axes(bank.state[bank.head[0].leader].r_e)
     priors = []
     single = len(bank.state) == 1
     for m, P in zip(bank.state, bank.P, strict=True):
@@ -44,12 +42,27 @@ def priors_of(bank: Bank, *, anywhere: bool = False) -> tuple[list[Prior], Float
     return priors[:1] if anywhere else priors, C_ne
 
 
-def seeded(bank: Bank, member: int, C_nb: Float64, C_ne: Float64) -> Bank:
+def level_axes(r_e: Float64) -> Float64:
+    """Return C_ne (3, 3) at a place."""
+    lat, lon, _ = ecef_to_geodetic(r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    return C_ne
+
+
+def seeded(bank: Bank, member: int, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: Float64) -> Bank:
     """Return one hypothesis alone, turned about the vertical to the heading of ``C_nb``.
 
-    What it knows of tilt, velocity and position stays as it is in the level frame, so the body's axes of the biases
-    turn under it: P -> T P T^T with T = C_new^T C_old in the blocks of both biases. A turn beyond the heading's own
-    sigma widens it. A heading that is known and agrees is left to the update.
+    It is the main antenna's position and velocity that were measured: they stay, and the IMU's turn about them. What
+    the hypothesis knows of tilt stays as it is in the level frame, so the body's axes of the biases turn under it:
+        r' = r + (C_old - C_new) l, v' = v + (C_old - C_new) (w x l), P' = T P T^T,
+        T = C_new^T C_old in the blocks of both biases, [(l_new - l_old) x] from attitude to position, velocity alike.
+    A turn beyond the heading's own sigma widens it. A heading that is known and agrees is left to the update.
+
+    Parameters
+    ----------
+    lever_b : (3,) IMU to main antenna [m]
+    w_eb_b : (3,) rate of the body [rad/s]
     """
     one = select_members(bank, np.array([member], np.int64))
     m, P = one.state[0], one.P[0]
@@ -63,12 +76,20 @@ def seeded(bank: Bank, member: int, C_nb: Float64, C_ne: Float64) -> Bank:
     T = np.eye(len(P))
     for at in (BA, BG):
         T[at : at + 3, at : at + 3] = C_eb.T @ m.C_eb
+    for at, arm_b in ((DR, lever_b), (DV, np.cross(w_eb_b, lever_b))):
+        T[at : at + 3, PSI : PSI + 3] = _cross_matrix((C_eb - m.C_eb) @ arm_b)
+    m.r_e += (m.C_eb - C_eb) @ lever_b
+    m.v_e += (m.C_eb - C_eb) @ np.cross(w_eb_b, lever_b)
     P[:] = T @ P @ T.T
     P[PSI : PSI + 3, PSI : PSI + 3] += max(turn**2 - variance, 0.0) * np.outer(down, down)
     P[:] = 0.5 * (P + P.T)
     m.C_eb[:] = C_eb
     matrix_to_quaternion(np.ascontiguousarray(C_eb), m.q_eb)
     return one
+
+
+def _cross_matrix(v: Float64) -> Float64:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def _heading(C_nb: Float64) -> float:
