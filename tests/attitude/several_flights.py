@@ -16,7 +16,7 @@ from insgnss.tables import GnssTable
 
 PHASE_SIGMA_M = 0.0014  # what the scenario puts into each phase at 45 dBHz
 TRIANGLE = (("ahead", (1.4, 0.1, -1.3)), ("right", (0.9, 0.966025, -1.3)))
-PLACE = 'place = { lat_deg = 59.97, lon_deg = 30.37, h_m = 40.0, heading_deg = 127.0 }'
+PLACE = "place = { lat_deg = 59.97, lon_deg = 30.37, h_m = 40.0, heading_deg = 127.0 }"
 AT_REST = '[[manoeuvre]]\nkind = "straight"\nduration_s = {duration}\n'
 SLALOM = """[[manoeuvre]]
 kind = "straight"
@@ -71,7 +71,9 @@ clocks = "{clocks}"
 {tables}"""
 
 
-def write_flight(folder: Path, scenario: str, *, seed: int = 1, change: Change | None = None, keys: str = "") -> Path:
+def write_flight(
+    folder: Path, scenario: str, *, seed: int = 1, change: Change | None = None, keys: str = ""
+) -> Path:
     """Write a drawn flight and return its flight file; its phase sigma is the simulation's, without reflections."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
