@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import importlib
 import platform
 import time
 from collections.abc import Callable, Iterable
@@ -47,7 +48,6 @@ from insgnss.result_tables import (
     satellite_table,
 )
 from insgnss.run import Run
-from insgnss.several_antennas import antenna_data, with_differences
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
 from insgnss.version import __version__
@@ -230,6 +230,7 @@ class _Record(NamedTuple):
     input_hashes: dict[str, str]
     aiding: AidingSources | None
     supervised: SupervisionSources | None
+    further: Callable[[pd.DataFrame, int], pd.DataFrame] | None  # adds several antennas to the ledger
 
 
 def _prepared(
@@ -249,15 +250,19 @@ def _prepared(
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
     rows, found = corrected_rows(setup, logs, flight)
-    further, told = antenna_data(setup, logs, flight, rows)
-    setup, found = replace(setup, antenna_data=further), found + told
+    ledger = None
+    if flight.config.attitude is not None:
+        # several antennas are seldom, and what they need takes as long to load as half of all else
+        several = importlib.import_module("insgnss.several_antennas")
+        setup, ledger, told = several.with_antennas(setup, logs, flight, rows)
+        found = found + told
     supervised = None
     if supervise:
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
         found = found + told
     events = logs.events + _installed(flight)[1] + found
     keys = row_keys(logs.gnss, rows)
-    record = _Record(keys, logs.reference, events, logs.input_hashes, sources, supervised)
+    record = _Record(keys, logs.reference, events, logs.input_hashes, sources, supervised, ledger)
     return setup, (logs.imu, rows), record
 
 
@@ -273,8 +278,8 @@ def _as_run(flight: Flight, record: _Record, setup: FilterSetup, out: Output, ev
     with ThreadPoolExecutor(1) as beside:  # NumPy leaves Python's lock free
         satellites = beside.submit(satellite_table, out, record.keys, week)
         measurements = measurement_table(out, record.keys, week)
-    if setup.antenna_data is not None:
-        measurements = with_differences(measurements, setup.antenna_data, week)
+    if record.further is not None:
+        measurements = record.further(measurements, week)
     return Run(
         nav=nav,
         measurements=measurements,

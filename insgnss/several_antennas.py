@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -12,6 +15,7 @@ from insgnss.attitude.observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight
 from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InputError
+from insgnss.fusion.antenna_attitude import AttitudeAid
 from insgnss.fusion.antenna_data import AntennaData, new_ledger
 from insgnss.fusion.antenna_rows import Antennas
 from insgnss.fusion.antenna_visibility import Hiding
@@ -25,6 +29,24 @@ from insgnss.status import NAMES
 from insgnss.tables import Event
 
 KIND: Final = "attitude_difference"
+
+
+Record = Callable[[pd.DataFrame, int], pd.DataFrame]
+
+
+def with_antennas(
+    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: Rows
+) -> tuple[FilterSetup, Record | None, list[Event]]:
+    """Return the setup with the attitude stage of the flight's antennas, what adds its ledger to a run's, and events.
+
+    Raises
+    ------
+    as ``antenna_data``
+    """
+    data, events = antenna_data(setup, logs, flight, rows)
+    if data is None:
+        return setup, None, events
+    return replace(setup, new_aid=partial(AttitudeAid, data)), partial(with_differences, data), events
 
 
 def antenna_data(
@@ -97,7 +119,7 @@ def _require_common_epochs(phases: AntennaPhases, flight: Flight) -> None:
             )
 
 
-def with_differences(measurements: pd.DataFrame, data: AntennaData, week: int) -> pd.DataFrame:
+def with_differences(data: AntennaData, measurements: pd.DataFrame, week: int) -> pd.DataFrame:
     """Return the ledger with the phases of the further antennas in it, in the order of time.
 
     The column ``antenna`` names the antenna of a difference; it is empty for all other measurements.

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import gammaincinv
 
 from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.tables import Float64, Int64
@@ -96,7 +96,7 @@ def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.
     order = sorted(fits, key=lambda key: fits[key][0])
     loss, number, C = fits[order[0]]
     second = fits[order[1]][0] if len(order) > 1 else math.inf
-    largest = float(stats.chi2.ppf(1.0 - _SHARE_REFUSED, freedom))
+    largest = 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - _SHARE_REFUSED))  # chi-square's quantile
     reason = ""
     if loss > largest:
         reason = f"no whole cycles fit: the best loss is {loss:.3g}, above {largest:.3g}"

@@ -164,7 +164,7 @@ class AttitudeAid:
         phases = self.data.phases
         slipped = rows[phases.has_slipped[rows]]
         marks = {*zip(phases.antenna[slipped].tolist(), phases.channel[slipped].tolist(), strict=True)}
-        for known in (self.cycles, self._candidate):
+        for known in (self.cycles, self._candidate) if marks else ():
             for key in [k for k in known if marks & {(k[0], k[2]), (k[1], k[2])}]:
                 del known[key]
                 if known is self.cycles:
@@ -265,7 +265,7 @@ class AttitudeAid:
         y = self._resolve(d, y, v, S, known, trusted)
         self._judge(d, v, S, known, trusted, t_ns)
         v, S = _innovations(d, H, y, trusted, P_psi)
-        alone = np.array([c >= 0 and np.count_nonzero(trusted & (d.clock == c)) < 2 for c in d.clock])
+        alone = (d.clock >= 0) & (np.sum(trusted & (d.clock[:, None] == d.clock), axis=1) < 2)
         trusted &= ~alone
         ledger = self.data.ledger
         ledger.innovation[d.row[trusted]], ledger.variance[d.row[trusted]] = v[trusted], S[trusted]
@@ -292,7 +292,7 @@ class AttitudeAid:
             nis = np.where(trusted, v**2 / S, 0.0)
             if not (nis > gate2).any():
                 break
-            if (d.clock < 0).all():
+            if d.clock[0] < 0:
                 trusted &= nis <= gate2
                 break
             trusted[np.argmax(nis)] = False
@@ -332,8 +332,8 @@ class AttitudeAid:
                 del self.cycles[key]
             elif self._refused[key] >= _REFUSED_EPOCHS:
                 del self.cycles[key]
-        for i in np.flatnonzero(trusted):
-            self._refused.pop(d.keys[i], None)
+        for key in [k for k, is_good in zip(d.keys, trusted, strict=True) if is_good and k in self._refused]:
+            del self._refused[key]
         strained = len(refused) > np.count_nonzero(trusted) and len(refused) >= 3
         self._strained = self._strained + 1 if strained else 0
         if self._strained >= _STRAINED_EPOCHS:

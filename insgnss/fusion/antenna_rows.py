@@ -9,6 +9,7 @@ used between the others. The position falls out but for the curvature of the wav
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -36,7 +37,7 @@ class Antennas:
     phase_sigma_m: float
     multipath_sigma_m: float
 
-    @property
+    @cached_property
     def winds_up(self) -> bool:
         """Whether the antennas are tilted against each other."""
         return not bool(np.allclose(self.C_ba, self.C_ba[0], rtol=0.0, atol=1e-9))
@@ -63,7 +64,7 @@ class Differences:
     slow: Float64  # (R, R) covariance of reflections, alike from epoch to epoch [m^2]
     clock: Int64  # (R,) number of the unknown clock difference in each, -1 with a common clock
 
-    @property
+    @cached_property
     def keys(self) -> list[tuple[int, int, int]]:
         """What whole cycles belong to: antenna from, antenna to, channel."""
         return list(zip(self.a.tolist(), self.b.tolist(), self.channel.tolist(), strict=True))
@@ -106,8 +107,9 @@ def form_differences(
     """
     seen = kept[np.lexsort((phases.antenna[kept], phases.channel[kept]))]
     channel = phases.channel[seen]
-    begins = np.flatnonzero(np.append(True, channel[1:] != channel[:-1])) if len(seen) else np.zeros(0, int)
-    leader = seen[begins][np.cumsum(np.isin(np.arange(len(seen)), begins)) - 1] if len(seen) else seen
+    begins = np.ones(len(seen), np.bool_)
+    begins[1:] = channel[1:] != channel[:-1]
+    leader = seen[begins][np.cumsum(begins) - 1]
     pairs = np.flatnonzero(seen != leader)
     order = pairs[np.lexsort((channel[pairs], phases.antenna[seen[pairs]]))]
     row, other = seen[order], leader[order]

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
-from insgnss.fusion.antenna_attitude import AttitudeAid
+from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.loop import (
     COVARIANCE_LOST,
@@ -65,7 +65,7 @@ class Navigator:
     setup: FilterSetup
     before_loop: Callable[[], object] = lambda: None  # called when the compiled loop is needed
     starter: Starter = field(init=False)
-    aid: AttitudeAid | None = field(init=False)  # by several antennas, None without
+    aid: EpochAid | None = field(init=False)  # by several antennas, None without
     bank: Bank | None = None
     resets_ns: list[int] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
@@ -77,8 +77,7 @@ class Navigator:
         """Resolve the parameters and get ready to start."""
         self._parameters = self.setup.parameters()
         self.starter = Starter(self.setup, given=self.setup.start is not None)
-        data = self.setup.antenna_data
-        self.aid = None if data is None else AttitudeAid(data)
+        self.aid = None if self.setup.new_aid is None else self.setup.new_aid()
 
     @property
     def parameters(self) -> npt.NDArray[Any]:
@@ -118,7 +117,7 @@ class Navigator:
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
 
-    def _use_antennas(self, aid: AttitudeAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+    def _use_antennas(self, aid: EpochAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
         """Update with the phase differences of an epoch, and write its navigation row once more."""
         t_ns = int(rows.epoch_ns[epoch])
         if self.bank is None or self.bank.head[0].now_ns != t_ns:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Final, TypeVar
 
@@ -10,7 +11,6 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
 from insgnss.gnss.signals import CHANNELS
-from insgnss.log.doctor_antennas import antenna_findings
 from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
 from insgnss.log.doctor_imu import imu_findings
 from insgnss.log.flight import Flight, check_overlap
@@ -74,7 +74,9 @@ def check_flight(flight: Flight) -> CheckReport:
     if imu is not None and gnss is not None:
         findings += _overlap_findings(flight, imu, gnss)
     findings.append(_lever_arm_finding(flight))
-    findings += antenna_findings(flight, gnss)
+    if config.attitude is not None:  # what this takes is loaded for such flights alone
+        several = importlib.import_module("insgnss.log.doctor_antennas")
+        findings += several.antenna_findings(flight, gnss)
     return CheckReport(flight.name, tuple(findings))
 
 

@@ -16,7 +16,7 @@ from insgnss.gnss.antenna_phases import MATCH_S
 from insgnss.log.flight import Flight
 from insgnss.log.further_antennas import read_further_antenna, require_carrier
 from insgnss.log.report import Finding
-from insgnss.tables import GnssTable
+from insgnss.tables import GnssTable, Int64
 
 LONG_BASELINE_M: Final = 50.0
 MIN_SATELLITES: Final = 4  # of one epoch, for whole cycles that one set alone fits
@@ -68,21 +68,12 @@ def _log_findings(flight: Flight, antenna: FurtherAntenna, main: GnssTable) -> l
         table, _ = read_further_antenna(flight.config, antenna, main)
     except InsGnssError as error:
         return [_as_finding(error)]
-    own, others = (
-        {
-            (int(np.rint(t / NS_PER_S / MATCH_S)), log.sv_names[sv], log.signal_names[code])
-            for t, sv, code, cycles in zip(log.t_ns, log.sv, log.signal, _cycles(log), strict=True)
-            if np.isfinite(cycles)
-        }
-        for log in (table, main)
-    )
-    shared: dict[int, set[str]] = {}
-    for epoch, sv, _ in own & others:
-        shared.setdefault(epoch, set()).add(sv)
-    if not shared:
-        text = f"antenna {antenna.name}: no epoch, satellite and signal in common with the main log"
+    own, others = (_epochs_and_satellites(log, main.sv_names) for log in (table, main))
+    shared = own[np.isin(own, others)]
+    if not len(shared):
+        text = f"antenna {antenna.name}: no epoch and satellite in common with the main log"
         return [Finding("error", "attitude", text, "log all antennas at one rate, with the same signals")]
-    counts = np.array([len(found) for found in shared.values()])
+    counts = np.unique(shared // len(main.sv_names), return_counts=True)[1]
     epochs = len(np.unique(main.t_ns))
     text = (
         f"antenna {antenna.name}: phases of {counts.min()} to {counts.max()} satellites in common with the main"
@@ -93,5 +84,12 @@ def _log_findings(flight: Flight, antenna: FurtherAntenna, main: GnssTable) -> l
     return [Finding("warning" if few else "ok", "attitude", text, advice)]
 
 
-def _cycles(log: GnssTable) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return np.full(len(log.t_ns), np.nan) if log.carrier_cycles is None else log.carrier_cycles
+def _epochs_and_satellites(log: GnssTable, names: tuple[str, ...]) -> Int64:
+    """Return one number for each epoch and satellite that has a carrier phase, satellites counted as in ``names``."""
+    if log.carrier_cycles is None:
+        return np.zeros(0, np.int64)
+    place = {name: i for i, name in enumerate(names)}
+    number = np.array([place.get(name, -1) for name in log.sv_names], np.int64)[log.sv]
+    epoch = np.rint(log.t_ns / NS_PER_S / MATCH_S).astype(np.int64)
+    has_phase = np.isfinite(log.carrier_cycles) & (number >= 0)
+    return np.unique(epoch[has_phase] * len(names) + number[has_phase])
