@@ -57,7 +57,7 @@ _LONGEST_GAP_S: Final = 1.5  # whole cycles of a phase that was away for longer 
 _ROUNDING_SIGMAS: Final = (
     5.0  # half a cycle has to be that many of the prediction's sigma: 6e-7 are rounded wrongly
 )
-_REFUSED_EPOCHS: Final = 3  # a difference refused for so long, by no whole cycles, is resolved anew
+_REFUSED_EPOCHS: Final = 8  # a difference refused for so long, by no whole cycles, is resolved anew
 _STRAINED_EPOCHS: Final = 5  # with most differences refused: the attitude or all whole cycles are wrong
 _MISFITS: Final = 5  # epochs in which no whole cycles fit, before other orders of the cables are tried
 # a search that fails takes some tens of milliseconds: after so many in a row it pauses, longer and longer
@@ -262,8 +262,15 @@ class AttitudeAid:
         P_psi = P[PSI : PSI + 3, PSI : PSI + 3]
         trusted = self._gated(d, H, y, known, P_psi)
         v, S = _innovations(d, H, y, trusted, P_psi)
-        y = self._resolve(d, y, v, S, known, trusted)
-        self._judge(d, v, S, known, trusted, t_ns)
+        whole, fits, misfits = self._rounded(d, v, S, known, trusted)
+        agree = int(np.count_nonzero(trusted | fits))
+        if self._judge(d, v, S, known & ~trusted, t_ns, agree, int(np.count_nonzero(misfits))):
+            return 0
+        for i in np.flatnonzero(fits):
+            self.cycles[d.keys[i]] = int(whole[i])
+        y, trusted = y - np.where(fits, whole * d.wavelength_m, 0.0), trusted | fits
+        for key in itertools.compress(d.keys, trusted if self._refused else ()):
+            self._refused.pop(key, None)
         v, S = _innovations(d, H, y, trusted, P_psi)
         alone = (d.clock >= 0) & (np.sum(trusted & (d.clock[:, None] == d.clock), axis=1) < 2)
         trusted &= ~alone
@@ -298,49 +305,48 @@ class AttitudeAid:
             trusted[np.argmax(nis)] = False
         return trusted
 
-    def _resolve(
-        self, d: Differences, y: Float64, v: Float64, S: Float64, known: Bool, trusted: Bool
-    ) -> Float64:
-        """Round open differences where the prediction is certain enough; return the innovations with those cycles."""
-        whole = np.rint(v / d.wavelength_m)
-        sigma = np.sqrt(S)
+    def _rounded(
+        self, d: Differences, v: Float64, S: Float64, known: Bool, trusted: Bool
+    ) -> tuple[Float64, Bool, Bool]:
+        """Return the whole cycles of open differences, whether the prediction makes them certain, or contradicts."""
+        whole, sigma = np.rint(v / d.wavelength_m), np.sqrt(S)
         certain = _ROUNDING_SIGMAS * sigma < 0.5 * d.wavelength_m
-        near = np.abs(v - whole * d.wavelength_m) < self.data.gate_sigma * sigma
         told = (d.clock < 0) | np.isin(d.clock, d.clock[trusted])  # its clock is known
-        for i in np.flatnonzero(~known & certain & near & told):
-            self.cycles[d.keys[i]] = int(whole[i])
-            trusted[i] = True
-            y[i] -= whole[i] * d.wavelength_m[i]
-        return y
+        near = np.abs(v - whole * d.wavelength_m) < self.data.gate_sigma * sigma
+        certain = ~known & certain & told
+        return whole, certain & near, certain & ~near
 
-    def _judge(self, d: Differences, v: Float64, S: Float64, known: Bool, trusted: Bool, t_ns: int) -> None:
-        """Write refused differences into the ledger, tell wrong cycles, forget what cannot be right."""
-        ledger, refused = self.data.ledger, np.flatnonzero(known & ~trusted)
+    def _judge(
+        self, d: Differences, v: Float64, S: Float64, refused: Bool, t_ns: int, agree: int, misfits: int
+    ) -> bool:
+        """Write refused differences into the ledger, tell wrong cycles, forget what cannot be right.
+
+        Returns whether most contradict the prediction: then the others may agree by chance, and none is used.
+        """
+        ledger = self.data.ledger
         ledger.innovation[d.row[refused]], ledger.variance[d.row[refused]] = v[refused], S[refused]
-        for i in refused:
-            key, wave = d.keys[i], d.wavelength_m[i]
+        ledger.status[d.row[refused]] = GATED
+        for i in np.flatnonzero(refused):
+            key, wave, sigma = d.keys[i], d.wavelength_m[i], math.sqrt(S[i])
             whole = round(float(v[i] / wave))
-            sigma = math.sqrt(S[i])
-            ledger.status[d.row[i]] = GATED
             self._refused[key] = self._refused.get(key, 0) + 1
             if whole and abs(v[i] - whole * wave) < self.data.gate_sigma * sigma < 0.5 * wave:
                 ledger.status[d.row[i]] = CYCLES_WRONG
-                detail = (
-                    f"{self._named(key)}: {whole:+d} cycle(s) against the attitude; not used, resolved anew"
-                )
-                self._tell(t_ns, "attitude_cycles_wrong", detail)
+                told = f"{whole:+d} cycle(s) against the attitude; not used, resolved anew"
+                self._tell(t_ns, "attitude_cycles_wrong", f"{self._named(key)}: {told}")
                 del self.cycles[key]
             elif self._refused[key] >= _REFUSED_EPOCHS:
                 del self.cycles[key]
-        for key in [k for k, is_good in zip(d.keys, trusted, strict=True) if is_good and k in self._refused]:
-            del self._refused[key]
-        strained = len(refused) > np.count_nonzero(trusted) and len(refused) >= 3
+        against = int(np.count_nonzero(refused)) + misfits
+        strained = against > agree and against >= 3
         self._strained = self._strained + 1 if strained else 0
         if self._strained >= _STRAINED_EPOCHS:
             self._strained, self._is_lost = 0, True
             self.cycles.clear()
+            self._refused.clear()
             detail = f"most differences refused for {_STRAINED_EPOCHS} epochs: all whole cycles are looked for anew"
             self._tell(t_ns, "attitude_lost", detail)
+        return strained
 
     def _named(self, key: Key) -> str:
         names, (sv, code) = self.data.antennas.names, self.data.phases.names[key[2]]

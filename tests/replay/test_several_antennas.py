@@ -159,6 +159,30 @@ def test_swapped_cables_are_named_and_nothing_is_used(tmp_path: Path) -> None:
     assert run.nav["sd_yaw_deg"].iloc[-1] > 20.0
 
 
+def swapped_from(log: SimulatedLog, from_s: float) -> SimulatedLog:
+    """Return the log with the two further antennas exchanged from a time of the log on."""
+    first, second = log.further
+    late = first.t_ns - first.t_ns[0] >= from_s * 1e9
+    assert first.carrier_cycles is not None
+    assert second.carrier_cycles is not None
+    mixed = [
+        replace(one, carrier_cycles=np.where(late, other.carrier_cycles, one.carrier_cycles))
+        for one, other in ((first, second), (second, first))
+    ]
+    return replace(log, further=tuple(mixed))
+
+
+def test_cables_swapped_on_the_way_lose_the_cycles_but_not_the_attitude(tmp_path: Path) -> None:
+    # the ambiguities are exchanged with the phases: at one blow every difference is wrong by whole cycles and a part
+    run = fly(tmp_path, scenario_text(SCALENE), change=lambda log: swapped_from(log, 15.0))
+
+    own = run.measurements[run.measurements["kind"] == KIND]
+    assert len(events(run, "attitude_lost")) == 1
+    assert len(events(run, "attitude_antennas_swapped")) == 1
+    assert "used" not in set(own.loc[own["time_s"] >= 150_015.0, "status"])
+    assert np.abs(normalised(run)[-1]).max() < 3.3
+
+
 def test_two_antennas_tell_the_heading_and_say_what_they_leave(tmp_path: Path) -> None:
     run = fly(tmp_path, scenario_text(TRIANGLE[:1]))
 
@@ -191,6 +215,14 @@ def test_one_satellite_in_common_is_not_used_for_an_attitude(tmp_path: Path) -> 
 
     assert "fewer than two satellites" in events(run, "attitude_waits")[0]
     assert "used" not in differences(run)
+    # and a block of which nothing is used changes no bit of the filter
+    path = tmp_path / "logs" / "flight.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text[: text.index("[attitude]")] + text[text.index("[reference]") :], encoding="utf-8")
+    bare = insgnss.replay(path)
+    assert run.nav.equals(bare.nav)
+    own = run.measurements[run.measurements["kind"] != KIND]
+    assert np.array_equal(own["innovation"], bare.measurements["innovation"], equal_nan=True)
 
 
 def test_a_satellite_hidden_for_one_antenna_is_used_between_the_others(tmp_path: Path) -> None:
