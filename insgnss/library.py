@@ -17,6 +17,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.config.strict import StrictModel, load_toml
+from insgnss.config.vehicle import Vehicle
 from insgnss.errors import ModelError
 
 Model = TypeVar("Model", bound=StrictModel)
@@ -29,6 +30,7 @@ KINDS = {
     "simulations": "simulation scenario",
     "scenarios": "scenario",
     "campaigns": "campaign",
+    "vehicles": "vehicle",
 }
 _TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)
 _PACKAGE = Path(__file__).parent
@@ -121,3 +123,15 @@ def scenario_config(scenario: str | Path | ScenarioConfig) -> ScenarioConfig:
     if str(scenario).endswith(".toml"):
         return load_toml(Path(scenario), ScenarioConfig)
     return load("scenarios", str(scenario), ScenarioConfig)
+
+
+def vehicle(vehicle: str | Path | Vehicle, extra_paths: Sequence[Path] = ()) -> Vehicle:
+    """Return a vehicle: as it is, from a file (a path ending in .toml), or by name from ``models/vehicles``.
+
+    A relative path starts at the first of ``extra_paths``, the folder of the flight file.
+    """
+    if isinstance(vehicle, Vehicle):
+        return vehicle
+    if str(vehicle).endswith(".toml"):
+        return load_toml(Path(*extra_paths[:1], vehicle), Vehicle)
+    return load("vehicles", str(vehicle), Vehicle, extra_paths)

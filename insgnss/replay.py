@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import importlib
 import platform
 import time
 from collections.abc import Callable, Iterable
@@ -170,11 +171,11 @@ def replay(
         flight = Flight.load(flight)
     config = filter_config(filter)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
-    if smooth and (output != "gnss" or aided is not None or supervise):
+    if smooth and (output != "gnss" or aided is not None or supervise or flight.config.attitude is not None):
         raise ConfigError(
-            "a smoothed run has a row for each GNSS epoch, no aiding and no supervision",
+            "a smoothed run has a row for each GNSS epoch, no aiding, no supervision and one antenna",
             key="smooth",
-            advice="leave output, aiding and supervise out, or replay once more without smoothing",
+            advice="leave output, aiding, supervise and [attitude] out, or replay without smoothing",
         )
     with compiled_beside(run_epochs, compile_loop.MODULE) as loop_is_compiled:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
@@ -245,6 +246,7 @@ class _Record(NamedTuple):
     input_hashes: dict[str, str]
     aiding: AidingSources | None
     supervised: SupervisionSources | None
+    further: Callable[[pd.DataFrame, int], pd.DataFrame] | None  # adds several antennas to the ledger
 
 
 def _prepared(
@@ -264,13 +266,19 @@ def _prepared(
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
     rows, found = corrected_rows(setup, logs, flight)
+    ledger = None
+    if flight.config.attitude is not None:
+        # several antennas are seldom, and what they need takes as long to load as half of all else
+        several = importlib.import_module("insgnss.several_antennas")
+        setup, ledger, told = several.with_antennas(setup, logs, flight, rows)
+        found = found + told
     supervised = None
     if supervise:
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
         found = found + told
     events = logs.events + _installed(flight)[1] + found
     keys = row_keys(logs.gnss, rows)
-    record = _Record(keys, logs.reference, events, logs.input_hashes, sources, supervised)
+    record = _Record(keys, logs.reference, events, logs.input_hashes, sources, supervised, ledger)
     return setup, (logs.imu, rows), record
 
 
@@ -286,6 +294,8 @@ def _as_run(flight: Flight, record: _Record, setup: FilterSetup, out: Output, ev
     with ThreadPoolExecutor(1) as beside:  # NumPy leaves Python's lock free
         satellites = beside.submit(satellite_table, out, record.keys, week)
         measurements = measurement_table(out, record.keys, week)
+    if record.further is not None:
+        measurements = record.further(measurements, week)
     return Run(
         nav=nav,
         measurements=measurements,

@@ -67,13 +67,13 @@ def measurement_table(out: Output, keys: RowKeys, week: int) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "time_s": np.repeat(ns_to_week_seconds(keys.t_ns, week), values),
-            "sv": _words(np.repeat(keys.sv, values), keys.sv_names),
-            "signal": _words(np.repeat(keys.signal, values), keys.signal_names),
-            "kind": _words(kind[present], KINDS),
+            "sv": words(np.repeat(keys.sv, values), keys.sv_names),
+            "signal": words(np.repeat(keys.signal, values), keys.signal_names),
+            "kind": words(kind[present], KINDS),
             "innovation": innovation,
             "sd_innovation": np.sqrt(variance),
             "nis": innovation**2 / variance,
-            "status": _words(place[status[present]], tuple(NAMES[c] for c in codes)),
+            "status": words(place[status[present]], tuple(NAMES[c] for c in codes)),
         },
         copy=False,
     )
@@ -108,11 +108,11 @@ def satellite_table(out: Output, keys: RowKeys, week: int) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "time_s": ns_to_week_seconds(keys.t_ns[rows_of_table], week),
-            "sv": _words(keys.sv[rows_of_table], keys.sv_names),
+            "sv": words(keys.sv[rows_of_table], keys.sv_names),
             **_angles(ledger["u_n"][rows_of_table], ""),
             **_angles(ledger["u_b"][rows_of_table], "body_"),
             "gain_dbi": ledger["gain"][rows_of_table].astype(np.float64),
-            "state": _words(state, names),
+            "state": words(state, names),
             "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0], dtype=np.float64),
             "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1], dtype=np.float64),
         },
@@ -148,14 +148,14 @@ def _one_per_satellite(
 def aiding_table(table: AidingTable, week: int) -> pd.DataFrame:
     """Return the aiding, one row per output time and satellite above the horizon; ``aiding.table`` has the columns."""
     columns: dict[str, Any] = dict(table.columns(week))
-    columns["sv"] = _words(columns["sv"], table.sv_names)
+    columns["sv"] = words(columns["sv"], table.sv_names)
     return pd.DataFrame(columns, copy=False)
 
 
 def aiding_budget(table: AidingTable, week: int) -> pd.DataFrame:
     """Return what the sigma of the aiding are made of, one row per satellite whenever they are found anew."""
     columns: dict[str, Any] = dict(table.budget(week))
-    columns["sv"] = _words(columns["sv"], table.sv_names)
+    columns["sv"] = words(columns["sv"], table.sv_names)
     return pd.DataFrame(columns)
 
 
@@ -172,7 +172,8 @@ def event_table(events: list[Event], week: int) -> pd.DataFrame:
     )
 
 
-def _words(codes: npt.NDArray[Any], names: tuple[str, ...]) -> pd.Categorical:
+def words(codes: npt.NDArray[Any], names: tuple[str, ...]) -> pd.Categorical:
+    """Return a column of words by their numbers."""
     return pd.Categorical.from_codes(codes, categories=pd.Index(list(names), dtype="str"))
 
 

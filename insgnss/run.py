@@ -47,7 +47,8 @@ _OPTIONAL = (
 TABLES = ("nav", "measurements", "satellites", "events", *_OPTIONAL)
 # columns of words in the tables as CSV; the events' alone are no categories
 _WORDS = frozenset(
-    "sv signal kind status state decision receiver from_state to_state reason event supervisor verdict".split()
+    "sv signal kind status antenna state decision receiver from_state to_state reason event supervisor"
+    " verdict".split()
 )
 _SETTINGS = "settings.json"
 

@@ -26,6 +26,7 @@ from insgnss.simulation.flight_text import (
     IMU_FILE,
     NAVIGATION_FILE,
     REFERENCE_FILE,
+    antenna_file_name,
     copy_antenna_files,
     flight_text,
 )
@@ -80,6 +81,10 @@ class Simulation:
         write_rinex_navigation(paths[2], sent, ns_to_datetime(self.scenario.start_ns))
         write_reference(paths[3], self.reference(), week)
         paths[4].write_bytes(flight_text(self.config, self.scenario).encode("utf-8"))
+        further = () if self.config.attitude is None else self.config.attitude.antenna
+        for antenna, log in zip(further, self.log.further, strict=True):
+            paths.append(folder / antenna_file_name(antenna.name))
+            write_gnss(paths[-1], log, week)
         return paths + copy_antenna_files(self.config, self.folder, folder)
 
 

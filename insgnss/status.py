@@ -1,7 +1,7 @@
 """What became of a measurement: one code for each entry of the ledger, and its name.
 
 Codes below 10 mean the row reached the filter; from 10 the satellite side refused it, from 20 the epoch did, from 30
-the carrier's history.
+the carrier's history, from 39 what antennas have in common.
 """
 
 from __future__ import annotations
@@ -51,6 +51,9 @@ HALF_CYCLE: Final = 34  # the half-cycle ambiguity was resolved or lost between 
 MESSAGE_CHANGED: Final = 35  # the two epochs' satellite states are from different messages
 CLOCK_STEPPED: Final = 36  # the receiver's clock stepped in between
 NO_RANGE: Final = 38  # no pseudorange beside the carrier tells when the signal was sent
+NO_DIFFERENCE: Final = 39  # no other antenna has the signal, or it is the one that the others count from
+CYCLES_OPEN: Final = 40  # whole cycles of the difference between two antennas are not known for certain
+CYCLES_WRONG: Final = 41  # they are known to be wrong: the difference is off by whole cycles
 
 NAMES: Final[dict[int, str]] = {
     USED: "used",
@@ -92,4 +95,7 @@ NAMES: Final[dict[int, str]] = {
     CLOCK_STEPPED: "clock_stepped",
     NO_RANGE: "no_range",
     NO_CHANNEL: "no_channel",
+    NO_DIFFERENCE: "no_difference",
+    CYCLES_OPEN: "cycles_open",
+    CYCLES_WRONG: "cycles_wrong",
 }

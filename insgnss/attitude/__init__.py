@@ -2,9 +2,10 @@
 
 ::
 
-    from insgnss.attitude import OneStage, apertures, sky_of_angles, triangle
+    from insgnss.attitude import OneStage, apertures, array_of_vehicle, sky_of_angles, triangle
 
-    array = triangle(1.0)                                   # or AntennaArray of phase centres in body axes
+    array = triangle(1.0)                                   # or AntennaArray of phase centres in body axes,
+    array = array_of_vehicle("light_aircraft")              # or those of a file in models/vehicles
     sky = sky_of_angles(az_deg, el_deg, wavelength(hz))     # a wavelength for each signal: GLONASS, several bands
     apertures(rpy, array, sky).width                        # how far an angle may be off
     model = OneStage(array, sky, a, 0.01, rate_noise)       # correlators of all antennas -> angles and rates
@@ -49,6 +50,7 @@ from insgnss.attitude.gyro_trial import Swing, Trial
 from insgnss.attitude.observability import Observability, observability
 from insgnss.attitude.one_stage import AttitudeState, OneStage, lock_range, recovery_curve
 from insgnss.attitude.two_stage import Epoch, Solution, equivalent_orders, is_turned_over, solve
+from insgnss.attitude.vehicle import array_of_vehicle
 from insgnss.attitude.wahba import wahba
 from insgnss.attitude.wind_up import wind_up_differences
 
@@ -69,6 +71,7 @@ __all__ = [
     "angular_discriminator",
     "angular_noise",
     "apertures",
+    "array_of_vehicle",
     "difference_covariance",
     "discriminator_curve",
     "draw_correlators",

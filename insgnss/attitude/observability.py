@@ -92,6 +92,12 @@ def _reason(array: AntennaArray, sky: Sky, lost_b: Float64) -> str:
     return "; ".join(parts)
 
 
+def angle_lost(array: AntennaArray) -> str:
+    """Return in words which rotation antennas on one line do not tell."""
+    line = array.baselines_b[0] / array.lengths_m[0]
+    return f"the rotation about body axes {_text(line)} ({_angle_lost(line)})"
+
+
 def _angle_lost(line_b: Float64) -> str:
     """Return which Euler angle a rotation about a body axis is, at level attitude."""
     names = ("roll", "pitch", "yaw")

@@ -15,7 +15,7 @@ from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import gammaincinv
 
 from insgnss.attitude.baselines import (
     AntennaArray,
@@ -201,7 +201,12 @@ def _resolved(epoch: Epoch, array: AntennaArray, rough: Rough, ratio: float) -> 
 def _largest_loss(epoch: Epoch) -> float:
     """Return the loss that one right solution in 10 000 exceeds."""
     count = len(epoch.array.baselines_b)
-    return float(stats.chi2.ppf(1.0 - _SHARE_REFUSED, count * (len(epoch.differences()) + 3) - 3))
+    return _quantile(count * (len(epoch.differences()) + 3) - 3)
+
+
+def _quantile(freedom: int) -> float:
+    """Return the chi-square that one right solution in 10 000 exceeds."""
+    return 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - _SHARE_REFUSED))
 
 
 def _choices(rows: PhaseRows, rough: Rough, m: int) -> list[_Choice] | None:
@@ -232,7 +237,7 @@ def _likely_cycles(rows: PhaseRows, rough: Rough, m: int) -> Int64 | None:
     H, turn = rows.wave_rows(), 2.0 * math.pi
     real = (H @ centre - rows.phase[m]) / turn
     Q = (H @ P @ H.T + _own_covariance(rows, m)) / turn**2
-    limit = 3.0 + float(stats.chi2.ppf(1.0 - _SHARE_REFUSED, R))
+    limit = 3.0 + _quantile(R)
     found = nearest_integers(real, Q, CANDIDATES, limit).integers
     return None if len(found) == CANDIDATES else found
 

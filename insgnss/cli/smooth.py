@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from insgnss.cli.ending import own_errors_told
-from insgnss.cli.json_output import print_json
+from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
+from insgnss.cli.progress import telling
 from insgnss.cli.replay import print_summary, table_form
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
@@ -30,9 +30,7 @@ def smooth(
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object in place of the summary.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run the filter forward and the smoother back over a flight's logs: for what is looked at afterwards."""
     began = time.perf_counter()
@@ -40,13 +38,13 @@ def smooth(
     with own_errors_told():
         form = table_form(format)
         loaded = Flight.load(flight)
-        with Console(stderr=True).status("starting") as status:
-            run = run_replay(loaded, filter, smooth=True, progress=lambda text: status.update(f"{text} ..."))
+        with telling("starting") as tell:
+            run = run_replay(loaded, filter, smooth=True, progress=tell)
             if output is not None:
-                status.update("saving the run ...")
+                tell("saving the run")
                 run.save(output, form)
             if report is not None:
-                status.update("drawing the page ...")
+                tell("drawing the page")
                 run.report(report)
     written = [str(path) for path in (output, report) if path is not None]
     if as_json:

@@ -262,6 +262,52 @@ class Reference(StrictModel):
     point: Literal["imu", "antenna"] = "imu"
 
 
+class FurtherAntenna(MountedAntenna):
+    """An antenna beside that of [gnss], with a log of its own."""
+
+    name: str = Field(min_length=1)
+    pattern: str = "isotropic"
+    files: tuple[Path, ...] = Field(min_length=1, description="columns and time as those of [gnss]")
+    format: LogFormat | None = Field(None, description="that of [gnss] when left out")
+    delay_m: float = Field(
+        0.0, description="with a common clock: by how much its cable is longer than the main antenna's"
+    )
+
+
+class Attitude(StrictModel):
+    """Several antennas whose carrier phase differences tell the attitude."""
+
+    clocks: Literal["common", "separate"] = Field(
+        description="one oscillator drives all receivers, or each has its own"
+    )
+    vehicle: str | None = Field(
+        None, description="where the antennas sit: a name in models/vehicles, or a file ending in .toml"
+    )
+    main_antenna: str | None = Field(None, description="the vehicle's antenna that the log of [gnss] is from")
+    phase_sigma_m: PositiveFloat = Field(0.002, description="of one antenna's phase at 45 dBHz")
+    multipath_sigma_m: NonNegativeFloat = Field(0.003, description="of one antenna's phase, beside that")
+    multipath_time_s: NonNegativeFloat = Field(60.0, description="how long reflections stay alike")
+    ratio: Annotated[float, Field(gt=1.0)] = Field(
+        2.0, description="of the second best whole cycles' loss to the best's, to be believed"
+    )
+    confirmations: Annotated[int, Field(ge=1)] = Field(
+        3, description="epochs in a row that have to find the same whole cycles"
+    )
+    gate_sigma: PositiveFloat = 4.5
+    antenna: tuple[FurtherAntenna, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _antennas_are_told_apart(self) -> Attitude:
+        names = [antenna.name for antenna in self.antenna]
+        if len({*names, self.main_antenna}) != len(names) + 1:
+            raise ValueError("each antenna needs a name of its own, and none is that of the main antenna")
+        if (self.vehicle is None) != (self.main_antenna is None):
+            raise ValueError(
+                "vehicle and main_antenna go together: main_antenna says which one [gnss] is from"
+            )
+        return self
+
+
 class FlightConfig(StrictModel):
     """A whole flight file. Relative paths are relative to the file itself."""
 
@@ -269,5 +315,6 @@ class FlightConfig(StrictModel):
     gps_week: Annotated[int, Field(ge=0, le=9999)]
     imu: Imu
     gnss: Gnss
+    attitude: Attitude | None = None
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None

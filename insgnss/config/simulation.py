@@ -229,6 +229,29 @@ class SimulatedGnss(StrictModel):
         return self
 
 
+class SimulatedAntenna(MountedAntenna):
+    """An antenna beside that of [gnss], with a receiver and a log of its own."""
+
+    name: str = Field(min_length=1)
+    pattern: str = "isotropic"
+    lever_arm_m: Vector3 = Field(description="IMU to phase centre, body axes")
+    clock_bias_m: float = Field(0.0, description="of its own clock beyond the main one's, at the start")
+
+
+class SimulatedAttitude(StrictModel):
+    """Further antennas: receivers like that of [gnss], each with errors of its own."""
+
+    clocks: Literal["common", "separate"] = "common"
+    wind_up: bool = Field(True, description="antennas tilted against the main one see the wave turned")
+    antenna: tuple[SimulatedAntenna, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _names_are_different(self) -> SimulatedAttitude:
+        if len({antenna.name for antenna in self.antenna}) != len(self.antenna):
+            raise ValueError("two further antennas have the same name")
+        return self
+
+
 class SimulationConfig(StrictModel):
     """A whole scenario file. Relative paths start at its folder."""
 
@@ -246,6 +269,7 @@ class SimulationConfig(StrictModel):
     clock: SimulatedClock = SimulatedClock()
     sky: Sky = NominalSky()
     gnss: SimulatedGnss = SimulatedGnss()
+    attitude: SimulatedAttitude | None = None
     fault: tuple[SignalFault, ...] = ()
 
     @model_validator(mode="after")
@@ -254,4 +278,6 @@ class SimulationConfig(StrictModel):
             raise ValueError("give a list of manoeuvres ([[manoeuvre]]) or a logged reference ([follow])")
         if self.manoeuvre and self.place is None:
             raise ValueError("manoeuvres need a [place] to begin at")
+        if self.attitude is not None and self.gnss.carrier_noise_m is None:
+            raise ValueError("[attitude] needs a carrier: give gnss.carrier_noise_m")
         return self

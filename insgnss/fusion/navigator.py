@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.loop import (
     COVARIANCE_LOST,
@@ -35,6 +36,7 @@ from insgnss.fusion.output import (
     MASKING_ON,
     MASKING_WAITS,
     MEASUREMENTS_BACK,
+    N_USED,
     NO_MEASUREMENTS,
     Output,
 )
@@ -63,6 +65,7 @@ class Navigator:
     setup: FilterSetup
     before_loop: Callable[[], object] = lambda: None  # called when the compiled loop is needed
     starter: Starter = field(init=False)
+    aid: EpochAid | None = field(init=False)  # by several antennas, None without
     bank: Bank | None = None
     resets_ns: list[int] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
@@ -74,6 +77,7 @@ class Navigator:
         """Resolve the parameters and get ready to start."""
         self._parameters = self.setup.parameters()
         self.starter = Starter(self.setup, given=self.setup.start is not None)
+        self.aid = None if self.setup.new_aid is None else self.setup.new_aid()
 
     @property
     def parameters(self) -> npt.NDArray[Any]:
@@ -83,11 +87,14 @@ class Navigator:
     def snapshot(self) -> tuple[Any, ...]:
         """Return a copy of everything that changes with the data."""
         bank = None if self.bank is None else copy_bank(self.bank)
-        return bank, copy.deepcopy(self.starter), list(self.resets_ns), list(self.events), self.started_ns
+        aid = None if self.aid is None else self.aid.snapshot()
+        starter = copy.deepcopy(self.starter)
+        return bank, starter, list(self.resets_ns), list(self.events), self.started_ns, aid
 
     def restore(self, saved: tuple[Any, ...]) -> None:
         """Return to a snapshot."""
-        bank, starter, resets, events, self.started_ns = saved
+        bank, starter, resets, events, self.started_ns, aid = saved
+        self.aid = None if aid is None else aid.snapshot()
         self.bank = None if bank is None else copy_bank(bank)
         self.starter = copy.deepcopy(starter)
         self.resets_ns, self.events = list(resets), list(events)
@@ -101,11 +108,31 @@ class Navigator:
                 continue
             work = self.workspace(rows)
             self.before_loop()
+            stop = last if self.aid is None else epoch + 1
             code, epoch = run_epochs(
-                self.bank, epoch, last, rows, imu, self._parameters, self.setup.log_drop, out, work
+                self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
             )
             self._collect_events(out)
             self._handle(code, epoch - 1, rows, out)
+            if self.aid is not None:
+                self._use_antennas(self.aid, imu, rows, epoch - 1, out)
+
+    def _use_antennas(self, aid: EpochAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+        """Update with the phase differences of an epoch, and write its navigation row once more."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if self.bank is None or self.bank.head[0].now_ns != t_ns:
+            return
+        k = min(int(self.bank.head[0].next), len(imu.t_ns) - 1)
+        self.bank, used = aid.use(self.bank, t_ns, imu.w_ib_b[k], self._parameters[0])
+        self.events += aid.take_events()
+        count = out.counts[0]
+        if used and count.nav and out.nav[count.nav - 1].t_ns == t_ns:
+            count.nav -= 1
+            n_used = int(out.nav[count.nav].value[N_USED])
+            lead = int(self.bank.head[0].leader)
+            write_row(self.bank, self.bank, lead, t_ns, n_used, out, self.workspace(rows))
+        if used:
+            self._tell_heading()
 
     def workspace(self, rows: Rows) -> Workspace:
         """Return work space that fits the largest epoch."""

@@ -40,6 +40,7 @@ NAV_COLUMNS: Final = (
     *("n_used", "n_hypotheses"),
 )
 N_NAV: Final = len(NAV_COLUMNS)
+N_USED: Final = NAV_COLUMNS.index("n_used")
 _SMALLEST_COSINE = (
     1e-3  # near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +13,7 @@ from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import Limits
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
+from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.masking import NO_LIMITS
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.state import Layout
@@ -43,6 +45,7 @@ class FilterSetup:
     )  # the vehicle's antennas, none: nothing masked
     visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
+    new_aid: Callable[[], EpochAid] | None = None  # makes what several antennas add at epochs; None: nothing
 
     @property
     def klobuchar(self) -> Float64 | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Final, TypeVar
 
@@ -48,7 +49,8 @@ def check_flight(flight: Flight) -> CheckReport:
     """Read all logs of a flight and report what they show.
 
     Reports rates, gaps, overlaps, gravity and tilt at rest, suspicions of units and axes, satellites and ephemerides
-    per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm. A log that cannot be
+    per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm, and of several antennas
+    where they stand and what their logs share. A log that cannot be
     read is an error in the report, not an exception; the others are still looked at.
     """
     config = flight.config
@@ -72,6 +74,9 @@ def check_flight(flight: Flight) -> CheckReport:
     if imu is not None and gnss is not None:
         findings += _overlap_findings(flight, imu, gnss)
     findings.append(_lever_arm_finding(flight))
+    if config.attitude is not None:  # what this takes is loaded for such flights alone
+        several = importlib.import_module("insgnss.log.doctor_antennas")
+        findings += several.antenna_findings(flight, gnss)
     return CheckReport(flight.name, tuple(findings))
 
 

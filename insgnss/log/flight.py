@@ -16,6 +16,7 @@ from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gpstime import ns_to_datetime, ns_to_week_seconds
 from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
+from insgnss.log.further_antennas import read_further_antennas
 from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
 from insgnss.log.imu_csv import read_imu
 from insgnss.log.reference import read_reference
@@ -35,6 +36,7 @@ class FlightLogs:
     products: PreciseProducts | None = None
     antennas: SatelliteAntennas | None = None
     base: GnssTable | None = None  # a base station's observations
+    further: tuple[GnssTable, ...] = ()  # of the further antennas, in the order of [attitude]
 
 
 @dataclass(frozen=True)
@@ -104,8 +106,10 @@ class Flight:
         if config.gnss.lever_b is None:
             detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
             events.append(Event(None, "lever_arm_not_given", detail))
+        further, found = read_further_antennas(config, logs.gnss)
         return FlightLogs(
-            imu, logs.gnss, logs.navigation, reference, events, {}, logs.products, logs.antennas, logs.base
+            *(imu, logs.gnss, logs.navigation, reference, events + found, {}),
+            *(logs.products, logs.antennas, logs.base, further),
         )
 
     def files(self) -> tuple[Path, ...]:
@@ -116,9 +120,12 @@ class Flight:
         antennas = () if gnss.antennas is None else (gnss.antennas,)
         base = () if gnss.base is None else gnss.base.files
         told = () if gnss.receiver_events is None else (gnss.receiver_events,)
-        satellites = (*gnss.files, *gnss.navigation, *gnss.precise, *antennas, *base)
-        patterns = tuple(antenna_file(antenna.pattern, (folder,)) for antenna in gnss.antenna)
-        hiding = tuple(folder / antenna.obstruction for antenna in gnss.antenna if antenna.obstruction)
+        others = () if config.attitude is None else config.attitude.antenna
+        further = tuple(path for antenna in others for path in antenna.files)
+        satellites = (*gnss.files, *gnss.navigation, *gnss.precise, *antennas, *base, *further)
+        mounted = (*gnss.antenna, *others)
+        patterns = tuple(antenna_file(antenna.pattern, (folder,)) for antenna in mounted)
+        hiding = tuple(folder / antenna.obstruction for antenna in mounted if antenna.obstruction)
         files = (self.path, *config.imu.files, *satellites, *told, *patterns, *hiding, *reference)
         return tuple(dict.fromkeys(files))  # two antennas of one type share a pattern
 
@@ -145,6 +152,12 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
         }
     )
     update: dict[str, object] = {"imu": imu, "gnss": gnss}
+    if config.attitude is not None:
+        antennas = tuple(
+            antenna.model_copy(update={"files": tuple(map(absolute, antenna.files))})
+            for antenna in config.attitude.antenna
+        )
+        update["attitude"] = config.attitude.model_copy(update={"antenna": antennas})
     if config.reference is not None:
         update["reference"] = config.reference.model_copy(update={"file": absolute(config.reference.file)})
     return config.model_copy(update=update)

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.antenna.equipment import mounting
 from insgnss.config import signal_faults as told
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.simulation import (
@@ -27,6 +28,7 @@ from insgnss.simulation import faults
 from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.chosen_messages import nearest_messages, referred_to
 from insgnss.simulation.disturbance import Disturbance
+from insgnss.simulation.further_receivers import FurtherReceiver, FurtherReceivers, local_only
 from insgnss.simulation.imu_record import ImuRecord
 from insgnss.simulation.itinerary import course_of, knot_s_of
 from insgnss.simulation.local_level import geodetic
@@ -90,6 +92,7 @@ def assemble(
     present = set(navigation.ephemerides.sv_names)
     _check_satellites(config, present)
     shaking = config.imu.vibration
+    receiver = _receiver(config.gnss, navigation, folder)
     return Scenario(
         trajectory=trajectory,
         navigation=navigation,
@@ -98,7 +101,8 @@ def assemble(
         start_ns=start_ns,
         duration_s=wanted_s,
         imu_rate_hz=config.imu.rate_hz,
-        receiver=_receiver(config.gnss, navigation, folder),
+        receiver=receiver,
+        further=_further(config, receiver, folder),
         clock=ClockStart(
             config.clock.bias_m,
             config.clock.drift_mps,
@@ -223,6 +227,29 @@ def _receiver(gnss: SimulatedGnss, navigation: NavigationData, folder: Path) -> 
     return (
         receiver if gnss.loops is None else _with_loops(receiver, gnss, len(navigation.ephemerides.sv_names))
     )
+
+
+def _further(config: SimulationConfig, main: Receiver, folder: Path) -> FurtherReceivers:
+    """Return the receivers of the further antennas: like the main one, at their own places."""
+    attitude = config.attitude
+    if attitude is None:
+        return FurtherReceivers()
+    C_main = mounting(config.gnss.antenna[0]) if config.gnss.antenna else np.eye(3)
+    receivers = []
+    for antenna in attitude.antenna:
+        plain = antenna.pattern == "isotropic" and antenna.obstruction is None
+        own = (ReceivingAntenna.mounted(antenna, folder),)
+        receiver = replace(
+            main,
+            lever_arm_b=antenna.lever_arm_m,
+            reception=main.reception if plain else Reception(own, config.gnss.cn0_dbhz),
+            disturbances=local_only(main.disturbances),
+        )
+        C_ba = mounting(antenna)
+        tilted = attitude.wind_up and not np.allclose(C_ba, C_main, rtol=0.0, atol=1e-9)
+        axes = (C_main, C_ba) if tilted else None
+        receivers.append(FurtherReceiver(antenna.name, receiver, antenna.clock_bias_m, axes))
+    return FurtherReceivers(tuple(receivers), attitude.clocks == "separate")
 
 
 def _terms(noise: WhiteNoise) -> NoiseTerms:

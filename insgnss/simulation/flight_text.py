@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -46,7 +47,17 @@ def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
     ]
     for antenna in config.gnss.antenna:
         lines += ["", "[[gnss.antenna]]", *_antenna_lines(antenna)]
+    if config.attitude is not None:
+        lines += ["", "[attitude]", f'clocks = "{config.attitude.clocks}"']
+        for antenna in config.attitude.antenna:
+            lines += ["", "[[attitude.antenna]]", f'files = ["{antenna_file_name(antenna.name)}"]']
+            lines += _antenna_lines(antenna)
     return "\n".join([*lines, "", "[reference]", f'file = "{REFERENCE_FILE}"', 'point = "imu"', ""])
+
+
+def antenna_file_name(name: str) -> str:
+    """Return the file of a further antenna's log."""
+    return f"gnss_{re.sub(r'[^A-Za-z0-9]+', '_', name)}.csv"
 
 
 def grade_lines(model: ImuGrade | Oscillator) -> list[str]:
@@ -57,7 +68,7 @@ def grade_lines(model: ImuGrade | Oscillator) -> list[str]:
 
 def _antenna_lines(antenna: MountedAntenna) -> list[str]:
     """Return the lines of an antenna; files of its own are named as ``copy_antenna_files`` leaves them."""
-    values = antenna.model_dump(exclude_defaults=True, mode="json")
+    values = antenna.model_dump(exclude_defaults=True, exclude={"clock_bias_m"}, mode="json")
     for key in ("pattern", "obstruction"):
         if str(values.get(key, "")).endswith((".csv", ".toml")):
             values[key] = Path(values[key]).name
@@ -67,7 +78,8 @@ def _antenna_lines(antenna: MountedAntenna) -> list[str]:
 def copy_antenna_files(config: SimulationConfig, folder: Path, to: Path) -> list[Path]:
     """Copy patterns and obstructions that are files beside the scenario; return the copies."""
     copies = []
-    for antenna in config.gnss.antenna:
+    further = () if config.attitude is None else config.attitude.antenna
+    for antenna in (*config.gnss.antenna, *further):
         named = [Path(antenna.pattern)] if antenna.pattern.endswith(".csv") else []
         named += [] if antenna.obstruction is None else [antenna.obstruction]
         for path in named:

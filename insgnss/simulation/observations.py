@@ -273,10 +273,10 @@ def _strength_dbhz(C_eb: Float64 | None, paths: SignalPaths, receiver: Receiver)
     """Return the mean C/N0 of all satellites (m, n); an antenna's own pattern needs the attitude."""
     if receiver.reception is None or C_eb is None:
         return receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation)
-    return receiver.reception.cn0_dbhz(np.einsum("mib,mni->mnb", C_eb, _directions_e(paths)))
+    return receiver.reception.cn0_dbhz(np.einsum("mib,mni->mnb", C_eb, directions_e(paths)))
 
 
-def _directions_e(paths: SignalPaths) -> Float64:
+def directions_e(paths: SignalPaths) -> Float64:
     """Return unit directions (m, n, 3) towards the satellites in ECEF axes."""
     level = np.cos(paths.elevation)
     east, up = level * np.sin(paths.azimuth), np.sin(paths.elevation)
@@ -290,7 +290,7 @@ def _sky_geometry(paths: SignalPaths, t_s: Float64, receiver: Receiver) -> SkyGe
     return SkyGeometry(
         t_s=t_s,
         elevation=paths.elevation,
-        direction_e=_directions_e(paths),
+        direction_e=directions_e(paths),
         satellite_r_e=satellite.r_e,
         satellite_inertial_v_e=satellite.v_e + np.cross(EARTH_RATE_E, satellite.r_e),
         codes=len(receiver.signals),

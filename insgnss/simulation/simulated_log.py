@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S
+from insgnss.simulation.further_receivers import FurtherReceivers
 from insgnss.simulation.imu import SensorOutput, accelerometer_model, gyro_model, measure
 from insgnss.simulation.imu_record import ImuRecord
 from insgnss.simulation.observations import Fault, Receiver, observe, to_table
@@ -52,6 +53,7 @@ class Scenario:
     gyro_vibration: VibrationSpectrum | None = None  # [rad/s]
     accel_vibration: VibrationSpectrum | None = None  # [m/s^2]
     record: ImuRecord = field(default_factory=ImuRecord)
+    further: FurtherReceivers = field(default_factory=FurtherReceivers)
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ class SimulatedLog:
     clock: ClockTruth  # at each GNSS tag
     gyro_scale_factor: Float64  # (3,) [-]
     accel_scale_factor: Float64  # (3,) [-]
+    further: tuple[GnssTable, ...] = ()  # of the further antennas
 
 
 class Simulator:
@@ -122,6 +125,15 @@ class Simulator:
             clock=clock,
             gyro_scale_factor=gyro.scale_factor,
             accel_scale_factor=accel.scale_factor,
+            # drawn last: a scenario's other numbers are the same with and without further antennas
+            further=s.further.draw(
+                s.trajectory,
+                s.navigation.ephemerides,
+                s.start_ns,
+                clock,
+                lambda bias_m: self._clock(rng, bias_m),
+                rng,
+            ),
         )
 
     def _sensors(self, rng: np.random.Generator | None) -> tuple[SensorOutput, SensorOutput]:
@@ -143,7 +155,7 @@ class Simulator:
         accelerometer = accelerometer_model(s.grade, s.accel_resolution_mps)
         return gyro, measure(self.force_b, step_s, accelerometer, rng, shaking=shaking)
 
-    def _clock(self, rng: np.random.Generator | None) -> ClockTruth:
+    def _clock(self, rng: np.random.Generator | None, more_bias_m: float = 0.0) -> ClockTruth:
         start = self.scenario.clock
         oscillator = self.scenario.oscillator
         if rng is None:
@@ -152,7 +164,7 @@ class Simulator:
             oscillator,
             self.tag_s,
             rng,
-            bias_m=start.bias_m,
+            bias_m=start.bias_m + more_bias_m,
             drift_mps=start.drift_mps,
             jump_beyond_m=start.jump_beyond_m,
         )

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from insgnss import library
+from insgnss.attitude.two_stage import equivalent_orders
+from insgnss.attitude.vehicle import array_of_vehicle
 from insgnss.errors import ConfigError, ModelError
 
 CLOCK = 'h0_s = 1e-20\nh_minus2_per_s = 1e-24\nsource = "{}"\n'
@@ -74,3 +77,30 @@ def test_model_with_a_wrong_key_is_a_settings_error(tmp_path: Path) -> None:
     (tmp_path / "odd.toml").write_text(CLOCK.format("x").replace("h0_s", "h0"))
     with pytest.raises(ConfigError, match="h0_s"):
         library.oscillator("odd", (tmp_path,))
+
+
+@pytest.mark.parametrize("name", library.names("vehicles"))
+def test_every_vehicle_of_the_library_is_an_array_of_antennas(name: str) -> None:
+    found = library.vehicle(name)
+    array = array_of_vehicle(name)
+
+    assert found.source
+    assert array.names == tuple(antenna.name for antenna in found.antenna)
+    assert array.lengths_m.min() > 0.1
+
+
+def test_the_papers_triangles_are_equilateral() -> None:
+    for edge_m in (1.0, 2.0):
+        array = array_of_vehicle(f"triangle_{edge_m:.0f}m")
+        distance = np.linalg.norm(array.positions_b[:, None] - array.positions_b[None], axis=-1)
+
+        assert distance[np.triu_indices(3, 1)] == pytest.approx([edge_m] * 3, abs=1e-6)
+
+
+def test_an_aircrafts_swapped_cables_can_be_told_apart() -> None:
+    assert equivalent_orders(array_of_vehicle("light_aircraft")) == []
+
+
+def test_a_vehicle_without_the_antenna_asked_for_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no antenna 'nose'"):
+        array_of_vehicle("light_aircraft", first="nose")

@@ -1,0 +1,220 @@
+"""Carrier phase differences between antennas: which an epoch has, what an attitude predicts, how they share noise.
+
+    lambda (phi_b - phi_a) = -u^T C_eb (l_b - l_a) + clock_b - clock_a + lambda N + noise
+
+A satellite's differences all count from the first antenna that has it, so one that the main antenna does not see is
+used between the others. The position falls out but for the curvature of the wave, l^2 / (2 R), 1e-6 m for 10 m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.attitude.wind_up import wind_up_differences
+from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.gnss.antenna_phases import AntennaPhases
+from insgnss.gnss.noise_model import thermal_factor
+from insgnss.tables import Float64, Int64
+
+Bool = npt.NDArray[np.bool_]
+_ASSUMED_CN0_DBHZ: Final = 42.0  # where the log gives none
+
+
+@dataclass(frozen=True)
+class Antennas:
+    """The vehicle's antennas as the differences need them, the main one first."""
+
+    names: tuple[str, ...]
+    lever_b: Float64  # (M, 3) from any one point of the body [m]
+    delay_m: Float64  # (M,) of the cables, beyond the main antenna's
+    C_ba: Float64  # (M, 3, 3) antenna axes to body axes
+    separate_clocks: bool
+    phase_sigma_m: float
+    multipath_sigma_m: float
+
+    @cached_property
+    def winds_up(self) -> bool:
+        """Whether the antennas are tilted against each other."""
+        return not bool(np.allclose(self.C_ba, self.C_ba[0], rtol=0.0, atol=1e-9))
+
+    def reordered(self, order: tuple[int, ...]) -> Antennas:
+        """Return the antennas with the cables of others: the log of antenna i is that of antenna ``order[i]``."""
+        names = tuple(self.names[i] for i in order)
+        return replace(self, names=names, lever_b=self.lever_b[list(order)], C_ba=self.C_ba[list(order)])
+
+
+@dataclass(frozen=True)
+class Differences:
+    """The R differences of an epoch."""
+
+    a: Int64  # (R,) antenna each counts from
+    b: Int64  # (R,) antenna of the difference
+    channel: Int64  # (R,) satellite and signal
+    row: Int64  # (R,) row of the phases of antenna b
+    other: Int64  # (R,) row of antenna a
+    value_m: Float64  # (R,) wavelength times phase difference, at the moment of antenna a's epoch
+    wavelength_m: Float64  # (R,)
+    u_e: Float64  # (R, 3) unit vectors, receiver to satellite, ECEF at reception
+    white: Float64  # (R, R) covariance of the noise of each epoch [m^2]
+    slow: Float64  # (R, R) covariance of reflections, alike from epoch to epoch [m^2]
+    clock: Int64  # (R,) number of the unknown clock difference in each, -1 with a common clock
+
+    @cached_property
+    def keys(self) -> list[tuple[int, int, int]]:
+        """What whole cycles belong to: antenna from, antenna to, channel."""
+        return list(zip(self.a.tolist(), self.b.tolist(), self.channel.tolist(), strict=True))
+
+    def only(self, kept: Bool) -> Differences:
+        """Return the marked differences."""
+        square = np.ix_(kept, kept)
+        return Differences(
+            *(self.a[kept], self.b[kept], self.channel[kept], self.row[kept], self.other[kept]),
+            *(self.value_m[kept], self.wavelength_m[kept], self.u_e[kept]),
+            *(self.white[square], self.slow[square]),
+            self.clock[kept],
+        )
+
+    def clocks(self) -> Float64:
+        """Return which clock difference stands in which row, (R, clocks)."""
+        numbers = np.unique(self.clock[self.clock >= 0])
+        return np.asarray(self.clock[:, None] == numbers, np.float64)
+
+
+def directions(sat: Float64, r_e: Float64) -> Float64:
+    """Return unit vectors (n, 3) from ``r_e`` to satellites (n, >= 3), in ECEF axes at reception.
+
+    Equation: as ``gnss.line_of_sight``; the Earth's turn over the flight time moves the satellite by omega tau.
+    """
+    path = sat[:, :3] - r_e
+    angle = WGS84_OMEGA_RADPS / C_MPS * np.linalg.norm(path, axis=1)
+    path[:, 0] += angle * sat[:, 1]
+    path[:, 1] -= angle * sat[:, 0]
+    return np.asarray(path / np.linalg.norm(path, axis=1, keepdims=True))
+
+
+def form_differences(
+    phases: AntennaPhases, kept: Int64, antennas: Antennas, r_e: Float64, v_e: Float64
+) -> Differences:
+    """Return the differences of the rows ``kept`` of one epoch, those of one antenna together, in its order.
+
+    Clocks of their own shift the receivers' moments against each other: the difference is brought to one moment by the
+    satellites' range rates, the shift taken from tags and pseudoranges (3 ns of it are 3 micrometres).
+    """
+    seen = kept[np.lexsort((phases.antenna[kept], phases.channel[kept]))]
+    channel = phases.channel[seen]
+    begins = np.ones(len(seen), np.bool_)
+    begins[1:] = channel[1:] != channel[:-1]
+    leader = seen[begins][np.cumsum(begins) - 1]
+    pairs = np.flatnonzero(seen != leader)
+    order = pairs[np.lexsort((channel[pairs], phases.antenna[seen[pairs]]))]
+    row, other = seen[order], leader[order]
+    a, b = phases.antenna[other].astype(np.int64), phases.antenna[row].astype(np.int64)
+    u_e = directions(phases.sat[row], r_e)
+    value = phases.phase_m[row] - phases.phase_m[other] - (antennas.delay_m[b] - antennas.delay_m[a])
+    rate = np.sum(u_e * (phases.sat[row, 3:6] - v_e), axis=1)
+    value = value - rate * _moments_apart(phases, row, other, a, b, antennas.separate_clocks)
+    white, slow = _covariances(phases, row, other, antennas)
+    clock = (
+        _clock_numbers(a, b, phases.wavelength_m[row]) if antennas.separate_clocks else np.full(len(row), -1)
+    )
+    return Differences(
+        *(a, b, phases.channel[row], row, other, value, phases.wavelength_m[row], u_e, white, slow, clock)
+    )
+
+
+def _moments_apart(
+    phases: AntennaPhases, row: Int64, other: Int64, a: Int64, b: Int64, separate: bool
+) -> Float64:
+    """Return how much later antenna b measured than antenna a, (R,) [s]: tags less clocks."""
+    late = (phases.t_ns[row] - phases.t_ns[other]) / NS_PER_S
+    if not separate:
+        return np.asarray(late)
+    codes = phases.code_m[row] - phases.code_m[other]
+    for i, j in {*zip(a.tolist(), b.tolist(), strict=True)}:
+        own = (a == i) & (b == j) & np.isfinite(codes)
+        if own.any():
+            late[(a == i) & (b == j)] -= np.median(codes[own]) / C_MPS
+    return np.asarray(late)
+
+
+def _clock_numbers(a: Int64, b: Int64, wavelength_m: Float64) -> Int64:
+    """Return a number for each pair of antennas and carrier: a clock difference is whole cycles of one carrier only."""
+    keys = np.stack([a, b, np.rint(wavelength_m * 1e9).astype(np.int64)], axis=1)
+    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).reshape(-1).astype(np.int64)
+
+
+def _covariances(
+    phases: AntennaPhases, row: Int64, other: Int64, antennas: Antennas
+) -> tuple[Float64, Float64]:
+    """Return the covariances of noise and reflections: differences that count from one phase share it."""
+    cn0 = phases.cn0_dbhz
+    shared = other[:, None] == other[None, :]
+    found = []
+    for sigma_m, is_thermal in ((antennas.phase_sigma_m, True), (antennas.multipath_sigma_m, False)):
+        at = [np.where(np.isfinite(cn0[rows]), cn0[rows], _ASSUMED_CN0_DBHZ) for rows in (row, other)]
+        own, common = (sigma_m**2 * (thermal_factor(c) if is_thermal else np.ones(len(c))) for c in at)
+        found.append(np.diag(own) + shared * common[:, None])
+    return found[0], found[1]
+
+
+def baselines(
+    d: Differences, antennas: Antennas, w_eb_b: Float64 | None = None, late_s: float = 0.0
+) -> Float64:
+    """Return the baseline of each difference in body axes, (R, 3), as ``late_s`` before the state's time."""
+    l_b = antennas.lever_b[d.b] - antennas.lever_b[d.a]
+    return l_b if w_eb_b is None else np.asarray(l_b - late_s * np.cross(w_eb_b, l_b))
+
+
+def predicted(d: Differences, l_b: Float64, C_eb: Float64, antennas: Antennas) -> Float64:
+    """Return what an attitude makes of the differences, without clocks and whole cycles, (R,) [m].
+
+    Equation: -u^T C_eb l, and the wind-up of antennas that are tilted against each other.
+    """
+    value = -np.sum(d.u_e * (l_b @ C_eb.T), axis=1)
+    if antennas.winds_up:
+        turned = wind_up_differences(antennas.C_ba, C_eb, d.u_e)  # (M - 1, R): against the first antenna
+        turned = np.vstack([np.zeros((1, len(d.b))), turned])
+        every = np.arange(len(d.b))
+        value = value - (turned[d.b, every] - turned[d.a, every]) * d.wavelength_m / (2.0 * np.pi)
+    return np.asarray(value)
+
+
+def attitude_rows(d: Differences, l_b: Float64, C_eb: Float64) -> Float64:
+    """Return the rows of H at the attitude error psi_e, (R, 3): u x C_eb l [m/rad].
+
+    Neglects: the wind-up's change with attitude, at most 0.03 m/rad where antennas are tilted.
+    """
+    return np.asarray(np.cross(d.u_e, l_b @ C_eb.T))
+
+
+def without_clocks(d: Differences, trusted: Bool) -> Float64:
+    """Return M, (R, R): M y are the differences less each clock as the ``trusted`` ones tell it."""
+    B = d.clocks()
+    if not B.shape[1]:
+        return np.eye(len(d.b))
+    weight = B.T * np.where(trusted, 1.0 / np.diag(d.white + d.slow), 0.0)
+    total = np.maximum(np.sum(weight, axis=1, keepdims=True), np.finfo(float).tiny)
+    return np.asarray(np.eye(len(d.b)) - B @ (weight / total))
+
+
+def whitened(d: Differences, H: Float64, y: Float64, spread: float) -> tuple[Float64, Float64]:
+    """Return rows and innovations with independent errors of variance one, clocks eliminated.
+
+    Equation: R = L L^T, Q^T L^-1 (y - H psi - B t) with Q^T L^-1 B = 0, one row less for each clock.
+
+    Parameters
+    ----------
+    spread : by how much the reflections' variance counts more than one epoch's own
+    """
+    L = np.linalg.cholesky(d.white + spread * d.slow)
+    rows = np.linalg.solve(L, np.column_stack([H, y, d.clocks()]))
+    B = rows[:, 4:]
+    if B.shape[1]:
+        Q = np.linalg.qr(B, mode="complete")[0][:, B.shape[1] :]
+        rows = Q.T @ rows[:, :4]
+    return np.ascontiguousarray(rows[:, :3]), np.ascontiguousarray(rows[:, 3])

@@ -1,0 +1,132 @@
+"""The carrier phases of all antennas of a vehicle, laid side by side by epoch, satellite and signal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.gnss.signals import wavelength_m
+from insgnss.status import (
+    BAD_SIGMA,
+    BAD_VALUE,
+    COMBINED,
+    HALF_CYCLE,
+    NO_CORRECTION,
+    NO_RANGE,
+    NO_SECOND_SIGNAL,
+    SWITCHED_OFF,
+    USED,
+)
+from insgnss.tables import Float64, GnssTable, Int8, Int16, Int64
+
+MATCH_S: Final = 2e-3  # receivers of clocks of their own tag one epoch up to a millisecond apart each
+# what the range of a row may have become without harm to its phase
+_RANGE_ALONE: Final = (SWITCHED_OFF, COMBINED, NO_SECOND_SIGNAL, NO_CORRECTION, BAD_SIGMA, BAD_VALUE)
+_SLIP: Final = 1  # bits of the loss-of-lock indicator
+_HALF: Final = 2
+
+
+@dataclass(frozen=True)
+class AntennaPhases:
+    """One row per phase; the rows of an epoch of the main log stand together, those of none of its epochs at the end.
+
+    ``channel`` numbers satellite and signal; ``antenna`` is 0 for the main one.
+    """
+
+    names: tuple[tuple[str, str], ...]  # of each channel: satellite, RINEX code
+    epoch_ns: Int64  # (m,) time tags of the main log
+    first: Int64  # (m + 1,) first row of each epoch; from the last on: rows of no epoch
+    t_ns: Int64  # (n,) the row's own time tag
+    antenna: Int8  # (n,)
+    channel: Int64  # (n,)
+    phase_m: Float64  # (n,) wavelength times carrier phase: grows with the distance
+    code_m: Float64  # (n,) pseudorange
+    wavelength_m: Float64  # (n,)
+    cn0_dbhz: Float64  # (n,) NaN where not logged
+    sat: Float64  # (n, 6) position [m] and velocity [m/s] of the satellite at transmission, ECEF
+    has_slipped: npt.NDArray[np.bool_]  # (n,) as the receiver says
+    status: Int8  # (n,) USED where the phase can be used, or why not
+
+
+def antenna_phases(
+    logs: Sequence[tuple[GnssTable, Rows]], channels: Mapping[str, int] | None = None
+) -> AntennaPhases:
+    """Return the phases of all antennas at the epochs of the first log.
+
+    Parameters
+    ----------
+    logs : each antenna's observations with the filter's rows of them, the main antenna first
+    channels : of GLONASS satellites
+    """
+    numbers: dict[tuple[str, str], int] = {}
+    epoch_ns = logs[0][1].epoch_ns
+    parts = [_part(gnss, rows, i, epoch_ns, numbers, channels or {}) for i, (gnss, rows) in enumerate(logs)]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    order = np.lexsort((columns["antenna"], columns["epoch"]))
+    columns = {name: values[order] for name, values in columns.items()}
+    first = np.searchsorted(columns.pop("epoch"), np.arange(len(epoch_ns) + 1))
+    return AntennaPhases(names=tuple(numbers), epoch_ns=epoch_ns, first=first.astype(np.int64), **columns)
+
+
+def _part(
+    gnss: GnssTable,
+    rows: Rows,
+    antenna: int,
+    epoch_ns: Int64,
+    numbers: dict[tuple[str, str], int],
+    channels: Mapping[str, int],
+) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the columns of one antenna, those rows alone that have a phase."""
+    cycles = gnss.carrier_cycles
+    kept = np.flatnonzero(np.isfinite(cycles)) if cycles is not None else np.zeros(0, np.int64)
+    table = gnss.take(kept)
+    number = np.zeros((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), np.int64)
+    wave = np.full(number.shape, np.nan)
+    for i, j in {(int(i), int(j)) for i, j in zip(table.sv, table.signal, strict=True)}:
+        key = gnss.sv_names[i], gnss.signal_names[j]
+        number[i, j] = numbers.setdefault(key, len(numbers))
+        wave[i, j] = wavelength_m(key[0][0], key[1], channels.get(key[0]))
+    wavelength = wave[table.sv, table.signal]
+    lli = np.zeros(len(kept), np.int8) if table.lli is None else table.lli
+    return {
+        "epoch": _epoch_of(table.t_ns, epoch_ns),
+        "t_ns": table.t_ns,
+        "antenna": np.full(len(kept), antenna, np.int8),
+        "channel": number[table.sv, table.signal],
+        "phase_m": wavelength * _taken(table.carrier_cycles),
+        "code_m": table.pseudorange_m,
+        "wavelength_m": wavelength,
+        "cn0_dbhz": table.cn0_dbhz,
+        "sat": rows.sat[kept, :6],
+        "has_slipped": (lli & _SLIP) != 0,
+        "status": _status(rows.observation["status"][kept, 0], wavelength, rows.sat[kept, 0], lli),
+    }
+
+
+def _taken(cycles: Float64 | None) -> Float64:
+    return np.zeros(0) if cycles is None else cycles
+
+
+def _status(of_range: Int8, wavelength: Float64, x: Float64, lli: Int8 | Int16) -> Int8:
+    """Return whether each phase can be used: as its range, but for what concerns the range alone."""
+    status = np.where(np.isin(of_range, _RANGE_ALONE), USED, of_range).astype(np.int8)
+    status[status == ABSENT] = NO_RANGE  # nothing tells when the signal was sent
+    status[(status == USED) & (lli & _HALF != 0)] = HALF_CYCLE
+    status[(status == USED) & ~(np.isfinite(wavelength) & np.isfinite(x))] = BAD_VALUE
+    return status
+
+
+def _epoch_of(t_ns: Int64, epoch_ns: Int64) -> Int64:
+    """Return the epoch nearest to each time, the number of epochs where none is near."""
+    after = np.clip(np.searchsorted(epoch_ns, t_ns), 1, max(len(epoch_ns) - 1, 1))
+    before = np.minimum(after - 1, len(epoch_ns) - 1)
+    after = np.minimum(after, len(epoch_ns) - 1)
+    nearer = np.where(t_ns - epoch_ns[before] <= epoch_ns[after] - t_ns, before, after)
+    apart = np.abs(t_ns - epoch_ns[nearer])
+    return np.where(apart <= MATCH_S * NS_PER_S, nearer, len(epoch_ns)).astype(np.int64)
