@@ -27,7 +27,7 @@ from tests.conftest import REPOSITORY
 
 SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 # columns that only some runs have: of optional states, and of a log of the receiver's own
-SOMETIMES = {"offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m"}
+SOMETIMES = {"offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "antenna"}
 
 
 def with_everything(folder: Path) -> Flight:

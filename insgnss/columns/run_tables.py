@@ -32,8 +32,9 @@ _MEASUREMENTS = """
 time_s: receiver time tag, seconds of the GPS week
 sv: satellite, as G05
 signal: RINEX code, as C1C
-kind: pseudorange, range_rate or carrier_difference
-innovation: measured minus predicted, at the prior; m for pseudorange and carrier difference, m/s for range rate
+kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference
+antenna: where there are several: which one an attitude difference is of
+innovation: measured minus predicted, at the prior; m, of a range rate m/s
 sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit
 nis: squared ratio of the two: 1 in the mean where filter and noise agree
 status: used, or why not: see the list at the end

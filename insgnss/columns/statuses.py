@@ -43,5 +43,8 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "message_changed": "the two epochs' satellite states are from different messages",
     "clock_stepped": "the receiver's clock stepped between the two epochs",
     "no_range": "no pseudorange beside the carrier tells when the signal was sent",
+    "no_difference": "several antennas: no other one has the signal, or it is the one that the others count from",
+    "cycles_open": "several antennas: the whole cycles of the difference are not known for certain",
+    "cycles_wrong": "several antennas: the difference is off by whole cycles",
     "no_channel": "GLONASS: neither messages, log nor flight file tell its frequency channel",
 }

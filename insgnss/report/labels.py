@@ -31,7 +31,12 @@ _WORDS: Final[dict[str, str]] = {
     "lat": "latitude",
     "lon": "longitude",
 }
-KIND_UNITS: Final[dict[str, str]] = {"pseudorange": "m", "range_rate": "m/s", "carrier_difference": "m"}
+KIND_UNITS: Final[dict[str, str]] = {
+    "pseudorange": "m",
+    "range_rate": "m/s",
+    "carrier_difference": "m",
+    "attitude_difference": "m",
+}
 
 
 def label(column: str) -> Label:

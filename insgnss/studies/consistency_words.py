@@ -12,6 +12,7 @@ NOISE_WORDS: Final = {
     "pseudorange": "range noise",
     "range_rate": "range rate noise",
     "carrier_difference": "carrier noise",
+    "attitude_difference": "noise of the phase between antennas",
 }
 _WORTH_TELLING: Final = 0.05  # a factor nearer to one is not worth changing a setting for
 _OUTLYING: Final = 1.3  # of one satellite's factor over its kind's
