@@ -29,6 +29,7 @@ GATE_KEYS: Final = {
     "pseudorange": "pseudorange_sigma",
     "range_rate": "range_rate_sigma",
     "carrier_difference": "carrier_sigma",
+    "attitude_difference": "",  # the flight's own, near the default
 }
 _PREDICTED: Final = {"pseudorange": "sd_range_m", "range_rate": "sd_range_rate_mps"}
 _LOOK: Final = ("az_deg", "el_deg", *_PREDICTED.values())
