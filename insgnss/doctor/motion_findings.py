@@ -1,0 +1,146 @@
+"""Axes, gyro unit, time offset and lever arm: the inertial log held against the motion that the satellites show."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.doctor.axis_search import SURE, Match, in_motion, search
+from insgnss.doctor.declaration import Declared
+from insgnss.doctor.lever_arm import lever_arm_findings
+from insgnss.doctor.refinement import TAU, Refined, refine
+from insgnss.doctor.stretches import Stretch, inertial_grid, length_for, stretches
+from insgnss.doctor.time_offset import offset_findings
+from insgnss.doctor.track import Track
+from insgnss.doctor.vehicle_axes import Axes, candidates, contradicted, forward_known, names, relative
+from insgnss.log.flight import Flight
+from insgnss.log.report import Finding, Proposal
+
+EDGE_S: Final = 1.0  # the stretches stay so far inside the inertial log, for the fine shift
+MARGIN_S: Final = 1.5
+REFINED_STRETCHES: Final = 20
+UNIT_FITS: Final = 10.0  # a unit that is ruled out by less is only suspected
+
+
+def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: float = 0.0) -> list[Finding]:
+    """Return what the motion says of the inertial log.
+
+    Parameters
+    ----------
+    declared : the log in its own axes, accelerometers in their right unit
+    track : the antenna's way
+    base_s : whole hours or weeks that the inertial tags are off, added to them here
+    """
+    match = match_of(flight, declared, track, base_s)
+    if match is None:
+        return [_no_motion(flight)]
+    if match.contrast < SURE:
+        return [_unexplained(match)]
+    found = candidates(match.tied, declared.accel, declared.gyro)
+    best = found[0]
+    unit = _unit_findings(declared, best, match)
+    if best.rank > 2 and sum(axes.rank == best.rank for axes in found) > 1:
+        return [*unit, _undecided(found)]
+    shift_s = base_s + match.shift_s
+    refined = _refined(flight, declared, track, best, shift_s)
+    total = shift_s if refined is None else shift_s + refined.x[TAU]
+    sd = 0.25 if refined is None else float(refined.sd[TAU])
+    axes = _axes_findings(declared, best, match)
+    times = offset_findings(flight, total, sd, match, track.origin_ns)
+    if refined is None:
+        return [*unit, *axes, *times]
+    return [*unit, *axes, *times, *lever_arm_findings(flight, refined, best.accel, declared, track)]
+
+
+def match_of(flight: Flight, declared: Declared, track: Track, base_s: float) -> Match | None:
+    """Return the best hypotheses of axes, unit and time, None without motion in common."""
+    found = _common(flight, declared, track, base_s, 0.35)
+    declared_map = relative(declared.accel, declared.gyro)
+    return search(declared.imu, track.origin_ns, found, declared_map, declared.factors, base_s)
+
+
+def _common(flight: Flight, declared: Declared, track: Track, shift_s: float, edge_s: float) -> list[Stretch]:
+    t_s = (declared.imu.t_ns[[0, -1]] - track.origin_ns) / NS_PER_S + shift_s
+    return stretches(track, length_for(flight.imu_grade), t_s[0] + edge_s, t_s[1] - edge_s)
+
+
+def _refined(flight: Flight, declared: Declared, track: Track, best: Axes, shift_s: float) -> Refined | None:
+    chosen = in_motion(_common(flight, declared, track, shift_s, EDGE_S))[:REFINED_STRETCHES]
+    if not chosen:
+        return None
+    grid = inertial_grid(declared.imu, track.origin_ns, chosen, MARGIN_S, shift_s)
+    return refine(chosen, grid, best.factor * best.hypothesis.gyro_map, best.hypothesis.handed)
+
+
+def _no_motion(flight: Flight) -> Finding:
+    text = (
+        "no motion that stands out of the noise while both logs run: neither forward axis nor gyro unit nor time offset"
+        " can be seen"
+    )
+    return Finding("ok", "motion", text, "a minute with two turns, or a run and a stop, decides them")
+
+
+def _unexplained(match: Match) -> Finding:
+    text = (
+        f"nothing tried makes the inertial log explain the GNSS velocities (best rms {match.rms_mps:.2g} m/s): 48 axis"
+        " mappings, both gyro units, shifts of 22 s"
+    )
+    return Finding("warning", "motion", text, "is it the inertial log of this drive?")
+
+
+def _undecided(found: list[Axes]) -> Finding:
+    told = " or ".join(f"axes {_told(axes)}" for axes in found[:4])
+    text = f"the declared axes do not fit the motion; several others do: {told}"
+    return Finding("error", "motion", text, "turns with bank or pitch, runs and stops tell them apart")
+
+
+def _told(axes: Axes) -> str:
+    accel, gyro = names(axes.accel), names(axes.gyro)
+    return ", ".join(accel) + ("" if accel == gyro else f" with gyros {', '.join(gyro)}")
+
+
+def _unit_findings(declared: Declared, best: Axes, match: Match) -> list[Finding]:
+    if best.factor == 1.0:
+        return []
+    unit = declared.units[declared.factors.index(best.factor)]
+    how = f"log likelihood {match.unit_gap / 2.0:.0f} above any other"
+    text = f"the gyros turn {1.0 / best.factor:.3g} times as far as the course does: their unit is {unit}"
+    if match.unit_gap < UNIT_FITS:
+        return [Finding("warning", "motion", text, f"suspected gyro_unit = '{unit}'; more turns decide", how)]
+    proposal = Proposal("imu.gyro_unit", unit, "the turns of the GNSS course ask for it")
+    return [Finding("error", "motion", text, "", f"sure: {how}", (proposal,))]
+
+
+def _axes_findings(declared: Declared, best: Axes, match: Match) -> list[Finding]:
+    one = best.hypothesis
+    directions = (
+        f"motion along {_vector(one.along_s)}, gravity along {_vector(one.down_s)} of the sensor's axes; log likelihood"
+        f" {min(match.gap, 1e4) / 2.0:.0f} above the next"
+    )
+    if best.rank == 0:
+        return [Finding("ok", "motion", f"the axes fit the motion: {directions}")]
+    text = f"the axes are {_told(best)}: {directions}"
+    if declared.turned:
+        return [Finding("error", "motion", text, "correct imu.mounting_matrix by this turn")]
+    if not forward_known(one) and contradicted(one, declared.accel):
+        advice = "gravity is along another axis than declared, but the motion has no one direction: which is forward?"
+        return [Finding("error", "motion", text, advice)]
+    why = "gravity, turns and accelerations against the satellites' velocity ask for them"
+    accel, gyro = names(best.accel), names(best.gyro)
+    proposals = [Proposal("imu.axes", accel, why)]
+    if accel != gyro or np.linalg.det(best.accel) < 0.0:
+        proposals.append(Proposal("imu.gyro_axes", gyro, why))
+    elif not np.array_equal(declared.accel, declared.gyro):
+        proposals.append(Proposal("imu.gyro_axes", gyro, why))
+    left = " (left-handed)" if np.linalg.det(best.accel) < 0.0 else ""
+    sure = "sure" if match.gap > SURE and best.rank < 3 else "likely"
+    sure += " for a vehicle that moves nose first"
+    if best.rank > 2:
+        sure += "; the simplest of several mappings that fit alike"
+    return [Finding("error", "motion", text + left, "", sure, tuple(proposals))]
+
+
+def _vector(direction: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+    return "(" + ", ".join(f"{value:+.2f}" for value in direction) + ")"
