@@ -25,6 +25,7 @@ AXIS_STRETCHES: Final = 12
 # Differences of -2 log likelihood: below EQUAL two hypotheses cannot be told apart, above SURE one is ruled out
 EQUAL: Final = 8.0
 SURE: Final = 20.0
+RANKED: Final = 8
 SLOW_MPS: Final = 1.0  # slower motion has no direction
 
 
@@ -44,12 +45,17 @@ class Match(NamedTuple):
 
     shift_s: float  # to be added to the inertial tags, to a quarter of a second
     contrast: float  # how much the likelihood peaks at the shift
-    tied: list[Hypothesis]  # those that cannot be told apart, the best first
+    ranked: list[Hypothesis]  # the best first, and the declared one with each unit among them
     gap: float  # to the best hypothesis that is ruled out
     unit_gap: float  # to the best one with another unit of the gyros
     at_zero: float  # cost without any shift, above the best
     rms_mps: float
     stretches: list[Stretch]
+
+    @property
+    def tied(self) -> list[Hypothesis]:
+        """Those that cannot be told from the best."""
+        return [one for one in self.ranked if one.cost < EQUAL]
 
 
 def in_motion(found: list[Stretch]) -> list[Stretch]:
@@ -80,15 +86,16 @@ def search(
         return None
     maps = np.concatenate([factor * signed_permutations() for factor in factors])
     shift, contrast = _scan(imu, origin_ns, moving, declared[None] * factors[0], base_s, QUICK_STEP_S)
-    match = _ranked(imu, origin_ns, moving, maps, shift, contrast, base_s, factors)
-    right = any(_is(h, declared, factors[0]) for h in match.tied)
+    match = _ranked(imu, origin_ns, moving, maps, shift, contrast, base_s, factors, declared)
+    right = any(is_map(h, declared, factors[0]) for h in match.tied)
     if contrast < SURE or not right:
         shift, contrast = _scan(imu, origin_ns, moving, maps, base_s, FULL_STEP_S)
-        match = _ranked(imu, origin_ns, moving, maps, shift, contrast, base_s, factors)
+        match = _ranked(imu, origin_ns, moving, maps, shift, contrast, base_s, factors, declared)
     return match
 
 
-def _is(hypothesis: Hypothesis, gyro_map: Float64, factor: float) -> bool:
+def is_map(hypothesis: Hypothesis, gyro_map: Float64, factor: float) -> bool:
+    """Return whether a hypothesis has this map and this unit of the gyros."""
     return hypothesis.factor == factor and bool(np.array_equal(hypothesis.gyro_map, gyro_map))
 
 
@@ -118,6 +125,7 @@ def _ranked(
     contrast: float,
     base_s: float,
     factors: tuple[float, ...],
+    declared: Float64,
 ) -> Match:
     """Return all hypotheses at a shift, those that cannot be told from the best with what they say of the vehicle."""
     chosen = _mixed(moving)
@@ -129,13 +137,16 @@ def _ranked(
     best = np.unravel_index(np.argmin(cost), cost.shape)
     above = cost - cost[best]
     fine = float(near[np.argmin(fit.cost[best])])
-    order = np.argsort(above.ravel())
-    tied = []
-    for place in order[: int(np.count_nonzero(above < EQUAL))]:
-        h, side = divmod(int(place), 2)
+    tied = int(np.count_nonzero(above < EQUAL))
+    order = [int(k) for k in np.argsort(above.ravel())[: max(tied, RANKED)]]
+    as_declared = np.flatnonzero((np.sign(maps) == declared).all(axis=(1, 2)))
+    order += [int(2 * h + side) for h in as_declared for side in (0, 1)]
+    ranked = []
+    for h, side in (divmod(k, 2) for k in dict.fromkeys(order)):
         along, down = _directions(chosen, grid.start_s, path, h, 1 - 2 * side, fine)
         factor = factors[h // 48]
-        tied.append(Hypothesis(maps[h] / factor, factor, 1 - 2 * side, float(above[h, side]), along, down))
+        one = Hypothesis(maps[h] / factor, factor, 1 - 2 * side, float(above[h, side]), along, down)
+        ranked.append(one)
     ruled_out = above[above >= EQUAL]
     unit = np.arange(len(maps)) // 48
     others = above[unit != unit[best[0]]]
@@ -143,7 +154,7 @@ def _ranked(
     return Match(
         total,
         contrast,
-        tied,
+        ranked,
         float(ruled_out.min(initial=np.inf)),
         float(others.min(initial=np.inf)),
         float(fit.cost[(*best, 2)] - cost[best]) if shift_s == 0.0 else float("inf"),

@@ -7,20 +7,23 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.doctor.axis_search import SURE, Match, in_motion, search
+from insgnss.doctor.axis_search import EQUAL, SURE, Hypothesis, Match, in_motion, is_map, search
 from insgnss.doctor.declaration import Declared
 from insgnss.doctor.lever_arm import lever_arm_findings
-from insgnss.doctor.refinement import TAU, Refined, refine
+from insgnss.doctor.refinement import ANY_LEVER_M, TAU, Refined, refine
 from insgnss.doctor.stretches import Stretch, inertial_grid, length_for, stretches
 from insgnss.doctor.time_offset import offset_findings
 from insgnss.doctor.track import Track
 from insgnss.doctor.vehicle_axes import Axes, candidates, contradicted, forward_known, names, relative
 from insgnss.log.flight import Flight
 from insgnss.log.report import Finding, Proposal
+from insgnss.tables import Float64
 
 EDGE_S: Final = 1.0  # the stretches stay so far inside the inertial log, for the fine shift
 MARGIN_S: Final = 1.5
-REFINED_STRETCHES: Final = 20
+REFINED_STRETCHES: Final = 12
+GIVEN_M: Final = 1.0  # how far a given lever arm may be off, while the time offset is sought
+USUAL_LEVER_M: Final = 3.0  # of one that is not given
 UNIT_FITS: Final = 10.0  # a unit that is ruled out by less is only suspected
 
 
@@ -35,7 +38,8 @@ def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: fl
     """
     match = match_of(flight, declared, track, base_s)
     if match is None:
-        return [_no_motion(flight)]
+        return [_no_motion()]
+    match = _weighed(match, flight, declared, track, base_s + match.shift_s)
     if match.contrast < SURE:
         return [_unexplained(match)]
     found = candidates(match.tied, declared.accel, declared.gyro)
@@ -44,11 +48,23 @@ def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: fl
     if best.rank > 2 and sum(axes.rank == best.rank for axes in found) > 1:
         return [*unit, _undecided(found)]
     shift_s = base_s + match.shift_s
-    refined = _refined(flight, declared, track, best, shift_s)
-    total = shift_s if refined is None else shift_s + refined.x[TAU]
-    sd = 0.25 if refined is None else float(refined.sd[TAU])
+    given = flight.config.gnss.lever_b
+    lever_s = best.accel.T @ np.array(given or (0.0, 0.0, 0.0))
+    timed = _refined(
+        flight,
+        declared,
+        track,
+        best.hypothesis,
+        shift_s,
+        lever_s,
+        USUAL_LEVER_M if given is None else GIVEN_M,
+    )
+    total = shift_s if timed is None else shift_s + timed.x[TAU]
+    sd = 0.25 if timed is None else float(timed.sd[TAU])
     axes = _axes_findings(declared, best, match)
     times = offset_findings(flight, total, sd, match, track.origin_ns)
+    free = np.zeros(3)
+    refined = _refined(flight, declared, track, best.hypothesis, total, free, ANY_LEVER_M)
     if refined is None:
         return [*unit, *axes, *times]
     return [*unit, *axes, *times, *lever_arm_findings(flight, refined, best.accel, declared, track)]
@@ -66,15 +82,47 @@ def _common(flight: Flight, declared: Declared, track: Track, shift_s: float, ed
     return stretches(track, length_for(flight.imu_grade), t_s[0] + edge_s, t_s[1] - edge_s)
 
 
-def _refined(flight: Flight, declared: Declared, track: Track, best: Axes, shift_s: float) -> Refined | None:
+def _weighed(match: Match, flight: Flight, declared: Declared, track: Track, shift_s: float) -> Match:
+    """Return the match with its hypotheses weighed anew with biases and lever arm, unless the declared one leads.
+
+    What the first fit leaves out, a gyro's bias or a long lever arm, must not speak for other axes.
+    """
+    own = relative(declared.accel, declared.gyro)
+    handed = int(np.rint(np.linalg.det(declared.accel)))
+    if any(is_map(one, own, 1.0) and one.handed == handed for one in match.tied):
+        return match
+    refined = [
+        _refined(flight, declared, track, one, shift_s, np.zeros(3), ANY_LEVER_M) for one in match.ranked
+    ]
+    costs = np.array([np.inf if one is None else one.cost for one in refined])
+    if not np.isfinite(costs).any():
+        return match
+    costs -= costs.min()
+    order = np.argsort(costs, kind="stable")
+    ranked = [match.ranked[k]._replace(cost=float(costs[k])) for k in order]
+    rivals = [one.cost for one in ranked if one.cost >= EQUAL]
+    units = [one.cost for one in ranked if one.factor != ranked[0].factor]
+    gap = min(match.gap, min(rivals, default=np.inf))
+    return match._replace(ranked=ranked, gap=gap, unit_gap=min(units, default=np.inf))
+
+
+def _refined(
+    flight: Flight,
+    declared: Declared,
+    track: Track,
+    one: Hypothesis,
+    shift_s: float,
+    lever_s: Float64,
+    lever_sd_m: float,
+) -> Refined | None:
     chosen = in_motion(_common(flight, declared, track, shift_s, EDGE_S))[:REFINED_STRETCHES]
     if not chosen:
         return None
     grid = inertial_grid(declared.imu, track.origin_ns, chosen, MARGIN_S, shift_s)
-    return refine(chosen, grid, best.factor * best.hypothesis.gyro_map, best.hypothesis.handed)
+    return refine(chosen, grid, one.factor * one.gyro_map, one.handed, lever_s, lever_sd_m)
 
 
-def _no_motion(flight: Flight) -> Finding:
+def _no_motion() -> Finding:
     text = (
         "no motion that stands out of the noise while both logs run: neither forward axis nor gyro unit nor time offset"
         " can be seen"
@@ -142,5 +190,5 @@ def _axes_findings(declared: Declared, best: Axes, match: Match) -> list[Finding
     return [Finding("error", "motion", text + left, "", sure, tuple(proposals))]
 
 
-def _vector(direction: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+def _vector(direction: Float64) -> str:
     return "(" + ", ".join(f"{value:+.2f}" for value in direction) + ")"

@@ -15,9 +15,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from insgnss.doctor.motion_fit import Path, at_times, best_rotation, integrate, rotate
+from insgnss.doctor.motion_fit import MODEL_SIGMA_MPS, Path, at_times, best_rotation, integrate, rotate
 from insgnss.doctor.stretches import SPACING_S, STEP_S, InertialGrid, Stretch
 from insgnss.tables import Float64
 
@@ -30,8 +29,9 @@ LEVER: Final = slice(7, 10)
 CORRELATION_S: Final = 2.0
 HUBER: Final = 1.5
 RATE_OVER_S: Final = 0.2  # the rate that moves the antenna is the mean over this
-# What is known before the fit: half a g of bias or a minute of offset would have been seen already
-PRIOR: Final = np.array([2.0, *[0.5] * 3, *[0.02] * 3, *[5.0] * 3])
+# What is known before the fit: more would have been seen already; no antenna is farther away
+ANY_LEVER_M: Final = 30.0
+PRIOR: Final = np.array([2.0, *[0.5] * 3, *[0.02] * 3])
 
 
 class Refined(NamedTuple):
@@ -40,6 +40,7 @@ class Refined(NamedTuple):
     x: Float64  # (10,) tau [s], b_a [m/s^2], b_g [rad/s], lever arm [m]
     P: Float64  # (10, 10)
     rms_mps: float  # of what is left of a velocity component
+    cost: float  # -2 log likelihood, for comparing hypotheses on the same stretches
 
     @property
     def sd(self) -> Float64:
@@ -48,7 +49,12 @@ class Refined(NamedTuple):
 
 
 def refine(
-    chosen: list[Stretch], grid: InertialGrid, gyro_map: Float64, handed: int, *, with_lever: bool = True
+    chosen: list[Stretch],
+    grid: InertialGrid,
+    gyro_map: Float64,
+    handed: int,
+    lever_s: Float64,
+    lever_sd_m: float = ANY_LEVER_M,
 ) -> Refined:
     """Return the estimates from stretches, the gyros' columns mapped by ``gyro_map`` (3, 3).
 
@@ -56,30 +62,30 @@ def refine(
     ----------
     chosen, grid : with motion; the margin of the grid must hold the offset
     handed : det Q, +1 for right-handed accelerometers
-    with_lever : False when the rotation is too weak to tell it from the rest
+    lever_s, lever_sd_m : what is known of the lever arm, sensor axes: in a flat turn its forward part looks like an
+        offset of time
     """
     path = integrate(grid, gyro_map[None])
-    columns = np.ones(N_COMMON, np.bool_)
-    columns[LEVER] = with_lever
-    x = np.zeros(N_COMMON)
-    P = np.diag(PRIOR**2)
-    rms = float("nan")
+    prior = np.concatenate((PRIOR, np.full(3, lever_sd_m)))
+    known = np.concatenate((np.zeros(7), lever_s))
+    x, P, rms = known.copy(), np.diag(prior**2), float("nan")
     for _ in range(4):
         parts = [_rows(stretch, i, grid, path, gyro_map, handed, x) for i, stretch in enumerate(chosen)]
         scale = 1.4826 * float(np.median(np.abs(np.concatenate([r for _, r in parts]))))
-        N, rhs, squares, count = _normal(parts, max(scale, 1e-3), columns)
-        spacing = max(SPACING_S, float(np.median(np.diff(chosen[0].t_s))))
-        variance = max(squares / max(count, 1.0), 1e-6) * max(1.0, CORRELATION_S / spacing)
-        P = np.linalg.inv(N / variance + np.diag(1.0 / PRIOR**2))
-        x = x + P @ (rhs / variance - x / PRIOR**2)
-        x[~columns] = 0.0
+        N, rhs, squares, count = _normal(parts, max(scale, 1e-3))
+        variance = max(squares / max(count, 1.0), 1e-6) * max(1.0, CORRELATION_S / _spacing(chosen))
+        P = np.linalg.inv(N / variance + np.diag(1.0 / prior**2))
+        x = x + P @ (rhs / variance - (x - known) / prior**2)
         rms = float(np.sqrt(squares / max(count, 1.0)))
-    return Refined(x, P, rms)
+    rows = sum(len(r) for _, r in parts) / max(1.0, CORRELATION_S / _spacing(chosen))
+    return Refined(x, P, rms, rows * float(np.log(rms**2 + MODEL_SIGMA_MPS**2)))
 
 
-def _normal(
-    parts: list[tuple[Float64, Float64]], scale: float, columns: npt.NDArray[np.bool_]
-) -> tuple[Float64, Float64, float, float]:
+def _spacing(chosen: list[Stretch]) -> float:
+    return max(SPACING_S, float(np.median(np.diff(chosen[0].t_s))))
+
+
+def _normal(parts: list[tuple[Float64, Float64]], scale: float) -> tuple[Float64, Float64, float, float]:
     """Return the normal matrix, its right side, the weighted squares and their number of redundant rows."""
     N, rhs = np.zeros((N_COMMON, N_COMMON)), np.zeros(N_COMMON)
     squares = count = 0.0
@@ -87,7 +93,7 @@ def _normal(
         weight = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-12))
         root = np.sqrt(weight)[:, None]
         local, _ = np.linalg.qr(rows[:, N_COMMON:] * root)
-        common, left = rows[:, :N_COMMON] * columns * root, residual * root[:, 0]
+        common, left = rows[:, :N_COMMON] * root, residual * root[:, 0]
         common = common - local @ (local.T @ common)
         left = left - local @ (local.T @ left)
         N += common.T @ common
