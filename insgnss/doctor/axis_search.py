@@ -48,7 +48,6 @@ class Match(NamedTuple):
     ranked: list[Hypothesis]  # the best first, and the declared one with each unit among them
     gap: float  # to the best hypothesis that is ruled out
     unit_gap: float  # to the best one with another unit of the gyros
-    at_zero: float  # cost without any shift, above the best
     rms_mps: float
     stretches: list[Stretch]
 
@@ -102,7 +101,7 @@ def is_map(hypothesis: Hypothesis, gyro_map: Float64, factor: float) -> bool:
 def _scan(
     imu: ImuTable, origin_ns: int, moving: list[Stretch], maps: Float64, base_s: float, step_s: float
 ) -> tuple[float, float]:
-    """Return the shift with the least cost over all maps, and how far the cost falls there below its median."""
+    """Return the shift with the least cost over all maps, zero where that is as good, and the fall below the median."""
     chosen = moving[:SCAN_STRETCHES]
     shifts = np.arange(-SCAN_S, SCAN_S + 0.5 * step_s, step_s)
     grid = inertial_grid(imu, origin_ns, chosen, SCAN_S + 1.0, base_s)
@@ -157,7 +156,6 @@ def _ranked(
         ranked,
         float(ruled_out.min(initial=np.inf)),
         float(others.min(initial=np.inf)),
-        float(fit.cost[(*best, 2)] - cost[best]) if shift_s == 0.0 else float("inf"),
         float(fit.rms[best].min()),
         moving,
     )

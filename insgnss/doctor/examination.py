@@ -9,6 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
+from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.doctor.clock import clock_findings
 from insgnss.doctor.corrected_file import corrected_flight
 from insgnss.doctor.declaration import Declared, declared_log
@@ -25,6 +28,8 @@ from insgnss.log.imu_units import fitting_accel_units, keys_of_accel_unit
 from insgnss.log.report import CheckReport, Finding, Proposal
 from insgnss.tables import GnssTable
 
+LEAST_G: Final = 0.5  # the median of |f| in any vehicle that flies, drives or swims
+MOST_G: Final = 2.0
 MIN_TRACK: Final = 8  # epochs
 MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overlap
 
@@ -69,12 +74,16 @@ def _against_each_other(
     more += [] if track is None else clock_findings(track)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     declared = declared_log(flight, None if changed else logs.imu)
-    units = [] if logs.imu is not None else _accelerometer_findings(flight, declared, findings)
+    units = _accelerometer_findings(flight, declared, findings)
     if any(finding.proposals for finding in units):
         flight = _with(flight, units)
         declared = declared_log(flight)
     more += units
     more += gap_findings(declared.imu, gnss.t_ns, flight.imu_grade, flight.config.gps_week)
+    size = float(np.median(np.linalg.norm(declared.imu.f_b, axis=1))) / STANDARD_GRAVITY_MPS2
+    if not LEAST_G < size < MOST_G:
+        text = f"the specific force is {size:.3g} g in the middle of the log: not held against the satellites"
+        return [*more, Finding("warning", "motion", text, "its unit must be known first")], False
     if track is None or len(track.t_s) < MIN_TRACK:
         text = "too few epochs with a position: the inertial log cannot be held against the satellites"
         return [*more, Finding("warning", "motion", text)], False

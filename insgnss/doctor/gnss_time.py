@@ -41,7 +41,7 @@ def gnss_time_findings(flight: Flight, gnss: GnssTable, navigation: NavigationDa
     if navigation is None or gnss.sat is not None:
         return []
     sample = _sample(gnss)
-    if solved_share(flight, sample, navigation) >= AGREEING:
+    if solved_share(flight, sample, navigation, tested=False) >= AGREEING:
         return []
     found = _fitting(flight, sample, navigation)
     if len(found) == 1:
@@ -79,7 +79,7 @@ def _fitting(flight: Flight, sample: GnssTable, navigation: NavigationData) -> l
 
 def _agrees(flight: Flight, sample: GnssTable, navigation: NavigationData, shift_s: int) -> bool:
     shifted = replace(sample, t_ns=sample.t_ns + shift_s * NS_PER_S)
-    return solved_share(flight, shifted, navigation) >= AGREEING
+    return solved_share(flight, shifted, navigation, tested=True) >= AGREEING
 
 
 def _weeks_to_messages(sample: GnssTable, navigation: NavigationData) -> int:

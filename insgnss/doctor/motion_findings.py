@@ -6,13 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
 from insgnss.doctor.axis_search import EQUAL, SURE, Hypothesis, Match, in_motion, is_map, search
 from insgnss.doctor.declaration import Declared
 from insgnss.doctor.lever_arm import lever_arm_findings
 from insgnss.doctor.refinement import ANY_LEVER_M, TAU, Refined, refine
-from insgnss.doctor.stretches import Stretch, inertial_grid, length_for, stretches
-from insgnss.doctor.time_offset import offset_findings
+from insgnss.doctor.stretches import Stretch, inertial_grid, length_for, spans_without_gaps, stretches
+from insgnss.doctor.time_offset import Timing, offset_findings
 from insgnss.doctor.track import Track
 from insgnss.doctor.vehicle_axes import Axes, candidates, contradicted, forward_known, names, relative
 from insgnss.log.flight import Flight
@@ -24,7 +23,7 @@ MARGIN_S: Final = 1.5
 REFINED_STRETCHES: Final = 12
 GIVEN_M: Final = 1.0  # how far a given lever arm may be off, while the time offset is sought
 USUAL_LEVER_M: Final = 3.0  # of one that is not given
-UNIT_FITS: Final = 10.0  # a unit that is ruled out by less is only suspected
+UNIT_FITS: Final = 20.0  # a unit that is ruled out by less is only suspected
 
 
 def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: float = 0.0) -> list[Finding]:
@@ -47,24 +46,13 @@ def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: fl
     unit = _unit_findings(declared, best, match)
     if best.rank > 2 and sum(axes.rank == best.rank for axes in found) > 1:
         return [*unit, _undecided(found)]
-    shift_s = base_s + match.shift_s
-    given = flight.config.gnss.lever_b
-    lever_s = best.accel.T @ np.array(given or (0.0, 0.0, 0.0))
-    timed = _refined(
-        flight,
-        declared,
-        track,
-        best.hypothesis,
-        shift_s,
-        lever_s,
-        USUAL_LEVER_M if given is None else GIVEN_M,
-    )
-    total = shift_s if timed is None else shift_s + timed.x[TAU]
-    sd = 0.25 if timed is None else float(timed.sd[TAU])
+    timing = _timing(flight, declared, track, best, base_s, match.shift_s)
+    if timing is None:
+        return [*unit, *_axes_findings(declared, best, match)]
     axes = _axes_findings(declared, best, match)
-    times = offset_findings(flight, total, sd, match, track.origin_ns)
+    times = offset_findings(flight, timing, match.contrast, track.origin_ns)
     free = np.zeros(3)
-    refined = _refined(flight, declared, track, best.hypothesis, total, free, ANY_LEVER_M)
+    refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, ANY_LEVER_M)
     if refined is None:
         return [*unit, *axes, *times]
     return [*unit, *axes, *times, *lever_arm_findings(flight, refined, best.accel, declared, track)]
@@ -78,8 +66,8 @@ def match_of(flight: Flight, declared: Declared, track: Track, base_s: float) ->
 
 
 def _common(flight: Flight, declared: Declared, track: Track, shift_s: float, edge_s: float) -> list[Stretch]:
-    t_s = (declared.imu.t_ns[[0, -1]] - track.origin_ns) / NS_PER_S + shift_s
-    return stretches(track, length_for(flight.imu_grade), t_s[0] + edge_s, t_s[1] - edge_s)
+    spans = spans_without_gaps(declared.imu, track.origin_ns, shift_s, edge_s)
+    return stretches(track, length_for(flight.imu_grade), spans)
 
 
 def _weighed(match: Match, flight: Flight, declared: Declared, track: Track, shift_s: float) -> Match:
@@ -106,6 +94,29 @@ def _weighed(match: Match, flight: Flight, declared: Declared, track: Track, shi
     return match._replace(ranked=ranked, gap=gap, unit_gap=min(units, default=np.inf))
 
 
+def _timing(
+    flight: Flight, declared: Declared, track: Track, best: Axes, base_s: float, shift_s: float
+) -> Timing | None:
+    """Return the offset by least squares, begun on both sides of the peak too, and what speaks against none."""
+    given = flight.config.gnss.lever_b
+    lever_s = best.accel.T @ np.array(given or (0.0, 0.0, 0.0))
+    lever_sd = USUAL_LEVER_M if given is None else GIVEN_M
+    found = []
+    for begin in (-0.25, 0.0, 0.25):
+        begin_s = base_s + shift_s + begin
+        refined = _refined(flight, declared, track, best.hypothesis, begin_s, lever_s, lever_sd)
+        if refined is not None:
+            offset = begin_s + float(refined.x[TAU])
+            found.append(Timing(offset, float(refined.sd[TAU]), refined.cost, np.inf))
+    if not found:
+        return None
+    timing = min(found, key=lambda one: one.cost)
+    if shift_s != 0.0 or base_s != 0.0:
+        return timing
+    still = _refined(flight, declared, track, best.hypothesis, 0.0, lever_s, lever_sd, 1e-6)
+    return timing if still is None else timing._replace(gain=still.cost - timing.cost)
+
+
 def _refined(
     flight: Flight,
     declared: Declared,
@@ -114,12 +125,14 @@ def _refined(
     shift_s: float,
     lever_s: Float64,
     lever_sd_m: float,
+    time_sd_s: float = 2.0,
 ) -> Refined | None:
     chosen = in_motion(_common(flight, declared, track, shift_s, EDGE_S))[:REFINED_STRETCHES]
     if not chosen:
         return None
     grid = inertial_grid(declared.imu, track.origin_ns, chosen, MARGIN_S, shift_s)
-    return refine(chosen, grid, one.factor * one.gyro_map, one.handed, lever_s, lever_sd_m)
+    gyro_map = one.factor * one.gyro_map
+    return refine(chosen, grid, gyro_map, one.handed, lever_s, lever_sd_m, time_sd_s)
 
 
 def _no_motion() -> Finding:

@@ -31,7 +31,7 @@ HUBER: Final = 1.5
 RATE_OVER_S: Final = 0.2  # the rate that moves the antenna is the mean over this
 # What is known before the fit: more would have been seen already; no antenna is farther away
 ANY_LEVER_M: Final = 30.0
-PRIOR: Final = np.array([2.0, *[0.5] * 3, *[0.02] * 3])
+PRIOR: Final = np.array([*[0.5] * 3, *[0.02] * 3])  # biases [m/s^2, rad/s]
 
 
 class Refined(NamedTuple):
@@ -55,6 +55,7 @@ def refine(
     handed: int,
     lever_s: Float64,
     lever_sd_m: float = ANY_LEVER_M,
+    time_sd_s: float = 2.0,
 ) -> Refined:
     """Return the estimates from stretches, the gyros' columns mapped by ``gyro_map`` (3, 3).
 
@@ -64,9 +65,10 @@ def refine(
     handed : det Q, +1 for right-handed accelerometers
     lever_s, lever_sd_m : what is known of the lever arm, sensor axes: in a flat turn its forward part looks like an
         offset of time
+    time_sd_s : what is known of the offset; next to nothing holds it at zero
     """
     path = integrate(grid, gyro_map[None])
-    prior = np.concatenate((PRIOR, np.full(3, lever_sd_m)))
+    prior = np.concatenate(([time_sd_s], PRIOR, np.full(3, lever_sd_m)))
     known = np.concatenate((np.zeros(7), lever_s))
     x, P, rms = known.copy(), np.diag(prior**2), float("nan")
     for _ in range(4):

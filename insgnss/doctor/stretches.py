@@ -6,6 +6,7 @@ so that  s(t) = v_e - integral of (g_e - 2 W x v_e) dt  is what the acceleromete
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -26,6 +27,7 @@ MIN_SHARE: Final = 0.4
 STEP_S: Final = 0.05  # of the inertial path
 SPACING_S: Final = 0.2  # epochs nearer than this share their noise
 GAP_STEPS: Final = 2.5
+IMU_GAP_S: Final = 0.3  # over a longer one the mean rate of the next sample does not hold
 GAP_MIN_S: Final = 1.2  # of two epochs whose difference is still used
 MIN_EPOCHS: Final = 8
 
@@ -51,26 +53,46 @@ class InertialGrid(NamedTuple):
     until_s: float
 
 
-def stretches(
-    track: Track, length_s: float, from_s: float = -np.inf, until_s: float = np.inf
-) -> list[Stretch]:
-    """Return the track between two times cut into stretches of about ``length_s``, those with most motion first."""
+def stretches(track: Track, length_s: float, spans_s: list[tuple[float, float]]) -> list[Stretch]:
+    """Return the track inside spans of time, cut into stretches of about ``length_s``, most motion first.
+
+    ``spans_s``: from and until, counted from the track's origin; where the inertial log has samples.
+    """
     keep = _spaced(track.t_s)
-    keep = keep[(track.t_s[keep] >= from_s) & (track.t_s[keep] <= until_s)]
     t, v, sd = track.t_s[keep], track.v_e[keep], track.sd_v_mps[keep]
     if len(t) < MIN_EPOCHS:
         return []
     pulls = _pulls(track.r_e[keep], v)
     limit = max(GAP_STEPS * float(np.median(np.diff(t))), GAP_MIN_S)
-    edges = [0, *(np.flatnonzero(np.diff(t) > limit) + 1), len(t)]
     found = []
-    for first, last in pairwise(edges):
-        pieces = max(1, int((t[last - 1] - t[first]) / length_s + 0.5))
-        cuts = first + (last - first) * np.arange(pieces + 1) // pieces
-        for a, b in pairwise(cuts):
-            if b - a >= MIN_EPOCHS and t[b - 1] - t[a] > MIN_SHARE * length_s:
-                found.append(_stretch(t[a:b], v[a:b], sd[a:b], pulls[a:b]))
+    for from_s, until_s in spans_s:
+        first, last = np.searchsorted(t, (from_s, until_s))
+        edges = [first, *(first + 1 + np.flatnonzero(np.diff(t[first:last]) > limit)), last]
+        for a, b in _cuts(t, edges, length_s):
+            found.append(_stretch(t[a:b], v[a:b], sd[a:b], pulls[a:b]))
     return sorted(found, key=lambda stretch: -stretch.motion)
+
+
+def _cuts(t_s: Float64, edges: list[int], length_s: float) -> Iterator[tuple[int, int]]:
+    """Yield first and last row of even pieces between edges, those that are long enough."""
+    for first, last in pairwise(edges):
+        if last - first < MIN_EPOCHS:
+            continue
+        pieces = max(1, int((t_s[last - 1] - t_s[first]) / length_s + 0.5))
+        cuts = first + (last - first) * np.arange(pieces + 1) // pieces
+        for a, b in pairwise(cuts.tolist()):
+            if b - a >= MIN_EPOCHS and t_s[b - 1] - t_s[a] > MIN_SHARE * length_s:
+                yield a, b
+
+
+def spans_without_gaps(
+    imu: ImuTable, origin_ns: int, shift_s: float, edge_s: float
+) -> list[tuple[float, float]]:
+    """Return from when until when an inertial log has samples, ``edge_s`` off each end, after a track's origin."""
+    t_s = (imu.t_ns - origin_ns) / NS_PER_S + shift_s
+    breaks = np.flatnonzero(np.diff(t_s) > IMU_GAP_S)
+    starts, ends = np.append(0, breaks + 1), np.append(breaks, len(t_s) - 1)
+    return [(float(t_s[a]) + edge_s, float(t_s[b]) - edge_s) for a, b in zip(starts, ends, strict=True)]
 
 
 def length_for(grade: ImuGrade) -> float:

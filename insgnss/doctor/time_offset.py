@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from insgnss.config.flight import FlightConfig, TimeScale
 from insgnss.constants import NS_PER_S
-from insgnss.doctor.axis_search import EQUAL, Match
+from insgnss.doctor.axis_search import EQUAL
 from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.flight import Flight
 from insgnss.log.report import Finding, Proposal
@@ -20,17 +20,25 @@ MOST_SIGMA_S: Final = 0.15  # of a proposal
 NEAR_LEAP_S: Final = 0.4
 
 
-def offset_findings(
-    flight: Flight, offset_s: float, sd_s: float, match: Match, origin_ns: int
-) -> list[Finding]:
+class Timing(NamedTuple):
+    """The offset that makes the logs agree."""
+
+    offset_s: float  # to be added to the inertial tags
+    sd_s: float
+    cost: float  # -2 log likelihood
+    gain: float  # of the cost against no offset at all
+
+
+def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: int) -> list[Finding]:
     """Return the offset as a finding, with proposals where it is one.
 
     Parameters
     ----------
-    offset_s, sd_s : to be added to the inertial tags, and its sigma
-    match : the peak that it was found at
+    timing : the offset and how sure it is
+    contrast : how far -2 log likelihood falls at it below that of other shifts
     origin_ns : GPS time of the log
     """
+    offset_s, sd_s = timing.offset_s, timing.sd_s
     leap = leap_seconds(ns_to_datetime(origin_ns))
     weeks, hours, leaps, rest = split(offset_s, leap)
     significant = abs(rest) > max(SIGMAS * sd_s, SMALLEST_S)
@@ -39,12 +47,12 @@ def offset_findings(
         return [Finding("ok", "motion", text)]
     side = "behind" if offset_s > 0.0 else "ahead"
     text = f"the IMU tags are {abs(offset_s):.3f} s {side}{_label(weeks, hours, leaps)}"
-    if sd_s > MOST_SIGMA_S or (match.at_zero < EQUAL):
+    if sd_s > MOST_SIGMA_S or timing.gain < EQUAL:
         advice = f"suspected imu.time.offset_s = {offset_s:+.2f}; more turns, runs and stops decide"
         return [Finding("warning", "motion", text, advice, f"sigma {sd_s:.2f} s")]
     kept = rest if significant else 0.0
-    proposals = time_proposals(flight.config, weeks, hours, leaps, kept)
-    sure = f"sure: sigma {sd_s:.3f} s, log likelihood {match.contrast / 2.0:.0f} above other shifts"
+    proposals = time_proposals(flight.config, weeks, hours, leaps * leap, kept)
+    sure = f"sure: sigma {sd_s:.3f} s, log likelihood {contrast / 2.0:.0f} above other shifts"
     return [Finding("error", "motion", text, "", sure, proposals)]
 
 
@@ -74,16 +82,16 @@ def _label(weeks: int, hours: int, leaps: int) -> str:
 
 
 def time_proposals(
-    config: FlightConfig, weeks: int, hours: int, leaps: int, rest_s: float
+    config: FlightConfig, weeks: int, hours: int, leap_s: int, rest_s: float
 ) -> tuple[Proposal, ...]:
-    """Return the keys that add so much to the inertial tags."""
+    """Return the keys that add so much to the inertial tags; ``leap_s`` is the leap seconds' part, with its sign."""
     time = config.imu.time
     added = weeks * WEEK_S + hours * HOUR_S + rest_s
     proposals = []
-    if leaps:
-        scale = scale_for(time, leaps)
+    if leap_s:
+        scale = scale_for(time, leap_s)
         if scale is None:
-            added += leaps * abs(time.leap_seconds or 0)
+            added += leap_s
         else:
             why = "the tags are off by the leap seconds"
             proposals.append(Proposal("imu.time.scale", scale, why))
@@ -97,11 +105,11 @@ def time_proposals(
     return tuple(proposals)
 
 
-def scale_for(time: TimeScale, leaps: int) -> str | None:
-    """Return the time scale that adds (+1) or takes off (-1) the leap seconds, None when it is declared already."""
-    if leaps > 0 and time.scale == "gps":
+def scale_for(time: TimeScale, leap_s: int) -> str | None:
+    """Return the time scale that adds (above zero) or takes off the leap seconds, None when there is none."""
+    if leap_s > 0 and time.scale == "gps":
         return "utc"
-    return "gps" if leaps < 0 and time.scale == "utc" else None
+    return "gps" if leap_s < 0 and time.scale == "utc" else None
 
 
 def _week_is_of_the_imu_alone(config: FlightConfig) -> bool:

@@ -43,6 +43,7 @@ class Track:
     origin_ns: int
     n_epochs: int  # of the log
     n_good: int  # epochs whose position no test speaks against
+    n_tested: int  # those of them that were tested: there was a redundant row
 
 
 def solve_track(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> Track | None:
@@ -66,13 +67,20 @@ def solve_track(flight: Flight, gnss: GnssTable, navigation: NavigationData | No
     return _track(rows.epoch_ns, out)
 
 
-def solved_share(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> float:
-    """Return the share of a log's epochs whose pseudoranges agree on a place, zero where nothing can be solved."""
+def solved_share(
+    flight: Flight, gnss: GnssTable, navigation: NavigationData | None, *, tested: bool
+) -> float:
+    """Return the share of a log's epochs whose pseudoranges agree on a place, zero where nothing can be solved.
+
+    ``tested``: only epochs with more rows than unknowns count.
+    """
     try:
         track = solve_track(flight, gnss, navigation)
     except InsGnssError:
         return 0.0
-    return 0.0 if track is None or not track.n_epochs else track.n_good / track.n_epochs
+    if track is None or not track.n_epochs:
+        return 0.0
+    return (track.n_tested if tested else track.n_good) / track.n_epochs
 
 
 def _track(epoch_ns: Int64, out: PointLog) -> Track:
@@ -98,6 +106,7 @@ def _track(epoch_ns: Int64, out: PointLog) -> Track:
         int(epoch_ns[0]),
         len(epoch_ns),
         int(good.sum()),
+        int((good & (out.verdict[:, 0] != UNTESTED)).sum()),
     )
 
 

@@ -33,7 +33,9 @@ def gnss_findings(
     channels = gnss.glonass_channels if channels is None else channels
     findings += _channel_findings(gnss, channels)
     pairs = rate_pairs(gnss, t_ns, starts, range_rates(gnss, channels))
-    return findings + rate_findings(gnss, pairs, config.gnss) + jump_findings(pairs, t_ns, week)
+    rates = rate_findings(gnss, pairs, config.gnss)
+    wrong = any(finding.severity == "error" for finding in rates)  # then every epoch would look like a jump
+    return findings + rates + ([] if wrong else jump_findings(pairs, t_ns, week))
 
 
 def _span_finding(t_ns: Int64, week: int) -> Finding:
