@@ -65,7 +65,7 @@ def _against_each_other(
     gnss = logs.receiver.gnss
     if any(p.key.startswith("gnss.") for finding in findings for p in finding.proposals):
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
-    time = gnss_time_findings(flight, gnss, logs.navigation)
+    time = gnss_time_findings(flight, gnss, logs.navigation, logs.imu)
     more += time
     flight = _with(flight, time)
     if any(finding.proposals for finding in time):

@@ -18,7 +18,7 @@ from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_rows import epochs
 from insgnss.log.report import Finding, Proposal
-from insgnss.tables import GnssTable, NavigationData
+from insgnss.tables import GnssTable, ImuTable, NavigationData
 
 TRIED_EPOCHS: Final = 12
 AGREEING: Final = 0.7  # of the tried epochs
@@ -36,20 +36,35 @@ class _Shift(NamedTuple):
         return self.weeks * WEEK_S + self.hours * HOUR_S + self.leaps * leap
 
 
-def gnss_time_findings(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> list[Finding]:
-    """Return by what whole weeks, hours or leap seconds the GNSS tags are off, if the pseudoranges say so."""
+def gnss_time_findings(
+    flight: Flight, gnss: GnssTable, navigation: NavigationData | None, imu: ImuTable | None
+) -> list[Finding]:
+    """Return by what whole weeks, hours or leap seconds the GNSS tags are off, if the pseudoranges say so.
+
+    With few satellites several shifts may do: then the one that makes the logs overlap counts.
+    """
     if navigation is None or gnss.sat is not None:
         return []
     sample = _sample(gnss)
     if solved_share(flight, sample, navigation, tested=False) >= AGREEING:
         return []
     found = _fitting(flight, sample, navigation)
+    sure = "sure: no other shift does"
+    if len(found) > 1 and imu is not None:
+        leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
+        found = [shift for shift in found if _overlaps(gnss, imu, shift.seconds(leap))]
+        sure = "likely: of several shifts the one that makes the logs overlap"
     if len(found) == 1:
-        return [_finding(flight, found[0], gnss)]
+        return [_finding(flight, found[0], gnss, sure)]
     text = "the pseudoranges do not agree on a place, with the tags as they are"
     told = f" nor shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
     advice = "check the navigation files, and the columns of satellites, signals and pseudoranges"
     return [Finding("error", "gnss", text + told, advice)]
+
+
+def _overlaps(gnss: GnssTable, imu: ImuTable, shift_s: int) -> bool:
+    shift_ns = shift_s * NS_PER_S
+    return bool(gnss.t_ns[0] + shift_ns <= imu.t_ns[-1] and imu.t_ns[0] <= gnss.t_ns[-1] + shift_ns)
 
 
 def _sample(gnss: GnssTable) -> GnssTable:
@@ -93,13 +108,13 @@ def _weeks_to_messages(sample: GnssTable, navigation: NavigationData) -> int:
     return round(apart_s / WEEK_S)
 
 
-def _finding(flight: Flight, shift: _Shift, gnss: GnssTable) -> Finding:
+def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Finding:
     leap = leap_seconds(ns_to_datetime(int(gnss.t_ns[0])))
     config = flight.config
     words = [f"{shift.weeks:+d} week(s)"] if shift.weeks else []
     words += [f"{shift.hours:+d} hour(s)"] if shift.hours else []
     words += [f"{shift.leaps * leap:+d} leap seconds"] if shift.leaps else []
-    text = f"the pseudoranges agree on a place with the GNSS tags shifted by {' and '.join(words)}, and only then"
+    text = f"the pseudoranges agree on a place with the GNSS tags shifted by {' and '.join(words)}"
     why = "only so do the pseudoranges agree on a place"
     proposals = []
     added = shift.hours * HOUR_S
@@ -115,4 +130,4 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable) -> Finding:
             proposals.append(Proposal("gnss.time.scale", scale, why))
     if added:
         proposals.append(Proposal("gnss.time.offset_s", round(config.gnss.time.offset_s + added, 3), why))
-    return Finding("error", "gnss", text, "", "sure: no other shift does", tuple(proposals))
+    return Finding("error", "gnss", text, "", sure, tuple(proposals))

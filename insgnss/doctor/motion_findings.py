@@ -13,7 +13,15 @@ from insgnss.doctor.refinement import ANY_LEVER_M, TAU, Refined, refine
 from insgnss.doctor.stretches import Stretch, inertial_grid, length_for, spans_without_gaps, stretches
 from insgnss.doctor.time_offset import Timing, offset_findings
 from insgnss.doctor.track import Track
-from insgnss.doctor.vehicle_axes import Axes, candidates, contradicted, forward_known, names, relative
+from insgnss.doctor.vehicle_axes import (
+    Axes,
+    candidates,
+    contradicted,
+    credibility,
+    forward_known,
+    names,
+    relative,
+)
 from insgnss.log.flight import Flight
 from insgnss.log.report import Finding, Proposal
 from insgnss.tables import Float64
@@ -41,11 +49,12 @@ def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: fl
     match = _weighed(match, flight, declared, track, base_s + match.shift_s)
     if match.contrast < SURE:
         return [_unexplained(match)]
-    found = candidates(match.tied, declared.accel, declared.gyro)
+    found = candidates(match.ranked, declared.accel, declared.gyro)
     best = found[0]
     unit = _unit_findings(declared, best, match)
-    if best.rank > 2 and sum(axes.rank == best.rank for axes in found) > 1:
-        return [*unit, _undecided(found)]
+    rivals = [axes for axes in found if credibility(axes) - credibility(best) < EQUAL]
+    if best.rank > 2 and len(rivals) > 1:
+        return [*unit, _undecided(rivals)]
     timing = _timing(flight, declared, track, best, base_s, match.shift_s)
     if timing is None:
         return [*unit, *_axes_findings(declared, best, match)]

@@ -10,6 +10,11 @@ from insgnss.doctor.axis_search import Hypothesis
 from insgnss.doctor.motion_fit import signed_permutations
 from insgnss.tables import Float64
 
+# -2 log of the belief in axes before the log is seen: as declared, turned as a whole, of reversed sign in one sensor,
+# and for every row in which the sensors differ
+STRANGE: Final = (0.0, 10.0, 12.0)
+STRANGE_FIRST_ROW: Final = 30.0
+STRANGE_ROW: Final = 25.0
 # Cosines of a declared axis with the direction that it should have
 AGAINST: Final = 0.5  # more than 60 deg away ...
 ALONG: Final = 0.8  # ... while another axis is nearer than 37 deg
@@ -31,18 +36,27 @@ def relative(accel: Float64, gyro: Float64) -> Float64:
     return np.asarray(np.rint(np.linalg.det(accel)) * accel.T @ gyro)
 
 
-def candidates(tied: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> list[Axes]:
-    """Return the declarations that the hypotheses allow, the simplest first.
+def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> list[Axes]:
+    """Return the declarations that the hypotheses allow, the most credible first, each with its cost above that.
 
     A with det A = handed turns the mean motion forward and mean gravity down, and G = det(A) A H; declared axes that
-    nothing speaks against stay.
+    nothing speaks against stay. Stranger declarations need more evidence: in a coordinated flight the accelerometers
+    see no side force, and only belief tells a reversed axis from a right one.
     """
     found = []
-    for one in tied:
+    for one in ranked:
         accel = _accel(one, accel_0)
         gyro = one.handed * accel @ one.gyro_map
         found.append(Axes(accel, gyro, one.factor, one, _rank(accel, gyro, accel_0, gyro_0)))
-    return sorted(found, key=lambda axes: axes.rank)
+    found.sort(key=credibility)
+    return found
+
+
+def credibility(axes: Axes) -> float:
+    """Return -2 log of how credible a declaration is, with the evidence of the log: the least is the best."""
+    if axes.rank < len(STRANGE):
+        return axes.hypothesis.cost + STRANGE[axes.rank]
+    return axes.hypothesis.cost + STRANGE_FIRST_ROW + STRANGE_ROW * (axes.rank - len(STRANGE))
 
 
 def _accel(one: Hypothesis, accel_0: Float64) -> Float64:

@@ -281,9 +281,9 @@ def _same(flight: Flight, log: Log) -> bool:
     time_s = ns_to_week_seconds(imu.t_ns, log.week)
     if len(time_s) != len(log.imu) or abs(float(np.median(time_s - log.imu[:, 0]))) > TIME_TOLERANCE_S:
         return False
-    # an increment after a lost sample covers an unknown step: not every sample can come back
-    turned = np.quantile(np.abs(imu.w_ib_b - log.imu[:, 1:4]), 0.999)
-    pushed = np.quantile(np.abs(imu.f_b - log.imu[:, 4:7]), 0.999)
+    # an increment after a longer step is taken to cover a nominal one: not every sample comes back
+    turned = np.quantile(np.abs(imu.w_ib_b - log.imu[:, 1:4]), 0.95)
+    pushed = np.quantile(np.abs(imu.f_b - log.imu[:, 4:7]), 0.95)
     same = turned < 1e-4 and pushed < 1e-3
     first = float(ns_to_week_seconds(gnss.t_ns[:1], log.week)[0])
     wanted = log.gnss.sort_values("time_s", key=lambda t: t.astype(float), kind="stable").iloc[0]
