@@ -11,7 +11,7 @@ from insgnss.doctor.motion_fit import signed_permutations
 from insgnss.tables import Float64
 
 # -2 log of the belief in axes before the log is seen: as declared, turned as a whole, of reversed sign in one sensor,
-# and for every row in which the sensors differ
+# and for every row in which the sensors differ, the accelerometers' being turned besides counting as one more
 STRANGE: Final = (0.0, 10.0, 12.0)
 STRANGE_FIRST_ROW: Final = 30.0
 STRANGE_ROW: Final = 25.0
@@ -28,6 +28,7 @@ class Axes(NamedTuple):
     gyro: Float64  # (3, 3) G
     factor: float  # on the gyros' declared unit
     hypothesis: Hypothesis
+    turned: bool  # the accelerometers' axes are not the declared ones
     rank: int  # 0 as declared, 1 both sensors alike, 2 alike but for the sign of all, then more for each row apart
 
 
@@ -47,7 +48,8 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
     for one in ranked:
         accel = _accel(one, accel_0)
         gyro = one.handed * accel @ one.gyro_map
-        found.append(Axes(accel, gyro, one.factor, one, _rank(accel, gyro, accel_0, gyro_0)))
+        turned = not np.array_equal(accel, accel_0)
+        found.append(Axes(accel, gyro, one.factor, one, turned, _rank(accel, gyro, accel_0, gyro_0)))
     found.sort(key=credibility)
     return found
 
@@ -56,7 +58,8 @@ def credibility(axes: Axes) -> float:
     """Return -2 log of how credible a declaration is, with the evidence of the log: the least is the best."""
     if axes.rank < len(STRANGE):
         return axes.hypothesis.cost + STRANGE[axes.rank]
-    return axes.hypothesis.cost + STRANGE_FIRST_ROW + STRANGE_ROW * (axes.rank - len(STRANGE))
+    rows = axes.rank - len(STRANGE) + (1 if axes.turned else 0)
+    return axes.hypothesis.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
 
 
 def _accel(one: Hypothesis, accel_0: Float64) -> Float64:

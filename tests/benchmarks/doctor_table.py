@@ -3,7 +3,8 @@
     python -m tests.benchmarks.doctor_table [--only FAULT] [flight.toml ...]
 
 prints a table in Markdown, one row per fault and one column per log: "mended" where the proposed keys give back the
-unspoilt logs, "told" where the fault is named but nothing is proposed, "missed", or "WRONG" for a wrong proposal.
+unspoilt logs, "told" where the fault is named but nothing is proposed, "part" where some of several keys are,
+"missed", or "WRONG" for a wrong proposal.
 """
 
 from __future__ import annotations
@@ -28,12 +29,14 @@ SIMULATED = ("turning_flight", "city_car", "small_drone")
 def word(fault: Fault, verdict: Verdict) -> str:
     """Return a cell of the table."""
     if not fault.keys and not fault.words:  # the unspoilt log
-        return "no alarm" if not verdict.proposed else "WRONG"
+        return "WRONG" if verdict.keys else "no alarm"
     if not fault.keys:
         return "told" if verdict.right else "missed" if not verdict.found else "WRONG"
     if verdict.right:
         return "mended"
-    return "WRONG" if verdict.proposed else "told" if verdict.found else "missed"
+    if not verdict.keys:
+        return "told" if verdict.found else "missed"
+    return "part" if verdict.keys < set(fault.keys) else "WRONG"
 
 
 def main(arguments: list[str]) -> None:

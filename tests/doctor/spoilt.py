@@ -246,8 +246,9 @@ FAULTS: dict[str, Fault] = {
 class Verdict(NamedTuple):
     """What the doctor made of a spoilt log."""
 
+    keys: frozenset[str]  # proposed
+    keys: frozenset[str]  # proposed
     found: bool  # told, as a proposal, a suspicion or a finding
-    proposed: bool
     right: bool  # with the proposals taken the logs are what they were before
     report: CheckReport
 
@@ -257,17 +258,15 @@ def judged(log: Log, fault: Fault, folder: Path) -> Verdict:
     folder.mkdir(parents=True, exist_ok=True)
     flight = Flight.load(fault.spoil(log).write(folder))
     report = examine(flight)
-    keys = {proposal.key for proposal in report.proposals}
+    keys = frozenset(proposal.key for proposal in report.proposals)
     if not fault.keys:
         told = fault.words in "\n".join(report.lines())
-        return Verdict(
-            told, bool(keys - {"gnss.lever_arm_m"}), told and not keys - {"gnss.lever_arm_m"}, report
-        )
+        return Verdict(keys, told, told and not keys - {"gnss.lever_arm_m"}, report)
     suspected = any(
         f.severity != "ok" and f.topic in ("imu", "gnss", "motion", "flight") for f in report.findings
     )
     mended = corrected_flight(flight, report.proposals)
-    return Verdict(bool(keys) or suspected, bool(keys), _same(mended, log), report)
+    return Verdict(keys, bool(keys) or suspected, _same(mended, log), report)
 
 
 def _same(flight: Flight, log: Log) -> bool:
