@@ -50,10 +50,7 @@ def integrate(grid: InertialGrid, gyro_maps: Float64) -> Path:
     # sin(x / 2) / x, which is 1/2 - x^2 / 48 near zero
     sine = np.where(size > 1e-6, np.sin(0.5 * size) / np.where(size > 1e-6, size, 1.0), 0.5)
     step = np.concatenate((np.cos(0.5 * size), sine * theta), axis=-1)
-    q = np.empty((*theta.shape[:2], theta.shape[2] + 1, 4))
-    q[:, :, 0] = (1.0, 0.0, 0.0, 0.0)
-    for k in range(theta.shape[2]):
-        q[:, :, k + 1] = _times(q[:, :, k], step[:, :, k])
+    q = _running_product(step)
     middle = q[:, :, :-1] + q[:, :, 1:]
     middle /= np.linalg.norm(middle, axis=-1, keepdims=True)
     gained = np.zeros((*q.shape[:3], 3))
@@ -61,25 +58,54 @@ def integrate(grid: InertialGrid, gyro_maps: Float64) -> Path:
     return Path(q, gained)
 
 
+def _running_product(step: Float64) -> Float64:
+    """Return (h, s, n + 1, 4) products of the first 0, 1, ... n of (h, s, n, 4) quaternions.
+
+    Blocks side by side first, then one block after the other: few long operations in place of many short ones.
+    """
+    n = step.shape[2]
+    size = int(np.ceil(np.sqrt(n)))
+    padded = np.zeros((*step.shape[:2], size * size, 4))
+    padded[..., 0] = 1.0
+    padded[:, :, :n] = step
+    blocks = padded.reshape(*step.shape[:2], size, size, 4)
+    for k in range(1, size):
+        blocks[:, :, :, k] = _times(blocks[:, :, :, k - 1], blocks[:, :, :, k])
+    before = np.zeros((*step.shape[:2], size, 1, 4))
+    before[:, :, 0, 0, 0] = 1.0
+    for k in range(1, size):
+        before[:, :, k, 0] = _times(before[:, :, k - 1, 0], blocks[:, :, k - 1, -1])
+    q = np.zeros((*step.shape[:2], n + 1, 4))
+    q[:, :, 0, 0] = 1.0
+    q[:, :, 1:] = _times(before, blocks).reshape(*step.shape[:2], -1, 4)[:, :, :n]
+    return q
+
+
 def _times(p: Float64, q: Float64) -> Float64:
     """Return Hamilton's product, scalar first."""
-    a, b, c, d = np.moveaxis(p, -1, 0)
-    e, f, g, h = np.moveaxis(q, -1, 0)
-    return np.stack(
-        (
-            a * e - b * f - c * g - d * h,
-            a * f + b * e + c * h - d * g,
-            a * g - b * h + c * e + d * f,
-            a * h + b * g - c * f + d * e,
-        ),
-        axis=-1,
-    )
+    a, b, c, d = (p[..., k] for k in range(4))
+    e, f, g, h = (q[..., k] for k in range(4))
+    product = np.empty(np.broadcast_shapes(p.shape, q.shape))
+    product[..., 0] = a * e - b * f - c * g - d * h
+    product[..., 1] = a * f + b * e + c * h - d * g
+    product[..., 2] = a * g - b * h + c * e + d * f
+    product[..., 3] = a * h + b * g - c * f + d * e
+    return product
 
 
 def rotate(q: Float64, v: Float64) -> Float64:
     """Return vectors turned by quaternions: v + 2 q0 (qv x v) + 2 qv x (qv x v)."""
-    cross = 2.0 * np.cross(q[..., 1:], v)
-    return np.asarray(v + q[..., :1] * cross + np.cross(q[..., 1:], cross))
+    cross = 2.0 * _cross(q[..., 1:], v)
+    return np.asarray(v + q[..., :1] * cross + _cross(q[..., 1:], cross))
+
+
+def _cross(a: Float64, b: Float64) -> Float64:
+    """Return a x b along the last axis, without the copies that NumPy's own makes."""
+    cross = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    cross[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    cross[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    cross[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return cross
 
 
 def at_times(values: Float64, start_s: float, t_s: Float64) -> Float64:

@@ -71,8 +71,12 @@ def refine(
     prior = np.concatenate(([time_sd_s], PRIOR, np.full(3, lever_sd_m)))
     known = np.concatenate((np.zeros(7), lever_s))
     x, P, rms = known.copy(), np.diag(prior**2), float("nan")
+    nodes = [_node_values(grid, path, i) for i in range(len(chosen))]
     for _ in range(4):
-        parts = [_rows(stretch, i, grid, path, gyro_map, handed, x) for i, stretch in enumerate(chosen)]
+        parts = [
+            _rows(stretch, nodes[i], float(grid.start_s[i]), gyro_map, handed, x)
+            for i, stretch in enumerate(chosen)
+        ]
         scale = 1.4826 * float(np.median(np.abs(np.concatenate([r for _, r in parts]))))
         N, rhs, squares, count = _normal(parts, max(scale, 1e-3))
         variance = max(squares / max(count, 1.0), 1e-6) * max(1.0, CORRELATION_S / _spacing(chosen))
@@ -106,17 +110,10 @@ def _normal(parts: list[tuple[Float64, Float64]], scale: float) -> tuple[Float64
 
 
 def _rows(
-    stretch: Stretch,
-    i: int,
-    grid: InertialGrid,
-    path: Path,
-    gyro_map: Float64,
-    handed: int,
-    x: Float64,
+    stretch: Stretch, nodes: Float64, start_s: float, gyro_map: Float64, handed: int, x: Float64
 ) -> tuple[Float64, Float64]:
     """Return (3 k, 16) derivatives and (3 k,) residuals of a stretch at the present estimate."""
-    nodes = _node_values(grid, path, i)
-    now = at_times(nodes[None], float(grid.start_s[i]), stretch.t_s - x[TAU])[0]
+    now = at_times(nodes[None], start_s, stretch.t_s - x[TAU])[0]
     gained, force, B, D, C, w = np.split(now, [3, 6, 15, 24, 33], axis=1)
     k = len(now)
     B, D, C = (part.reshape(k, 3, 3) for part in (B, D, C))

@@ -29,6 +29,7 @@ class Axes(NamedTuple):
     factor: float  # on the gyros' declared unit
     hypothesis: Hypothesis
     turned: bool  # the accelerometers' axes are not the declared ones
+    gyro_kept: bool  # the gyros' are
     rank: int  # 0 as declared, 1 both sensors alike, 2 alike but for the sign of all, then more for each row apart
 
 
@@ -49,7 +50,17 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
         accel = _accel(one, accel_0)
         gyro = one.handed * accel @ one.gyro_map
         turned = not np.array_equal(accel, accel_0)
-        found.append(Axes(accel, gyro, one.factor, one, turned, _rank(accel, gyro, accel_0, gyro_0)))
+        found.append(
+            Axes(
+                accel,
+                gyro,
+                one.factor,
+                one,
+                turned,
+                bool(np.array_equal(gyro, gyro_0)),
+                _rank(accel, gyro, accel_0, gyro_0),
+            )
+        )
     found.sort(key=credibility)
     return found
 
@@ -57,7 +68,8 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
 def credibility(axes: Axes) -> float:
     """Return -2 log of how credible a declaration is, with the evidence of the log: the least is the best."""
     if axes.rank < len(STRANGE):
-        return axes.hypothesis.cost + STRANGE[axes.rank]
+        twice = axes.rank == 2 and axes.turned and not axes.gyro_kept
+        return axes.hypothesis.cost + STRANGE[axes.rank] + (STRANGE_ROW if twice else 0.0)
     rows = axes.rank - len(STRANGE) + (1 if axes.turned else 0)
     return axes.hypothesis.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
 
