@@ -53,7 +53,7 @@ def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: fl
     best = found[0]
     unit = _unit_findings(declared, best, match)
     rivals = [axes for axes in found if credibility(axes) - credibility(best) < EQUAL]
-    if best.rank > 2 and len(rivals) > 1:
+    if best.rank > 1 and len(rivals) > 1:
         return [*unit, _undecided(rivals)]
     timing = _timing(flight, declared, track, best, base_s, match.shift_s)
     if timing is None:

@@ -20,7 +20,7 @@ from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
 from insgnss.log.imu_csv import read_imu
-from insgnss.log.report import CheckReport
+from insgnss.log.report import CheckReport, Finding
 
 Float64 = npt.NDArray[np.float64]
 WEEK_S = 604_800.0
@@ -262,11 +262,16 @@ def judged(log: Log, fault: Fault, folder: Path) -> Verdict:
     if not fault.keys:
         told = fault.words in "\n".join(report.lines())
         return Verdict(keys, told, told and not keys - {"gnss.lever_arm_m"}, report)
-    suspected = any(
-        f.severity != "ok" and f.topic in ("imu", "gnss", "motion", "flight") for f in report.findings
-    )
+    suspected = any(_is_suspicion(finding) for finding in report.findings)
     mended = corrected_flight(flight, report.proposals)
     return Verdict(keys, bool(keys) or suspected, _same(mended, log), report)
+
+
+def _is_suspicion(finding: Finding) -> bool:
+    """Return whether a finding says that something is declared wrongly: an error, or a doubt about the sensors."""
+    known = ("imu_gap", "at rest for")  # of the sound logs too
+    doubt = finding.severity == "warning" and finding.topic in ("imu", "motion")
+    return finding.severity == "error" or (doubt and not finding.text.startswith(known))
 
 
 def _same(flight: Flight, log: Log) -> bool:
