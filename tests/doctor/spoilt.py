@@ -229,7 +229,7 @@ FAULTS: dict[str, Fault] = {
     "Doppler reversed": Fault(reversed_doppler, ("gnss.rate_sign",)),
     "clock jumps of 1 ms": Fault(with_clock_jumps, (), "jump(s) of 1 ms"),
     "messages of 3 satellites": Fault(without_messages, (), "no current ephemeris for"),
-    "lever arm not given": Fault(lambda log: replace(log, lever=None), (), "lever arm by the turns"),
+    "lever arm not given": Fault(lambda log: replace(log, lever=None), (), "is not given"),
     "IMU gap 0.1 s": Fault(lambda log: with_gap(log, 0.1), (), "IMU gap of 0.1"),
     "IMU gap 1 s": Fault(lambda log: with_gap(log, 1.0), (), "IMU gap of 1"),
     "IMU gap 10 s": Fault(lambda log: with_gap(log, 10.0), (), "IMU gap of 10"),
