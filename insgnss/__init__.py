@@ -28,10 +28,10 @@ The main job is two calls::
 
 from __future__ import annotations
 
+from insgnss.doctor import examine as check_flight
 from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import NavState
-from insgnss.log.doctor import check_flight
 from insgnss.log.flight import Flight
 from insgnss.point import PointRun, point
 from insgnss.replay import engine_settings, replay

@@ -82,7 +82,9 @@ class ColumnError(InputError):
 
 
 class UnitsError(InputError):
-    """The numbers of a sensor contradict the declared units or axes."""
+    """The numbers of a sensor contradict the declared units or axes; ``fits`` are keys and values that would fit."""
+
+    fits: tuple[tuple[str, str], ...] = ()
 
 
 class TimeError(InputError):

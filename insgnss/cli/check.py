@@ -1,4 +1,4 @@
-"""``insgnss check``: reads everything a flight names and reports what looks wrong."""
+"""``insgnss check``: reads everything a flight names, reports what looks wrong, proposes what to declare instead."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.progress import telling
-from insgnss.log.doctor import check_flight
+from insgnss.doctor import examine, write_corrected
 from insgnss.log.flight import Flight
 
 _FAILED = 3  # the exit code of an input error, as when replay meets it
@@ -21,22 +21,38 @@ _FAILED = 3  # the exit code of an input error, as when replay meets it
 def check(
     flight: Annotated[Path, typer.Argument(help="The flight file (TOML).")],
     as_json: AsJson = False,
+    write: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a copy of the flight file with the proposals, each with a comment that says why."
+        ),
+    ] = None,
 ) -> None:
-    """Read all logs of a flight and report rates, gaps, units, axes, overlap, satellites and ephemerides."""
+    """Read all logs of a flight, hold them against each other, and propose what the flight file should declare."""
     began = time.perf_counter()
     with own_errors_told():
         loaded = Flight.load(flight)
         with telling("reading and checking"):
-            report = check_flight(loaded)
+            report = examine(loaded)
+        written = write_corrected(loaded, report.proposals, write) if write and report.proposals else None
     files = loaded.files()
     took_s = time.perf_counter() - began
     if as_json:
         found = [asdict(finding) for finding in report.findings]
-        about = {"flight": report.name, "severity": report.severity, "findings": found}
-        print_json({**about, "files_read": len(files), "took_s": took_s})
+        proposals = [asdict(proposal) for proposal in report.proposals]
+        about = {
+            "flight": report.name,
+            "severity": report.severity,
+            "findings": found,
+            "proposals": proposals,
+        }
+        print_json({**about, "written": written, "files_read": len(files), "took_s": took_s})
     else:
         for line in report.lines():
             typer.echo(line)
-        typer.echo(f"read {len(files)} files in {took_s:.2f} s; nothing was written")
+        end = "nothing was written" if written is None else f"wrote {written}: look at it, then check it"
+        if write is None and report.proposals:
+            end += "; --write corrected.toml writes a flight file with the proposals"
+        typer.echo(f"read {len(files)} files in {took_s:.2f} s; {end}")
     if report.severity == "error":
         raise typer.Exit(_FAILED)

@@ -91,20 +91,32 @@ class Imu(StrictModel):
     axes: tuple[str, str, str] = Field(
         ("+x", "+y", "+z"), description="which sensor axis points forward, right, down"
     )
+    gyro_axes: tuple[str, str, str] | None = Field(
+        None,
+        description="the same of the gyros where it is not that of the accelerometers; both may then be left-handed",
+    )
     mounting_matrix: tuple[Vector3, Vector3, Vector3] | None = Field(
         None, description="C_bs, sensor axes to body axes; instead of axes"
     )
     grade: str | ImuGrade
 
-    @field_validator("axes")
+    @field_validator("axes", "gyro_axes")
     @classmethod
-    def _axes_are_a_signed_permutation(cls, axes: tuple[str, str, str]) -> tuple[str, str, str]:
+    def _axes_are_a_signed_permutation(cls, axes: tuple[str, str, str] | None) -> tuple[str, str, str] | None:
+        if axes is None:
+            return None
         named = tuple(a if a[:1] in "+-" else f"+{a}" for a in axes)
         if any(a not in AXES for a in named) or len({a[1] for a in named}) != 3:
             raise ValueError(
                 f"axes must name x, y and z once each, with a sign, as in ['-y', '-x', '-z']; got {axes}"
             )
         return (named[0], named[1], named[2])
+
+    @model_validator(mode="after")
+    def _axes_are_given_in_one_way(self) -> Imu:
+        if self.gyro_axes is not None and self.mounting_matrix is not None:
+            raise ValueError("gyro_axes goes with axes: mounting_matrix turns both sensors alike")
+        return self
 
     @model_validator(mode="after")
     def _units_fit_the_values(self) -> Imu:
@@ -206,6 +218,9 @@ class Gnss(StrictModel):
     base: Base | None = None
     glonass_channels: dict[GlonassSatellite, Annotated[int, Field(ge=-7, le=6)]] = Field(
         {}, description="frequency channels that neither log nor messages tell: R07 = -3"
+    )
+    rate_sign: Literal["standard", "reversed"] = Field(
+        "standard", description="reversed: Doppler and range rates count against their standard signs"
     )
     lever_arm_m: Vector3 | None = Field(
         None, description="IMU to antenna, body axes forward-right-down; left out means not known, not zero"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, TypeVar
 
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.errors import InsGnssError
+from insgnss.errors import InsGnssError, UnitsError
 from insgnss.gnss.signals import CHANNELS
 from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
 from insgnss.log.doctor_imu import imu_findings
@@ -19,13 +20,14 @@ from insgnss.log.imu_csv import read_imu
 from insgnss.log.navigation_span import check_navigation_time
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
-from insgnss.log.report import CheckReport, Finding, from_events
+from insgnss.log.report import CheckReport, Finding, Proposal, from_events
 from insgnss.log.rinex import read_navigation
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
 Table = TypeVar("Table")
 
 LONG_LEVER_ARM_M: Final = 30.0  # longer ones exist on ships; more often millimetres were taken for metres
+_SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
 # Events that tell how a log was read, and are no defect
 NOTICES: Final = frozenset(
     {
@@ -45,14 +47,28 @@ NOTICES: Final = frozenset(
 )
 
 
+@dataclass(frozen=True)
+class ReadLogs:
+    """The logs of a flight as far as they could be read."""
+
+    imu: ImuTable | None  # None: refused, or its units contradict the numbers
+    receiver: ReceiverLog | None
+    navigation: NavigationData | None  # messages of files and receiver
+
+
 def check_flight(flight: Flight) -> CheckReport:
-    """Read all logs of a flight and report what they show.
+    """Read all logs of a flight and report what each of them shows.
 
     Reports rates, gaps, overlaps, gravity and tilt at rest, suspicions of units and axes, satellites and ephemerides
     per epoch, the sign of the range rates, clock jumps, repeated rows, an ambiguous lever arm, and of several antennas
     where they stand and what their logs share. A log that cannot be
     read is an error in the report, not an exception; the others are still looked at.
     """
+    return read_and_check(flight)[0]
+
+
+def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
+    """Return the report of ``check_flight`` and the logs themselves."""
     config = flight.config
     findings: list[Finding] = []
     imu = _attempt(findings, "imu", lambda: read_imu(config.imu, config.gps_week, flight.imu_grade))
@@ -63,7 +79,7 @@ def check_flight(flight: Flight) -> CheckReport:
     of_messages: list[Finding] = []
     navigation = _read_messages(of_messages, flight, receiver)
     if gnss is not None:
-        findings += gnss_findings(gnss, config.gps_week, _channels(flight, gnss, navigation))
+        findings += gnss_findings(gnss, config, _channels(flight, gnss, navigation))
     findings += of_messages
     _check_navigation(findings, flight, receiver, navigation)
     if config.reference is not None:
@@ -77,7 +93,7 @@ def check_flight(flight: Flight) -> CheckReport:
     if config.attitude is not None:  # what this takes is loaded for such flights alone
         several = importlib.import_module("insgnss.log.doctor_antennas")
         findings += several.antenna_findings(flight, gnss)
-    return CheckReport(flight.name, tuple(findings))
+    return CheckReport(flight.name, tuple(findings)), ReadLogs(imu, receiver, navigation)
 
 
 def _attempt(
@@ -95,7 +111,10 @@ def _attempt(
 
 def _error_finding(topic: str, error: InsGnssError) -> Finding:
     place = error.place()
-    return Finding("error", topic, f"{place}: {error.message}" if place else error.message, error.advice)
+    fits = error.fits if isinstance(error, UnitsError) else ()
+    proposals = tuple(Proposal(key, value, error.message) for key, value in fits)
+    text = f"{place}: {error.message}" if place else error.message
+    return Finding("error", topic, text, error.advice, _SURE_OF_UNITS if fits else "", proposals)
 
 
 def _told(log: ReceiverLog) -> tuple[ReceiverLog, list[Event]]:

@@ -1,52 +1,41 @@
-"""What a GNSS log shows before any filter runs: epochs, satellites, range-rate sign and unit, clock jumps, doubles."""
+"""What a GNSS log shows before any filter runs: epochs, satellites, doubles, ephemerides."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.config.flight import FlightConfig
+from insgnss.constants import NS_PER_S
 from insgnss.gnss.ephemeris_choice import VALIDITY_S
 from insgnss.gnss.satellite_state import range_rates
-from insgnss.gnss.signals import CHANNELS, wavelength_m
+from insgnss.gnss.signals import CHANNELS
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.log.doctor_rates import jump_findings, rate_findings, rate_pairs
 from insgnss.log.gnss_rows import epochs
 from insgnss.log.report import Finding
 from insgnss.tables import Float64, GnssTable, Int64, NavigationData
 
-MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
 GAP_STEPS: Final = 2.5
-MIN_PAIRS: Final = 10
-# Differences of range rate between satellites below this say nothing about sign and unit
-MIN_RATE_MPS: Final = 30.0
-SLOPE_TOLERANCE: Final = 0.15
-# A common step of half a microsecond: no receiver clock wanders so far within an epoch
-CLOCK_JUMP_M: Final = 150.0
 MIN_SATELLITES: Final = 4
 
 
-@dataclass(frozen=True)
-class _Pairs:
-    """The same satellite and signal in two successive epochs."""
-
-    epoch: Int64  # (p,) index of the later epoch
-    from_code: Float64  # (p,) change of pseudorange over time [m/s]
-    from_rate: Float64  # (p,) mean of the two range rates [m/s]
-    dt_s: Float64  # (p,)
-
-
-def gnss_findings(gnss: GnssTable, week: int, channels: Mapping[str, int] | None = None) -> list[Finding]:
+def gnss_findings(
+    gnss: GnssTable, config: FlightConfig, channels: Mapping[str, int] | None = None
+) -> list[Finding]:
     """Return what a GNSS log shows by itself; ``channels`` of GLONASS are those of the log when None."""
+    week = config.gps_week
     t_ns, starts = epochs(gnss)
     findings = [_span_finding(t_ns, week), *_gap_findings(t_ns, week), *_satellite_findings(gnss, starts)]
     findings += _duplicate_findings(gnss, starts)
     channels = gnss.glonass_channels if channels is None else channels
     findings += _channel_findings(gnss, channels)
-    pairs = _pairs(gnss, t_ns, starts, range_rates(gnss, channels))
-    return findings + _rate_findings(gnss, pairs) + _clock_findings(pairs, t_ns, week)
+    pairs = rate_pairs(gnss, t_ns, starts, range_rates(gnss, channels))
+    rates = rate_findings(gnss, pairs, config.gnss)
+    wrong = any(finding.severity == "error" for finding in rates)  # then every epoch would look like a jump
+    return findings + rates + ([] if wrong else jump_findings(pairs, t_ns, week))
 
 
 def _span_finding(t_ns: Int64, week: int) -> Finding:
@@ -134,97 +123,6 @@ def _channel_findings(gnss: GnssTable, channels: Mapping[str, int]) -> list[Find
         return []
     text = f"no frequency channel of {', '.join(sorted(unknown))}: not used"
     return [Finding("warning", "gnss", text, "give them as gnss.glonass_channels, or GLONASS messages")]
-
-
-def _pairs(gnss: GnssTable, t_ns: Int64, starts: Int64, rate: Float64) -> _Pairs:
-    """Return the rows that have the same satellite and signal in the epoch before, the first where it stands twice."""
-    epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    channel = gnss.sv.astype(np.int64) * len(gnss.signal_names) + gnss.signal
-    keys, row = np.unique(channel * (len(t_ns) + 1) + epoch, return_index=True)
-    later = np.flatnonzero(np.diff(keys) == 1) + 1
-    a, b = row[later - 1], row[later]
-    dt_s = (gnss.t_ns[b] - gnss.t_ns[a]) / NS_PER_S
-    pairs = _Pairs(
-        epoch[b], (gnss.pseudorange_m[b] - gnss.pseudorange_m[a]) / dt_s, 0.5 * (rate[a] + rate[b]), dt_s
-    )
-    used = (dt_s <= MAX_PAIR_S) & np.isfinite(pairs.from_code) & np.isfinite(pairs.from_rate)
-    return _Pairs(pairs.epoch[used], pairs.from_code[used], pairs.from_rate[used], dt_s[used])
-
-
-def _common(values: Float64, epoch: Int64) -> tuple[Float64, Int64]:
-    """Return the median of the values of each epoch, and the epochs."""
-    order = np.lexsort((values, epoch))
-    distinct, start, count = np.unique(epoch[order], return_index=True, return_counts=True)
-    middle = values[order]
-    return 0.5 * (middle[start + (count - 1) // 2] + middle[start + count // 2]), distinct
-
-
-def _rate_findings(gnss: GnssTable, pairs: _Pairs) -> list[Finding]:
-    """Compare range rates with the change of the pseudoranges, both against the epoch's median (no receiver clock)."""
-    if not len(pairs.epoch):
-        return []
-    code = pairs.from_code - _spread(pairs.from_code, pairs.epoch)
-    rate = pairs.from_rate - _spread(pairs.from_rate, pairs.epoch)
-    fast = (np.abs(code) > MIN_RATE_MPS) & (rate != 0.0)
-    if fast.sum() < MIN_PAIRS:
-        return [Finding("ok", "gnss", "too little relative motion to judge sign and unit of the range rates")]
-    slope = float(np.median(code[fast] / rate[fast]))
-    return [_slope_finding(slope, gnss)]
-
-
-def _spread(values: Float64, epoch: Int64) -> Float64:
-    """Return each epoch's median at each of its rows."""
-    middle, distinct = _common(values, epoch)
-    return middle[np.searchsorted(distinct, epoch)]
-
-
-def _slope_finding(slope: float, gnss: GnssTable) -> Finding:
-    logged = "range_rate_mps" if np.isfinite(gnss.range_rate_mps).any() else "doppler_hz"
-    if abs(slope - 1.0) < SLOPE_TOLERANCE:
-        return Finding("ok", "gnss", f"range rates agree with the pseudoranges (ratio {slope:.3f})")
-    if abs(slope + 1.0) < SLOPE_TOLERANCE:
-        advice = (
-            "Doppler has the RINEX sign, positive when the distance shrinks; a range rate the opposite one"
-        )
-        return Finding(
-            "error", "gnss", f"range-rate sign reversed: {logged} runs against the pseudoranges", advice
-        )
-    sign = "" if slope > 0.0 else " and the sign reversed"
-    wavelength = _usual_wavelength_m(gnss)
-    if logged == "range_rate_mps" and abs(abs(slope) / wavelength - 1.0) < SLOPE_TOLERANCE:
-        sign = " and the sign of a range rate" if slope > 0.0 else ", with the sign of Doppler"
-        advice = "map the column as gnss.columns.doppler"
-        return Finding("error", "gnss", f"range_rate_mps looks like Doppler in Hz{sign}", advice)
-    if logged == "doppler_hz" and abs(abs(slope) * wavelength - 1.0) < SLOPE_TOLERANCE:
-        sign = " with the sign of a range rate" if slope < 0.0 else ""
-        advice = "map the column as gnss.columns.range_rate if it is positive when the distance grows"
-        return Finding("error", "gnss", f"doppler_hz looks like metres per second{sign}", advice)
-    text = f"range rates and pseudoranges disagree: pseudoranges change {slope:.3g} times as fast"
-    return Finding("error", "gnss", text, "check the unit and the signal codes")
-
-
-def _usual_wavelength_m(gnss: GnssTable) -> float:
-    """Return the wavelength of the log's most frequent signal, of GLONASS that of channel 0 [m]."""
-    n = max(len(gnss.signal_names), 1)
-    pairs, count = np.unique(gnss.sv.astype(np.int64) * n + gnss.signal, return_counts=True)
-    most = int(pairs[np.argmax(count)])
-    return wavelength_m(gnss.sv_names[most // n][0], gnss.signal_names[most % n], 0)
-
-
-def _clock_findings(pairs: _Pairs, t_ns: Int64, week: int) -> list[Finding]:
-    """Report common steps of all pseudoranges against the range rates."""
-    if not len(pairs.epoch):
-        return []
-    step_m, at = _common((pairs.from_code - pairs.from_rate) * pairs.dt_s, pairs.epoch)
-    jumps = np.flatnonzero(np.abs(step_m) > CLOCK_JUMP_M)
-    if not len(jumps):
-        return []
-    first = float(ns_to_week_seconds(t_ns[at[jumps[0]]], week))
-    size = float(np.median(np.abs(step_m[jumps]))) / C_MPS * 1e3
-    text = (
-        f"the receiver's clock jumps {len(jumps)} time(s), typically by {size:.3g} ms, first at {first:.3f} s"
-    )
-    return [Finding("ok" if len(jumps) < 0.5 * len(at) else "warning", "gnss", text)]
 
 
 def ephemeris_findings(gnss: GnssTable, navigation: NavigationData) -> list[Finding]:

@@ -77,7 +77,19 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
 
 
 def read_receiver(config: Gnss, week: int) -> ReceiverLog:
-    """Read the observations in the format that the flight file names."""
+    """Read the observations in the format that the flight file names, range rates with their standard sign."""
+    log = _read_format(config, week)
+    if config.rate_sign == "standard":
+        return log
+    return replace(log, gnss=reversed_rates(log.gnss))
+
+
+def reversed_rates(gnss: GnssTable) -> GnssTable:
+    """Return a log whose Doppler and range rates have the other sign."""
+    return replace(gnss, doppler_hz=-gnss.doppler_hz, range_rate_mps=-gnss.range_rate_mps)
+
+
+def _read_format(config: Gnss, week: int) -> ReceiverLog:
     if config.format in ("csv", "rinex"):
         gnss, events = read_gnss(config, week)
         return ReceiverLog(gnss, events=events)

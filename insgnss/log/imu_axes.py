@@ -32,16 +32,34 @@ def mounting_matrix(config: Imu) -> Float64:
             )
         key = "imu.mounting_matrix"
     else:
-        C_bs = np.zeros((3, 3))
-        for row, axis in enumerate(config.axes):
-            C_bs[row, "xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
+        C_bs = signed_permutation(config.axes)
         key = "imu.axes"
+        if config.gyro_axes is not None:
+            return C_bs  # each sensor's axes are stated for themselves: nothing need be a rotation
     if np.linalg.det(C_bs) < 0.0:
         raise ConfigError(
             "the axes are left-handed: no rotation turns the sensor into forward-right-down",
             key=key,
-            advice="one sign is wrong, or two axes are exchanged",
+            advice="one sign is wrong, or two axes are exchanged; a left-handed sensor needs imu.gyro_axes too",
         )
+    return C_bs
+
+
+def gyro_mounting_matrix(config: Imu) -> Float64:
+    """Return the (3, 3) matrix that turns the gyros' columns into body axes: ``w_b = C @ w_s``.
+
+    Raises
+    ------
+    ConfigError : as ``mounting_matrix``
+    """
+    return mounting_matrix(config) if config.gyro_axes is None else signed_permutation(config.gyro_axes)
+
+
+def signed_permutation(axes: tuple[str, str, str]) -> Float64:
+    """Return the (3, 3) matrix whose rows pick the named sensor axes: ("-y", "+x", "+z") -> rows -y, x, z."""
+    C_bs = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        C_bs[row, "xyz".index(axis[1])] = -1.0 if axis[0] == "-" else 1.0
     return C_bs
 
 

@@ -17,7 +17,7 @@ from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InputError
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import read_csv_table
-from insgnss.log.imu_axes import mounting_matrix, to_body_axes
+from insgnss.log.imu_axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
 from insgnss.log.imu_faults import Axes, fault_events
 from insgnss.log.imu_time import gap_events, increasing_samples
 from insgnss.log.imu_units import check_units
@@ -55,23 +55,42 @@ def read_imu(config: Imu, week: int, grade: ImuGrade | None = None) -> tuple[Imu
     InputError and its kin : a file or column is missing, or the numbers contradict the declared units
     ConfigError : impossible axes
     """
-    C_bs = mounting_matrix(config)
+    mounting_matrix(config)
     file = ", ".join(str(path) for path in config.files)
-    raw, events = _read_files(config, week)
-    kept, refused = increasing_samples(raw.t_ns, file)
-    if kept is not None:
-        raw = raw.take(kept)
-    events += refused
-    if len(raw.t_ns) < 2:
-        raise InputError("an inertial log needs at least two samples", file=file)
+    raw, events = _increasing(config, week, file)
     step = np.diff(raw.t_ns)
     median_ns = float(np.median(step))
     events += gap_events(raw.t_ns, step, median_ns, file)
     for axes in _axes(raw, config, grade, median_ns):
         events += fault_events(raw.t_ns, axes, file)
-    table, converted = _to_table(raw, step, median_ns, config, C_bs, file)
+    table, converted = _to_table(raw, step, median_ns, config, file)
     del raw
     return table, events + converted + check_units(table, config, grade, median_ns, file)
+
+
+def read_imu_as_logged(config: Imu, week: int) -> ImuTable:
+    """Read an inertial log in the sensor's own axes, by its declared units, held against nothing.
+
+    Raises
+    ------
+    InputError and its kin : a file or column is missing or unreadable
+    """
+    file = ", ".join(str(path) for path in config.files)
+    raw, _ = _increasing(config, week, file)
+    step = np.diff(raw.t_ns)
+    own = config.model_copy(update={"axes": ("+x", "+y", "+z"), "gyro_axes": None, "mounting_matrix": None})
+    return _to_table(raw, step, float(np.median(step)), own, file)[0]
+
+
+def _increasing(config: Imu, week: int, file: str) -> tuple[_Raw, list[Event]]:
+    """Return the samples of all files whose time increases, at least two."""
+    raw, events = _read_files(config, week)
+    kept, refused = increasing_samples(raw.t_ns, file)
+    if kept is not None:
+        raw = raw.take(kept)
+    if len(raw.t_ns) < 2:
+        raise InputError("an inertial log needs at least two samples", file=file)
+    return raw, events + refused
 
 
 def _axes(raw: _Raw, config: Imu, grade: ImuGrade | None, median_ns: float) -> tuple[Axes, Axes]:
@@ -131,15 +150,15 @@ def _read_file(config: Imu, path: Path, week: int, previous_ns: int | None) -> t
 
 
 def _to_table(
-    raw: _Raw, step: Int64, median_ns: float, config: Imu, C_bs: Float64, file: str
+    raw: _Raw, step: Int64, median_ns: float, config: Imu, file: str
 ) -> tuple[ImuTable, list[Event]]:
     """Return the samples in SI units and body axes, as means over the interval that ends at each tag."""
     factor: float | Float64 = 1.0
     events: list[Event] = []
     if config.values == "increments":
         factor, events = _per_interval(step, median_ns, file, raw.t_ns)
-    w_ib_b = to_body_axes(raw.gyro, C_bs, factor * SI_PER_UNIT[config.gyro_unit])
-    f_b = to_body_axes(raw.accel, C_bs, factor * SI_PER_UNIT[config.accel_unit])
+    w_ib_b = to_body_axes(raw.gyro, gyro_mounting_matrix(config), factor * SI_PER_UNIT[config.gyro_unit])
+    f_b = to_body_axes(raw.accel, mounting_matrix(config), factor * SI_PER_UNIT[config.accel_unit])
     if config.sampling == "instant" and config.values == "rates":
         w_ib_b, f_b = _trapezoid(w_ib_b), _trapezoid(f_b)
     return ImuTable(raw.t_ns, w_ib_b, f_b), events

@@ -34,6 +34,7 @@ REST_DIRECTION_RAD: Final = 1.5 * RAD_PER_DEG  # f's direction from window to wi
 REST_NEAR_G: Final = 0.03  # in a steady turn or on a rate table the rate lies within 15 deg of f there ...
 REST_ACROSS: Final = 0.5  # ... so a rate that lies more than 30 deg off f contradicts a steady f
 REST_STEADY: Final = 0.2  # share by which a bias changes from window to window: rolls about f vary more
+WHOLE_STEPS: Final = 1.5  # a longer step lost a sample
 OVER_RANGE: Final = 2.0  # no sensor shows twice its range
 OVER_RANGE_SHARE: Final = 0.01
 
@@ -63,7 +64,7 @@ def check_units(
         return []
     quiet = windows.quiet()
     _check_range(imu, config, grade, file)
-    events = _check_accelerometer(windows, quiet, config, median_ns, file)
+    events = _check_accelerometer(windows, quiet, config, _mean_ns(imu, median_ns), file)
     if not events:
         events = _check_gyro(windows, quiet, config, file)
     return events
@@ -73,7 +74,7 @@ def check_units(
 
 
 def _check_accelerometer(
-    windows: ImuWindows, quiet: Bool, config: Imu, median_ns: float, file: str
+    windows: ImuWindows, quiet: Bool, config: Imu, mean_ns: float, file: str
 ) -> list[Event]:
     size = np.linalg.norm(windows.f_b, axis=1) / STANDARD_GRAVITY_MPS2
     at_rest = int(quiet.sum()) >= MIN_QUIET_WINDOWS
@@ -84,34 +85,81 @@ def _check_accelerometer(
         return []
     shown = middle * STANDARD_GRAVITY_MPS2 / SI_PER_UNIT[config.accel_unit]
     if config.values == "increments":
-        shown *= median_ns / NS_PER_S
+        shown *= mean_ns / NS_PER_S
     where = "while the sensor is at rest or steady" if at_rest else "in the middle of the log"
     found = f"|f| is {shown:.4g} {config.accel_unit} {where}, which as declared is {middle:.3g} g"
-    fitting = [text for text, ratio in _other_units(config, median_ns) if _fits(seen, ratio, at_rest)]
+    fitting = [unit for unit, ratio in _other_units(config, mean_ns) if _fits(seen, ratio, at_rest)]
     if not fitting:
         return [Event(None, "units_suspicion", f"{file}: {found}")] if at_rest else []
-    advice = " or ".join(fitting) + (" fits" if len(fitting) == 1 else " would fit")
+    texts = [_declaration(unit, config) for unit in fitting]
+    advice = " or ".join(texts) + (" fits" if len(texts) == 1 else " would fit")
     if at_rest:
-        raise UnitsError(
+        error = UnitsError(
             f"{found}: the accelerometers' unit is wrong", file=file, key="imu.accel_unit", advice=advice
         )
+        error.fits = keys_of_accel_unit(fitting[0], config) if len(fitting) == 1 else ()
+        raise error
     return [Event(None, "units_suspicion", f"{file}: {found}; {advice}")]
 
 
-def _other_units(config: Imu, median_ns: float) -> list[tuple[str, float]]:
-    """Return every other declaration and how many times larger it would make the specific force."""
-    per_second = NS_PER_S / median_ns
+def fitting_accel_units(imu: ImuTable, config: Imu) -> list[str]:
+    """Return the units that make |f| g in the middle of a log or at rest; the declared one first if it does.
+
+    Parameters
+    ----------
+    imu : the log as converted by the declared units, in any axes
+    config : the declaration
+    """
+    median_ns = float(np.median(np.diff(imu.t_ns)))
+    windows = imu_windows(imu, median_ns)
+    if windows is None:
+        return []
+    mean_ns = _mean_ns(imu, median_ns)
+    size = np.linalg.norm(windows.f_b, axis=1) / STANDARD_GRAVITY_MPS2
+    quiet = windows.quiet()
+    seen = size[quiet] if int(quiet.sum()) >= MIN_QUIET_WINDOWS else size
+    fits = [unit for unit, ratio in _other_units(config, mean_ns) if _fits(seen, ratio, False)]
+    declared = abs(float(np.median(seen)) - 1.0) < REST_TOLERANCE
+    return [config.accel_unit, *fits] if declared else fits
+
+
+def keys_of_accel_unit(unit: str, config: Imu) -> tuple[tuple[str, str], ...]:
+    """Return the keys of the flight file, and their values, that declare a unit of the accelerometers.
+
+    Where rates become increments, or increments rates, the gyros' unit goes with them.
+    """
+    values = _values_of(unit)
+    if values == config.values:
+        return (("imu.accel_unit", unit),)
+    angle = config.gyro_unit.removesuffix("/s")
+    gyro_unit = angle if values == "increments" else f"{angle}/s"
+    return (("imu.values", values), ("imu.accel_unit", unit), ("imu.gyro_unit", gyro_unit))
+
+
+def _mean_ns(imu: ImuTable, median_ns: float) -> float:
+    """Return the mean step without gaps [ns]: tags in whole milliseconds alternate about it."""
+    step = np.diff(imu.t_ns)
+    return float(step[step < WHOLE_STEPS * median_ns].mean())
+
+
+def _values_of(accel_unit: str) -> str:
+    return "increments" if accel_unit in ("m/s", "g*s") else "rates"
+
+
+def _declaration(unit: str, config: Imu) -> str:
+    values = _values_of(unit)
+    prefix = "" if values == config.values else f"values = '{values}' with "
+    return f"{prefix}accel_unit = '{unit}'"
+
+
+def _other_units(config: Imu, mean_ns: float) -> list[tuple[str, float]]:
+    """Return every other unit and how many times larger it would make the specific force."""
+    per_second = NS_PER_S / mean_ns
     factors = {
         unit: SI_PER_UNIT[unit] * (per_second if unit in ("m/s", "g*s") else 1.0) for unit in _ACCEL_UNITS
     }
     declared = factors[config.accel_unit]
-    texts = []
-    for unit, factor in factors.items():
-        values = "increments" if unit in ("m/s", "g*s") else "rates"
-        prefix = "" if values == config.values else f"values = '{values}' with "
-        if unit != config.accel_unit:
-            texts.append((f"{prefix}accel_unit = '{unit}'", factor / declared))
-    return texts
+    return [(unit, factor / declared) for unit, factor in factors.items() if unit != config.accel_unit]
 
 
 _ACCEL_UNITS: Final = ("m/s^2", "g", "mg", "m/s", "g*s")
@@ -174,13 +222,19 @@ def _check_rest(windows: ImuWindows, near_g: Bool, config: Imu, file: str) -> li
     found = f"the gyros show {rate:.3g} rad/s ({rate / RAD_PER_DEG:.0f} deg/s) while gravity's direction stands still"
     if config.gyro_unit in ("rad/s", "rad"):
         unit = config.gyro_unit.replace("rad", "deg")
-        raise UnitsError(
-            f"{found}: the gyros' unit is wrong",
-            file=file,
-            key="imu.gyro_unit",
-            advice=f"gyro_unit = '{unit}' fits",
-        )
+        raise _gyro_error(found, file, unit)
     return [Event(None, "units_suspicion", f"{file}: {found}")]
+
+
+def _gyro_error(found: str, file: str, unit: str) -> UnitsError:
+    error = UnitsError(
+        f"{found}: the gyros' unit is wrong",
+        file=file,
+        key="imu.gyro_unit",
+        advice=f"gyro_unit = '{unit}' fits",
+    )
+    error.fits = (("imu.gyro_unit", unit),)
+    return error
 
 
 def _check_turns(windows: ImuWindows, near_g: Bool, config: Imu, file: str) -> None:
@@ -200,9 +254,5 @@ def _check_turns(windows: ImuWindows, near_g: Bool, config: Imu, file: str) -> N
     ratio = product / by_gyro  # how many times more gravity turned than the gyros say
     for factor, now, fits in ((RAD_PER_DEG, "rad", "deg"), (1.0 / RAD_PER_DEG, "deg", "rad")):
         if factor / TURN_FACTOR < ratio < factor * TURN_FACTOR and config.gyro_unit.startswith(now):
-            raise UnitsError(
-                f"gravity turns {ratio:.3g} times as far as the gyros say: the gyros' unit is wrong",
-                file=file,
-                key="imu.gyro_unit",
-                advice=f"gyro_unit = '{config.gyro_unit.replace(now, fits)}' fits",
-            )
+            found = f"gravity turns {ratio:.3g} times as far as the gyros say"
+            raise _gyro_error(found, file, config.gyro_unit.replace(now, fits))

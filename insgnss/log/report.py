@@ -13,19 +13,48 @@ Severity = Literal["ok", "warning", "error"]
 MARKS: Final[dict[Severity, str]] = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
 
 
+Value = str | float | int | tuple[str, ...] | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """One key of the flight file and the value that the logs themselves ask for."""
+
+    key: str  # dotted, "imu.time.offset_s"
+    value: Value
+    why: str  # one line, written beside the key in a corrected file
+
+    def text(self) -> str:
+        """Return the entry as it stands in a flight file."""
+        return f"{self.key} = {_toml(self.value)}"
+
+
+def _toml(value: Value) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(part) for part in value) + "]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
 @dataclass(frozen=True)
 class Finding:
-    """One result of a check."""
+    """One result of a check.
+
+    ``proposals`` are made only where the logs leave one explanation; ``sure`` says in words how far they bear it out.
+    """
 
     severity: Severity
     topic: str  # "imu", "gnss", "navigation", "reference", "flight"
     text: str
     advice: str = ""
+    sure: str = ""
+    proposals: tuple[Proposal, ...] = ()
 
     def line(self) -> str:
-        """Return the finding on one line, the advice after an arrow."""
-        advice = f" -> {self.advice}" if self.advice else ""
-        return f"{MARKS[self.severity]} {self.topic:<10} {self.text}{advice}"
+        """Return the finding on one line, the advice and the proposed keys after an arrow."""
+        sure = f" ({self.sure})" if self.sure else ""
+        proposed = "proposed: " + ", ".join(p.text() for p in self.proposals) if self.proposals else ""
+        told = "; ".join(part for part in (self.advice, proposed) if part)
+        return f"{MARKS[self.severity]} {self.topic:<10} {self.text}{sure}" + (f" -> {told}" if told else "")
 
 
 @dataclass(frozen=True)
@@ -44,6 +73,13 @@ class CheckReport:
     def of(self, severity: Severity) -> tuple[Finding, ...]:
         """Return the findings of one severity."""
         return tuple(finding for finding in self.findings if finding.severity == severity)
+
+    @property
+    def proposals(self) -> tuple[Proposal, ...]:
+        """All proposals, each key once: the first stands."""
+        found = {p.key: p for finding in reversed(self.findings) for p in finding.proposals}
+        order = dict.fromkeys(p.key for finding in self.findings for p in finding.proposals)
+        return tuple(found[key] for key in order)
 
     def lines(self) -> list[str]:
         """Return the report as lines of text, the last one a summary."""

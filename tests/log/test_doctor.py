@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insgnss.doctor import corrected_flight
 from insgnss.log.doctor import check_flight
 from insgnss.log.flight import Flight
 from insgnss.log.report import CheckReport
@@ -92,6 +93,21 @@ def test_range_rate_in_hertz_is_an_error(case: Case, factor: float, words: str) 
     case.flight += 'columns.doppler = "none"\ncolumns.range_rate = "doppler_hz"\n'
     report = texts(case.check(), "error")
     assert "looks like Doppler in Hz" in report and words in report
+
+
+@pytest.mark.parametrize("as_range_rate", [False, True])
+@pytest.mark.parametrize("factor", [1.0, -1.0, 0.190293672798365, -0.190293672798365])
+def test_proposals_mend_every_sign_and_unit_of_the_rates(
+    case: Case, factor: float, as_range_rate: bool
+) -> None:
+    case.change(4, factor)
+    if as_range_rate:
+        case.flight += 'columns.doppler = "none"\ncolumns.range_rate = "doppler_hz"\n'
+    proposals = case.check().proposals
+    sound = factor == (-0.190293672798365 if as_range_rate else 1.0)
+    assert (proposals == ()) == sound
+    mended = check_flight(corrected_flight(Flight.load(case.folder / "flight.toml"), proposals))
+    assert mended.severity == "ok" and "ratio 1.000" in "\n".join(mended.lines())
 
 
 def test_rates_of_another_scale_are_an_error(case: Case) -> None:

@@ -1,0 +1,112 @@
+"""The doctor's parts that need no log: offsets taken apart, gaps and their cost, the behaviour of a clock."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.doctor.clock import clock_findings
+from insgnss.doctor.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
+from insgnss.doctor.time_offset import HOUR_S, WEEK_S, overlapping_shifts, split
+from insgnss.doctor.track import Track
+from insgnss.library import imu_grade
+from insgnss.tables import ImuTable
+from insgnss.units import MPS2_PER_MG
+from tests.log.writing import WEEK, Float64
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "parts"),
+    [
+        (0.25, (0, 0, 0, 0.25)),
+        (-1.3, (0, 0, 0, -1.3)),
+        (18.02, (0, 0, 1, 0.02)),
+        (-18.0, (0, 0, -1, 0.0)),
+        (17.0, (0, 0, 0, 17.0)),
+        (3600.01, (0, 1, 0, 0.01)),
+        (-2 * 3600.0 + 18.0, (0, -2, 1, 0.0)),
+        (-604_800.1, (-1, 0, 0, -0.1)),
+        (604_800.0 + 7200.0, (1, 2, 0, 0.0)),
+    ],
+)
+def test_offset_is_taken_apart_into_weeks_hours_leap_seconds_and_rest(
+    offset_s: float, parts: tuple[int, int, int, float]
+) -> None:
+    assert split(offset_s, 18) == pytest.approx(parts)
+
+
+def test_shifts_are_sought_only_where_logs_do_not_overlap() -> None:
+    span = (0, 600 * NS_PER_S)
+    assert overlapping_shifts(span, (100 * NS_PER_S, 700 * NS_PER_S)) == []
+    late = (HOUR_S * NS_PER_S, (HOUR_S + 600) * NS_PER_S)
+    assert overlapping_shifts(late, span) == [-HOUR_S]
+    early = (-WEEK_S * NS_PER_S, (600 - WEEK_S) * NS_PER_S)
+    assert overlapping_shifts(early, span) == [WEEK_S]
+    assert (
+        overlapping_shifts((1800 * NS_PER_S, 2400 * NS_PER_S), span) == []
+    )  # half an hour is no label's error
+
+
+def coasting(
+    rng: np.random.Generator, length_s: float, n: int = 4000, steps: int = 400
+) -> tuple[float, float]:
+    """Return the rms of velocity and position errors of n simulated outages of a tactical IMU along one axis."""
+    grade, g, dt = imu_grade("tactical"), 9.80665, length_s / steps
+    b_a = rng.normal(0.0, grade.accel_bias_instability_mg * MPS2_PER_MG, n)
+    b_g = rng.normal(0.0, np.deg2rad(grade.gyro_bias_instability_deg_per_h) / 3600.0, n)
+    tilt = rng.normal(0.0, grade.accel_bias_instability_mg * MPS2_PER_MG / g, n)
+    v, r = rng.normal(0.0, START_SD_MPS, n), np.zeros(n)
+    for _ in range(steps):
+        r += v * dt
+        v += (b_a + g * tilt) * dt + rng.normal(0.0, grade.accel_vrw_mps_per_sqrt_h / 60.0 * np.sqrt(dt), n)
+        tilt += b_g * dt + rng.normal(0.0, np.deg2rad(grade.gyro_arw_deg_per_sqrt_h) / 60.0 * np.sqrt(dt), n)
+    return float(np.sqrt(np.mean(v**2))), float(np.sqrt(np.mean(r**2)))
+
+
+@pytest.mark.parametrize("length_s", [1.0, 10.0, 60.0])
+def test_predicted_growth_is_that_of_simulated_outages(length_s: float, rng: np.random.Generator) -> None:
+    """The rms of 4000 is known to 1.1 %, one sigma; 5 % admits 4 sigmas and the steps' own error."""
+    assert outage_sigmas(imu_grade("tactical"), length_s) == pytest.approx(coasting(rng, length_s), rel=0.05)
+
+
+def test_gap_of_the_imu_costs_what_the_motion_of_the_log_may_have_done(rng: np.random.Generator) -> None:
+    """Forces that change by 2 m/s^2 rms from second to second: 10 s without samples may be 20 m/s and 100 m."""
+    t_ns = (np.arange(6000) * 10_000_000).astype(np.int64)
+    t_ns[3000:] += 10 * NS_PER_S
+    f_b = np.zeros((6000, 3))
+    f_b[:, 0] = np.repeat(rng.choice([-2.0, 2.0], 60), 100)
+    imu = ImuTable(t_ns, np.zeros((6000, 3)), f_b)
+    lines = [f.text for f in gap_findings(imu, t_ns[::100], imu_grade("tactical"), WEEK)]
+    gap = next(line for line in lines if line.startswith("IMU gap of 10 s"))
+    assert "sigma grows to 20 m/s and 1e+02 m" in gap
+    assert any(line.startswith("GNSS gap of 11 s") for line in lines)
+
+
+def clock(clock_m: Float64, drift_mps: Float64) -> str:
+    t_s = np.arange(len(clock_m)).astype(float)
+    zeros = np.zeros((len(t_s), 3))
+    track = Track(
+        t_s.astype(np.int64), t_s, zeros, zeros, t_s, clock_m, drift_mps, 0, len(t_s), len(t_s), len(t_s)
+    )
+    return "\n".join(finding.line() for finding in clock_findings(track))
+
+
+def test_clock_that_drifts_is_left_alone() -> None:
+    t = np.arange(100.0)
+    text = clock(50.0 * t + 9e4, np.full(100, 50.0))
+    assert "left alone" in text and "+50 m/s (+0.167 ppm)" in text and "WARNING" not in text
+
+
+def test_clock_that_jumps_is_told_with_number_and_size() -> None:
+    t = np.arange(100.0)
+    jumps = np.floor(t / 25.0) * 1e-3 * C_MPS
+    assert "held near GPS time by jumps" in clock(50.0 * t - jumps, np.full(100, 50.0))
+    assert "3 jump(s) of 1 ms" in clock(50.0 * t - jumps, np.full(100, 50.0))
+
+
+def test_clock_that_is_steered_in_the_code_alone_is_a_warning() -> None:
+    """The pseudoranges stay at GPS time while the range rates carry an oscillator off by 30 m/s."""
+    text = clock(np.zeros(100), np.full(100, 30.0))
+    assert "WARNING" in text and "+30 m/s by the range rates" in text
+    assert "steered to GPS time" in text
