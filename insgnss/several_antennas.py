@@ -21,7 +21,9 @@ from insgnss.fusion.antenna_rows import Antennas
 from insgnss.fusion.antenna_visibility import Hiding
 from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.antenna_phases import AntennaPhases, antenna_phases
+from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.satellite_state import glonass_channels
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import words
@@ -73,7 +75,8 @@ def antenna_data(
         detail = f"the antennas stand on one line: {angle_lost(array)} is left to the inertial sensors"
         events.append(Event(None, "attitude_collinear", detail))
     tables = [(table, setup.rows(table, setup.navigation)) for table in logs.further]
-    phases = antenna_phases([(logs.gnss, rows), *tables], logs.gnss.glonass_channels)
+    told = None if setup.navigation is None else broadcast_messages(setup.navigation)
+    phases = antenna_phases([(logs.gnss, rows), *tables], glonass_channels(logs.gnss, told))
     _require_common_epochs(phases, flight)
     main = gnss.antenna[:1] or (MountedAntenna(pattern="isotropic"),)
     mounted = (*main, *attitude.antenna)

@@ -52,6 +52,7 @@ class Prior(NamedTuple):
     C_nb: Float64  # (3, 3)
     sd_level: float  # [rad] about each level axis
     reach: float  # [rad] to both sides of its heading, at most pi
+    wound_m: Float64 | None = None  # (R,) wind-up in the differences at this attitude; None: none
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,6 @@ class Found:
     cycles: Int64  # (R,) to be taken off: value - wavelength cycles is the difference of ranges
     loss: float  # chi-square with ``freedom`` degrees where the cycles are right
     ratio: float  # loss of the second best set over it
-    prior: int  # which of the priors it belongs to
 
 
 def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.0) -> Found:
@@ -87,14 +87,14 @@ def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.
     step = _step(rows)
     if sum(_node_count(prior, step) for prior in priors) > _MOST_NODES:
         return _nothing("the attitude is too uncertain for baselines of this length")
-    fits: dict[tuple[int, ...], tuple[float, int, Float64]] = {}
-    for number, prior in enumerate(priors):
+    fits: dict[tuple[int, ...], tuple[float, Float64]] = {}
+    for prior in priors:
         for cycles, loss, C in zip(*_fitted(rows, prior, step, W), strict=True):
             key = tuple(cycles.tolist())
             if key not in fits or loss < fits[key][0]:
-                fits[key] = (float(loss), number, C)
+                fits[key] = (float(loss), C)
     order = sorted(fits, key=lambda key: fits[key][0])
-    loss, number, C = fits[order[0]]
+    loss, C = fits[order[0]]
     second = fits[order[1]][0] if len(order) > 1 else math.inf
     largest = 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - _SHARE_REFUSED))  # chi-square's quantile
     reason = ""
@@ -103,11 +103,11 @@ def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.
     elif second < max(largest, ratio * loss):
         reason = f"several sets of whole cycles fit: losses {loss:.3g} and {second:.3g}, bound {largest:.3g}"
     cycles = np.array(order[0], np.int64)
-    return Found(not reason, reason, loss <= largest, C, cycles, loss, second / max(loss, 1e-12), number)
+    return Found(not reason, reason, loss <= largest, C, cycles, loss, second / max(loss, 1e-12))
 
 
 def _nothing(reason: str) -> Found:
-    return Found(False, reason, False, np.eye(3), np.zeros(0, np.int64), math.inf, math.nan, 0)
+    return Found(False, reason, False, np.eye(3), np.zeros(0, np.int64), math.inf, math.nan)
 
 
 def _less_clocks(rows: DifferenceRows) -> DifferenceRows:
@@ -149,6 +149,8 @@ def _node_count(prior: Prior, step: float) -> int:
 
 def _fitted(rows: DifferenceRows, prior: Prior, step: float, W: Float64) -> tuple[Int64, Float64, Float64]:
     """Return the distinct sets of whole cycles near a prior (k, R), their losses (k,) and attitudes (k, 3, 3)."""
+    if prior.wound_m is not None:
+        rows = replace(rows, value_m=rows.value_m - prior.wound_m)
     tilts, turns = _axes(prior, step)
     pairs = np.array(list(itertools.product(tilts, tilts)))
     level = np.stack([rotation_matrix([north, east, 0.0]) for north, east in pairs])

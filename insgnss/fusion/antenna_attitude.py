@@ -33,7 +33,7 @@ from insgnss.fusion.antenna_rows import (
     whitened,
     without_clocks,
 )
-from insgnss.fusion.antenna_seeding import level_axes, priors_of, seeded
+from insgnss.fusion.antenna_seeding import level_axes, priors_of, seeded, wound_up
 from insgnss.fusion.antenna_visibility import hidden_reasons
 from insgnss.fusion.epoch_update import close_loop
 from insgnss.fusion.parameters import Parameters
@@ -135,7 +135,7 @@ class AttitudeAid:
             found = self._search(bank, d, l_b, t_ns)
             if found is None:
                 return bank, 0
-            bank = seeded(bank, found.prior, found.C_nb, level_axes(m.r_e), par.lever_b, w_eb_b)
+            bank = seeded(bank, found.C_nb, level_axes(m.r_e), par.lever_b, w_eb_b)
         lead = bank.head[0].leader
         return bank, self._update(bank.state[lead], bank.P[lead], d, l_b, t_ns, self._spread(bank), par)
 
@@ -178,6 +178,7 @@ class AttitudeAid:
     def _search(self, bank: Bank, d: Differences, l_b: Float64, t_ns: int) -> Found | None:
         """Look for the whole cycles of all differences at once; return them when they are certain."""
         priors, C_ne = priors_of(bank, anywhere=self._is_lost)
+        priors = wound_up(priors, d, self.data.antennas, C_ne)
         rows = DifferenceRows(l_b, d.u_e @ C_ne.T, d.value_m, d.wavelength_m, d.white + d.slow, d.clock)
         found = find_cycles(rows, priors, self.data.ratio)
         if not found.is_valid:
@@ -219,13 +220,13 @@ class AttitudeAid:
         count = len(antennas.names)
         if count > _MOST_PERMUTED:
             return
-        priors, _ = priors_of(bank, anywhere=True)
+        anywhere, C_ne = priors_of(bank, anywhere=True)
         for order in itertools.islice(itertools.permutations(range(count)), 1, None):
             other = antennas.reordered(order)
             swapped = DifferenceRows(
                 baselines(d, other), rows.u_n, rows.value_m, rows.wavelength_m, rows.covariance, rows.clock
             )
-            if find_cycles(swapped, priors, self.data.ratio).is_valid:
+            if find_cycles(swapped, wound_up(anywhere, d, other, C_ne), self.data.ratio).is_valid:
                 logs = ", ".join(
                     f"the log of '{mine}' fits the place of '{theirs}'"
                     for mine, theirs in zip(antennas.names, other.names, strict=True)

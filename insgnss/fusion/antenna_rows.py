@@ -176,12 +176,16 @@ def predicted(d: Differences, l_b: Float64, C_eb: Float64, antennas: Antennas) -
     Equation: -u^T C_eb l, and the wind-up of antennas that are tilted against each other.
     """
     value = -np.sum(d.u_e * (l_b @ C_eb.T), axis=1)
-    if antennas.winds_up:
-        turned = wind_up_differences(antennas.C_ba, C_eb, d.u_e)  # (M - 1, R): against the first antenna
-        turned = np.vstack([np.zeros((1, len(d.b))), turned])
-        every = np.arange(len(d.b))
-        value = value - (turned[d.b, every] - turned[d.a, every]) * d.wavelength_m / (2.0 * np.pi)
-    return np.asarray(value)
+    return np.asarray(value + wind_up(d, C_eb, antennas) if antennas.winds_up else value)
+
+
+def wind_up(d: Differences, C_eb: Float64, antennas: Antennas) -> Float64:
+    """Return what the tilt of the antennas against each other adds to the differences, (R,) [m]."""
+    turned = wind_up_differences(antennas.C_ba, C_eb, d.u_e)  # (M - 1, R): against the first antenna
+    turned = np.vstack([np.zeros((1, len(d.b))), turned])
+    every = np.arange(len(d.b))
+    # received phase grows towards the satellite, differences as ranges do
+    return np.asarray((turned[d.a, every] - turned[d.b, every]) * d.wavelength_m / (2.0 * np.pi))
 
 
 def attitude_rows(d: Differences, l_b: Float64, C_eb: Float64) -> Float64:

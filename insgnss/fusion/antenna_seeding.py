@@ -9,6 +9,7 @@ import numpy as np
 
 from insgnss.attitude.cycle_search import Prior
 from insgnss.attitude.small_rotation import rotation_matrix
+from insgnss.fusion.antenna_rows import Antennas, Differences, wind_up
 from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, select_members
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -19,6 +20,7 @@ _LEVEL_FLOOR_RAD: Final = math.radians(0.3)  # what levelling may be wrong by be
 _REACH_SIGMAS: Final = 4.0  # of a heading that one filter has
 _BANK_SIGMAS: Final = 2.5  # of one of several: neighbours stand two apart
 _REACH_FLOOR_RAD: Final = math.radians(3.0)
+_PIECE_RAD: Final = math.radians(5.0)
 _AGREES_SIGMAS: Final = 3.0
 _NARROW_RAD: Final = math.radians(10.0)  # of so many sigmas: the update is linear enough
 
@@ -42,6 +44,23 @@ def priors_of(bank: Bank, *, anywhere: bool = False) -> tuple[list[Prior], Float
     return priors[:1] if anywhere else priors, C_ne
 
 
+def wound_up(priors: list[Prior], d: Differences, antennas: Antennas, C_ne: Float64) -> list[Prior]:
+    """Return the priors with the wind-up of tilted antennas, in pieces of headings over which it hardly changes.
+
+    Neglects: its change over half a piece, 1 mm where antennas are tilted by 25 deg.
+    """
+    if not antennas.winds_up:
+        return priors
+    pieces = []
+    for prior in priors:
+        count = math.ceil(prior.reach / _PIECE_RAD)
+        half = prior.reach / count
+        for k in range(count):
+            C_nb = rotation_matrix([0.0, 0.0, (2 * k + 1 - count) * half]) @ prior.C_nb
+            pieces.append(Prior(C_nb, prior.sd_level, half, wind_up(d, C_ne.T @ C_nb, antennas)))
+    return pieces
+
+
 def level_axes(r_e: Float64) -> Float64:
     """Return C_ne (3, 3) at a place."""
     lat, lon, _ = ecef_to_geodetic(r_e)
@@ -50,8 +69,8 @@ def level_axes(r_e: Float64) -> Float64:
     return C_ne
 
 
-def seeded(bank: Bank, member: int, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: Float64) -> Bank:
-    """Return one hypothesis alone, turned about the vertical to the heading of ``C_nb``.
+def seeded(bank: Bank, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: Float64) -> Bank:
+    """Return the hypothesis nearest in heading alone, turned about the vertical to the heading of ``C_nb``.
 
     It is the main antenna's position and velocity that were measured: they stay, and the IMU's turn about them. What
     the hypothesis knows of tilt stays as it is in the level frame, so the body's axes of the biases turn under it:
@@ -64,10 +83,11 @@ def seeded(bank: Bank, member: int, C_nb: Float64, C_ne: Float64, lever_b: Float
     lever_b : (3,) IMU to main antenna [m]
     w_eb_b : (3,) rate of the body [rad/s]
     """
-    one = select_members(bank, np.array([member], np.int64))
+    turns = [math.remainder(_heading(C_nb) - _heading(C_ne @ m.C_eb), 2.0 * math.pi) for m in bank.state]
+    member = int(np.argmin(np.abs(turns)))
+    one, turn = select_members(bank, np.array([member], np.int64)), turns[member]
     m, P = one.state[0], one.P[0]
     old = C_ne @ m.C_eb
-    turn = math.remainder(_heading(C_nb) - _heading(old), 2.0 * math.pi)
     down = C_ne[2]
     variance = float(down @ P[PSI : PSI + 3, PSI : PSI + 3] @ down)
     if len(bank.state) == 1 and turn**2 < _AGREES_SIGMAS**2 * variance < _NARROW_RAD**2:
