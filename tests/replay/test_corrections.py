@@ -1,9 +1,7 @@
-"""Clocks, ionosphere, base station and slow faults over whole simulated flights: an aircraft over the airfield."""
+"""Ionosphere, troposphere, base station and slow faults over whole simulated flights: an aircraft over the airfield."""
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,29 +11,32 @@ import numpy as np
 import pytest
 
 import insgnss
-from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import Base
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.corrected_rows import corrected_rows
 from insgnss.errors import NavigationDataError
 from insgnss.gnss.ionosphere_rows import ionosphere_rows
 from insgnss.gnss.satellite_state import satellite_states
-from insgnss.library import filter_config
 from insgnss.replay import setup_filter
-from insgnss.run import Run
-from insgnss.simulation.atmosphere import Atmosphere, broadcast_atmosphere, vacuum
+from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.faults import range_ramp
 from insgnss.simulation.journeys import AIRFIELD, static
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.tables import Float64, GnssTable, NavigationData
+from tests.replay.corrected_flights import (
+    SETTLED_S,
+    replayed,
+    settings,
+    statuses,
+    two_clocks,
+    under,
+)
 from tests.replay.scenes import (
-    START_NS,
     START_S,
     FlightInMemory,
     after,
     assert_honest,
-    assert_sound,
     flight,
     paper_sky,
     position_error_m,
@@ -43,150 +44,6 @@ from tests.replay.scenes import (
     turns,
     with_faults,
 )
-
-SETTLED_S = 15.0
-SECOND = ("G02", "G10", "G16", "G20", "G31")  # play another constellation: spread around, six stay
-
-
-def settings(**measurements: Any) -> FilterConfig:
-    """Return the library's filter with other measurements."""
-    config = filter_config("tight17")
-    use = config.measurements.model_copy(update=measurements)
-    return config.model_copy(update={"measurements": use})
-
-
-def under(base: Simulator, air: Atmosphere, **changes: Any) -> Simulator:
-    """Return the same flight under another atmosphere, or with another receiver at the same tags."""
-    other = copy.copy(base)
-    receiver = replace(base.scenario.receiver, atmosphere=air, **changes)
-    other.scenario = replace(base.scenario, receiver=receiver)
-    return other
-
-
-def seconds_of(gnss: GnssTable) -> Float64:
-    return np.asarray((gnss.t_ns - START_NS) / NS_PER_S)
-
-
-def statuses(
-    run: Run, letter: str, from_s: float = 0.0, to_s: float = np.inf, kind: str = "pseudorange"
-) -> Mapping[str, int]:
-    """Return how often each status stands in the ledger of a constellation."""
-    rows = run.measurements
-    t = rows["time_s"] - START_S
-    mine = (
-        rows["sv"].astype(str).str.startswith(letter)
-        & (rows["kind"] == kind)
-        & (t >= from_s - 1e-6)
-        & (t < to_s - 1e-6)
-    )
-    return dict(rows.loc[mine, "status"].astype(str).value_counts())
-
-
-def replayed(flown: FlightInMemory, config: FilterConfig) -> Run:
-    run = insgnss.replay(flown, config)
-    assert_sound(run, flown)
-    return run
-
-
-# ------------------------------------------------------------------------------------------------ clocks
-
-
-@cache
-def two_systems(letter: str = "E") -> tuple[Simulator, SimulatedLog]:
-    """Return a flight without ionosphere whose log carries its satellites' states, five of another constellation."""
-    base = under(turns(), broadcast_atmosphere(None))
-    log = base.draw(np.random.default_rng(3))
-    states = satellite_states(log.gnss, log.navigation)
-    sat = np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps])
-    names = tuple(letter + n[1:] if n in SECOND else n for n in log.gnss.sv_names)
-    rate = -log.gnss.doppler_hz * C_MPS / 1575.42e6
-    none = np.full(len(rate), np.nan)
-    gnss = replace(log.gnss, sv_names=names, sat=sat, range_rate_mps=rate, doppler_hz=none)
-    return base, replace(log, gnss=gnss)
-
-
-def of_second(gnss: GnssTable) -> np.ndarray:
-    return np.array([name[0] != "G" for name in gnss.sv_names])[gnss.sv]
-
-
-def two_clocks(
-    offset_m: float | Float64, keep: np.ndarray | None = None, letter: str = "E"
-) -> FlightInMemory:
-    """Return the flight with an offset of the second constellation's clock, and only the rows to keep."""
-    base, log = two_systems(letter)
-    gnss = replace(
-        log.gnss, pseudorange_m=log.gnss.pseudorange_m + np.where(of_second(log.gnss), offset_m, 0.0)
-    )
-    return flight(base, log, gnss=gnss if keep is None else gnss.take(np.flatnonzero(keep)))
-
-
-@pytest.mark.parametrize("offset_m", [40.0, -700.0])
-def test_constellation_of_the_middle_third_comes_and_goes_with_its_offset_found(offset_m: float) -> None:
-    _, log = two_systems()
-    t = seconds_of(log.gnss)
-    run = replayed(
-        two_clocks(offset_m, ~of_second(log.gnss) | ((t >= 40.0) & (t < 80.0))), settings(ionosphere="none")
-    )
-    assert_honest(run, 0.0)
-    assert position_error_m(after(run, SETTLED_S)).max() < 3.0
-    assert set(statuses(run, "E")) == {"used"} and set(statuses(run, "G", 40.0)) == {"used"}
-    found = run.nav[run.nav["time_s"] > START_S + 45.0]["offset_E_m"]
-    assert len(found) and np.abs(found - offset_m).max() < 2.0
-
-
-def test_outage_of_gps_is_flown_through_with_galileo_alone() -> None:
-    _, log = two_systems()
-    t = seconds_of(log.gnss)
-    run = replayed(
-        two_clocks(40.0, of_second(log.gnss) | (t < 50.0) | (t >= 110.0)), settings(ionosphere="none")
-    )
-    assert_honest(run, 0.0)
-    during = run.nav[run.nav["time_s"].between(START_S + 51.0, START_S + 109.0)]
-    assert (during["n_used"] >= 4).all()
-    assert position_error_m(after(run, SETTLED_S)).max() < 5.0
-    assert set(statuses(run, "G", 110.0)) == {"used"}
-
-
-def test_start_with_galileo_alone_takes_gps_in_when_it_comes() -> None:
-    _, log = two_systems()
-    t = seconds_of(log.gnss)
-    run = replayed(two_clocks(40.0, of_second(log.gnss) | (t >= 30.0)), settings(ionosphere="none"))
-    assert run.nav["time_s"].iloc[0] < START_S + 15.0
-    assert_honest(run, 0.0)
-    assert position_error_m(after(run, 40.0)).max() < 3.0
-    assert statuses(run, "G", 35.0) == {"used": statuses(run, "G", 35.0)["used"]}
-
-
-def test_constellations_whose_clocks_are_swapped_in_flight_are_told_and_survived() -> None:
-    """The offset turns its sign at 60 s: no constant offset fits any more, and one constellation must give way."""
-    _, log = two_systems()
-    t = seconds_of(log.gnss)
-    run = replayed(two_clocks(np.where(t < 60.0, 150.0, -150.0)), settings(ionosphere="none"))
-    told = set(run.events["kind"]) & {"clock_jump", "reset", "restart", "lockout"}
-    refused = set(statuses(run, "E", 60.0)) | set(statuses(run, "G", 60.0))
-    assert told or refused & {"gated", "inconsistent", "drifting"}
-    assert_honest(run, 0.0)
-    assert position_error_m(after(run, SETTLED_S)).max() < 10.0
-
-
-def test_delay_that_grows_with_the_glonass_channel_is_estimated() -> None:
-    """0.8 m per channel over channels of -7 to 6: without the state 5 m are left in single ranges."""
-    base, log = two_systems("R")
-    channels = dict(zip(("R02", "R10", "R16", "R20", "R31"), (-7, 6, -4, 3, 1), strict=True))
-    of_row = np.array([channels.get(name, 0) for name in log.gnss.sv_names])[log.gnss.sv]
-    gnss = replace(log.gnss, pseudorange_m=log.gnss.pseudorange_m + 0.8 * of_row, glonass_channels=channels)
-    flown = flight(base, log, gnss=gnss)
-    with_state, without = (
-        replayed(flown, settings(ionosphere="none", glonass_channel_bias=on, variance_scale={}))
-        for on in (True, False)
-    )
-    assert with_state.nav["glonass_bias_m_per_channel"].iloc[-1] == pytest.approx(0.8, abs=0.15)
-    assert "glonass_bias_m_per_channel" not in without.nav
-    errors = [np.sqrt(np.mean(position_error_m(after(run, 30.0)) ** 2)) for run in (with_state, without)]
-    assert errors[0] < 0.8 * errors[1]
-
-
-# ------------------------------------------------------------------------------------------------ air
 
 
 def test_residual_zenith_delay_is_estimated() -> None:
