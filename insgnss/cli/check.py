@@ -11,8 +11,6 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import print_json
-from insgnss.doctor import examine, write_corrected
-from insgnss.log.flight import Flight
 
 _FAILED = 3  # the exit code of an input error, as when replay meets it
 
@@ -30,8 +28,16 @@ def check(
     ] = None,
 ) -> None:
     """Read all logs of a flight, hold them against each other, and propose what the flight file should declare."""
-    began = time.perf_counter()
     with own_errors_told():
+        # pandas and the compiled code are loaded only once the options are known to be right
+        from insgnss.doctor import examine, write_corrected
+        from insgnss.gnss.point_log import solve_epochs
+        from insgnss.jit import is_compiled
+        from insgnss.log.flight import Flight
+
+        if not as_json and not is_compiled(solve_epochs):
+            typer.echo("first run of this installation: the compiler takes half a minute", err=True)
+        began = time.perf_counter()
         loaded = Flight.load(flight)
         report = examine(loaded)
         written = write_corrected(loaded, report.proposals, write) if write and report.proposals else None
