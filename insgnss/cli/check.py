@@ -12,8 +12,6 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.progress import telling
-from insgnss.doctor import examine, write_corrected
-from insgnss.log.flight import Flight
 
 _FAILED = 3  # the exit code of an input error, as when replay meets it
 
@@ -29,10 +27,17 @@ def check(
     ] = None,
 ) -> None:
     """Read all logs of a flight, hold them against each other, and propose what the flight file should declare."""
-    began = time.perf_counter()
     with own_errors_told():
+        # pandas and the compiled code are loaded only once the options are known to be right
+        from insgnss.doctor import examine, write_corrected
+        from insgnss.gnss.point_log import solve_epochs
+        from insgnss.jit import is_compiled
+        from insgnss.log.flight import Flight
+
+        first = "" if is_compiled(solve_epochs) else " (the first time this compiles the point solution)"
+        began = time.perf_counter()
         loaded = Flight.load(flight)
-        with telling("reading and checking"):
+        with telling(f"reading and checking{first}"):
             report = examine(loaded)
         written = write_corrected(loaded, report.proposals, write) if write and report.proposals else None
     files = loaded.files()

@@ -86,7 +86,7 @@ def test_check_writes_a_corrected_file_only_when_asked_to(short: Log, tmp_path: 
 
     told = CliRunner().invoke(app, ["check", str(path), "--json"])
     assert told.exit_code == 3 and not corrected.exists()
-    about = json.loads(told.output)
+    about = json.loads(told.stdout)
     assert [proposal["key"] for proposal in about["proposals"]] == ["imu.time.offset_s"]
     assert about["written"] is None
 
