@@ -306,3 +306,22 @@ def test_places_of_a_vehicle_file_give_the_same_bits(tmp_path: Path, at_rest: Ru
     run = insgnss.replay(path)
 
     assert run.nav.equals(at_rest.nav)
+
+
+def test_mounting_of_a_vehicle_file_is_taken_where_the_flight_says_nothing(tmp_path: Path) -> None:
+    tilted = "mounting_rpy_deg = [0.0, 0.0, 40.0]"
+    path = write_flight(
+        tmp_path, scenario_text(further=tilted), keys='vehicle = "mine.toml"\nmain_antenna = "main"\n'
+    )
+    path.write_text(path.read_text(encoding="utf-8").replace(tilted, ""), encoding="utf-8")
+    tables = [
+        f'[[antenna]]\nname = "{name}"\nlever_arm_m = {list(lever)}\n{tilted}\n' for name, lever in TRIANGLE
+    ]
+    main = '[[antenna]]\nname = "main"\nlever_arm_m = [0.4, 0.1, -1.3]\n'
+    (path.parent / "mine.toml").write_text(main + "".join(tables), encoding="utf-8")
+
+    run = insgnss.replay(path)
+
+    # taken as level, 40 deg of wind-up would keep every set of whole cycles from fitting
+    assert differences(run)["used"] > 500
+    assert np.abs(normalised(run)[-1]).max() < 3.3
