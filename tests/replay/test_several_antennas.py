@@ -353,7 +353,7 @@ def test_check_reports_a_missing_log_of_an_antenna_and_goes_on(tmp_path: Path) -
 
     assert result.exit_code == 3
     assert any(
-        line.startswith("error   attitude") and "gnss_ahead.csv" in line
+        line.startswith("ERROR   attitude") and "gnss_ahead.csv" in line
         for line in result.output.splitlines()
     )
     assert "antenna right: phases of 11" in result.output
