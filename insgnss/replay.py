@@ -73,7 +73,8 @@ def engine_settings(
 ) -> FilterSetup:
     """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
 
-    The inertial and GNSS logs are not opened: they are what the engine will be fed.
+    The inertial and GNSS logs are not opened: they are what the engine will be fed. Of several antennas ([attitude])
+    the engine takes the main one alone.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ import pandas as pd
 
 from insgnss.antenna.equipment import installation, limits_of, mounting
 from insgnss.attitude.observability import angle_lost, is_collinear
-from insgnss.attitude.vehicle import array_of_flight
+from insgnss.attitude.vehicle import array_of_flight, mounted_antennas
 from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InputError
 from insgnss.fusion.antenna_attitude import AttitudeAid
@@ -78,8 +78,7 @@ def antenna_data(
     told = None if setup.navigation is None else broadcast_messages(setup.navigation)
     phases = antenna_phases([(logs.gnss, rows), *tables], glonass_channels(logs.gnss, told))
     _require_common_epochs(phases, flight)
-    main = gnss.antenna[:1] or (MountedAntenna(pattern="isotropic"),)
-    mounted = (*main, *attitude.antenna)
+    mounted = mounted_antennas(attitude, gnss, folder)
     antennas = Antennas(
         names=array.names,
         lever_b=array.positions_b,

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from insgnss.attitude.baselines import AntennaArray
-from insgnss.config.flight import Attitude, Gnss, Vector3
-from insgnss.config.vehicle import Vehicle
+from insgnss.config.flight import Attitude, Gnss, MountedAntenna, Vector3
+from insgnss.config.vehicle import Vehicle, VehicleAntenna
 from insgnss.errors import ConfigError
 from insgnss.library import vehicle as vehicle_of
 
+_MOUNTING = {"pattern", "mounting_rpy_deg", "mounting_matrix", "obstruction"}
 MAIN = "main"  # name of the antenna of [gnss] where nobody gives it one
 
 
@@ -68,6 +69,27 @@ def array_of_flight(attitude: Attitude, gnss: Gnss, folder: Path) -> AntennaArra
                 advice="give lever_arm_m in body axes, or attitude.vehicle",
             )
     return AntennaArray(np.array(places), (main, *(antenna.name for antenna in attitude.antenna)))
+
+
+def mounted_antennas(attitude: Attitude, gnss: Gnss, folder: Path) -> tuple[MountedAntenna, ...]:
+    """Return how each antenna of a flight is mounted and what it sees, that of [gnss] first.
+
+    What the flight file says of an antenna counts before the vehicle's file; an antenna that nothing is said of is
+    level and sees everything.
+
+    Raises
+    ------
+    ConfigError, ModelError : the vehicle cannot be found, or lacks an antenna
+    """
+    own: dict[str, VehicleAntenna] = {}
+    if attitude.vehicle is not None:
+        own = {antenna.name: antenna for antenna in vehicle_of(attitude.vehicle, (folder,)).antenna}
+    main = own.get(attitude.main_antenna or MAIN, MountedAntenna(pattern="isotropic"))
+    found: list[MountedAntenna] = [gnss.antenna[0] if gnss.antenna else main]
+    for antenna in attitude.antenna:
+        is_told = bool(antenna.model_fields_set & _MOUNTING)
+        found.append(antenna if is_told else own.get(antenna.name, antenna))
+    return tuple(found)
 
 
 def position_of(positions: dict[str, Vector3], name: str, key: str) -> Vector3:

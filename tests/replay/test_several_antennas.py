@@ -306,3 +306,54 @@ def test_places_of_a_vehicle_file_give_the_same_bits(tmp_path: Path, at_rest: Ru
     run = insgnss.replay(path)
 
     assert run.nav.equals(at_rest.nav)
+
+
+def test_mounting_of_a_vehicle_file_is_taken_where_the_flight_says_nothing(tmp_path: Path) -> None:
+    tilted = "mounting_rpy_deg = [0.0, 0.0, 40.0]"
+    path = write_flight(
+        tmp_path, scenario_text(further=tilted), keys='vehicle = "mine.toml"\nmain_antenna = "main"\n'
+    )
+    path.write_text(path.read_text(encoding="utf-8").replace(tilted, ""), encoding="utf-8")
+    tables = [
+        f'[[antenna]]\nname = "{name}"\nlever_arm_m = {list(lever)}\n{tilted}\n' for name, lever in TRIANGLE
+    ]
+    main = '[[antenna]]\nname = "main"\nlever_arm_m = [0.4, 0.1, -1.3]\n'
+    (path.parent / "mine.toml").write_text(main + "".join(tables), encoding="utf-8")
+
+    run = insgnss.replay(path)
+
+    # taken as level, 40 deg of wind-up would keep every set of whole cycles from fitting
+    assert differences(run)["used"] > 500
+    assert np.abs(normalised(run)[-1]).max() < 3.3
+
+
+@pytest.mark.parametrize("clocks", ["common", "separate"])
+def test_slips_on_two_carriers_flagged_or_not_leave_the_filter_consistent(
+    tmp_path: Path, clocks: str
+) -> None:
+    # a slip on each carrier every two minutes, one in ten unnoticed by the receiver
+    told = '[gnss]\nsignals = ["C1C", "C5Q"]\nslips_per_hour = 30.0\n'
+    text = scenario_text(clocks=clocks, clock_bias_m=250_000.0, manoeuvres=SLALOM, speed_mps=60.0)
+
+    run = fly(tmp_path, text.replace("[gnss]\n", told), seed=5)
+
+    counts = differences(run)
+    assert counts["cycles_wrong"] == len(events(run, "attitude_cycles_wrong")) >= 1
+    assert len(events(run, "attitude_slip")) > 10
+    assert counts["used"] > 0.85 * sum(counts.values())
+    assert run.nis_summary().loc[KIND, "mean_nis"] == pytest.approx(1.0, abs=0.1)
+    assert np.sqrt(np.mean(normalised(run, from_s=150_012.0) ** 2)) == pytest.approx(1.0, abs=0.5)
+
+
+def test_check_reports_a_missing_log_of_an_antenna_and_goes_on(tmp_path: Path) -> None:
+    path = write_flight(tmp_path, scenario_text())
+    (path.parent / "gnss_ahead.csv").unlink()
+
+    result = CliRunner().invoke(app, ["check", str(path)])
+
+    assert result.exit_code == 3
+    assert any(
+        line.startswith("ERROR   attitude") and "gnss_ahead.csv" in line
+        for line in result.output.splitlines()
+    )
+    assert "antenna right: phases of 11" in result.output
