@@ -98,6 +98,14 @@ def _import_without_blas() -> None:
 
 _import_without_blas()
 _PROCESS = uuid.uuid4().hex[:12]
+# A module run without the package's face, whose imports (tables, files, settings) a compiler can do without
+_RUN_MODULE: Final = """
+import runpy, sys, types
+face = types.ModuleType("insgnss")
+face.__path__ = [sys.argv.pop(1)]
+sys.modules["insgnss"] = face
+runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)
+"""
 
 
 def _compiled(function: _F, **options: Any) -> _F:
@@ -164,7 +172,7 @@ def inlined(function: _F) -> _F:
 def compiled_beside(
     function: Callable[..., Any], module: str, *arguments: str
 ) -> Iterator[Callable[[], None]]:
-    """Run ``python -m module arguments`` beside this process where that saves time; yield how to wait for its end.
+    """Run a module of the package beside this process where that saves time; yield how to wait for its end.
 
     The module calls the kernel ``function`` with arguments of the right types, so that its machine code is in the cache
     when it is needed here. Nothing is started where the cache has the kernel or cannot be written, nor on one core. If
@@ -208,11 +216,11 @@ def _cores() -> int:
 
 
 def _start(module: str, *arguments: str) -> subprocess.Popen[bytes] | None:
-    """Start ``python -m module`` with this process's search path, silent, listening for our end; None if we may not."""
+    """Start a module of the package with this process's search path, silent, listening for our end, if we may."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
     try:
         return subprocess.Popen(
-            [sys.executable, "-P", "-m", module, *arguments],
+            [sys.executable, "-P", "-c", _RUN_MODULE, str(Path(__file__).parent), module, *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -226,6 +234,21 @@ def _wait(process: subprocess.Popen[bytes] | None) -> None:
     if process is not None:
         with suppress(subprocess.TimeoutExpired):
             process.wait(_LONGEST_COMPILATION_S)
+
+
+@contextmanager
+def only_linked() -> Iterator[None]:
+    """Compile a kernel that does little but call others, for a process of its own, hardly optimising it again.
+
+    Numba optimises all that a kernel calls once more with it. What has been optimised stays so; the kernel's own lines
+    run slower, which does not matter where they run once an epoch. (Without any optimising Numba does not cache.)
+    """
+    level = numba.config.OPT
+    numba.config.OPT = type(level)(1)
+    try:
+        yield
+    finally:
+        numba.config.OPT = level
 
 
 def end_with_parent() -> None:

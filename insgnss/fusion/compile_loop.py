@@ -1,4 +1,4 @@
-"""Compiles the filter's loop into the cache, in a process of its own: ``python -m insgnss.fusion.compile_loop``.
+"""Compiles the filter's loop into the cache, in a process of its own.
 
 ``replay`` starts it where the cache is empty (``insgnss.jit.compiled_beside``). The kernels are called with the types
 that a log gives them, on no epochs; the update of an epoch, half of the work, is compiled in one more process. What
@@ -26,7 +26,7 @@ from insgnss.fusion.prediction import Imu, predict_covariance
 from insgnss.fusion.state import Bank, Layout, new_bank
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
-from insgnss.jit import compiled_beside, end_with_parent, is_compiled
+from insgnss.jit import compiled_beside, end_with_parent, is_compiled, only_linked
 
 MODULE = "insgnss.fusion.compile_loop"
 UPDATE_ONLY = "update"
@@ -76,10 +76,8 @@ def compile_update() -> None:
     write_row(a.bank, a.bank, 0, 0, 0, a.out, a.work)  # the other process needs it late
     mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, a.work.masking)
     refuse_inconsistent(P, lines, 1.0, 0)
-    follow_innovations(memory, lines, observation, 0, vector, par)
     adapt_noise(m, P, par, lines, vector, 0, 0.0)
     gate_between(P, lines, s.vectors, 1.0)
-    common_step(lines, 0, vector, 1.0, 1.0)
     gate_rows(lines, 0, 1.0)
     use_rows(P, lines, s.vectors, 0, 1.0, 1.0)
     refuse_reflections(m, lines, observation, 0, par)
@@ -89,9 +87,12 @@ def compile_update() -> None:
 
 
 def compile_prediction() -> None:
-    """Compile what lies between epochs, and the rows of an epoch."""
+    """Compile what lies between epochs, the rows of an epoch, and first what the other process will fetch."""
     a = arguments()
-    par = a.parameters[0]
+    par, s = a.parameters[0], a.work.epoch
+    lines, vector = s.lines[:0], s.vectors[0]
+    follow_innovations(a.bank.memory[0], lines, a.rows.observation[:0], 0, vector, par)
+    common_step(lines, 0, vector, 1.0, 1.0)
     predict_covariance(a.bank.state[0], a.bank.P[0], par, a.work.scratch)
     observe(a.bank.state[0], a.bank.P[0], par, a.rows, 0, a.imu.w_ib_b[0], a.imu.f_b[0], a.work.epoch)
     advance(a.bank, 0, a.imu, par, a.out, a.work)
@@ -99,11 +100,21 @@ def compile_prediction() -> None:
 
 def compile_loop() -> None:
     """Compile the whole loop, its prediction first, or fetch it from the cache."""
-    a = arguments()
     if not is_compiled(run_epochs):
-        with compiled_beside(update_epoch, MODULE, UPDATE_ONLY) as update_is_there:
-            compile_prediction()
-            update_is_there()
+        compile_parts()
+    call_loop()
+
+
+def compile_parts() -> None:
+    """Compile what the loop calls: the update of an epoch in one more process, the rest in this one."""
+    with compiled_beside(update_epoch, MODULE, UPDATE_ONLY) as update_is_there:
+        compile_prediction()
+        update_is_there()
+
+
+def call_loop() -> None:
+    """Call the loop on no epochs."""
+    a = arguments()
     run_epochs(a.bank, 0, 0, a.rows, a.imu, a.parameters, 0.0, a.out, a.work)
 
 
@@ -112,8 +123,10 @@ def main() -> None:
     end_with_parent()
     if sys.argv[1:] == [UPDATE_ONLY]:
         compile_update()
-    else:
-        compile_loop()
+        return
+    compile_parts()
+    with only_linked():
+        call_loop()
 
 
 if __name__ == "__main__":
