@@ -27,7 +27,6 @@ KINDS = {
     "oscillators": "oscillator",
     "filters": "filter",
     "antennas": "antenna pattern",
-    "simulations": "simulation scenario",
     "scenarios": "scenario",
     "campaigns": "campaign",
     "vehicles": "vehicle",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -91,7 +92,7 @@ class Simulation:
 def simulate(
     scenario: str | Path, seed: int = 1, *, noise: bool = True, duration_s: float | None = None
 ) -> Simulation:
-    """Return one realisation of a scenario: a file (a path ending in .toml) or a name in ``models/simulations``.
+    """Return one realisation of a scenario: a file (a path ending in .toml) or a name in ``models/scenarios``.
 
     The same scenario and seed give the same numbers.
 
@@ -106,7 +107,7 @@ def simulate(
     ConfigError, ModelError : the file is wrong: unknown key or manoeuvre, impossible turn, negative noise; with line
     InputError and its kin : a file that the scenario names is missing or wrong
     """
-    path = Path(scenario) if str(scenario).endswith(".toml") else find("simulations", str(scenario))
+    path = Path(scenario) if str(scenario).endswith(".toml") else _in_library(str(scenario))
     config = load_toml(path, SimulationConfig)
     if duration_s is not None and not duration_s > 0.0:
         raise ConfigError(
@@ -127,6 +128,18 @@ def simulate(
         raise error from None
     log = Simulator(made).draw(np.random.default_rng(seed) if noise else None)
     return Simulation(config, folder, made, log)
+
+
+def _in_library(name: str) -> Path:
+    """Return the library's scenario of this name, if it is one to fly and not that of a study."""
+    path = find("scenarios", name)
+    if not {"manoeuvre", "follow"} & tomllib.loads(path.read_text(encoding="utf-8")).keys():
+        raise ConfigError(
+            "the scenario of a study: it has no manoeuvres to simulate",
+            file=path,
+            advice=f"insgnss.studies.masking_study('{name}') flies it",
+        )
+    return path
 
 
 def _in_file(error: ConfigError, path: Path) -> ConfigError:

@@ -58,7 +58,7 @@ OUTAGES = Periodic(length_s=30.0, every_s=40.0)
 
 # %%
 keeper = tempfile.TemporaryDirectory()
-scenario = find("simulations", "turning_flight").read_text(encoding="utf-8")
+scenario = find("scenarios", "turning_flight").read_text(encoding="utf-8")
 flights: dict[tuple[str, int], Path] = {}
 for grade in GRADES:
     file = Path(keeper.name) / f"flight_{grade}.toml"

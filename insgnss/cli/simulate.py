@@ -14,9 +14,7 @@ from insgnss.cli.progress import telling
 
 
 def simulate(
-    scenario: Annotated[
-        str, typer.Argument(help="A scenario file (.toml), or a name in models/simulations.")
-    ],
+    scenario: Annotated[str, typer.Argument(help="A scenario file (.toml), or a name in models/scenarios.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the logs.")],
     seed: Annotated[
         int, typer.Option("--seed", help="Of the random numbers: the same gives the same files.")

@@ -133,6 +133,17 @@ class Flight:
         return {str(path): sha256(path) for path in self.files()}
 
 
+@dataclass(frozen=True)
+class FlightInMemory(Flight):
+    """A flight whose logs are at hand instead of in files: simulated, or read before."""
+
+    logs: FlightLogs
+
+    def read(self) -> FlightLogs:
+        """Return the logs."""
+        return self.logs
+
+
 def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
     """Return the settings with every path counted from the flight file's folder."""
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, Imu
-from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.replay import replay, setup_filter
 from insgnss.run import Run
 from insgnss.simulation.faults import outage
@@ -60,17 +60,6 @@ class CaseResult:
     channels: tuple[ChannelSpell, ...]
     errors: pd.DataFrame  # time_s error_m sd_m d_n_m d_e_m d_d_m, at the epochs
     measurements: pd.DataFrame  # the ledger, with ``lock``: the false lock behind a row, "" for a true one
-
-
-@dataclass(frozen=True)
-class _FlightInMemory(Flight):
-    """A flight whose logs are at hand instead of in files."""
-
-    logs: FlightLogs
-
-    def read(self) -> FlightLogs:
-        """Return the logs."""
-        return self.logs
 
 
 def fly(
@@ -136,7 +125,7 @@ def _log(drawn: FlightDraw, faults: Sequence[Fault], channels: SupervisedChannel
     return table_with_states(observations, drawn.paths, START_NS)
 
 
-def _flight_in_memory(flight: BankedFlight, drawn: FlightDraw, gnss: GnssTable) -> _FlightInMemory:
+def _flight_in_memory(flight: BankedFlight, drawn: FlightDraw, gnss: GnssTable) -> FlightInMemory:
     config = FlightConfig(
         name=flight.scenario.name,
         gps_week=GPS_WEEK,
@@ -157,7 +146,7 @@ def _flight_in_memory(flight: BankedFlight, drawn: FlightDraw, gnss: GnssTable) 
         events=[],
         input_hashes={},
     )
-    return _FlightInMemory(Path("flight.toml"), config, flight.grade, flight.oscillator, logs)
+    return FlightInMemory(Path("flight.toml"), config, flight.grade, flight.oscillator, logs)
 
 
 def _errors(run: Run) -> pd.DataFrame:

@@ -36,14 +36,13 @@ from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.library import filter_config, imu_grade, oscillator
-from insgnss.log.flight import FlightLogs
+from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
 from insgnss.simulation.observations import NoiseTerms, Receiver
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over
 from insgnss.status import USED
-from insgnss.studies.outage_runs import FlightWithLogs
 from insgnss.tables import Float64
 
 N_STATES: Final = OFFSETS
@@ -189,7 +188,7 @@ class MatchedFlight:
         return bank
 
 
-def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightWithLogs:
+def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightInMemory:
     """Return a drawn log as a flight with its truth for reference, to be replayed like one from files."""
     simulator, setup = flight.simulator, flight.setup
     config = FlightConfig(
@@ -200,7 +199,7 @@ def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightWithLogs
     )
     reference = reference_table(simulator.imu_motion, simulator.scenario.start_ns)
     logs = FlightLogs(log.imu, log.gnss, simulator.scenario.navigation, reference, [], {})
-    return FlightWithLogs(Path("flight.toml"), config, setup.grade, setup.oscillator, logs)
+    return FlightInMemory(Path("flight.toml"), config, setup.grade, setup.oscillator, logs)
 
 
 @lru_cache(maxsize=8)

@@ -28,7 +28,7 @@ from insgnss.fusion.whole_log import output_times, stretches
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.replay import setup_filter
 from insgnss.result_tables import nav_table
 from insgnss.studies.outage_windows import Removal, Window, switch_off, window_ns, without
@@ -190,21 +190,10 @@ def flight_without(flight: Flight, window: Window, removal: Removal) -> Flight:
     logs = flight.read()
     week_ns = int(week_seconds_to_ns(flight.config.gps_week, 0.0))
     kept = without(logs.gnss, removal.rows_of(logs.gnss), *window_ns(window, week_ns))
-    return FlightWithLogs(
+    return FlightInMemory(
         flight.path,
         flight.config,
         flight.imu_grade,
         flight.oscillator,
         replace(logs, gnss=logs.gnss.take(kept)),
     )
-
-
-@dataclass(frozen=True)
-class FlightWithLogs(Flight):
-    """A flight whose logs are at hand instead of in files."""
-
-    logs: FlightLogs
-
-    def read(self) -> FlightLogs:
-        """Return the logs."""
-        return self.logs

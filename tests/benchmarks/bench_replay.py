@@ -61,7 +61,14 @@ print(json.dumps([code, wall, used.ru_utime + used.ru_stime, used.ru_maxrss]))
 
 def command(flight: Path, output: Path, environment: Mapping[str, str] | None = None) -> Cost:
     """Return the cost of ``insgnss replay`` on a flight, processes that it starts included."""
-    arguments = [sys.executable, "-m", "insgnss.cli", "replay", str(flight), "--output", str(output)]
+    return process(
+        "-m", "insgnss.cli", "replay", str(flight), "--output", str(output), environment=environment
+    )
+
+
+def process(*options: str, environment: Mapping[str, str] | None = None) -> Cost:
+    """Return the cost of this Python with options, processes that it starts included."""
+    arguments = [sys.executable, *options]
     done = subprocess.run(
         [sys.executable, "-S", "-c", _LAUNCHER, *arguments],
         cwd=REPOSITORY,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import pandas as pd
 
 from insgnss.config.flight import FlightConfig, GivenStart, Gnss, Imu, ImuGrade, Oscillator
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.run import Run
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
@@ -108,17 +108,6 @@ def with_faults(base: Simulator, faults: Sequence[Fault] = (), clock: ClockStart
     faulty = copy.copy(base)
     faulty.scenario = replace(base.scenario, faults=tuple(faults), clock=clock or base.scenario.clock)
     return faulty
-
-
-@dataclass(frozen=True)
-class FlightInMemory(Flight):
-    """A flight whose logs are at hand instead of in files."""
-
-    logs: FlightLogs
-
-    def read(self) -> FlightLogs:
-        """Return the logs."""
-        return self.logs
 
 
 def flight(

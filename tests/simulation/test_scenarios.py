@@ -10,17 +10,20 @@ import pytest
 
 import insgnss
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.errors import ConfigError
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.range_model import path_delay
 from insgnss.gnss.satellite_state import satellite_states
 from insgnss.gnss.signals import ionosphere_factor
-from insgnss.library import names
+from insgnss.library import find, names
 from insgnss.simulate import Simulation, simulate
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.observations import antenna_motion
 from tests.inertial.strapdown import fly
 
-SCENARIOS = names("simulations")
+SCENARIOS = [
+    name for name in names("scenarios") if "[[manoeuvre]]" in find("scenarios", name).read_text("utf-8")
+]
 # The short form of each: long enough for its first manoeuvres, the rocket's for its burn
 SHORT_S = {"sounding_rocket": 100.0}
 
@@ -143,3 +146,8 @@ def test_scenario_simulates_and_replays(name: str, tmp_path: Path) -> None:
     # the filter knows nothing of multipath and wrong messages: metres, and half a metre per second, after a minute
     assert np.abs(last[["d_n_m", "d_e_m", "d_d_m"]].to_numpy(np.float64)).max() < 15.0
     assert np.abs(last[["d_vn_mps", "d_ve_mps", "d_vd_mps"]].to_numpy(np.float64)).max() < 0.5
+
+
+def test_scenario_of_a_study_says_who_flies_it() -> None:
+    with pytest.raises(ConfigError, match="masking_study"):
+        simulate("sokolov_2015")
