@@ -2,7 +2,7 @@
 
 | name    | keys of the case, with what they are when not given | rows |
 |---------|------------------------------------------------------|------|
-| matched | imu "tactical", oscillator "tcxo", duration_s 120, imu_rate_hz 100, noise_factor 1 | one an epoch looked at: NEES of each block, NIS, errors with their sigma |
+| matched | imu "tactical", oscillator "tcxo", duration_s 120, imu_rate_hz 100, noise_factor 1, scenario "" (one of models/scenarios) | one an epoch looked at: NEES of each block, NIS, errors with their sigma |
 | outage  | as matched but duration_s 400; length_s 30, every_s 60, satellites "", kinds "" (all; names parted by commas) | one a window: drift, error, sigma, time to come back |
 | masking | scenario "sokolov_2015", imu, oscillator (those of the scenario), fault_tests true | one a way to treat hidden satellites: errors, false rows, delay of re-acquisition |
 
@@ -33,13 +33,14 @@ _AXES: Final = {"position": "m", "velocity": "mps", "attitude": "rad"}
 def matched(case: Mapping[str, Any], seed: int) -> list[Row]:
     """Return one run of ``matched_flight``: a row for each epoch looked at."""
     known = {"imu": "tactical", "oscillator": "tcxo", "duration_s": 120.0, "imu_rate_hz": 100.0}
-    asked = _asked(case, {**known, "noise_factor": 1.0})
+    asked = _asked(case, {**known, "noise_factor": 1.0, "scenario": ""})
     flight = matched_flight(
         str(asked["imu"]),
         str(asked["oscillator"]),
         float(asked["duration_s"]),
         float(asked["imu_rate_hz"]),
         float(asked["noise_factor"]),
+        scenario=str(asked["scenario"]) or None,
     )
     found = flight.run(flight.draw(np.random.default_rng([seed])))
     rows: list[Row] = []

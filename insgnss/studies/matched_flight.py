@@ -24,6 +24,9 @@ from scipy.spatial.transform import Rotation
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, ImuGrade
 from insgnss.config.flight import Imu as InertialLog
+from insgnss.config.simulation import SimulationConfig
+from insgnss.config.strict import load_toml
+from insgnss.constants import NS_PER_WEEK
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import new_output
 from insgnss.fusion.prediction import Imu
@@ -35,15 +38,17 @@ from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.library import filter_config, imu_grade, oscillator
+from insgnss.library import filter_config, find, imu_grade, oscillator
 from insgnss.log.flight import FlightInMemory, FlightLogs
+from insgnss.simulation.assembly import assemble
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
 from insgnss.simulation.observations import NoiseTerms, Receiver
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over
+from insgnss.simulation.trajectory import Trajectory
 from insgnss.status import USED
-from insgnss.tables import Float64
+from insgnss.tables import Float64, NavigationData
 
 N_STATES: Final = OFFSETS
 BLOCKS: Final[Mapping[str, slice]] = {
@@ -100,6 +105,7 @@ class MatchedFlight:
         imu: str = "tactical",
         clock: str = "tcxo",
         *,
+        scenario: str | None = None,
         duration_s: float = 120.0,
         imu_rate_hz: float = 100.0,
         noise_factor: float = 1.0,
@@ -107,13 +113,17 @@ class MatchedFlight:
     ) -> MatchedFlight:
         """Return the flight for grades named in the library.
 
+        ``scenario`` names one of ``models/scenarios``, whose motion, place and sky are taken and nothing of its errors;
+        None: turns in the air, under the paper's satellites.
+
         Raises
         ------
-        ModelError : the library has no such sensor or oscillator
+        ModelError : the library has no such sensor, oscillator or scenario
+        ConfigError : the scenario's motion is not a list of manoeuvres
         """
         config = _config()
         grade, clock_type = _pure(imu_grade(imu)), oscillator(clock)
-        sky = constellation_over(AIRFIELD, PAPER_SKY, _START_NS, max(duration_s, 1200.0), _TOE_NS)
+        trajectory, sky, start_ns, duration_s = _flown(scenario, duration_s)
         receiver = Receiver(
             _LEVER_B,
             first_tag_s=_FIRST_TAG_S,
@@ -122,11 +132,11 @@ class MatchedFlight:
         )
         simulator = Simulator(
             Scenario(
-                airborne_turns(duration_s),
+                trajectory,
                 sky,
                 grade,
                 clock_type,
-                _START_NS,
+                start_ns,
                 duration_s,
                 imu_rate_hz=imu_rate_hz,
                 receiver=receiver,
@@ -193,7 +203,7 @@ def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightInMemory
     simulator, setup = flight.simulator, flight.setup
     config = FlightConfig(
         name="simulated",
-        gps_week=_WEEK,
+        gps_week=simulator.scenario.start_ns // NS_PER_WEEK,
         imu=InertialLog(files=(Path("imu.csv"),), grade=setup.grade),
         gnss=Gnss(files=(Path("gnss.csv"),), lever_arm_m=_LEVER_B, oscillator=setup.oscillator),
     )
@@ -204,11 +214,23 @@ def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightInMemory
 
 @lru_cache(maxsize=8)
 def matched_flight(
-    imu: str, clock: str, duration_s: float, imu_rate_hz: float, noise_factor: float, n_looks: int = 6
+    imu: str,
+    clock: str,
+    duration_s: float,
+    imu_rate_hz: float,
+    noise_factor: float,
+    n_looks: int = 6,
+    scenario: str | None = None,
 ) -> MatchedFlight:
     """Return a flight; a worker computes the truth of each once."""
     return MatchedFlight.of(
-        imu, clock, duration_s=duration_s, imu_rate_hz=imu_rate_hz, noise_factor=noise_factor, n_looks=n_looks
+        imu,
+        clock,
+        scenario=scenario,
+        duration_s=duration_s,
+        imu_rate_hz=imu_rate_hz,
+        noise_factor=noise_factor,
+        n_looks=n_looks,
     )
 
 
@@ -239,6 +261,16 @@ def covariance_analysis(flight: MatchedFlight) -> Outcome:
     Neglects: what the estimate's own error does to Phi, H and the gates, of second order in the error.
     """
     return flight.run(flight.draw(None))
+
+
+def _flown(scenario: str | None, duration_s: float) -> tuple[Trajectory, NavigationData, int, float]:
+    """Return motion, satellites, GPS time of the start and duration."""
+    if scenario is None:
+        sky = constellation_over(AIRFIELD, PAPER_SKY, _START_NS, max(duration_s, 1200.0), _TOE_NS)
+        return airborne_turns(duration_s), sky, _START_NS, duration_s
+    path = find("scenarios", scenario)
+    made = assemble(load_toml(path, SimulationConfig), path.parent, duration_s=duration_s)
+    return made.trajectory, made.navigation, made.start_ns, made.duration_s
 
 
 def _config() -> FilterConfig:

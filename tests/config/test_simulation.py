@@ -94,7 +94,7 @@ def test_neither_manoeuvres_nor_reference_is_told(tmp_path: Path) -> None:
 
 
 def test_unknown_scenario_grade_and_duration_are_told(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match="simulation scenario") as caught:
+    with pytest.raises(ModelError, match="no scenario named") as caught:
         simulate("fast_jit")
     assert "fast_jet" in caught.value.advice
     (tmp_path / "scenario.toml").write_text(GOOD.replace('"tactical"', '"tacticl"'))

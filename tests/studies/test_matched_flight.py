@@ -50,6 +50,13 @@ def test_covariance_of_one_run_without_errors_is_that_of_many_with(imu: str) -> 
     assert beyond_variance_bounds(flown(imu), drawn(imu)) == 0
 
 
+@pytest.mark.parametrize("scenario", ["fast_jet", "city_car", "over_the_pole"])
+def test_covariance_of_one_run_holds_in_scenarios_of_the_library(scenario: str) -> None:
+    flight = MatchedFlight.of("tactical", scenario=scenario, duration_s=40.0)
+
+    assert beyond_variance_bounds(flight, monte_carlo(flight, 60, seed=5)) == 0
+
+
 def test_covariance_of_a_run_does_not_hold_for_noisier_measurements() -> None:
     assert beyond_variance_bounds(flown("tactical"), drawn("tactical", 1.6, 60)) > 10
 
