@@ -39,6 +39,7 @@ from insgnss.log.reference import read_reference
 from insgnss.point_tables import point_table, residual_table
 from insgnss.replay import setup_filter
 from insgnss.result_tables import event_table
+from insgnss.table_files import write_table
 from insgnss.tables import Float64, ImuTable
 from insgnss.version import __version__
 
@@ -69,13 +70,7 @@ class PointRun:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for name in TABLES:
-                for stale in ("parquet", "csv"):
-                    (folder / f"{name}.{stale}").unlink(missing_ok=True)
-                table: pd.DataFrame | None = getattr(self, name)
-                if table is not None and format == "parquet":
-                    table.to_parquet(folder / f"{name}.parquet", index=False)
-                elif table is not None:
-                    table.to_csv(folder / f"{name}.csv", index=False, float_format="%.17g")
+                write_table(folder, name, getattr(self, name), format)
             text = json.dumps(self.settings, indent=1, default=str)
             (folder / "point_settings.json").write_text(text, encoding="utf-8")
         except OSError as error:

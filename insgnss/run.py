@@ -34,6 +34,7 @@ from pandas.api.types import is_float_dtype
 
 from insgnss.aiding.table import DOUBLES
 from insgnss.errors import ResultError
+from insgnss.table_files import write_table
 
 _OPTIONAL = (
     "errors",
@@ -95,18 +96,11 @@ class Run:
         return folder
 
     def _save_table(self, folder: Path, name: str, format: Literal["parquet", "csv"]) -> None:
-        for stale in ("parquet", "csv"):
-            (folder / f"{name}.{stale}").unlink(missing_ok=True)
         table: pd.DataFrame | None = getattr(self, name)
-        if table is None:
-            return
-        path = folder / f"{name}.{format}"
-        if format == "parquet":
-            # a dictionary of numbers that hardly repeat costs a third of the time and makes the file larger
-            repeated = [c for c in table.columns if c == "time_s" or not is_float_dtype(table[c].dtype)]
-            table.to_parquet(path, index=False, use_dictionary=repeated)
-        else:
-            table.to_csv(path, index=False, float_format="%.17g")
+        columns = () if table is None else table.dtypes.items()
+        # a dictionary of numbers that hardly repeat costs a third of the time and makes the file larger
+        repeated = [name for name, dtype in columns if name == "time_s" or not is_float_dtype(dtype)]
+        write_table(folder, name, table, format, use_dictionary=repeated)
 
     @classmethod
     def load(cls, folder: str | Path) -> Run:

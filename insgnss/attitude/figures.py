@@ -28,7 +28,7 @@ from insgnss.attitude.baselines import (
     phases_by_euler,
 )
 from insgnss.attitude.correlator_bank import draw_correlators
-from insgnss.errors import ResultError
+from insgnss.pictures import new_figure
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import seeded
 
@@ -50,7 +50,7 @@ def planar_case(length_m: float, wavelength_m: float) -> tuple[AntennaArray, Sky
 def planar_figure(length_m: float = 1.5, wavelength_m: float = 0.19) -> Figure:
     """Return figure 3: S-curves of pitch for angles between the baseline and the line of sight, with their slopes."""
     array, sky = planar_case(length_m, wavelength_m)
-    figure = _new_figure(8.0, 5.0)
+    figure = new_figure(8.0, 5.0)
     axes = figure.add_subplot()
     x = np.radians(np.linspace(-12.0, 12.0, _POINTS))
     for colour, angle in zip(_COLOURS, PLANAR_ANGLES_DEG, strict=True):
@@ -72,7 +72,7 @@ def simulated_figure(
     rpy: Float64, array: AntennaArray, sky: Sky, a: float, looks: int = 200, seed: int = 1
 ) -> Figure:
     """Return figure 4: the S-curves of roll, pitch and yaw from simulated correlators on those of the formulas."""
-    figure = _new_figure(9.0, 3.5)
+    figure = new_figure(9.0, 3.5)
     x = np.radians(np.linspace(-15.0, 15.0, 61))
     ratios = np.full((len(array.positions_b), len(sky.los_n)), a)
     for place, angle in enumerate(("roll", "pitch", "yaw"), 1):
@@ -112,7 +112,7 @@ def simulated_curve(
 
 def curves_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
     """Return figures 5 and 7: S-curves over their slopes; darker where more attitudes pass."""
-    figure = _new_figure(5.0 * len(samples), 4.0)
+    figure = new_figure(5.0 * len(samples), 4.0)
     x = np.linspace(-0.5, 0.5, 201)
     for place, (name, sample) in enumerate(samples, 1):
         axes = figure.add_subplot(1, len(samples), place)
@@ -136,7 +136,7 @@ def curves_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
 
 def slope_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
     """Return figures 6 and 8: the aperture over the slope, one point for each attitude."""
-    figure = _new_figure(5.0 * len(samples), 4.0)
+    figure = new_figure(5.0 * len(samples), 4.0)
     for place, (name, sample) in enumerate(samples, 1):
         axes = figure.add_subplot(1, len(samples), place)
         axes.plot(sample.slope, np.degrees(sample.width), ".", ms=1.5, color=_COLOURS[0], alpha=0.4)
@@ -149,7 +149,7 @@ def slope_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
 
 def histogram_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
     """Return figure 9: how the aperture is spread over the attitudes, with the interval that holds 95 % of them."""
-    figure = _new_figure(8.0, 4.5)
+    figure = new_figure(8.0, 4.5)
     axes = figure.add_subplot()
     for colour, (name, sample) in zip(_COLOURS, samples, strict=False):
         low, high = np.degrees(sample.interval())
@@ -161,19 +161,3 @@ def histogram_figure(samples: Sequence[tuple[str, Apertures]]) -> Figure:
     axes.set_ylabel("attitudes")
     axes.legend(fontsize=8)
     return figure
-
-
-def _new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that no window shows.
-
-    Raises
-    ------
-    ResultError : matplotlib is not installed
-    """
-    try:
-        from matplotlib.figure import Figure as NewFigure
-    except ImportError as error:
-        raise ResultError(
-            "pictures need matplotlib, which is not installed", advice="pip install 'insgnss[plots]'"
-        ) from error
-    return NewFigure(figsize=(width, height), layout="constrained")

@@ -12,6 +12,7 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.progress import counting, telling
+from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def margin(
     """Tell which J/S a phase loop stands with an oscillator and an INS, and where along a run it would lose lock."""
     began = time.perf_counter()
     with own_errors_told():
-        form = _form(format)
+        form = table_form(format)
         if (run is None) != (emitters is None):
             raise ConfigError(
                 "a run and emitters belong together", key="--emitters", advice="give both, or neither"
@@ -98,14 +99,6 @@ def margin(
         return
     where = f"wrote {', '.join(str(p) for p in written)}" if written else "nothing was written"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
-
-
-def _form(text: str) -> Literal["parquet", "csv"]:
-    if text == "parquet":
-        return "parquet"
-    if text == "csv":
-        return "csv"
-    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
 
 
 def _loops(

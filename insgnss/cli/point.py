@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.progress import telling
-from insgnss.errors import ConfigError
+from insgnss.cli.table_form import table_form
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,7 +46,7 @@ def point(
     """Solve each GNSS epoch alone: position, velocity, clocks, dilution, residuals, fault exclusion."""
     began = time.perf_counter()
     with own_errors_told():
-        form = _form(format)
+        form = table_form(format)
         # pandas and the compiled code are loaded only once the options are known to be right
         from rich.console import Console
 
@@ -72,14 +72,6 @@ def point(
     _print_summary(Console(file=sys.stdout, width=120), loaded.name, run)
     where = f"; wrote {output}" if output is not None else "; nothing was written (no --output)"
     typer.echo(f"read {n_read} files{where}; {time.perf_counter() - began:.2f} s in all")
-
-
-def _form(text: str) -> Literal["parquet", "csv"]:
-    if text == "parquet":
-        return "parquet"
-    if text == "csv":
-        return "csv"
-    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
 
 
 def _digest(name: str, run: PointRun) -> dict[str, Any]:

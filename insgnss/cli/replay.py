@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,6 +18,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.progress import telling
+from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
 from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
@@ -74,28 +76,35 @@ def replay(
                 supervise=supervise,
                 progress=tell,
             )
-            if output is not None:
-                tell("saving the run")
-                run.save(output, form)
-            if report is not None:
-                tell("drawing the page")
-                run.report(report)
-    written = [str(path) for path in (output, report) if path is not None]
+            written = write_run(run, output, report, form, tell)
+    tell_run(loaded, run, written, began, as_json=as_json)
+
+
+def write_run(
+    run: Run,
+    output: Path | None,
+    report: Path | None,
+    form: Literal["parquet", "csv"],
+    tell: Callable[[str], None],
+) -> list[str]:
+    """Save a run and draw its page where that is asked for; return what was written."""
+    if output is not None:
+        tell("saving the run")
+        run.save(output, form)
+    if report is not None:
+        tell("drawing the page")
+        run.report(report)
+    return [str(path) for path in (output, report) if path is not None]
+
+
+def tell_run(flight: Flight, run: Run, written: list[str], began: float, *, as_json: bool) -> None:
+    """Print a run's summary, what was read and written, and how long it took; or one JSON object."""
     if as_json:
-        print_json({**digest(run), "files_read": len(loaded.files()), "wrote": written})
+        print_json({**digest(run), "files_read": len(flight.files()), "wrote": written})
         return
-    print_summary(loaded, run)
+    _print_summary(flight, run)
     where = f"; wrote {' and '.join(written)}" if written else "; nothing was written (no --output)"
-    typer.echo(f"read {len(loaded.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
-
-
-def table_form(text: str) -> Literal["parquet", "csv"]:
-    """Return the format of tables that an option names."""
-    if text == "parquet":
-        return "parquet"
-    if text == "csv":
-        return "csv"
-    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
+    typer.echo(f"read {len(flight.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
 
 
 def _rate(text: str) -> OutputRate:
@@ -114,7 +123,7 @@ def _rate(text: str) -> OutputRate:
     return rate
 
 
-def print_summary(flight: Flight, run: Run) -> None:
+def _print_summary(flight: Flight, run: Run) -> None:
     """Print what the run gave: times, errors and sigmas, satellites, refusals, NIS, events."""
     console = Console(file=sys.stdout, width=120)
     nav = run.nav

@@ -9,13 +9,13 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
-from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.progress import telling
-from insgnss.cli.replay import print_summary, table_form
+from insgnss.cli.replay import tell_run, write_run
+from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
-from insgnss.report.digest import digest
 
 
 def smooth(
@@ -40,16 +40,5 @@ def smooth(
         loaded = Flight.load(flight)
         with telling("starting") as tell:
             run = run_replay(loaded, filter, smooth=True, progress=tell)
-            if output is not None:
-                tell("saving the run")
-                run.save(output, form)
-            if report is not None:
-                tell("drawing the page")
-                run.report(report)
-    written = [str(path) for path in (output, report) if path is not None]
-    if as_json:
-        print_json({**digest(run), "files_read": len(loaded.files()), "wrote": written})
-        return
-    print_summary(loaded, run)
-    where = f"; wrote {' and '.join(written)}" if written else "; nothing was written (no --output)"
-    typer.echo(f"read {len(loaded.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
+            written = write_run(run, output, report, form, tell)
+    tell_run(loaded, run, written, began, as_json=as_json)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.progress import telling
+from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def visibility(
     """Tell which satellites antennas and airframe hid, when, and what that cost in geometry."""
     began = time.perf_counter()
     with own_errors_told():
-        form = _form(format)
+        form = table_form(format)
         if not step >= 0.0:
             raise ConfigError(f"{step} is no step", key="--step", advice="give seconds, 0 for every row")
         # pandas and the compiled code are loaded only once the options are known to be right
@@ -84,14 +85,6 @@ def visibility(
         console.print(f"{event['time_s']:.1f} s: {event['kind']}: {event['detail']}", highlight=False)
     where = f"wrote {output}" if written else "nothing was written (no --output)"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
-
-
-def _form(text: str) -> Literal["parquet", "csv"]:
-    if text == "parquet":
-        return "parquet"
-    if text == "csv":
-        return "csv"
-    raise ConfigError(f"'{text}' is no format", key="--format", advice="write 'parquet' or 'csv'")
 
 
 def _satellite_table(study: VisibilityStudy) -> Table:

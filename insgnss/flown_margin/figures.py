@@ -12,6 +12,7 @@ import numpy as np
 
 from insgnss.errors import ResultError
 from insgnss.flown_margin.study import FlownMargin
+from insgnss.pictures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,16 +50,9 @@ def picture(study: FlownMargin, path: str | Path) -> Path:
 
 def flown_figure(study: FlownMargin) -> Figure:
     """Return J/S and limits (median and span over satellites), numbers in lock, and each satellite's timeline."""
-    try:
-        from matplotlib.figure import Figure as NewFigure
-    except ImportError as error:
-        raise ResultError(
-            "pictures need matplotlib, which is not installed",
-            advice="pip install 'insgnss[plots]', or ask for none (--no-pictures)",
-        ) from error
     names = sorted(study.satellites["sv"].astype("str").unique())[:_MOST_LABELS]
     rows = max(len(names), 4)
-    figure = NewFigure(figsize=(10.0, 6.5 + 0.22 * rows), layout="constrained")
+    figure = new_figure(10.0, 6.5 + 0.22 * rows, otherwise="--no-pictures")
     upper, middle, lower = figure.subplots(
         3, 1, sharex=True, gridspec_kw={"height_ratios": [3.5, 2.0, 0.22 * rows]}
     )

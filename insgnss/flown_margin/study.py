@@ -35,6 +35,7 @@ from insgnss.flown_margin.loops import Disturbances, SignalLoop, disturbances, s
 from insgnss.flown_margin.path import FlownPath, aiding_sigma, flown_path
 from insgnss.interference.margin import db, ratio
 from insgnss.run import Run
+from insgnss.table_files import write_table
 from insgnss.tables import Float64
 
 TABLES: Final = ("satellites", "emitters", "events")
@@ -61,14 +62,7 @@ class FlownMargin:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for name in TABLES:
-                table: pd.DataFrame = getattr(self, name)
-                for stale in ("parquet", "csv"):
-                    (folder / f"margin_{name}.{stale}").unlink(missing_ok=True)
-                path = folder / f"margin_{name}.{format}"
-                if format == "parquet":
-                    table.to_parquet(path, index=False)
-                else:
-                    table.to_csv(path, index=False, float_format="%.10g")
+                write_table(folder, f"margin_{name}", getattr(self, name), format, float_format="%.10g")
         except OSError as error:
             raise ResultError(
                 f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"

@@ -6,6 +6,7 @@ They need matplotlib, an optional part (``pip install insgnss[plots]``), which i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -16,10 +17,13 @@ from insgnss.errors import ResultError
 from insgnss.interference.lock_threshold import LIFETIME, LockThreshold
 from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
 from insgnss.interference.trade_off import diagram, trade_off
+from insgnss.pictures import new_figure as any_figure
 from insgnss.tables import Float64
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_new_figure = partial(any_figure, otherwise="--no-pictures")
 
 # Which values figures 5 and 6 carry is not in the paper's text: these reach from a crystal to an oven oscillator
 TYPE_1_MARGINS_DB: Final = (35.0, 40.0, 45.0, 50.0, 55.0)
@@ -134,20 +138,3 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
             f"the picture cannot be written: {error.strerror}", file=path, advice="give another folder"
         ) from error
     return path
-
-
-def _new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that no window shows.
-
-    Raises
-    ------
-    ResultError : matplotlib is not installed
-    """
-    try:
-        from matplotlib.figure import Figure as NewFigure
-    except ImportError as error:
-        raise ResultError(
-            "pictures need matplotlib, which is not installed",
-            advice="pip install 'insgnss[plots]', or ask for none (--no-pictures)",
-        ) from error
-    return NewFigure(figsize=(width, height), layout="constrained")

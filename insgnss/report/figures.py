@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec
 import numpy as np
 
 from insgnss.errors import ConfigError, ResultError
+from insgnss.pictures import new_figure
 from insgnss.report.charts import BAND_SIGMAS, PALETTE
 from insgnss.report.epochs import satellites_of
 from insgnss.report.labels import KIND_UNITS, label
@@ -82,7 +83,7 @@ def _style() -> AbstractContextManager[None]:
 @_styled
 def track(run: Run) -> Figure:
     """Return the track in metres east and north of the start, coloured by the horizontal sigma, the reference grey."""
-    figure = _new_figure(COLUMN_IN, 3.2)
+    figure = new_figure(COLUMN_IN, 3.2)
     axes = _axes(figure, 1)[0]
     east, north = east_north(run.nav)
     if run.errors is not None and not run.errors.empty:
@@ -115,7 +116,7 @@ def errors(run: Run, group: str = "position") -> Figure:
     if run.errors is None or run.errors.empty:
         raise ResultError("the run has no reference", advice="name a [reference] in the flight file")
     table = run.errors
-    figure = _new_figure(COLUMN_IN, 1.2 * len(columns) + 0.5)
+    figure = new_figure(COLUMN_IN, 1.2 * len(columns) + 0.5)
     time_s = table["time_s"].to_numpy()
     known_s = run.heading_known_s()
     settled = time_s >= (-np.inf if known_s is None or known_s > time_s[-1] else known_s)
@@ -139,7 +140,7 @@ def innovations(run: Run, kind: str = "pseudorange") -> Figure:
     rows = run.measurements[(run.measurements["kind"] == kind) & (run.measurements["status"] == "used")]
     if rows.empty:
         raise ResultError(f"no {kind} was used", advice="the run's ledger says why: run.status_counts()")
-    figure = _new_figure(COLUMN_IN, 3.2)
+    figure = new_figure(COLUMN_IN, 3.2)
     upper, lower = figure.subplots(2, 1)
     ratio = (rows["innovation"] / rows["sd_innovation"]).to_numpy()
     upper.plot(rows["time_s"], rows["innovation"], ".", ms=1.5, color=PALETTE[0], rasterized=True)
@@ -168,7 +169,7 @@ def satellites(run: Run) -> Figure:
     if table.empty:
         raise ResultError("the run has seen no satellite", advice="look into the events for the reason")
     place, names = satellites_of(table)
-    figure = _new_figure(PAGE_IN, 0.9 + 0.14 * len(names))
+    figure = new_figure(PAGE_IN, 0.9 + 0.14 * len(names))
     axes = _axes(figure, 1)[0]
     for state, _ in table["state"].value_counts().items():
         here = (table["state"] == state).to_numpy()
@@ -223,13 +224,6 @@ def save_figures(run: Run, folder: str | Path, ending: str = "pdf") -> list[Path
     if not run.satellites.empty:
         wanted["satellites"] = partial(satellites, run)
     return [save(draw(), Path(folder) / f"{name}.{ending}") for name, draw in wanted.items()]
-
-
-def _new_figure(width_in: float, height_in: float) -> Figure:
-    """Return an empty figure that no window shows."""
-    from matplotlib.figure import Figure as NewFigure
-
-    return NewFigure(figsize=(width_in, height_in), layout="constrained")
 
 
 def _axes(figure: Figure, n: int) -> list[Any]:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
-from insgnss.errors import ResultError
+from insgnss.pictures import new_figure as any_figure
 
 if TYPE_CHECKING:  # named for the other modules of this room, which draw through this one alone
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure as Figure
+
+new_figure = partial(any_figure, otherwise="pictures=False")
 
 # dark enough on white, and apart for eyes that do not tell red from green
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#555555")
@@ -56,20 +59,3 @@ def variance_figure(
 def shade(axes: Axes, outage_s: tuple[float, float]) -> None:
     """Shade the time of the outage."""
     axes.axvspan(*outage_s, color=_SHADE, zorder=0)
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that no window shows.
-
-    Raises
-    ------
-    ResultError : matplotlib is not installed
-    """
-    try:
-        from matplotlib.figure import Figure as NewFigure
-    except ImportError as error:
-        raise ResultError(
-            "pictures need matplotlib, which is not installed",
-            advice="pip install 'insgnss[plots]', or ask for none (pictures=False)",
-        ) from error
-    return NewFigure(figsize=(width, height), layout="constrained")

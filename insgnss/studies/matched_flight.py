@@ -167,7 +167,7 @@ class MatchedFlight:
             navigator.run(drawn.imu, rows, done, look + 1, out)
             done = look + 1
             assert navigator.bank is not None
-            errors.append(_error(navigator.bank.state[0], log, look))
+            errors.append(error_state(navigator.bank.state[0], log, look))
             covariances.append(navigator.bank.P[0].copy())
         error, P = np.array(errors), np.array(covariances)
         ledger = out.ledger[rows.first[1] :]
@@ -327,7 +327,7 @@ def _first_covariance(simulator: Simulator, grade: ImuGrade) -> Float64:
     return P
 
 
-def _error(m: StateRecord, log: SimulatedLog, epoch: int) -> Float64:
+def error_state(m: StateRecord, log: SimulatedLog, epoch: int) -> Float64:
     """Return estimate minus truth (17,) of a state that stands at a GNSS tag."""
     truth, e = log.at_gnss, np.zeros(N_STATES)
     e[DR : DR + 3] = m.r_e - truth.r_e[epoch]

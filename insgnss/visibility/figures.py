@@ -6,6 +6,7 @@ They need matplotlib, an optional part (``pip install insgnss[plots]``), which i
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,10 +16,13 @@ from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.gain_map import gain_map
 from insgnss.antenna.visibility import DECISIONS
 from insgnss.errors import ResultError
+from insgnss.pictures import new_figure as any_figure
 from insgnss.visibility.study import VisibilityStudy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_new_figure = partial(any_figure, otherwise="--no-pictures")
 
 COLOURS: Final = dict(zip(DECISIONS, ("#b2182b", "#1b7837", "#ef8a62", "#7fbf7b"), strict=True))
 _BELOW: Final = "#cccccc"  # under the elevation mask
@@ -134,20 +138,3 @@ def dop_figure(study: VisibilityStudy) -> Figure:
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     return figure
-
-
-def _new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that no window shows.
-
-    Raises
-    ------
-    ResultError : matplotlib is not installed
-    """
-    try:
-        from matplotlib.figure import Figure as NewFigure
-    except ImportError as error:
-        raise ResultError(
-            "pictures need matplotlib, which is not installed",
-            advice="pip install 'insgnss[plots]', or ask for none (--no-pictures)",
-        ) from error
-    return NewFigure(figsize=(width, height), layout="constrained")

@@ -27,6 +27,7 @@ from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.result_tables import event_table
 from insgnss.status import MASKED_ELEVATION, NAMES, USED
+from insgnss.table_files import write_table
 from insgnss.tables import Event, Float64, Int8, Int64
 from insgnss.visibility.attitude_history import AttitudeHistory
 from insgnss.visibility.sky import Sky
@@ -59,14 +60,7 @@ class VisibilityStudy:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for name in TABLES:
-                table: pd.DataFrame = getattr(self, name)
-                for stale in ("parquet", "csv"):
-                    (folder / f"visibility_{name}.{stale}").unlink(missing_ok=True)
-                path = folder / f"visibility_{name}.{format}"
-                if format == "parquet":
-                    table.to_parquet(path, index=False)
-                else:
-                    table.to_csv(path, index=False, float_format="%.10g")
+                write_table(folder, f"visibility_{name}", getattr(self, name), format, float_format="%.10g")
         except OSError as error:
             raise ResultError(
                 f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"

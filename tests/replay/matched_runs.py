@@ -18,7 +18,7 @@ from insgnss.fusion.loop import Imu
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, STATE_NAMES, Bank, StateRecord, new_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, STATE_NAMES, Bank, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
@@ -28,6 +28,7 @@ from insgnss.simulation.journeys import airborne_turns
 from insgnss.simulation.observations import NoiseTerms, Receiver
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.status import USED
+from insgnss.studies.matched_flight import error_state as error_state
 from insgnss.tables import Float64
 from tests.replay.scenes import START_NS, paper_sky
 
@@ -170,17 +171,3 @@ def first_covariance(log: SimulatedLog) -> Float64:
     P = np.diag(sd**2)
     P[PSI : PSI + 3, PSI : PSI + 3] = C_ne.T @ np.diag([SD_LEVEL_RAD, SD_LEVEL_RAD, SD_YAW_RAD]) ** 2 @ C_ne
     return P
-
-
-def error_state(m: StateRecord, log: SimulatedLog, epoch: int) -> Float64:
-    """Return estimate minus truth (17,) of a state that stands at a GNSS tag, in the order of ``STATE_NAMES``."""
-    truth = log.at_gnss
-    e = np.zeros(N_STATES)
-    e[DR : DR + 3] = m.r_e - truth.r_e[epoch]
-    e[DV : DV + 3] = m.v_e - truth.v_e[epoch]
-    e[PSI : PSI + 3] = Rotation.from_matrix(m.C_eb @ truth.C_eb[epoch].T).as_rotvec()
-    e[BA : BA + 3] = m.b_a - truth.accel_bias[epoch]
-    e[BG : BG + 3] = m.b_g - truth.gyro_bias[epoch]
-    e[CLOCK] = m.clock[0] - log.clock.bias_m[epoch]
-    e[DRIFT] = m.clock[1] - log.clock.drift_mps[epoch]
-    return e
