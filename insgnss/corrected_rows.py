@@ -6,6 +6,7 @@ approximate places (single-point solutions, one a minute, good to tens of metres
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,7 @@ from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.differential import apply, differential_corrections
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.ionosphere_rows import ionosphere_rows, serving_models
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.satellite_state import glonass_channels
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.tables import Event, Float64, GnssTable, Int64, NavigationData
@@ -29,6 +30,8 @@ _PLACE_EVERY_S: Final = 60.0
 _EPOCHS_TRIED: Final = 50  # from each minute on, until one gives a fix
 _MAX_GDOP: Final = 30.0
 PREPARED_MODELS: Final = ("nequick", "beidou", "own")
+# of a block; a big log's temporary arrays then stay small, and no log of an hour at 1 Hz is cut
+MOST_ROWS: Final = 1 << 16
 
 
 def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tuple[Rows, list[Event]]:
@@ -42,6 +45,49 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
     ionosphere_m, correction_m, events = row_corrections(setup, logs, flight)
     rows = setup.rows(logs.gnss, setup.navigation, ionosphere_m=ionosphere_m, correction_m=correction_m)
     return rows, events
+
+
+def row_blocks(
+    setup: FilterSetup, logs: FlightLogs, flight: Flight, most_rows: int | None = MOST_ROWS
+) -> tuple[list[Rows], list[Event]]:
+    """Return what ``corrected_rows`` does in blocks of whole epochs with about ``most_rows`` rows; None: in one.
+
+    Raises
+    ------
+    NavigationDataError : as ``corrected_rows``
+    """
+    gnss = logs.gnss
+    cuts = block_cuts(gnss.t_ns, most_rows or len(gnss.t_ns))
+    if len(cuts) <= 2:
+        rows, events = corrected_rows(setup, logs, flight)
+        return [rows], events
+    ionosphere_m, correction_m, events = row_corrections(setup, logs, flight)
+    messages = (
+        None
+        if setup.navigation is None
+        else broadcast_messages(setup.navigation, max_age_s=_max_age_s(setup))
+    )
+    blocks = []
+    for first, last in itertools.pairwise(cuts):
+        before = first
+        if first > 0 and setup.with_carrier:  # a carrier's difference needs the epoch before
+            before = int(np.searchsorted(gnss.t_ns, gnss.t_ns[first - 1]))
+        part = slice(before, last)
+        rows = setup.rows(
+            gnss.take(part),
+            messages,
+            ionosphere_m=None if ionosphere_m is None else ionosphere_m[part],
+            correction_m=None if correction_m is None else correction_m[part],
+        )
+        blocks.append(from_epoch(rows, int(before < first)))
+    return blocks, events
+
+
+def block_cuts(t_ns: Int64, most_rows: int) -> list[int]:
+    """Return the first row of each block of whole epochs with about ``most_rows`` rows, and the number of rows."""
+    wanted = np.arange(most_rows, len(t_ns), max(most_rows, 1))
+    starts = np.unique(np.searchsorted(t_ns, t_ns[wanted]))  # of the epochs that these rows belong to
+    return [0, *starts[starts > 0].tolist(), len(t_ns)]
 
 
 def row_corrections(

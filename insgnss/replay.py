@@ -23,14 +23,14 @@ from insgnss.antenna.installation import Installation
 from insgnss.comparison import errors_against
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
-from insgnss.corrected_rows import corrected_rows
+from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
 from insgnss.fusion.loop import run_epochs
 from insgnss.fusion.output import Output
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
-from insgnss.fusion.whole_log import OutputRate, TraceWanted, run_filter
+from insgnss.fusion.whole_log import LedgerPart, OutputRate, TraceWanted, run_blocks
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
@@ -39,14 +39,14 @@ from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex import read_navigation
 from insgnss.result_tables import (
+    LogNames,
     RowKeys,
     aiding_budget,
     aiding_table,
     event_table,
-    measurement_table,
+    ledger_tables,
     nav_table,
     row_keys,
-    satellite_table,
 )
 from insgnss.run import Run
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
@@ -186,7 +186,7 @@ def replay(
         )
         tell(told)
         wanted = _trace_wanted(aided, record.supervised)
-        out, events = run_filter(
+        out, ledger, events = run_blocks(
             setup, *work, output, trace=wanted, before_loop=loop_is_compiled, smooth=smooth
         )
     filtered = time.perf_counter()
@@ -195,9 +195,9 @@ def replay(
     given = time.perf_counter()
     supervised = _supervised(record, found, flight, tell)
     settled = time.perf_counter()
-    del work, found  # a big log's samples and rows take as much room as the tables
+    del work, found  # a big log's samples take as much room as a table
     tell("writing the tables")
-    run = _as_run(flight, record, setup, out, events)
+    run = _as_run(flight, record, setup, out, ledger, events)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
         setattr(run, name, table)
@@ -241,7 +241,8 @@ def _supervised(record: _Record, found: Traced, flight: Flight, tell: Progress) 
 class _Record(NamedTuple):
     """What is kept of the logs for the result tables."""
 
-    keys: RowKeys
+    keys: list[RowKeys]  # of each block
+    names: LogNames
     reference: ReferenceTable | None
     events: list[Event]
     input_hashes: dict[str, str]
@@ -252,7 +253,7 @@ class _Record(NamedTuple):
 
 def _prepared(
     flight: Flight, config: FilterConfig, aided: AidingConfig | None, supervise: bool, tell: Progress
-) -> tuple[FilterSetup, tuple[ImuTable, Rows], _Record]:
+) -> tuple[FilterSetup, tuple[ImuTable, list[Rows]], _Record]:
     """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
     tell("reading the logs")
     with ThreadPoolExecutor(1) as beside:
@@ -266,24 +267,33 @@ def _prepared(
     sources = None
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
-    rows, found = corrected_rows(setup, logs, flight)
+    several_wanted = flight.config.attitude is not None  # they look at the log as a whole
+    blocks, found = row_blocks(setup, logs, flight, None if several_wanted else MOST_ROWS)
     ledger = None
-    if flight.config.attitude is not None:
+    if several_wanted:
         # several antennas are seldom, and what they need takes as long to load as half of all else
         several = importlib.import_module("insgnss.several_antennas")
-        setup, ledger, told = several.with_antennas(setup, logs, flight, rows)
+        setup, ledger, told = several.with_antennas(setup, logs, flight, blocks[0])
         found = found + told
     supervised = None
     if supervise:
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
         found = found + told
     events = logs.events + _installed(flight)[1] + found
-    keys = row_keys(logs.gnss, rows)
-    record = _Record(keys, logs.reference, events, logs.input_hashes, sources, supervised, ledger)
-    return setup, (logs.imu, rows), record
+    names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
+    keys = row_keys(logs.gnss, blocks)
+    record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger)
+    return setup, (logs.imu, blocks), record
 
 
-def _as_run(flight: Flight, record: _Record, setup: FilterSetup, out: Output, events: list[Event]) -> Run:
+def _as_run(
+    flight: Flight,
+    record: _Record,
+    setup: FilterSetup,
+    out: Output,
+    ledger: list[LedgerPart],
+    events: list[Event],
+) -> Run:
     week = flight.config.gps_week
     nav = nav_table(out, week, setup)
     errors = None
@@ -292,15 +302,13 @@ def _as_run(flight: Flight, record: _Record, setup: FilterSetup, out: Output, ev
         errors = errors_against(
             nav, record.reference, week, setup.lever_arm_m if point == "antenna" else None
         )
-    with ThreadPoolExecutor(1) as beside:  # NumPy leaves Python's lock free
-        satellites = beside.submit(satellite_table, out, record.keys, week)
-        measurements = measurement_table(out, record.keys, week)
+    measurements, satellites = ledger_tables(ledger, record.keys, record.names, week)
     if record.further is not None:
         measurements = record.further(measurements, week)
     return Run(
         nav=nav,
         measurements=measurements,
-        satellites=satellites.result(),
+        satellites=satellites,
         events=event_table(record.events + events, week),
         errors=errors,
         settings=_settings(flight, record.input_hashes, setup),

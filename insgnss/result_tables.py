@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import itertools
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,28 +14,46 @@ import pandas as pd
 from insgnss.aiding.table import AidingTable
 from insgnss.fusion.output import NAV_COLUMNS, Output
 from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.whole_log import LedgerPart
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.status import NAMES, USED
 from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
 
 KINDS = ("pseudorange", "range_rate", "carrier_difference")
+# words of a column, and the place among them of each number of a status
+_CODES: Final = sorted(NAMES)
+_PLACE: Final = np.searchsorted(_CODES, np.arange(max(_CODES) + 1)).astype(np.int8)
+_STATUS: Final = tuple(NAMES[code] for code in _CODES)
+_STATES: Final = ("tracked", *_STATUS[1:], "absent")  # in the place of USED, the first
+
+
+Columns: TypeAlias = dict[str, npt.NDArray[Any]]
+
+
+class LogNames(NamedTuple):
+    """What the numbers of a log's satellites and signals stand for."""
+
+    sv: tuple[str, ...]
+    signal: tuple[str, ...]
 
 
 class RowKeys(NamedTuple):
-    """What each row of a GNSS log is about: all that the tables need of a log once the filter is done."""
+    """What each row of a block is about: all that the tables need of a log once the filter is done."""
 
-    t_ns: Int64  # (n,)
+    epoch_ns: Int64  # (m,)
     first: Int64  # (m + 1,) first row of each epoch
     sv: Int16  # (n,)
     signal: Int16  # (n,)
-    sv_names: tuple[str, ...]
-    signal_names: tuple[str, ...]
 
 
-def row_keys(gnss: GnssTable, rows: Rows) -> RowKeys:
-    """Return the keys of a log and of the rows made of it."""
-    return RowKeys(gnss.t_ns, rows.first, gnss.sv, gnss.signal, gnss.sv_names, gnss.signal_names)
+def row_keys(gnss: GnssTable, blocks: list[Rows]) -> list[RowKeys]:
+    """Return the keys of the blocks that were made of a log."""
+    end = np.cumsum([0, *(len(rows.observation) for rows in blocks)])
+    return [
+        RowKeys(rows.epoch_ns, rows.first, gnss.sv[a:b], gnss.signal[a:b])
+        for rows, (a, b) in zip(blocks, itertools.pairwise(end), strict=True)
+    ]
 
 
 def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
@@ -53,71 +74,114 @@ def optional_columns(setup: FilterSetup) -> list[str]:
     return names + (["zenith_delay_m"] if setup.layout.zenith_delay else [])
 
 
-def measurement_table(out: Output, keys: RowKeys, week: int) -> pd.DataFrame:
-    """Return the ledger: one row for each value in the log, in the log's order, kinds of a row in that of ``KINDS``."""
-    status = _of_all_kinds(out, "status")
+def ledger_tables(
+    ledger: list[LedgerPart], keys: list[RowKeys], names: LogNames, week: int
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the tables of the measurements and of the satellites; ``ledger`` is emptied on the way.
+
+    A big log's ledger takes as much room as a table: each part of it goes once its rows are in them.
+    """
+    n = sum(len(key.sv) for key in keys)
+    measurements, satellites = _Rows(len(KINDS) * n), _Rows(n)
+    with ThreadPoolExecutor(1) as beside:  # NumPy leaves Python's lock free
+        for key in keys:
+            part = ledger.pop(0)
+            seen = beside.submit(satellite_columns, part, key, len(names.sv), week)
+            measurements.append(measurement_columns(part, key, week))
+            satellites.append(seen.result())
+    words_of = {"sv": names.sv, "signal": names.signal, "kind": KINDS, "status": _STATUS, "state": _STATES}
+    return measurements.table(words_of), satellites.table(words_of)
+
+
+class _Rows:
+    """Columns that grow by blocks of rows."""
+
+    def __init__(self, most: int) -> None:
+        self.most = most  # room that is never written takes no memory
+        self.n = 0
+        self.columns: Columns = {}
+
+    def append(self, rows: Columns) -> None:
+        """Add the rows of a block; those of the only block are not copied."""
+        n = len(rows["time_s"])
+        if not self.columns and n == self.most:
+            self.columns, self.n = rows, n
+            return
+        for name, values in rows.items():
+            column = self.columns.setdefault(name, np.empty(self.most, values.dtype))
+            column[self.n : self.n + n] = values
+        self.n += n
+
+    def table(self, words_of: Mapping[str, tuple[str, ...]]) -> pd.DataFrame:
+        """Return the rows as a table; ``words_of`` has the words behind a column's numbers."""
+        columns = {name: column[: self.n] for name, column in self.columns.items()}
+        named = {
+            name: words(column, words_of[name]) if name in words_of else column
+            for name, column in columns.items()
+        }
+        return pd.DataFrame(named, copy=False)
+
+
+def measurement_columns(part: LedgerPart, keys: RowKeys, week: int) -> Columns:
+    """Return the ledger: one row for each value in the log, in the log's order, kinds of a row in that of ``KINDS``.
+
+    Words are numbers into the log's names, ``KINDS`` and ``_STATUS``.
+    """
+    status = _of_all_kinds(part, "status")
     present = status != ABSENT
     values = np.count_nonzero(present, axis=1)  # of each row; repeating is cheaper than looking up
     kind = np.broadcast_to(np.arange(present.shape[1], dtype=np.int8), present.shape)
-    innovation = _of_all_kinds(out, "innovation")[present]
-    variance = _of_all_kinds(out, "variance")[present].astype(np.float64)
-    codes = sorted(NAMES)
-    place = np.zeros(max(codes) + 1, np.int8)
-    place[codes] = np.arange(len(codes))
-    return pd.DataFrame(
-        {
-            "time_s": np.repeat(ns_to_week_seconds(keys.t_ns, week), values),
-            "sv": words(np.repeat(keys.sv, values), keys.sv_names),
-            "signal": words(np.repeat(keys.signal, values), keys.signal_names),
-            "kind": words(kind[present], KINDS),
-            "innovation": innovation,
-            "sd_innovation": np.sqrt(variance),
-            "nis": innovation**2 / variance,
-            "status": words(place[status[present]], tuple(NAMES[c] for c in codes)),
-        },
-        copy=False,
-    )
+    innovation = _of_all_kinds(part, "innovation")[present]
+    variance = _of_all_kinds(part, "variance")[present].astype(np.float64)
+    return {
+        "time_s": np.repeat(_row_times(keys, week), values),
+        "sv": np.repeat(keys.sv, values),
+        "signal": np.repeat(keys.signal, values),
+        "kind": kind[present],
+        "innovation": innovation,
+        "sd_innovation": np.sqrt(variance),
+        "nis": innovation**2 / variance,
+        "status": _PLACE[status[present]],
+    }
 
 
-def _of_all_kinds(out: Output, name: str) -> npt.NDArray[Any]:
+def _of_all_kinds(part: LedgerPart, name: str) -> npt.NDArray[Any]:
     """Return a column of the ledger, one entry for each kind (n, k); three where the log's carrier is used."""
-    pairs: npt.NDArray[Any] = out.ledger[name]
-    return pairs if len(out.carrier) == 0 else np.column_stack([pairs, out.carrier[name]])
+    pairs: npt.NDArray[Any] = part.entries[name]
+    return pairs if len(part.carriers) == 0 else np.column_stack([pairs, part.carriers[name]])
 
 
-def satellite_table(out: Output, keys: RowKeys, week: int) -> pd.DataFrame:
+def _row_times(keys: RowKeys, week: int) -> Float64:
+    return np.repeat(ns_to_week_seconds(keys.epoch_ns, week), np.diff(keys.first))
+
+
+def satellite_columns(part: LedgerPart, keys: RowKeys, n_sv: int, week: int) -> Columns:
     """Return one row per satellite and epoch: where it stands, and how well its range and rate were predicted.
 
     Of several signals of a satellite the one that was used stands, else the first. ``sd_range_m`` and
-    ``sd_range_rate_mps`` are sqrt(h P h^T) before the update.
+    ``sd_range_rate_mps`` are sqrt(h P h^T) before the update. Words are numbers into the log's names and ``_STATES``.
     """
-    ledger = out.ledger
+    ledger = part.entries
     epoch = np.repeat(np.arange(len(keys.first) - 1), np.diff(keys.first))
     seen = np.isfinite(ledger["u_n"][:, 0])
     tracked = (ledger["status"][:, 0] == USED) | (ledger["status"][:, 1] == USED)
-    chosen = _one_per_satellite(epoch, keys.sv, seen, tracked, len(keys.sv_names))
+    chosen = _one_per_satellite(epoch, keys.sv, seen, tracked, n_sv)
     # every row, as a rule: then nothing is copied
     rows_of_table = slice(None) if len(chosen) == len(ledger) else chosen
-    names = ("tracked", *(NAMES[c] for c in sorted(NAMES) if c != USED), "absent")
-    place = np.zeros(max(NAMES) + 1, np.int8)
-    place[sorted(NAMES)[1:]] = np.arange(1, len(NAMES))
     status = ledger["status"][rows_of_table, PSEUDORANGE]
-    state = place[np.maximum(status, 0)]
-    state[status == ABSENT] = len(names) - 1
+    state = _PLACE[np.maximum(status, 0)]
+    state[status == ABSENT] = len(_STATES) - 1
     state[tracked[rows_of_table]] = 0
-    return pd.DataFrame(
-        {
-            "time_s": ns_to_week_seconds(keys.t_ns[rows_of_table], week),
-            "sv": words(keys.sv[rows_of_table], keys.sv_names),
-            **_angles(ledger["u_n"][rows_of_table], ""),
-            **_angles(ledger["u_b"][rows_of_table], "body_"),
-            "gain_dbi": ledger["gain"][rows_of_table].astype(np.float64),
-            "state": words(state, names),
-            "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0], dtype=np.float64),
-            "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1], dtype=np.float64),
-        },
-        copy=False,
-    )
+    return {
+        "time_s": _row_times(keys, week)[rows_of_table],
+        "sv": keys.sv[rows_of_table],
+        **_angles(ledger["u_n"][rows_of_table], ""),
+        **_angles(ledger["u_b"][rows_of_table], "body_"),
+        "gain_dbi": ledger["gain"][rows_of_table].astype(np.float64),
+        "state": state,
+        "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0], dtype=np.float64),
+        "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1], dtype=np.float64),
+    }
 
 
 def _angles(u: Float64, prefix: str) -> dict[str, Float64]:

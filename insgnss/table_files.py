@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import pandas as pd
+import pyarrow as pa
 
 TableFormat = Literal["parquet", "csv"]
+_PIECE_ROWS: Final = 1 << 17  # what is encoded at a time; a big log's table as a whole would take 50 MB more
 
 
 def write_table(
@@ -36,6 +39,16 @@ def write_table(
         return
     path = folder / f"{name}.{form}"
     if form == "parquet":
-        table.to_parquet(path, index=False, **parquet)
+        _write_parquet(path, table, **parquet)
     else:
         table.to_csv(path, index=False, float_format=float_format)
+
+
+def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
+    """Write a table as ``DataFrame.to_parquet`` does, in pieces and without an index."""
+    parquet = importlib.import_module("pyarrow.parquet")  # late: 5 MB that the filter can use
+    schema = pa.Schema.from_pandas(table, preserve_index=False)
+    with parquet.ParquetWriter(path, schema, **options) as writer:
+        for first in range(0, len(table), _PIECE_ROWS):
+            piece = table.iloc[first : first + _PIECE_ROWS]
+            writer.write_table(pa.Table.from_pandas(piece, schema=schema, preserve_index=False, nthreads=1))

@@ -69,8 +69,8 @@ class GnssTable:
     )
     glonass_channels: dict[str, int] = field(default_factory=dict)  # where the log tells: "R07" -> -7..6
 
-    def take(self, rows: npt.NDArray[np.intp]) -> GnssTable:
-        """Return the given rows, in the given order; ``bad_cells`` follows its rows."""
+    def take(self, rows: npt.NDArray[np.intp] | slice) -> GnssTable:
+        """Return the given rows, in the given order, of a slice without copying; ``bad_cells`` follows its rows."""
         flagged = np.zeros(len(self.t_ns), np.bool_)
         flagged[self.bad_cells] = True
         return replace(

@@ -23,7 +23,7 @@ from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
-from insgnss.gnss.observation_rows import Rows, last_epoch
+from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.table_joining import joined
 from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
@@ -176,7 +176,8 @@ class Engine:
         """Return an epoch's rows; the carrier's differences need the epoch before it."""
         if before is None or not self._setup.with_carrier:
             return self._setup.rows(epoch, self._messages)
-        rows = last_epoch(self._setup.rows(joined([before, epoch]), self._messages))
+        both = self._setup.rows(joined([before, epoch]), self._messages)
+        rows = from_epoch(both, len(both.epoch_ns) - 1)
         rows.observation["sv"] = epoch.sv  # numbered as in the epoch's own table
         return rows
 

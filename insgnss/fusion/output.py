@@ -136,14 +136,7 @@ def new_output(
     ``n_values`` is the number of optional states with a value, as the filter's layout has them; ``trace`` is room for
     states at further times.
     """
-    ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
-    ledger["status"] = rows.observation["status"]
-    for name in ("innovation", "variance", "predicted", "u_n", "u_b", "gain"):
-        ledger[name] = math.nan
-    carrier = np.zeros(len(rows.carrier), CARRIER_LEDGER_DTYPE)
-    carrier["status"] = rows.carrier["status"]
-    for name in ("innovation", "variance", "predicted"):
-        carrier[name] = math.nan
+    ledger, carrier = new_ledger(rows)
     return Output(
         np.zeros(n_nav, NAV_DTYPE),
         np.zeros((n_nav, n_values)),
@@ -154,6 +147,19 @@ def new_output(
         np.zeros(1, COUNT_DTYPE),
         no_trace() if trace is None else trace,
     )
+
+
+def new_ledger(rows: Rows) -> tuple[Table, Table]:
+    """Return the entries of rows, and those of their carriers, as they are known before the filter."""
+    ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
+    ledger["status"] = rows.observation["status"]
+    for name in ("innovation", "variance", "predicted", "u_n", "u_b", "gain"):
+        ledger[name] = math.nan
+    carrier = np.zeros(len(rows.carrier), CARRIER_LEDGER_DTYPE)
+    carrier["status"] = rows.carrier["status"]
+    for name in ("innovation", "variance", "predicted"):
+        carrier[name] = math.nan
+    return ledger, carrier
 
 
 @borrowing

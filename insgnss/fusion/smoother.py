@@ -55,25 +55,25 @@ class Smoother:
     navigator: Navigator
     imu: Imu
     kept: list[Kept] = field(default_factory=list)
+    _linked: bool = False  # whether the next epoch follows from the one kept last
 
-    def run(self, rows: Rows, first: int, last: int, out: Output) -> None:
-        """Process epochs as ``forward`` does, then write the navigation rows of what ``backward`` makes of them."""
-        self.forward(rows, first, last, out)
+    def finish(self, out: Output) -> None:
+        """Write the navigation rows of all that ``forward`` has kept, as ``backward`` makes them."""
         for kept, e, P in self.backward():
             if e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
                 _write(out, kept, e, P)
 
     def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
-        navigator, linked = self.navigator, False
+        navigator = self.navigator
         for epoch in range(first, last):
             told, written = len(navigator.events), int(out.counts[0].nav)
             navigator.run(self.imu, rows, epoch, epoch + 1, out)
             kinds = {event.kind for event in navigator.events[told:]}
             bank = navigator.bank
-            linked = linked and not kinds & _SET_ANEW
+            linked = self._linked and not kinds & _SET_ANEW
             if bank is None or len(bank.state) > 1 or out.counts[0].nav == written:
-                linked = False
+                self._linked = False
                 continue
             vectors, q = navigator.workspace(rows).epoch.vectors, bank.P.shape[1]
             n_clone = N_CLONE * navigator.setup.layout.clone
@@ -87,7 +87,7 @@ class Smoother:
                     tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys()),
                 )
             )
-            linked = True
+            self._linked = True
 
     def backward(self) -> Iterator[tuple[Kept, Float64, Float64]]:
         """Yield the epochs kept from the last to the first: what to add to the filter's state, and its covariance."""

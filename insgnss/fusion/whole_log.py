@@ -1,10 +1,15 @@
-"""A filter over a whole log: every unbroken stretch of inertial samples, each with a start of its own."""
+"""A filter over a whole log: every unbroken stretch of inertial samples, each with a start of its own.
+
+The rows of a big log come in blocks of whole epochs. A block is given up once the filter is through with it, so that
+the ledger takes the room that the rows leave.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,12 +18,12 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, StartError
 from insgnss.fusion.loop import run_to
 from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import Output, new_output
+from insgnss.fusion.output import Output, Table, new_ledger, new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.smoother import Smoother
 from insgnss.fusion.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.status import NO_IMU, USED
 from insgnss.tables import Event, ImuTable, Int64
 
@@ -33,6 +38,13 @@ class TraceWanted(NamedTuple):
     epoch_samples_ns: Int64 | None = None  # samples that are to bring both, beside those of the rate
 
 
+class LedgerPart(NamedTuple):
+    """What the filter wrote of a block's rows."""
+
+    entries: Table  # (n,) of ``output.LEDGER_DTYPE``
+    carriers: Table  # (n,) of ``output.CARRIER_LEDGER_DTYPE``, (0,) without carrier
+
+
 def run_filter(
     setup: FilterSetup,
     table: ImuTable,
@@ -40,52 +52,116 @@ def run_filter(
     output: OutputRate,
     *,
     trace: TraceWanted | None = None,
+) -> tuple[Output, list[Event]]:
+    """Run a filter over samples and rows; return the loop's output, all of its ledger in it, and the events."""
+    out, (ledger,), events = run_blocks(setup, table, [rows], output, trace=trace)
+    return out._replace(ledger=ledger.entries, carrier=ledger.carriers), events
+
+
+def run_blocks(
+    setup: FilterSetup,
+    table: ImuTable,
+    blocks: list[Rows],
+    output: OutputRate,
+    *,
+    trace: TraceWanted | None = None,
     before_loop: Callable[[], object] = lambda: None,
     smooth: bool = False,
-) -> tuple[Output, list[Event]]:
-    """Run a filter over samples and rows; return the loop's output and the events.
+) -> tuple[Output, list[LedgerPart], list[Event]]:
+    """Run a filter over samples and the blocks of a log's rows.
 
-    ``trace`` asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of
-    ``Output.trace``. ``before_loop`` is called when the compiled loop is needed, after the start. ``smooth`` gives the
-    navigation rows, one an epoch then, what the rest of their stretch tells of them.
+    Returns
+    -------
+    out : the loop's output without a ledger
+    ledger : a part for each block
+    events : what the filter tells
+
+    Parameters
+    ----------
+    blocks : one after the other in time; the list is emptied on the way
+    trace : asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of ``out.trace``
+    before_loop : is called when the compiled loop is needed, after the start
+    smooth : gives the navigation rows, one an epoch then, what the rest of their stretch tells of them
 
     The log is cut where inertial samples are missing for longer than the restart limit: each part starts anew.
     """
     imu = Imu(table.t_ns, np.ascontiguousarray(table.w_ib_b), np.ascontiguousarray(table.f_b))
     times = output_times(imu.t_ns, output)
-    n_epochs = len(rows.epoch_ns)
+    epoch_ns = np.concatenate([block.epoch_ns for block in blocks])
+    n_epochs = len(epoch_ns)
     room = trace_room(trace, imu.t_ns, n_epochs, setup.n_offsets)
-    out = new_output(rows, max(len(times), n_epochs), 4 * n_epochs + 16, times, setup.layout.n_values, room)
+    no_rows = from_epoch(blocks[-1], len(blocks[-1].epoch_ns))
+    n_nav, n_values = max(len(times), n_epochs), setup.layout.n_values
+    out = new_output(no_rows, n_nav, 4 * n_epochs + 16, times, n_values, room)
+    passage = _Passage(blocks, out)
     events: list[Event] = []
-    covered = np.zeros(n_epochs, np.bool_)
     started = False
-    given = setup.start is not None
     for first, last in stretches(imu.t_ns, setup.config.gaps.restart_s):
         part = Imu(imu.t_ns[first:last], imu.w_ib_b[first:last], imu.f_b[first:last])
-        e0, e1 = np.searchsorted(rows.epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
-        covered[e0:e1] = True
+        e0, e1 = np.searchsorted(epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
+        passage.without_imu(int(e0))
         navigator = Navigator(setup, before_loop)
-        navigator.starter.given = given and not started
-        if smooth:
-            Smoother(navigator, part).run(rows, int(e0), int(e1), out)
-        else:
-            navigator.run(part, rows, int(e0), int(e1), out)
+        navigator.starter.given = setup.start is not None and not started
+        smoother = Smoother(navigator, part)
+        for rows, begin, end, written in passage.until(int(e1)):
+            if smooth:
+                smoother.forward(rows, begin, end, written)
+            else:
+                navigator.run(part, rows, begin, end, written)
+        smoother.finish(out)
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
-            run_to(
-                navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, navigator.workspace(rows)
-            )
+            work = navigator.workspace(no_rows)
+            run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
         events += navigator.events + gap_events(part.t_ns, setup.config.gaps.longest_step_s)
         if first > 0:
             events.append(restart_event(int(imu.t_ns[first - 1]), int(imu.t_ns[first])))
         started = started or navigator.started_ns is not None
-    _mark_without_imu(out, rows, covered)
+    passage.without_imu(n_epochs)
     if not started:
         raise StartError(
             "no epoch allowed the filter to start",
             advice="a start needs four satellites with ephemeris, at least a second of inertial samples before them,"
             " and range rates or two epochs; 'insgnss check' shows satellites and ephemeris per epoch",
         )
-    return out, events
+    return out, passage.ledger, events
+
+
+@dataclass
+class _Passage:
+    """The blocks of a log on their way through the filter."""
+
+    waiting: list[Rows]  # the open block stands first
+    room: Output
+    ledger: list[LedgerPart] = field(default_factory=list)  # a part for each block that was opened
+    _epoch: int = 0  # the first of the log that is still to come
+    _begin: int = 0  # epoch of the log at which the open block begins
+    _open: bool = False
+
+    def until(self, last: int) -> Iterator[tuple[Rows, int, int, Output]]:
+        """Yield a block, its epochs that come next and the one after them, and room for their ledger, up to ``last``.
+
+        ``last`` counts the log's epochs. A block is given up when its last epoch is through.
+        """
+        while self._epoch < last:
+            rows = self.waiting[0]
+            if not self._open:
+                self.ledger.append(LedgerPart(*new_ledger(rows)))
+                self._open = True
+            begin, end = self._epoch - self._begin, min(last - self._begin, len(rows.epoch_ns))
+            entries, carriers = self.ledger[-1]
+            yield rows, begin, end, self.room._replace(ledger=entries, carrier=carriers)
+            self._epoch = self._begin + end
+            if end == len(rows.epoch_ns):
+                del self.waiting[0]
+                self._begin, self._open = self._epoch, False
+
+    def without_imu(self, last: int) -> None:
+        """Pass over the epochs before ``last``: what could be used of them has no inertial samples."""
+        for rows, begin, end, written in self.until(last):
+            passed = slice(int(rows.first[begin]), int(rows.first[end]))
+            for entries in (written.ledger, written.carrier):
+                status = entries["status"][passed]
+                status[status == USED] = NO_IMU
 
 
 def trace_room(trace: TraceWanted | None, t_ns: Int64, n_epochs: int, n_offsets: int) -> TraceRoom:
@@ -148,12 +224,3 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
     origin = int(t_ns[0]) // NS_PER_WEEK * NS_PER_WEEK
     first, last = math.ceil((int(t_ns[0]) - origin) / period), math.floor((int(t_ns[-1]) - origin) / period)
     return np.asarray(origin + np.rint(np.arange(first, last + 1) * period).astype(np.int64))
-
-
-def _mark_without_imu(out: Output, rows: Rows, covered: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
-    """Write NO_IMU for the usable rows of epochs outside the inertial log."""
-    outside = ~np.repeat(covered, np.diff(rows.first))
-    for ledger in (out.ledger, out.carrier):
-        if len(ledger):
-            status = ledger["status"]
-            status[outside] = np.where(status[outside] == USED, NO_IMU, status[outside])

@@ -11,8 +11,8 @@ import math
 from typing import Final
 
 import numpy as np
-import sidereon
 
+from insgnss import late_sidereon as sidereon
 from insgnss.gnss.signals import L1_HZ
 from insgnss.tables import Float64
 

@@ -201,21 +201,21 @@ def take_off(observation: npt.NDArray[Any], correction_m: Float64) -> None:
     observation["status"][:, PSEUDORANGE] = np.where((status == USED) & ~known, NO_CORRECTION, status)
 
 
-def last_epoch(rows: Rows) -> Rows:
-    """Return the rows of the last epoch alone, which know of the one before what the carrier's differences need."""
-    if len(rows.epoch_ns) <= 1:
+def from_epoch(rows: Rows, epoch: int) -> Rows:
+    """Return the rows from an epoch on, which know of the one before what the carrier's differences need."""
+    if epoch <= 0:
         return rows
-    first = int(rows.first[-2])
+    first = int(rows.first[epoch])
     part = slice(first if len(rows.carrier) else 0, None)
     return Rows(
-        epoch_ns=rows.epoch_ns[-1:].copy(),
-        first=rows.first[-2:] - first,
+        epoch_ns=rows.epoch_ns[epoch:].copy(),
+        first=rows.first[epoch:] - first,
         observation=rows.observation[first:].copy(),
         sat=rows.sat[first:].copy(),
         klobuchar=rows.klobuchar,
         carrier=rows.carrier[part].copy(),
         before=rows.before[part].copy(),
-        before_ns=rows.before_ns[-1:].copy(),
+        before_ns=rows.before_ns[epoch:].copy(),
     )
 
 

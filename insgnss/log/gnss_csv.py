@@ -131,7 +131,7 @@ def _state_columns(names: GnssColumns) -> tuple[str, ...]:
 
 
 def _values(table: CsvTable, name: str, path: Path, *, required: bool = False) -> Float64:
-    """Return an optional column, NaN where the file has none."""
+    """Return an optional column; one that the file has not is a single NaN, spread out without taking room."""
     if name in table.columns:
         return table.columns[name]
     if required:
@@ -142,7 +142,7 @@ def _values(table: CsvTable, name: str, path: Path, *, required: bool = False) -
             column=name,
             advice=f"the file has {', '.join(table.dialect.columns)}; map the names under gnss.columns",
         )
-    return np.full(table.n, np.nan)
+    return np.broadcast_to(np.nan, table.n)
 
 
 def _check_pseudoranges(pseudorange_m: Float64, name: str, path: Path) -> None:

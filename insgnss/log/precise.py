@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import sidereon
 
+from insgnss import late_sidereon as sidereon
 from insgnss.constants import C_MPS, NS_PER_S, S_PER_DAY
 from insgnss.errors import InputError, NavigationDataError, TimeError
 from insgnss.gnss.phase_centre import SatelliteAntennas

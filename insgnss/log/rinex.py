@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import sidereon
 
+from insgnss import late_sidereon as sidereon
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import NavigationDataError
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET

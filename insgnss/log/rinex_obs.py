@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import sidereon
-
+from insgnss import late_sidereon as sidereon
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError
 from insgnss.gnss.table_joining import joined

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import sidereon
 
+from insgnss import late_sidereon as sidereon
 from insgnss.gnss.signals import CHANNELS
 from insgnss.gpstime import datetime_to_ns, utc_to_ns
 from insgnss.tables import Float64, StateVectorTable

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from insgnss.fusion.engine import Engine, EpochResult
+from insgnss.fusion.whole_log import run_filter
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.replay import engine_settings, run_filter, setup_filter
+from insgnss.replay import engine_settings, setup_filter
 from insgnss.simulation.faults import carrier_alone, cycle_slip, half_cycle, outage
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.simulation.oscillator import MILLISECOND_M

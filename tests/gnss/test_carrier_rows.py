@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.constants import C_MPS
 from insgnss.gnss.carrier_rows import ABSENT, carrier_rows
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, Rows, last_epoch, prepare_rows
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, Rows, from_epoch, prepare_rows
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.status import (
     BAD_VALUE,
@@ -209,7 +209,7 @@ def test_settings_name_why_a_carrier_is_not_used() -> None:
 
 def test_last_epoch_alone_knows_what_the_whole_log_knew() -> None:
     whole = rows_of(log())
-    part = last_epoch(whole)
+    part = from_epoch(whole, len(whole.epoch_ns) - 1)
     tail = slice(-2 * SATELLITES, None)
 
     assert part.first.tolist() == [0, 2 * SATELLITES]

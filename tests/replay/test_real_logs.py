@@ -17,11 +17,12 @@ import pytest
 import insgnss
 from insgnss.fusion.fix import fix_epoch
 from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.whole_log import run_filter
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightLogs
-from insgnss.replay import run_filter, setup_filter
+from insgnss.replay import setup_filter
 from insgnss.result_tables import nav_table
 from insgnss.run import Run
 from insgnss.tables import Float64
