@@ -45,6 +45,8 @@ def errors_against(
     for i, name in enumerate(names):
         table[f"d_{name}"] = np.column_stack([position, velocity, attitude])[:, i]
         table[f"sd_{name}"] = nav[f"sd_{name}"].to_numpy()
+    for name in nav.columns.intersection([f"sd_slow_{name}" for name in names]):
+        table[name] = nav[name].to_numpy()
     return table
 
 

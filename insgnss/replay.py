@@ -49,6 +49,7 @@ from insgnss.result_tables import (
     row_keys,
 )
 from insgnss.run import Run
+from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
 from insgnss.version import __version__
@@ -296,6 +297,10 @@ def _as_run(
 ) -> Run:
     week = flight.config.gps_week
     nav = nav_table(out, week, setup)
+    slow = slow_variances(
+        ledger, record.keys, record.names, setup, with_base=flight.config.gnss.base is not None
+    )
+    nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
     errors = None
     if record.reference is not None:
         point = flight.config.reference.point if flight.config.reference is not None else "imu"

@@ -2,7 +2,7 @@
 
 | table          | one row per | columns |
 |----------------|-------------|---------|
-| nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses |
+| nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position |
 | measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
 | satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
@@ -185,6 +185,8 @@ class Run:
     def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
 
+        ``rms_over_total`` is that against the sigma with the slow errors, sqrt(sd^2 + sd_slow^2).
+
         ``quality`` keeps only the reference rows of at most that quality number, ``from_s`` those from that time on.
         """
         if self.errors is None:
@@ -200,6 +202,7 @@ class Run:
             if values.empty:
                 continue
             size, sigma = values.abs(), table.loc[values.index, f"sd_{name[2:]}"]
+            slow = table.loc[values.index, f"sd_slow_{name[2:]}"] if f"sd_slow_{name[2:]}" in table else 0.0
             rows[name[2:]] = {
                 "mean": values.mean(),
                 "rms": float(np.sqrt((values**2).mean())),
@@ -208,6 +211,7 @@ class Run:
                 "max": size.max(),
                 "mean_sigma": sigma.mean(),
                 "rms_over_sigma": float(np.sqrt(((values / sigma) ** 2).mean())),
+                "rms_over_total": float(np.sqrt((values**2 / (sigma**2 + slow**2)).mean())),
             }
         return pd.DataFrame.from_dict(rows, orient="index")
 

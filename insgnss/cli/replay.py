@@ -214,11 +214,13 @@ def _accuracy_table(run: Run) -> Table:
             )
         return table
     summary = run.error_summary(from_s=known_s)
-    for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma"):
+    for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma", "with slow errors"):
         table.add_column(name, justify="right")
+    columns = ["mean", "rms", "p95", "max", "mean_sigma", "rms_over_sigma", "rms_over_total"]
     for label, row in summary.iterrows():
-        numbers = (row["mean"], row["rms"], row["p95"], row["max"], row["mean_sigma"], row["rms_over_sigma"])
-        table.add_row(_label(str(label)), *(f"{value:.3f}" for value in numbers))
+        told = [f"{value:.3f}" for value in row[columns]]
+        has_slow = f"sd_slow_{label}" in run.nav
+        table.add_row(_label(str(label)), *told[:-1], told[-1] if has_slow else "")
     return table
 
 
@@ -245,5 +247,5 @@ def _nis(nis: pd.DataFrame, kinds: list[str], column: str) -> list[str]:
 
 def _label(name: str) -> str:
     """Return 'vn, m/s' of a column's 'vn_mps'."""
-    stem, _, unit = name.rpartition("_")
+    stem, _, unit = name.replace("slow_", "slow ").rpartition("_")
     return f"{stem}, {_UNITS.get(unit, unit)}"

@@ -27,6 +27,8 @@ n_hypotheses: headings still possible: 1 as soon as the heading is known
 offset_*_m: clock offset of each further constellation, and of each further band of one, where estimated
 glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
 zenith_delay_m: residual tropospheric delay at the zenith, where estimated
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (orbits and clocks of the
+  messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m
 """
 _MEASUREMENTS = """
 time_s: receiver time tag, seconds of the GPS week
@@ -68,10 +70,12 @@ d_n_m d_e_m d_d_m: estimate minus reference: position north, east, down
 d_vn_mps d_ve_mps d_vd_mps: estimate minus reference: velocity
 d_roll_deg d_pitch_deg d_yaw_deg: estimate minus reference: attitude, within a half circle
 sd_n_m sd_e_m sd_d_m: the estimate's one sigma of position
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: what slow errors add to it, as in the navigation table
 sd_vn_mps sd_ve_mps sd_vd_mps: the estimate's one sigma of velocity
 sd_roll_deg sd_pitch_deg sd_yaw_deg: the estimate's one sigma of attitude
 """,
-    "Only where the flight file names a reference; what the reference has not is empty.",
+    "Only where the flight file names a reference; what the reference has not is empty. A point solution has no"
+    " attitude and no sd_slow_*.",
 )
 _AIDING = """
 time_s: time of use, seconds of the GPS week

@@ -224,6 +224,29 @@ class Visibility(StrictModel):
     use_masked: bool = Field(False, description="measurements of hidden satellites are used all the same")
 
 
+class SlowErrors(StrictModel):
+    """One sigma of range errors that stay alike for minutes: they are told in ``sd_slow_*``, the filter ignores them.
+
+    Ranging errors of the broadcast messages are of the size that the systems' performance reports give (GPS 0.5 m,
+    Galileo 0.3 m rms); the broadcast ionosphere leaves about half of the delay.
+    """
+
+    satellite_m: dict[Constellation, NotNegative] = Field(
+        {"G": 0.5, "E": 0.3, "C": 0.7, "J": 0.7, "R": 2.0, "I": 1.5, "S": 3.0},
+        description="orbit and clock of the message, along the line of sight",
+    )
+    precise_satellite_m: NotNegative = Field(0.05, description="the same of SP3 orbits and clocks")
+    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, what the ionosphere's model leaves")
+    no_ionosphere_zenith_m: NotNegative = Field(
+        5.0, description="the same where there is no model, or nobody has its coefficients"
+    )
+    ionosphere_gradient_per_1000_km: NotNegative = Field(
+        0.6, description="of the zenith's error, to the north and to the east"
+    )
+    troposphere_zenith_m: NotNegative = Field(0.05, description="what the troposphere's model leaves")
+    with_base_share: NotNegative = Field(0.1, description="of all of these, that a base station leaves")
+
+
 class FilterConfig(StrictModel):
     """A whole filter file."""
 
@@ -241,6 +264,7 @@ class FilterConfig(StrictModel):
     start: Start = Start()
     heading: Heading = Heading()
     visibility: Visibility = Visibility()
+    slow_errors: SlowErrors = SlowErrors()
     aiding: AidingConfig = AidingConfig()
     search: Search = Search()
     latency_s: Positive = Field(1.0, description="how late a GNSS epoch may reach the streaming engine")

@@ -56,17 +56,27 @@ def clock_groups(
 
 def group_of_rows(gnss: GnssTable, groups: tuple[str, ...], signals: Mapping[str, tuple[str, ...]]) -> Int64:
     """Return the index of each row's group, -1 where its constellation has none or is not in ``signals``."""
+    return np.asarray(group_table(gnss.sv_names, gnss.signal_names, groups, signals)[gnss.sv, gnss.signal])
+
+
+def group_table(
+    sv_names: tuple[str, ...],
+    signal_names: tuple[str, ...],
+    groups: tuple[str, ...],
+    signals: Mapping[str, tuple[str, ...]],
+) -> Int64:
+    """Return the index of the group of each satellite and signal of a log, as ``group_of_rows`` has them."""
     index = {name: i for i, name in enumerate(groups)}
-    table = np.full((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)), -1, np.int64)
-    for i, sv in enumerate(gnss.sv_names):
+    table = np.full((max(len(sv_names), 1), max(len(signal_names), 1)), -1, np.int64)
+    for i, sv in enumerate(sv_names):
         letter = sv[0]
         home = letter if letter in index or letter != "J" else "G"
         if letter not in signals:
             continue
-        for j, code in enumerate(gnss.signal_names):
+        for j, code in enumerate(signal_names):
             further = index.get(f"{home}:{_band(letter, code)}")
             table[i, j] = index.get(home, -1) if further is None else further
-    return np.asarray(table[gnss.sv, gnss.signal])
+    return table
 
 
 def _band(letter: str, code: str) -> str:

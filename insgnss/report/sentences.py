@@ -122,7 +122,8 @@ def _how_good(run: Run) -> list[str]:
         return [
             f"There is no reference: by its own account the position is good to {number(horizontal)} m"
             f" horizontally and {number(float(nav['sd_d_m'].median()))} m vertically (median sigma),"
-            f" the heading to {number(float(nav['sd_yaw_deg'].median()))}°."
+            f" the heading to {number(float(nav['sd_yaw_deg'].median()))}°.",
+            *_slow(nav),
         ]
     errors = run.errors if known_s is None else run.errors[run.errors["time_s"] >= known_s]
     errors = run.errors if errors.empty else errors
@@ -132,7 +133,7 @@ def _how_good(run: Run) -> list[str]:
     offset = constant_offset(errors)
     told = [f"Against the reference {_within(errors)}{since}."]
     if offset is None:
-        return [*told, _honesty(errors)]
+        return [*told, _honesty(errors), *_slow(errors)]
     about = errors.assign(**{f"d_{name}": errors[f"d_{name}"] - value for name, value in offset.items()})
     sides = zip(offset.values(), (("north", "south"), ("east", "west"), ("down", "up")), strict=True)
     told_offset = ", ".join(f"{number(abs(value))} m {words[value < 0.0]}" for value, words in sides)
@@ -140,7 +141,23 @@ def _how_good(run: Run) -> list[str]:
         f"Nearly all of it is one constant offset, {told_offset}: the reference may be of another point or datum, or"
         f" either has errors that last for minutes. About it {_within(about)}."
     )
-    return [*told, _honesty(about)]
+    return [*told, _honesty(about), *_slow(errors)]
+
+
+def _slow(table: pd.DataFrame) -> list[str]:
+    """Return how large the errors are that stay alike for minutes, nothing for a run that does not tell."""
+    if "sd_slow_n_m" not in table:
+        return []
+    horizontal = float(
+        np.nanmedian(np.hypot(table["sd_slow_n_m"].to_numpy(), table["sd_slow_e_m"].to_numpy()))
+    )
+    if not horizontal > 0.0:
+        return []
+    return [
+        "Orbits, clocks and what the models leave of the air stay alike for minutes and come on top: about"
+        f" {number(horizontal)} m horizontally and {number(float(table['sd_slow_d_m'].median()))} m vertically"
+        " (one sigma)."
+    ]
 
 
 def constant_offset(errors: pd.DataFrame) -> dict[str, float] | None:

@@ -15,7 +15,17 @@ from insgnss.run import Run
 from insgnss.tables import Float64
 
 _SHOWN_SHARE: Final = 0.95  # of the values lies inside the axis as it opens
-_HEADS: Final = ("", "mean", "rms", "50 %", "95 %", "largest", "mean sigma", "rms of error/sigma")
+_HEADS: Final = (
+    "",
+    "mean",
+    "rms",
+    "50 %",
+    "95 %",
+    "largest",
+    "mean sigma",
+    "rms of error/sigma",
+    "with slow errors",
+)
 
 
 def section(run: Run) -> Section | None:
@@ -66,6 +76,7 @@ def _statistics(run: Run) -> str:
         told = row_of_numbers(
             [float(row[column]) for column in columns], min(float(row["rms"]), float(row["mean_sigma"]))
         )
-        rows.append([label(str(name)).axis(), *told, f"{row['rms_over_sigma']:.2f}"])
+        total = f"{row['rms_over_total']:.2f}" if f"sd_slow_{name}" in run.nav else ""
+        rows.append([label(str(name)).axis(), *told, f"{row['rms_over_sigma']:.2f}", total])
     since = "" if known_s is None else f"<p>From {known_s:.1f} s on, when the heading was known.</p>"
     return since + table(_HEADS, rows)

@@ -1,0 +1,109 @@
+"""The navigation table's ``sd_slow_*``: what errors that stay alike for minutes add to the filter's own sigma."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.whole_log import LedgerPart
+from insgnss.gnss.clock_groups import group_table
+from insgnss.gnss.observation_rows import PSEUDORANGE
+from insgnss.gnss.signals import L1_HZ, carrier_hz
+from insgnss.gnss.slow_errors import SlowRows, SlowSigmas, slow_position_variances
+from insgnss.result_tables import LogNames, RowKeys
+from insgnss.status import USED
+from insgnss.tables import Float64, Int64
+
+COLUMNS: Final = ("sd_slow_n_m", "sd_slow_e_m", "sd_slow_d_m")
+_LEAST_SHARE: Final = (
+    1e-4  # of an innovation's variance that is the range's own, as far as single precision tells
+)
+
+
+class SlowVariances(NamedTuple):
+    """P_slow of a log, at one epoch a second."""
+
+    t_ns: Int64  # (m,)
+    position: Float64  # (m, 3) diagonal, north-east-down [m^2]
+
+
+def slow_variances(
+    ledger: list[LedgerPart], keys: list[RowKeys], names: LogNames, setup: FilterSetup, *, with_base: bool
+) -> SlowVariances:
+    """Return what the slow errors of the filter's settings do to the position, by the ranges that it used.
+
+    Parameters
+    ----------
+    ledger, keys : parts of the log
+    with_base : whether a base station has corrected the ranges
+    """
+    sigmas = slow_sigmas(setup, names, with_base=with_base)
+    group = group_table(*names, setup.clock_groups, setup.config.measurements.signals_of())
+    factor = _ionosphere_factors(names)
+    t_ns, variances = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
+    for part, key in zip(ledger, keys, strict=True):
+        rows = _rows(part, key, group, factor)
+        epoch, variance = slow_position_variances(rows, sigmas, len(setup.clock_groups))
+        t_ns.append(key.epoch_ns[epoch])
+        variances.append(variance)
+    return SlowVariances(np.concatenate(t_ns), np.concatenate(variances))
+
+
+def slow_columns(found: SlowVariances, t_ns: Int64) -> dict[str, Float64]:
+    """Return the columns at navigation times (n,): of the latest epoch, else of the first; NaN where there is none."""
+    if not len(found.t_ns):
+        return {name: np.full(len(t_ns), np.nan) for name in COLUMNS}
+    latest = np.maximum(np.searchsorted(found.t_ns, t_ns, side="right") - 1, 0)
+    sigma = np.sqrt(found.position)[latest]
+    return {name: sigma[:, i] for i, name in enumerate(COLUMNS)}
+
+
+def slow_sigmas(setup: FilterSetup, names: LogNames, *, with_base: bool) -> SlowSigmas:
+    """Return the sizes of the slow errors that a filter's settings, models and products leave."""
+    sizes, use = setup.config.slow_errors, setup.config.measurements
+    share = sizes.with_base_share if with_base else 1.0
+    precise = setup.products is not None
+    of_system = {str(letter): sigma for letter, sigma in sizes.satellite_m.items()}
+    satellite = [
+        sizes.precise_satellite_m if precise else of_system.get(sv[0], max(of_system.values(), default=0.0))
+        for sv in names.sv
+    ]
+    zenith = sizes.ionosphere_zenith_m
+    if use.ionosphere == "none" or (use.ionosphere == "klobuchar" and setup.klobuchar is None):
+        zenith = sizes.no_ionosphere_zenith_m
+    if use.ionosphere == "ionosphere_free":
+        zenith = 0.0
+    return SlowSigmas(
+        share * np.array(satellite),
+        share * zenith,
+        share * zenith * sizes.ionosphere_gradient_per_1000_km,
+        share * sizes.troposphere_zenith_m,
+    )
+
+
+def _ionosphere_factors(names: LogNames) -> Float64:
+    """Return the delay of each satellite and signal against that on L1 (s, c); 1 where the signal is unknown."""
+    hz = [[carrier_hz(sv[0], code, 0) for code in names.signal] for sv in names.sv]
+    return np.nan_to_num((L1_HZ / np.array(hz)) ** 2, nan=1.0)
+
+
+def _rows(part: LedgerPart, key: RowKeys, group: Int64, factor: Float64) -> SlowRows:
+    """Return the pseudoranges used in one epoch of each second."""
+    second = key.epoch_ns // NS_PER_S
+    chosen = np.repeat(np.diff(second, prepend=-1) != 0, np.diff(key.first))
+    entries = part.entries
+    used = np.flatnonzero(chosen & (entries["status"][:, PSEUDORANGE] == USED))
+    variance = entries["variance"][used, PSEUDORANGE].astype(np.float64)
+    r = variance - entries["predicted"][used, PSEUDORANGE]
+    sv, signal = key.sv[used], key.signal[used]
+    return SlowRows(
+        np.repeat(np.arange(len(key.epoch_ns)), np.diff(key.first))[used],
+        entries["u_n"][used].astype(np.float64),
+        np.maximum(r, _LEAST_SHARE * variance),
+        sv,
+        group[sv, signal],
+        factor[sv, signal],
+    )
