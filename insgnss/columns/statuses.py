@@ -22,7 +22,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "signal_not_used": "a setting: another signal of the same satellite and band is used",
     "constellation_not_used": "a setting",
     "bad_value": "not a number, or outside any physical range",
-    "bad_sigma": "the log states a sigma that is zero, negative or not a number",
+    "bad_sigma": "the log states a sigma that is zero, negative or beyond any use (1000 km, 100 km/s)",
     "duplicate": "satellite and signal stand twice in the epoch; the first one counts",
     "switched_off": "a setting: this kind of measurement is not used",
     "not_started": "before the filter had a start",

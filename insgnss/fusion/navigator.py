@@ -149,7 +149,6 @@ class Navigator:
         A fix that starts the filter is in its state: its rows are not used again. A given state leaves the epoch to
         the filter.
         """
-        given = self.starter.given
         bank, fix, events = self.starter.try_start(imu, rows, epoch, self._parameters[0])
         self.events += events
         if bank is None:
@@ -159,7 +158,7 @@ class Navigator:
         self.started_ns = int(bank.head[0].now_ns)
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
-        if given:
+        if fix is None:
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)

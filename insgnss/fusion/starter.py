@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.measurements import observe
@@ -23,6 +24,7 @@ from insgnss.fusion.start import (
     open_bank,
 )
 from insgnss.fusion.state import Bank
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.inertial.alignment import Window, inertial_window
 from insgnss.status import USED
@@ -30,6 +32,7 @@ from insgnss.tables import Event, Float64
 
 _LONGEST_HISTORY_NS = 5 * NS_PER_S
 _FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positions
+_MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
 
 
 @dataclass
@@ -152,14 +155,38 @@ class Starter:
         kin = given_kinematics(start, t_ns, unknown, 0.0, w, par)
         attitudes = given_attitudes(start, self.setup.config, self.setup.grade)
         bank = self._open(kin, attitudes, w, par, imu)
-        clocks, drift = clocks_seen(bank, rows, epoch, w, imu.f_b[k - 1], par, len(self.setup.clock_groups))
-        if not np.isfinite(clocks).any():
+        seen = seen_from(bank, rows, epoch, w, imu.f_b[k - 1], par, len(self.setup.clock_groups))
+        if seen.below_horizon > _MOST_BELOW_HORIZON:
+            return self._elsewhere(imu, rows, epoch, par, seen.below_horizon)
+        if not np.isfinite(seen.clocks).any():
             return None, None, []
         back = (t_epoch - t_ns) / NS_PER_S
-        kin = given_kinematics(start, t_ns, clocks - drift * back, drift, w, par)
+        kin = given_kinematics(start, t_ns, seen.clocks - seen.drift * back, seen.drift, w, par)
         bank = self._open(kin, attitudes, w, par, imu)
         self.given = False
         return bank, None, [Event(t_ns, "start", "from the given state; the clock is set by the first epoch")]
+
+    def _elsewhere(
+        self, imu: Imu, rows: Rows, epoch: int, par: Parameters, below: float
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Give up a given state from which the satellites that the receiver tracks cannot be seen.
+
+        It takes a fix of the epoch to be sure of that, one with redundancy while there is patience.
+        """
+        t_ns, limits = int(rows.epoch_ns[epoch]), self.setup.config.start
+        self.first_try_ns = t_ns if self.first_try_ns is None else self.first_try_ns
+        fix = fix_epoch(rows, epoch, par, len(self.setup.clock_groups), limits.max_gdop)
+        patient = t_ns - self.first_try_ns < limits.patience_s * NS_PER_S
+        if fix is None or (not fix.checked and patient):
+            return None, None, []
+        self.given = False
+        lat, lon, _ = ecef_to_geodetic(fix.r_a)
+        detail = (
+            f"{100.0 * below:.0f} % of the satellites are below the horizon of the given state; their ranges meet at"
+            f" {math.degrees(lat):.3f}, {math.degrees(lon):.3f} deg: starting automatically instead"
+        )
+        bank, found, events = self.try_start(imu, rows, epoch, par)
+        return bank, found, [Event(t_ns, "start_refused", detail), *events]
 
     def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: Imu) -> Bank:  # type: ignore[type-arg]
         return open_bank(
@@ -167,22 +194,35 @@ class Starter:
         )
 
 
-def clocks_seen(
-    bank: Bank, rows: Rows, epoch: int, w_ib_b: Float64, f_b: Float64, par: Parameters, n_groups: int
-) -> tuple[Float64, float]:
-    """Return the clock of each group [m] (NaN without rows) and the drift [m/s] as an epoch shows them from a state.
+class Seen(NamedTuple):
+    """What an epoch looks like from a state."""
 
-    The median over the satellites: one wrong range does not set a clock.
+    clocks: Float64  # (g,) of each group [m], NaN without rows
+    drift: float  # [m/s]
+    below_horizon: float  # share of the pseudoranges offered whose satellites the Earth hides
+
+
+def seen_from(
+    bank: Bank, rows: Rows, epoch: int, w_ib_b: Float64, f_b: Float64, par: Parameters, n_groups: int
+) -> Seen:
+    """Return the clocks as an epoch shows them from a state, and how many of its satellites cannot be seen from there.
+
+    A clock is the median over the satellites: one wrong range does not set it.
     """
     n_rows = int(rows.first[epoch + 1] - rows.first[epoch])
     work = new_epoch(n_rows, bank.P.shape[1])
-    observe(bank.state[0], bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
+    m = bank.state[0]
+    observe(m, bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
     line = work.lines[:n_rows]
     clocks = np.full(n_groups, math.nan)
     for g in range(n_groups):
         seen = (line["status"][:, PSEUDORANGE] == USED) & (line["group"] == g)
         if seen.any():
-            clocks[g] = np.median(line["innovation"][seen, PSEUDORANGE]) + bank.state[0].clock[0]
+            clocks[g] = np.median(line["innovation"][seen, PSEUDORANGE]) + m.clock[0]
     seen = line["status"][:, RANGE_RATE] == USED
     drift = float(np.median(line["innovation"][seen, RANGE_RATE])) if seen.any() else 0.0
-    return clocks, drift
+    offered = rows.observation["status"][rows.first[epoch] : rows.first[epoch + 1], PSEUDORANGE] == USED
+    _, _, h = ecef_to_geodetic(m.r_e)
+    dip_sine = math.sqrt(max(1.0 - (WGS84_A_M / (WGS84_A_M + max(h, 0.0))) ** 2, 0.0))  # seen from a height
+    hidden = line["u_n"][offered, 2] > dip_sine
+    return Seen(clocks, drift, float(hidden.mean()) if offered.any() else 0.0)

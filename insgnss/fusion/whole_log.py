@@ -118,12 +118,32 @@ def run_blocks(
         started = started or navigator.started_ns is not None
     passage.without_imu(n_epochs)
     if not started:
-        raise StartError(
+        raise _no_start(setup, imu.t_ns, epoch_ns)
+    return out, passage.ledger, events
+
+
+def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
+    """Return the error of a log on which the filter never started."""
+    if setup.start is None:
+        return StartError(
             "no epoch allowed the filter to start",
             advice="a start needs four satellites with ephemeris, at least a second of inertial samples before them,"
             " and range rates or two epochs; 'insgnss check' shows satellites and ephemeris per epoch",
         )
-    return out, passage.ledger, events
+    if setup.start_ns is not None and not t_ns[0] <= setup.start_ns <= epoch_ns[-1]:
+        early_s, late_s = (t_ns[0] - setup.start_ns) / NS_PER_S, (setup.start_ns - epoch_ns[-1]) / NS_PER_S
+        where = f"{early_s:.1f} s before the first inertial sample"
+        return StartError(
+            f"the given start is {where if early_s > 0.0 else f'{late_s:.1f} s after the last epoch'}",
+            key="start.time_s",
+            advice="give a time inside both logs, or leave it out to start at the first epoch",
+        )
+    return StartError(
+        "no epoch could be used from the given start: none has a satellite with ephemeris above its horizon",
+        key="start",
+        advice="is the place right? 'insgnss check' shows satellites and ephemeris per epoch; without [start] the"
+        " filter starts by itself",
+    )
 
 
 @dataclass

@@ -52,6 +52,8 @@ N_SLOTS: Final = N_SATELLITE_SLOTS * N_BANDS
 # pseudoranges outside are no ranges to a satellite, whatever the clock
 _CLOSEST_M, _FARTHEST_M = 1.0e5, 1.0e9
 _FASTEST_MPS = 2.0e4
+# a stated sigma beyond is a filler for "not known", and its square would swamp the covariance
+_WIDEST_SIGMA: Final = (1.0e6, 1.0e5)  # [m], [m/s]
 
 
 Int8: TypeAlias = npt.NDArray[np.int8]
@@ -166,6 +168,9 @@ def prepare_rows(
         (RANGE_RATE, rates, gnss.sigma_range_rate_mps, range_rate),
     ):
         status = _kind_status(kind, value, usable, sigma, wanted)
+        if kind == RANGE_RATE:  # a Doppler whose wavelength nobody knows is a measurement all the same
+            told = np.isnan(value) & ~np.isnan(gnss.doppler_hz)
+            status[told] = np.where(usable[told] == USED, BAD_VALUE, usable[told])
         bad = gnss.bad_cells
         status[bad] = np.where(np.isfinite(value[bad]), status[bad], BAD_VALUE)
         observation["value"][:, kind] = value
@@ -285,7 +290,7 @@ def _kind_status(kind: int, value: Float64, usable: Int8, sigma: Float64 | None,
     status = usable.copy()
     status[(usable == USED) & ~good] = BAD_VALUE
     if sigma is not None:
-        status[(status == USED) & (sigma <= 0.0)] = BAD_SIGMA
+        status[(status == USED) & ((sigma <= 0.0) | (sigma > _WIDEST_SIGMA[kind]))] = BAD_SIGMA
     if not wanted:
         status[status == USED] = SWITCHED_OFF
     status[np.isnan(value)] = ABSENT

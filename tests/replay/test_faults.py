@@ -221,7 +221,7 @@ def test_satellite_that_stands_twice_in_an_epoch_counts_once(clean: Run, log: Si
     assert np.array_equal(run.nav.to_numpy(), clean.nav.to_numpy())
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0])
+@pytest.mark.parametrize("bad", [0.0, -1.0, 3.4e38, np.inf])
 def test_row_with_an_impossible_sigma_is_refused(log: SimulatedLog, bad: float) -> None:
     gnss = log.gnss
     victim = gnss.sv == gnss.sv_names.index(VICTIM)
@@ -229,6 +229,25 @@ def test_row_with_an_impossible_sigma_is_refused(log: SimulatedLog, bad: float) 
     run = replayed(flight(turns(), log, gnss=replace(gnss, sigma_pseudorange_m=sigma)))
     assert statuses(run, VICTIM) == {"bad_sigma"}
     assert statuses(run, VICTIM, 3.0, kind="range_rate") == {"used"}
+    assert_honest(run, 0.0)
+
+
+def test_sigma_column_filled_with_huge_numbers_is_refused_by_name(log: SimulatedLog) -> None:
+    huge = np.full(len(log.gnss.t_ns), 1e12)
+    run = replayed(flight(turns(), log, gnss=replace(log.gnss, sigma_range_rate_mps=huge)))
+    assert set(run.status_counts().query("range_rate > 0").index) == {"bad_sigma"}
+    assert_honest(run, 0.0)
+
+
+def test_doppler_of_a_signal_that_nobody_knows_stands_in_the_ledger(log: SimulatedLog) -> None:
+    """Its wavelength is not known, so there is no range rate to use; it is in the log all the same."""
+    gnss = log.gnss
+    victim = gnss.sv == gnss.sv_names.index(VICTIM)
+    signal = np.where(victim, len(gnss.signal_names), gnss.signal).astype(np.int16)
+    run = replayed(
+        flight(turns(), log, gnss=replace(gnss, signal=signal, signal_names=(*gnss.signal_names, "C9Z")))
+    )
+    assert statuses(run, VICTIM) == statuses(run, VICTIM, kind="range_rate") == {"signal_not_used"}
     assert_honest(run, 0.0)
 
 

@@ -215,7 +215,34 @@ def test_velocity_far_outside_its_sigma_is_corrected(log: SimulatedLog) -> None:
     assert_honest(run, 30.0)
 
 
-@pytest.mark.parametrize("time_s", [START_S - 100.0, START_S + 1000.0], ids=["before", "after"])
-def test_given_start_outside_the_log_is_a_typed_error(log: SimulatedLog, time_s: float) -> None:
-    with pytest.raises(StartError):
+@pytest.mark.parametrize(
+    ("lat_deg", "lon_deg"), [(0.0, 0.0), (-33.9, 151.2), (-60.0, -150.0)], ids=["zeros", "Sydney", "antipode"]
+)
+def test_start_from_which_the_satellites_cannot_be_seen_is_refused(
+    log: SimulatedLog, lat_deg: float, lon_deg: float
+) -> None:
+    """All would be below the elevation mask: nothing is left for a gate to refuse, the filter would coast."""
+    wrong = given(lat_deg=lat_deg, lon_deg=lon_deg, h_m=0.0, sd_position_m=10.0)
+    run = replayed(flight(turns(), log, start=wrong))
+    told = run.events.set_index("kind")["detail"]
+    assert kinds(run)[:2] == ["start_refused", "start"]
+    assert "below the horizon" in told["start_refused"] and "automatic" in told["start"]
+    assert_honest(run, 60.0)
+
+
+def test_start_below_the_horizon_of_a_few_satellites_is_kept(log: SimulatedLog) -> None:
+    """From 2000 km further north two of the eleven are not to be seen: the gates and the lock-out see to it."""
+    run = replayed(flight(turns(), log, start=given(lat_deg=78.0, sd_position_m=10.0)))
+    assert "start_refused" not in kinds(run)
+    assert {"reset", "restart"} & set(kinds(run))
+    assert_honest(run, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "words"),
+    [(START_S - 100.0, "before the first inertial sample"), (START_S + 1000.0, "after the last epoch")],
+    ids=["before", "after"],
+)
+def test_given_start_outside_the_log_is_a_typed_error(log: SimulatedLog, time_s: float, words: str) -> None:
+    with pytest.raises(StartError, match=words):
         insgnss.replay(flight(turns(), log, start=given(time_s=time_s)))
