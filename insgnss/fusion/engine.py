@@ -1,8 +1,9 @@
 """The streaming engine: the same filter as ``replay``, fed sample by sample, with GNSS epochs that may arrive late.
 
 It keeps the filter as it stood after each recent epoch. An epoch that arrives late is put in its place: the filter goes
-back to the state before it and runs forward again over the samples and epochs since. So what the engine says of an
-epoch in the end is, bit for bit, what ``replay`` says.
+back to the state before it and runs forward again over the samples and epochs since. Rows of a time tag that it knows
+already join that epoch, which is done again in the same way. An epoch outside the inertial samples is passed over, once
+it is certain that none will come. So what the engine says of an epoch in the end is, bit for bit, what ``replay`` says.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.loop import write_between
 from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import NAV_COLUMNS, Output, new_output
+from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_output
 from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
@@ -79,16 +80,19 @@ class Engine:
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
         self._done: list[Event] = []  # events of stretches that have ended, and of refusals
         self._final: list[EpochResult] = []
-        self._waiting: list[EpochResult] = []  # epochs ahead of the samples
-        self._begin(given=setup.start is not None)
-
-    def _begin(self, *, given: bool) -> None:
-        """Start over with an empty filter: at first, and after a gap too long to bridge."""
-        self._navigator = Navigator(self._setup)
-        self._navigator.starter.given = given
-        self._kept: list[_Kept] = []
+        self._waiting: list[GnssTable] = []  # epochs of which samples to come decide what becomes of them
         self._recent: list[EpochResult] = []  # processed, but still within the latency
         self._last_settled: GnssTable | None = None  # the newest epoch older than those
+        self._closed_ns = _LONG_AGO_NS  # epochs up to here are final, whatever the latency
+        self._first_ns = _LONG_AGO_NS  # first sample of the unbroken stretch
+        self._started = False  # in a stretch that has ended
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start over with an empty filter: at first, and after a gap too long to bridge."""
+        self._navigator = Navigator(self._setup)
+        self._navigator.starter.given = self._setup.start is not None and not self._started
+        self._kept: list[_Kept] = []
         self._live: Any = None
         self._keep(_LONG_AGO_NS)
 
@@ -108,6 +112,8 @@ class Engine:
             return
         if last_ns is not None:
             self._note_gap(last_ns, t_ns)
+        if self._samples.last_ns is None:
+            self._first_ns = t_ns
         self._samples.append(t_ns, w, f)
         self._insert_waiting(t_ns - 1)
         self._carry_live()
@@ -118,31 +124,38 @@ class Engine:
 
     def _insert_waiting(self, until_ns: int) -> bool:
         """Process the epochs that were ahead of the samples; return whether there was one."""
-        some = False
-        while self._waiting and self._waiting[0].t_ns <= until_ns:
-            self._insert(self._waiting.pop(0))
-            some = True
-        return some
+        due = [e for e in self._waiting if _tag(e) <= until_ns and not self._waits(_tag(e))]
+        self._waiting = self._waiting[len(due) :]
+        for epoch in due:
+            self._insert(epoch)
+        return len(due) > 0
+
+    def _waits(self, t_ns: int) -> bool:
+        """Return whether samples are still to come at or after a time.
+
+        A single sample between gaps is no stretch that a filter could run over: its own epoch waits for the second.
+        """
+        newest = self._samples.last_ns
+        return newest is None or t_ns > newest or t_ns == newest == self._first_ns
 
     def _at_sample(self, t_ns: int) -> None:
         """Do what there is to be done at each sample, the filter carried to it; here nothing."""
 
     def gnss(self, epoch: GnssTable) -> None:
-        """Take one or more GNSS epochs. What is older than the latency is refused with an event."""
+        """Take one or more GNSS epochs, whole or in parts: rows of one time tag make one epoch.
+
+        What is older than the latency is refused with an event.
+        """
         for part in _split(epoch):
-            rows = self._rows(part)
-            result = EpochResult(int(part.t_ns[0]), part, rows, self._output(rows))
-            newest = self._samples.last_ns
-            if newest is not None and result.t_ns < max(newest - self._latency_ns, self._kept[0].t_ns):
-                self._refuse(result, newest)
-            elif newest is None or result.t_ns > newest:
-                self._waiting.append(result)
-                self._waiting.sort(key=lambda r: r.t_ns)
-            elif self._samples.first_ns is not None and result.t_ns >= self._samples.first_ns:
-                self._insert(result)
-                self._carry_live()
+            t_ns, newest = _tag(part), self._samples.last_ns
+            if t_ns <= self._closed_ns or (newest is not None and t_ns < newest - self._latency_ns):
+                self._refuse(part)
+            elif self._waits(t_ns):
+                others = [e for e in self._waiting if _tag(e) != t_ns]
+                self._waiting = sorted([*others, _whole(part, self._waiting)], key=_tag)
             else:
-                self._refuse(result, newest)
+                self._insert(_whole(part, [r.gnss for r in self._recent]))
+                self._carry_live()
 
     @property
     def state(self) -> NavState:
@@ -165,10 +178,14 @@ class Engine:
         return sorted(both, key=lambda e: -1 if e.t_ns is None else e.t_ns)
 
     def take_results(self, *, all_of_them: bool = False) -> list[EpochResult]:
-        """Return the epochs that have become final (older than the latency), each once; or all, at the end of a log."""
+        """Return the epochs that have become final (older than the latency), each once; or all, at the end of a log.
+
+        At the end of a log the epochs after the last sample have no inertial samples.
+        """
         if all_of_them:
-            self._final += self._recent
-            self._recent = []
+            while self._waiting:
+                self._insert(self._waiting.pop(0))
+            self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
         taken, self._final = self._final, []
         return taken
 
@@ -188,36 +205,51 @@ class Engine:
         """Tell a gap in the samples; begin anew after one too long to bridge."""
         gap = (t_ns - last_ns) / NS_PER_S
         gaps = self._setup.config.gaps
-        if gap > gaps.restart_s:
-            started = self._navigator.started_ns is not None
-            given = self._navigator.starter.given and not started
+        if t_ns - last_ns > gaps.restart_s * NS_PER_S:
+            self._started = self._started or self._navigator.started_ns is not None
             self._done += self._navigator.events
             detail = f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew"
             self._done.append(Event(last_ns, "imu_gap", detail))
-            self._final += self._recent
+            while self._waiting and _tag(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
+                self._insert(self._waiting.pop(0))
+            self._close(last_ns)
             self._samples.clear()
-            self._begin(given=given)
-        elif gap > gaps.longest_step_s:
+            self._begin()
+        elif t_ns - last_ns > gaps.longest_step_s * NS_PER_S:
             detail = f"no inertial sample for {gap:.3f} s: bridged, sigma grown"
             self._done.append(Event(last_ns, "imu_gap", detail))
 
-    def _insert(self, result: EpochResult) -> None:
-        """Put an epoch in its place: go back to the state before it, run forward over it and those after it."""
-        later = [r for r in self._recent if r.t_ns >= result.t_ns]
-        self._recent = [r for r in self._recent if r.t_ns < result.t_ns]
-        while len(self._kept) > 1 and self._kept[-1].t_ns >= result.t_ns:
+    def _close(self, t_ns: int) -> None:
+        """Make all epochs that were processed final; none up to ``t_ns`` is taken any more."""
+        if self._recent:
+            self._last_settled = self._recent[-1].gnss
+        self._final += self._recent
+        self._recent = []
+        del self._kept[:-1]
+        self._closed_ns = max(self._closed_ns, t_ns)
+
+    def _insert(self, epoch: GnssTable) -> None:
+        """Put an epoch in its place, also in that of its own earlier rows, and run forward over it and those after it.
+
+        One outside the inertial samples leaves the filter as it is, and no state is kept of it.
+        """
+        t_ns, n_kept = _tag(epoch), len(self._kept)
+        later = [r.gnss for r in self._recent if r.t_ns > t_ns]
+        self._recent = [r for r in self._recent if r.t_ns < t_ns]
+        while len(self._kept) > 1 and self._kept[-1].t_ns >= t_ns:
             self._kept.pop()
-        if later:
+        if len(self._kept) < n_kept:
             self._navigator.restore(self._kept[-1].saved)
-        imu = self._samples.view()
-        for r in [result, *later]:
-            before = self._recent[-1].gnss if self._recent else self._last_settled
-            r.rows = self._rows(r.gnss, before)
-            r.out = self._output(r.rows)
-            self._navigator.run(imu, r.rows, 0, 1, r.out)
-            self._recent.append(r)
-            self._keep(r.t_ns)
-        self._live = None
+        for gnss in [epoch, *later]:
+            rows = self._rows(gnss, self._recent[-1].gnss if self._recent else self._last_settled)
+            result = EpochResult(_tag(gnss), gnss, rows, self._output(rows))
+            if result.t_ns < self._first_ns or self._waits(result.t_ns):
+                mark_without_imu(result.out.ledger, result.out.carrier)
+            else:
+                self._navigator.run(self._samples.view(), rows, 0, 1, result.out)
+                self._keep(result.t_ns)
+                self._live = None
+            self._recent.append(result)
 
     def _keep(self, t_ns: int) -> None:
         self._kept.append(_Kept(t_ns, self._navigator.snapshot()))
@@ -274,16 +306,30 @@ class Engine:
             if bank is not None:
                 bank.head["next"] -= dropped
 
-    def _refuse(self, result: EpochResult, newest: int | None) -> None:
+    def _refuse(self, epoch: GnssTable) -> None:
+        rows = self._rows(epoch)
+        result = EpochResult(_tag(epoch), epoch, rows, self._output(rows))
         for ledger in (result.out.ledger, result.out.carrier):
             # read by itself, its carriers had no epoch before them
             reached = (ledger["status"] == USED) | (ledger["status"] == NO_EPOCH_BEFORE)
             ledger["status"][reached] = TOO_LATE
-        late = ((newest or result.t_ns) - result.t_ns) / NS_PER_S
+        late = ((self._samples.last_ns or result.t_ns) - result.t_ns) / NS_PER_S
         limit = self._latency_ns / NS_PER_S
         detail = f"a GNSS epoch {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"
+        if late <= limit:
+            detail = "a GNSS epoch not later than what is final already: refused"
         self._done.append(Event(result.t_ns, "too_late", detail))
         self._final.append(result)
+
+
+def _tag(epoch: GnssTable) -> int:
+    """Return an epoch's time tag."""
+    return int(epoch.t_ns[0])
+
+
+def _whole(part: GnssTable, known: list[GnssTable]) -> GnssTable:
+    """Return an epoch's rows behind those of the same tag that are known already, in the order of their arrival."""
+    return joined([*(epoch for epoch in known if _tag(epoch) == _tag(part)), part])
 
 
 def _split(table: GnssTable) -> Iterator[GnssTable]:

@@ -16,6 +16,7 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.jit import borrowing, inlined, kernel
+from insgnss.status import NO_IMU, USED
 from insgnss.tables import Float64, Int64
 
 _AXES = ("x", "y", "z")
@@ -162,6 +163,13 @@ def new_ledger(rows: Rows) -> tuple[Table, Table]:
     return ledger, carrier
 
 
+def mark_without_imu(ledger: Table, carriers: Table) -> None:
+    """Write of entries that there were no inertial samples at their time, where they could have been used."""
+    for entries in (ledger, carriers):
+        status = entries["status"]
+        status[status == USED] = NO_IMU
+
+
 @borrowing
 def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: float) -> None:
     """Write one event while there is room, and count it in any case."""
@@ -176,14 +184,18 @@ def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: f
 
 @borrowing
 def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> None:
-    """Write an epoch's entries, from ``first`` on, from its lines."""
+    """Write an epoch's entries, from ``first`` on, from its lines.
+
+    Where there is no satellite, the rest of a line is of another epoch: its entry keeps the NaN that it began with.
+    """
     for j in range(lines.shape[0]):
         line = lines[j]
         entry = ledger[first + j]
-        entry.gain = line.gain
-        for k in range(3):
-            entry.u_n[k] = line.u_n[k]
-            entry.u_b[k] = line.u_b[k]
+        if not math.isnan(line.u_n[0]):
+            entry.gain = line.gain
+            for k in range(3):
+                entry.u_n[k] = line.u_n[k]
+                entry.u_b[k] = line.u_b[k]
         for kind in range(2):
             entry.status[kind] = line.status[kind]
             if not math.isnan(line.innovation[kind]):

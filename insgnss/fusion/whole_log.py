@@ -18,13 +18,12 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, StartError
 from insgnss.fusion.loop import run_to
 from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import Output, Table, new_ledger, new_output
+from insgnss.fusion.output import Output, Table, mark_without_imu, new_ledger, new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.smoother import Smoother
 from insgnss.fusion.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
 from insgnss.gnss.observation_rows import Rows, from_epoch
-from insgnss.status import NO_IMU, USED
 from insgnss.tables import Event, ImuTable, Int64
 
 OutputRate = Literal["gnss", "imu"] | float
@@ -179,9 +178,7 @@ class _Passage:
         """Pass over the epochs before ``last``: what could be used of them has no inertial samples."""
         for rows, begin, end, written in self.until(last):
             passed = slice(int(rows.first[begin]), int(rows.first[end]))
-            for entries in (written.ledger, written.carrier):
-                status = entries["status"][passed]
-                status[status == USED] = NO_IMU
+            mark_without_imu(written.ledger[passed], written.carrier[passed])
 
 
 def trace_room(trace: TraceWanted | None, t_ns: Int64, n_epochs: int, n_offsets: int) -> TraceRoom:
