@@ -8,6 +8,7 @@ it is certain that none will come. So what the engine says of an epoch in the en
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -80,7 +81,7 @@ class Engine:
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
         self._done: list[Event] = []  # events of stretches that have ended, and of refusals
         self._final: list[EpochResult] = []
-        self._waiting: list[GnssTable] = []  # epochs of which samples to come decide what becomes of them
+        self._waiting: list[GnssTable] = []  # epochs ahead of the samples, in the order of time
         self._recent: list[EpochResult] = []  # processed, but still within the latency
         self._last_settled: GnssTable | None = None  # the newest epoch older than those
         self._closed_ns = _LONG_AGO_NS  # epochs up to here are final, whatever the latency
@@ -124,11 +125,14 @@ class Engine:
 
     def _insert_waiting(self, until_ns: int) -> bool:
         """Process the epochs that were ahead of the samples; return whether there was one."""
-        due = [e for e in self._waiting if _tag(e) <= until_ns and not self._waits(_tag(e))]
-        self._waiting = self._waiting[len(due) :]
-        for epoch in due:
-            self._insert(epoch)
-        return len(due) > 0
+        some = False
+        while self._waiting:
+            t_ns = _tag(self._waiting[0])
+            if t_ns > until_ns or self._waits(t_ns):
+                break
+            self._insert(self._waiting.pop(0))
+            some = True
+        return some
 
     def _waits(self, t_ns: int) -> bool:
         """Return whether samples are still to come at or after a time.
@@ -142,7 +146,7 @@ class Engine:
         """Do what there is to be done at each sample, the filter carried to it; here nothing."""
 
     def gnss(self, epoch: GnssTable) -> None:
-        """Take one or more GNSS epochs, whole or in parts: rows of one time tag make one epoch.
+        """Take one or more GNSS epochs, whole or in parts: rows of one time tag make one epoch, in the order they come.
 
         What is older than the latency is refused with an event.
         """
@@ -151,10 +155,12 @@ class Engine:
             if t_ns <= self._closed_ns or (newest is not None and t_ns < newest - self._latency_ns):
                 self._refuse(part)
             elif self._waits(t_ns):
-                others = [e for e in self._waiting if _tag(e) != t_ns]
-                self._waiting = sorted([*others, _whole(part, self._waiting)], key=_tag)
+                at = bisect_left(self._waiting, t_ns, key=_tag)
+                known = [e for e in self._waiting[at : at + 1] if _tag(e) == t_ns]
+                self._waiting[at : at + len(known)] = [joined([*known, part])]
             else:
-                self._insert(_whole(part, [r.gnss for r in self._recent]))
+                known = [r.gnss for r in self._recent if r.t_ns == t_ns]
+                self._insert(joined([*known, part]))
                 self._carry_live()
 
     @property
@@ -325,11 +331,6 @@ class Engine:
 def _tag(epoch: GnssTable) -> int:
     """Return an epoch's time tag."""
     return int(epoch.t_ns[0])
-
-
-def _whole(part: GnssTable, known: list[GnssTable]) -> GnssTable:
-    """Return an epoch's rows behind those of the same tag that are known already, in the order of their arrival."""
-    return joined([*(epoch for epoch in known if _tag(epoch) == _tag(part)), part])
 
 
 def _split(table: GnssTable) -> Iterator[GnssTable]:
