@@ -16,7 +16,7 @@ from insgnss.replay import setup_filter
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.status import DUPLICATE, NO_IMU, TOO_LATE, USED
 from insgnss.tables import GnssTable, ImuTable
-from tests.replay.scenes import START_NS, flight, turns, with_faults, without_samples
+from tests.replay.scenes import START_NS, flight, true_start, turns, with_faults, without_samples
 
 CARRIER_NOISE = NoiseTerms(floor=0.0015, elevation=0.0007, cn0=0.0015)
 DURATION_S = 40.0
@@ -187,6 +187,22 @@ def test_epochs_are_passed_over_where_samples(
     assert_replayed(results, flown, cut)
     assert counted(results, NO_IMU) >= 6 * 8
     assert not engine.take_results(all_of_them=True)
+
+
+def test_given_state_without_a_start_before_the_gap_is_tried_again_after_it(logs: FlightLogs) -> None:
+    """It is of another place, and the gap comes between its refusal and the automatic start."""
+    elsewhere = true_start(BASE, 2.0).model_copy(update={"time_s": None, "lat_deg": -35.0, "lon_deg": -60.0})
+    flown = flight(BASE, start=elsewhere)
+    cut = dataclasses.replace(logs, imu=without_samples(logs.imu, 1.3, 7.0))
+    engine = Engine(with_latency(flown, cut))
+    feed(engine, cut.imu, [(int(e.t_ns[0]), e) for e in epochs(cut.gnss)])
+    assert_replayed(engine.take_results(all_of_them=True), flown, cut)
+    assert [event.kind for event in engine.events][:4] == [
+        "start_refused",
+        "imu_gap",
+        "start_refused",
+        "start",
+    ]
 
 
 def test_epoch_waits_for_samples_until_a_gap_is_certain(flown: Flight, logs: FlightLogs) -> None:
