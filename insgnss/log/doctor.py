@@ -34,6 +34,7 @@ NOTICES: Final = frozenset(
         "csv_delimiter",
         "csv_header_in_comment",
         "android_lines_not_read",
+        "imu_increment_over_long_step",
         "leap_seconds_by_date",
         "navigation_not_used",
         "navigation_repeated",
