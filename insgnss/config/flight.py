@@ -16,6 +16,16 @@ from insgnss.config.strict import StrictModel
 Vector3 = tuple[float, float, float]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+# Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers
+_Arm = Annotated[float, Field(ge=-1e3, le=1e3)]
+_Speed = Annotated[float, Field(ge=-2e4, le=2e4)]
+_Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
+LeverArm = tuple[_Arm, _Arm, _Arm]  # [m]
+Velocity = tuple[_Speed, _Speed, _Speed]  # [m/s]
+Angles = tuple[_Angle, _Angle, _Angle]  # [deg]
+Height = Annotated[float, Field(ge=-1e4, le=1e7)]  # [m]
+AngleSigma = Annotated[float, Field(gt=0.0, le=180.0)]  # [deg]
+TWO_ROLLOVERS_S = 1.3e9  # of a week number of ten bits, 1024 weeks each: what an offset may have to mend
 _ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -27,8 +37,12 @@ class TimeScale(StrictModel):
     unit: Literal["s", "ms", "us", "ns"] = "s"
     origin: Literal["gps_week", "gps_epoch", "unix_epoch"] = "gps_week"
     scale: Literal["gps", "utc"] = "gps"
-    leap_seconds: int | None = Field(None, description="GPS minus UTC [s]; by date when not given")
-    offset_s: float = Field(0.0, description="added to every time tag of the log")
+    leap_seconds: Annotated[int, Field(ge=0, le=100)] | None = Field(
+        None, description="GPS minus UTC [s], 18 since 2017; by date when not given"
+    )
+    offset_s: float = Field(
+        0.0, ge=-TWO_ROLLOVERS_S, le=TWO_ROLLOVERS_S, description="added to every time tag of the log [s]"
+    )
 
 
 class ImuColumns(StrictModel):
@@ -161,7 +175,7 @@ class Base(StrictModel):
     format: LogFormat = "rinex"
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
-    h_m: float = Field(
+    h_m: Height = Field(
         description="of the antenna above the ellipsoid, in the frame of the satellites' orbits"
     )
     max_age_s: PositiveFloat = Field(30.0, description="how far in time a correction may be from its use")
@@ -175,10 +189,10 @@ class MountedAntenna(StrictModel):
 
     name: str = ""
     pattern: str = Field(description="a name in models/antennas, or a file ending in .csv")
-    lever_arm_m: Vector3 | None = Field(
+    lever_arm_m: LeverArm | None = Field(
         None, description="IMU to phase centre, body axes; that of the GNSS log when left out"
     )
-    mounting_rpy_deg: Vector3 = Field(
+    mounting_rpy_deg: Angles = Field(
         (0.0, 0.0, 0.0),
         description="roll, pitch, yaw of the antenna's axes against the body's; roll 180 looks down",
     )
@@ -222,7 +236,7 @@ class Gnss(StrictModel):
     rate_sign: Literal["standard", "reversed"] = Field(
         "standard", description="reversed: Doppler and range rates count against their standard signs"
     )
-    lever_arm_m: Vector3 | None = Field(
+    lever_arm_m: LeverArm | None = Field(
         None, description="IMU to antenna, body axes forward-right-down; left out means not known, not zero"
     )
     oscillator: str | Oscillator = "tcxo"
@@ -234,7 +248,7 @@ class Gnss(StrictModel):
     )
 
     @property
-    def lever_b(self) -> Vector3 | None:
+    def lever_b(self) -> LeverArm | None:
         """IMU to the antenna of the log: as given for the log, else that of the first antenna."""
         if self.lever_arm_m is None and self.antenna:
             return self.antenna[0].lever_arm_m
@@ -244,18 +258,18 @@ class Gnss(StrictModel):
 class GivenStart(StrictModel):
     """A start state the user gives: the IMU's position, velocity, attitude, and how well each is known."""
 
-    time_s: float | None = Field(
+    time_s: Annotated[float, Field(ge=-6.1e6, le=6.1e6)] | None = Field(
         None, description="seconds of the GPS week; the first usable epoch when left out"
     )
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
-    h_m: float
-    v_ned_mps: Vector3
-    rpy_deg: Vector3
-    sd_position_m: PositiveFloat = 30.0
-    sd_velocity_mps: PositiveFloat = 1.0
-    sd_roll_pitch_deg: PositiveFloat = 2.0
-    sd_yaw_deg: PositiveFloat = 10.0
+    h_m: Height = Field(description="above the ellipsoid [m]")
+    v_ned_mps: Velocity = Field(description="north, east, down [m/s]")
+    rpy_deg: Angles = Field(description="roll, pitch, yaw [deg]")
+    sd_position_m: PositiveFloat = Field(30.0, le=1e7, description="one sigma per axis [m]")
+    sd_velocity_mps: PositiveFloat = Field(1.0, le=2e4, description="one sigma per axis [m/s]")
+    sd_roll_pitch_deg: AngleSigma = Field(2.0, description="one sigma; 180 deg say nothing is known")
+    sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg say nothing is known")
 
 
 class ReferenceColumns(StrictModel):
@@ -285,7 +299,10 @@ class FurtherAntenna(MountedAntenna):
     files: tuple[Path, ...] = Field(min_length=1, description="columns and time as those of [gnss]")
     format: LogFormat | None = Field(None, description="that of [gnss] when left out")
     delay_m: float = Field(
-        0.0, description="with a common clock: by how much its cable is longer than the main antenna's"
+        0.0,
+        ge=-1e4,
+        le=1e4,
+        description="with a common clock: by how much its cable is longer than the main antenna's",
     )
 
 
