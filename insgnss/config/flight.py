@@ -7,7 +7,7 @@ against the declaration.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -28,6 +28,7 @@ AngleSigma = Annotated[float, Field(gt=0.0, le=180.0)]  # [deg]
 TWO_ROLLOVERS_S = 1.3e9  # of a week number of ten bits, 1024 weeks each: what an offset may have to mend
 _ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
+NO_COLUMN = "none"  # instead of a column's name: the log has no such column
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -44,8 +45,38 @@ class TimeScale(StrictModel):
         0.0, ge=-TWO_ROLLOVERS_S, le=TWO_ROLLOVERS_S, description="added to every time tag of the log [s]"
     )
 
+    @model_validator(mode="after")
+    def _leap_seconds_are_of_utc(self) -> TimeScale:
+        if self.leap_seconds is not None and self.scale != "utc":
+            raise ValueError(
+                "leap_seconds are added to UTC alone: write scale = 'utc' too, or leave them out"
+            )
+        return self
 
-class ImuColumns(StrictModel):
+
+class Columns(StrictModel):
+    """Names of the columns of a log, no two alike."""
+
+    @model_validator(mode="after")
+    def _names_are_different(self) -> Self:
+        names = list(self.all_names())
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"'{twice}' is named for two things: each needs a column of its own")
+        return self
+
+    def all_names(self) -> tuple[str, ...]:
+        """Return every name of a column, without ``NO_COLUMN``."""
+        values = [value for _, value in self]
+        names = (name for value in values for name in ((value,) if isinstance(value, str) else value))
+        return tuple(name for name in names if name != NO_COLUMN)
+
+    def chosen_names(self) -> tuple[str, ...]:
+        """Return the names that are not the usual ones: the file must have these columns."""
+        return tuple(name for name in self.all_names() if name not in type(self)().all_names())
+
+
+class ImuColumns(Columns):
     """Names of the columns of an inertial log."""
 
     time: str = "time_s"
@@ -130,6 +161,8 @@ class Imu(StrictModel):
     def _axes_are_given_in_one_way(self) -> Imu:
         if self.gyro_axes is not None and self.mounting_matrix is not None:
             raise ValueError("gyro_axes goes with axes: mounting_matrix turns both sensors alike")
+        if self.axes != ("+x", "+y", "+z") and self.mounting_matrix is not None:
+            raise ValueError("axes and mounting_matrix say the same thing twice: give one of them")
         return self
 
     @model_validator(mode="after")
@@ -144,7 +177,7 @@ class Imu(StrictModel):
         return self
 
 
-class GnssColumns(StrictModel):
+class GnssColumns(Columns):
     """Names of the columns of a GNSS log; the optional ones are used where the file has them."""
 
     time: str = "time_s"
@@ -190,7 +223,7 @@ class MountedAntenna(StrictModel):
     name: str = ""
     pattern: str = Field(description="a name in models/antennas, or a file ending in .csv")
     lever_arm_m: LeverArm | None = Field(
-        None, description="IMU to phase centre, body axes; that of the GNSS log when left out"
+        None, description="IMU to phase centre in metres, body axes; that of the GNSS log when left out"
     )
     mounting_rpy_deg: Angles = Field(
         (0.0, 0.0, 0.0),
@@ -237,7 +270,7 @@ class Gnss(StrictModel):
         "standard", description="reversed: Doppler and range rates count against their standard signs"
     )
     lever_arm_m: LeverArm | None = Field(
-        None, description="IMU to antenna, body axes forward-right-down; left out means not known, not zero"
+        None, description="IMU to antenna in metres, forward, right, down; left out means not known, not zero"
     )
     oscillator: str | Oscillator = "tcxo"
     receiver_events: Path | None = Field(
@@ -272,7 +305,7 @@ class GivenStart(StrictModel):
     sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg say nothing is known")
 
 
-class ReferenceColumns(StrictModel):
+class ReferenceColumns(Columns):
     """Names of the columns of a reference trajectory; velocity, attitude and quality are optional."""
 
     time: str = "time_s"

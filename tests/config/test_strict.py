@@ -185,3 +185,49 @@ def test_value_that_no_vehicle_has_names_line_key_and_bound(
     last = new.splitlines()[-1].split(" = ")[0]
     assert error.line == next(k for k, line in enumerate(text.splitlines(), 1) if line.startswith(last))
     assert f"equal to {bound};" in error.message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        (
+            "[gnss]",
+            'axes = ["y", "x", "-z"]\nmounting_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n[gnss]',
+            "imu",
+            "axes and mounting_matrix",
+        ),
+        ("[gnss]", '[imu.columns]\ngyro = ["w", "w", "v"]\n[gnss]', "imu.columns", "'w' is named for two"),
+        (
+            "[gnss]",
+            '[imu.columns]\ngyro = ["w", "accel_x", "v"]\n[gnss]',
+            "imu.columns",
+            "'accel_x' is named",
+        ),
+        (
+            "lever",
+            '[gnss.columns]\ndoppler = "cn0_dbhz"\n[gnss.base]\n#',
+            "gnss.columns",
+            "'cn0_dbhz' is named",
+        ),
+        ("[gnss]", "[imu.time]\nleap_seconds = 18\n[gnss]", "imu.time", "scale = 'utc'"),
+    ],
+)
+def test_declaration_that_would_be_ignored_is_an_error(
+    tmp_path: Path, old: str, new: str, key: str, words: str
+) -> None:
+    text = GOOD.replace(old, new)
+    error = failure(tmp_path, text)
+    assert words in str(error) and f"key '{key}'" in str(error)
+
+
+def test_several_columns_may_be_none(tmp_path: Path) -> None:
+    columns = load(tmp_path, GOOD + '[gnss.columns]\ndoppler = "none"\ncn0 = "none"\n').gnss.columns
+    assert columns.chosen_names() == () and "none" not in columns.all_names()
+
+
+def test_matrix_beside_the_usual_axes_and_leap_seconds_of_utc_are_no_error(tmp_path: Path) -> None:
+    """A dumped configuration names every key; the usual axes turn nothing."""
+    matrix = 'axes = ["+x", "+y", "+z"]\nmounting_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n'
+    text = GOOD.replace("[gnss]", f'{matrix}[imu.time]\nscale = "utc"\nleap_seconds = 18\n[gnss]')
+    config = load(tmp_path, text)
+    assert FlightConfig.model_validate(config.model_dump(mode="json")) == config
