@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from insgnss.config.strict import StrictModel
 
@@ -46,8 +46,9 @@ class TimeScale(StrictModel):
     )
 
     @model_validator(mode="after")
-    def _leap_seconds_are_of_utc(self) -> TimeScale:
-        if self.leap_seconds is not None and self.scale != "utc":
+    def _leap_seconds_are_of_utc(self, info: ValidationInfo) -> TimeScale:
+        # only as a file says it: a proposal of another scale may leave them over
+        if info.mode == "json" and self.leap_seconds is not None and self.scale != "utc":
             raise ValueError(
                 "leap_seconds are added to UTC alone: write scale = 'utc' too, or leave them out"
             )
