@@ -7,17 +7,28 @@ against the declaration.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from insgnss.config.strict import StrictModel
 
 Vector3 = tuple[float, float, float]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+# Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers
+_Arm = Annotated[float, Field(ge=-1e3, le=1e3)]
+_Speed = Annotated[float, Field(ge=-2e4, le=2e4)]
+_Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
+LeverArm = tuple[_Arm, _Arm, _Arm]  # [m]
+Velocity = tuple[_Speed, _Speed, _Speed]  # [m/s]
+Angles = tuple[_Angle, _Angle, _Angle]  # [deg]
+Height = Annotated[float, Field(ge=-1e4, le=1e7)]  # [m]
+AngleSigma = Annotated[float, Field(gt=0.0, le=180.0)]  # [deg]
+TWO_ROLLOVERS_S = 1.3e9  # of a week number of ten bits, 1024 weeks each: what an offset may have to mend
 _ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
+NO_COLUMN = "none"  # instead of a column's name: the log has no such column
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -27,11 +38,46 @@ class TimeScale(StrictModel):
     unit: Literal["s", "ms", "us", "ns"] = "s"
     origin: Literal["gps_week", "gps_epoch", "unix_epoch"] = "gps_week"
     scale: Literal["gps", "utc"] = "gps"
-    leap_seconds: int | None = Field(None, description="GPS minus UTC [s]; by date when not given")
-    offset_s: float = Field(0.0, description="added to every time tag of the log")
+    leap_seconds: Annotated[int, Field(ge=0, le=100)] | None = Field(
+        None, description="GPS minus UTC [s], 18 since 2017; by date when not given"
+    )
+    offset_s: float = Field(
+        0.0, ge=-TWO_ROLLOVERS_S, le=TWO_ROLLOVERS_S, description="added to every time tag of the log [s]"
+    )
+
+    @model_validator(mode="after")
+    def _leap_seconds_are_of_utc(self, info: ValidationInfo) -> TimeScale:
+        # only as a file says it: a proposal of another scale may leave them over
+        if info.mode == "json" and self.leap_seconds is not None and self.scale != "utc":
+            raise ValueError(
+                "leap_seconds are added to UTC alone: write scale = 'utc' too, or leave them out"
+            )
+        return self
 
 
-class ImuColumns(StrictModel):
+class Columns(StrictModel):
+    """Names of the columns of a log, no two alike."""
+
+    @model_validator(mode="after")
+    def _names_are_different(self) -> Self:
+        names = list(self.all_names())
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"'{twice}' is named for two things: each needs a column of its own")
+        return self
+
+    def all_names(self) -> tuple[str, ...]:
+        """Return every name of a column, without ``NO_COLUMN``."""
+        values = [value for _, value in self]
+        names = (name for value in values for name in ((value,) if isinstance(value, str) else value))
+        return tuple(name for name in names if name != NO_COLUMN)
+
+    def chosen_names(self) -> tuple[str, ...]:
+        """Return the names that are not the usual ones: the file must have these columns."""
+        return tuple(name for name in self.all_names() if name not in type(self)().all_names())
+
+
+class ImuColumns(Columns):
     """Names of the columns of an inertial log."""
 
     time: str = "time_s"
@@ -116,6 +162,8 @@ class Imu(StrictModel):
     def _axes_are_given_in_one_way(self) -> Imu:
         if self.gyro_axes is not None and self.mounting_matrix is not None:
             raise ValueError("gyro_axes goes with axes: mounting_matrix turns both sensors alike")
+        if self.axes != ("+x", "+y", "+z") and self.mounting_matrix is not None:
+            raise ValueError("axes and mounting_matrix say the same thing twice: give one of them")
         return self
 
     @model_validator(mode="after")
@@ -130,7 +178,7 @@ class Imu(StrictModel):
         return self
 
 
-class GnssColumns(StrictModel):
+class GnssColumns(Columns):
     """Names of the columns of a GNSS log; the optional ones are used where the file has them."""
 
     time: str = "time_s"
@@ -161,7 +209,7 @@ class Base(StrictModel):
     format: LogFormat = "rinex"
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
-    h_m: float = Field(
+    h_m: Height = Field(
         description="of the antenna above the ellipsoid, in the frame of the satellites' orbits"
     )
     max_age_s: PositiveFloat = Field(30.0, description="how far in time a correction may be from its use")
@@ -175,10 +223,10 @@ class MountedAntenna(StrictModel):
 
     name: str = ""
     pattern: str = Field(description="a name in models/antennas, or a file ending in .csv")
-    lever_arm_m: Vector3 | None = Field(
-        None, description="IMU to phase centre, body axes; that of the GNSS log when left out"
+    lever_arm_m: LeverArm | None = Field(
+        None, description="IMU to phase centre in metres, body axes; that of the GNSS log when left out"
     )
-    mounting_rpy_deg: Vector3 = Field(
+    mounting_rpy_deg: Angles = Field(
         (0.0, 0.0, 0.0),
         description="roll, pitch, yaw of the antenna's axes against the body's; roll 180 looks down",
     )
@@ -222,8 +270,8 @@ class Gnss(StrictModel):
     rate_sign: Literal["standard", "reversed"] = Field(
         "standard", description="reversed: Doppler and range rates count against their standard signs"
     )
-    lever_arm_m: Vector3 | None = Field(
-        None, description="IMU to antenna, body axes forward-right-down; left out means not known, not zero"
+    lever_arm_m: LeverArm | None = Field(
+        None, description="IMU to antenna in metres, forward, right, down; left out means not known, not zero"
     )
     oscillator: str | Oscillator = "tcxo"
     receiver_events: Path | None = Field(
@@ -234,7 +282,7 @@ class Gnss(StrictModel):
     )
 
     @property
-    def lever_b(self) -> Vector3 | None:
+    def lever_b(self) -> LeverArm | None:
         """IMU to the antenna of the log: as given for the log, else that of the first antenna."""
         if self.lever_arm_m is None and self.antenna:
             return self.antenna[0].lever_arm_m
@@ -244,21 +292,21 @@ class Gnss(StrictModel):
 class GivenStart(StrictModel):
     """A start state the user gives: the IMU's position, velocity, attitude, and how well each is known."""
 
-    time_s: float | None = Field(
+    time_s: Annotated[float, Field(ge=-6.1e6, le=6.1e6)] | None = Field(
         None, description="seconds of the GPS week; the first usable epoch when left out"
     )
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
-    h_m: float
-    v_ned_mps: Vector3
-    rpy_deg: Vector3
-    sd_position_m: PositiveFloat = 30.0
-    sd_velocity_mps: PositiveFloat = 1.0
-    sd_roll_pitch_deg: PositiveFloat = 2.0
-    sd_yaw_deg: PositiveFloat = 10.0
+    h_m: Height = Field(description="above the ellipsoid [m]")
+    v_ned_mps: Velocity = Field(description="north, east, down [m/s]")
+    rpy_deg: Angles = Field(description="roll, pitch, yaw [deg]")
+    sd_position_m: PositiveFloat = Field(30.0, le=1e7, description="one sigma per axis [m]")
+    sd_velocity_mps: PositiveFloat = Field(1.0, le=2e4, description="one sigma per axis [m/s]")
+    sd_roll_pitch_deg: AngleSigma = Field(2.0, description="one sigma; 180 deg say nothing is known")
+    sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg say nothing is known")
 
 
-class ReferenceColumns(StrictModel):
+class ReferenceColumns(Columns):
     """Names of the columns of a reference trajectory; velocity, attitude and quality are optional."""
 
     time: str = "time_s"
@@ -285,7 +333,10 @@ class FurtherAntenna(MountedAntenna):
     files: tuple[Path, ...] = Field(min_length=1, description="columns and time as those of [gnss]")
     format: LogFormat | None = Field(None, description="that of [gnss] when left out")
     delay_m: float = Field(
-        0.0, description="with a common clock: by how much its cable is longer than the main antenna's"
+        0.0,
+        ge=-1e4,
+        le=1e4,
+        description="with a common clock: by how much its cable is longer than the main antenna's",
     )
 
 

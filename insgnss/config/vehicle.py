@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from insgnss.config.flight import MountedAntenna, Vector3
+from insgnss.config.flight import LeverArm, MountedAntenna
 from insgnss.config.strict import StrictModel
 
 
@@ -15,7 +15,7 @@ class VehicleAntenna(MountedAntenna):
 
     name: Annotated[str, Field(min_length=1)]
     pattern: str = "isotropic"
-    lever_arm_m: Vector3 = Field(description="body axes forward, right, down")
+    lever_arm_m: LeverArm = Field(description="body axes forward, right, down")
 
 
 class Vehicle(StrictModel):

@@ -36,7 +36,8 @@ class Wanted:
     A row whose ``numeric`` or ``exact`` cell is not a finite number is refused. An ``optional`` column may be absent,
     its cells may be empty (NaN); a cell that is neither empty nor a finite number is NaN and listed in ``bad_cells``.
     ``exact`` columns are returned as integers in units of 10^-digits. ``text`` columns must exist, ``optional_text``
-    ones may. The numbers of columns named ``together`` lie side by side in memory where the file has all of them.
+    ones may. The numbers of columns named ``together`` lie side by side in memory where the file has all of them. What
+    is ``chosen``, named by the user and not by default, must exist even where it is optional.
     """
 
     numeric: Sequence[str] = ()
@@ -45,6 +46,7 @@ class Wanted:
     optional_text: Sequence[str] = ()
     exact: Mapping[str, int] = field(default_factory=dict)
     together: Sequence[str] = ()
+    chosen: Sequence[str] = ()
 
     @property
     def required(self) -> tuple[str, ...]:
@@ -59,7 +61,7 @@ class Wanted:
 
 def column_places(dialect: Dialect, wanted: Wanted, path: Path) -> dict[str, int]:
     """Return the position of each wanted column that the file has."""
-    for name in wanted.required:
+    for name in (*wanted.required, *wanted.chosen):
         if name not in dialect.columns:
             raise _missing_column(name, dialect, path)
     for name in wanted.all:

@@ -35,6 +35,7 @@ _THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f_]\d{3})+(\.\d*)?"
 _SEPARATOR: Final = b"\x1f"  # the delimiter inside: a character that no log holds
 _COMMENTS: Final = (b"#", b"%", b"//")
 _CUT_LINES: Final = 20
+_EXPONENT: Final = re.compile(rb"\d[eE][+-]?(\d+)")
 _INT64_MAX: Final = Decimal(2**63 - 1)
 
 
@@ -59,16 +60,35 @@ class _Complaint:
     reason: str
 
 
-def last_line_is_cut(data: memoryview) -> bool:
-    """Return whether the file ends without a line end and with a line shorter than each of the 20 before it.
+def last_line_is_cut(data: memoryview, delimiter: str) -> bool:
+    """Return whether the file ends without a line end and with a line that lacks something the 20 before it have.
 
-    A recorder that lost power leaves such a line; its last number may lack digits, so the row cannot be trusted.
+    It is shorter than each of them, its last cell is, or an exponent there has fewer digits than theirs. A recorder
+    that lost power leaves such a line; its last number may lack digits, so the row cannot be trusted.
     """
     if bytes(data[-1:]) in (b"\r", b"\n"):
         return False
     tail = [line.strip() for line in bytes(data[-(1 << 16) :]).splitlines()]
-    before = [len(line) for line in tail[-_CUT_LINES - 1 : -1] if line]
-    return len(before) > 1 and len(tail[-1]) < min(before[1:])
+    before = [line for line in tail[-_CUT_LINES - 2 : -1] if line][1:]
+    if not before:
+        return False
+    if len(tail[-1]) < min(map(len, before)):
+        return True
+    parting = None if delimiter == " " else delimiter.encode()
+    cell = _last_cell(tail[-1], parting)
+    shortest = len(cell) < min(len(_last_cell(line, parting)) for line in before)
+    return len(before) == _CUT_LINES and (shortest or _lacks_exponent_digits(cell, before))
+
+
+def _last_cell(line: bytes, parting: bytes | None) -> bytes:
+    return line.rsplit(parting, 1)[-1].strip()
+
+
+def _lacks_exponent_digits(cell: bytes, before: list[bytes]) -> bool:
+    """Return whether a cell's exponent has fewer digits than any in the lines before: ``e-0`` after ``e-05``."""
+    own = _EXPONENT.search(cell)
+    others = [len(found) for line in before for found in _EXPONENT.findall(line)]
+    return own is not None and bool(others) and len(own[1]) < min(others)
 
 
 def read_exact(
@@ -222,7 +242,7 @@ def _split_lines(data: bytes, dialect: Dialect) -> tuple[list[bytes], Int64, lis
     complaints: list[_Complaint] = []
     expected = len(dialect.columns)
     raw = data.splitlines()
-    cut = len(raw) if last_line_is_cut(memoryview(data)) else 0
+    cut = len(raw) if last_line_is_cut(memoryview(data), dialect.delimiter) else 0
     for number, line in enumerate(raw[dialect.skip :], start=dialect.skip + 1):
         if not line.strip() or line.lstrip().startswith(_COMMENTS):
             continue

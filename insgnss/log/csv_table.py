@@ -118,7 +118,7 @@ def _read_fast(
     events: list[Event],
 ) -> CsvTable | None:
     """Return the table as Arrow reads it, None when anything in the file needs the exact path."""
-    if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer)):
+    if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer), dialect.delimiter):
         return None
     with byte_stream(path, buffer) as stream:
         found = read_fast(stream, buffer.size, dialect, places, wanted)

@@ -14,10 +14,11 @@ from insgnss.errors import InsGnssError, UnitsError
 from insgnss.gnss.signals import CHANNELS
 from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
 from insgnss.log.doctor_imu import imu_findings
-from insgnss.log.flight import Flight, check_overlap
+from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import has_messages, merged, missing_navigation, read_receiver
 from insgnss.log.imu_csv import read_imu
 from insgnss.log.navigation_span import check_navigation_time
+from insgnss.log.overlap import check_overlap, epochs_outside
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
 from insgnss.log.report import CheckReport, Finding, Proposal, from_events
@@ -34,6 +35,7 @@ NOTICES: Final = frozenset(
         "csv_delimiter",
         "csv_header_in_comment",
         "android_lines_not_read",
+        "imu_increment_over_long_step",
         "leap_seconds_by_date",
         "navigation_not_used",
         "navigation_repeated",
@@ -174,8 +176,7 @@ def _overlap_findings(flight: Flight, imu: ImuTable, gnss: GnssTable) -> list[Fi
         return [_error_finding("flight", error)]
     start, end = max(imu.t_ns[0], gnss.t_ns[0]), min(imu.t_ns[-1], gnss.t_ns[-1])
     findings = [Finding("ok", "flight", f"IMU and GNSS overlap for {(end - start) / NS_PER_S:.1f} s")]
-    epochs = np.unique(gnss.t_ns)
-    before, after = int(np.sum(epochs < imu.t_ns[0])), int(np.sum(epochs > imu.t_ns[-1]))
+    before, after = epochs_outside(imu.t_ns, gnss.t_ns)
     if before or after:
         text = f"{before} GNSS epoch(s) before the IMU begins, {after} after it ends: not used"
         findings.append(Finding("warning" if after else "ok", "flight", text))

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.flight import Gnss
+from insgnss.config.flight import NO_COLUMN, Gnss
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
@@ -21,7 +21,6 @@ MIN_RATE_MPS: Final = 30.0
 SLOPE_TOLERANCE: Final = 0.15
 # A common step of half a microsecond: no receiver clock wanders so far within an epoch
 CLOCK_JUMP_M: Final = 150.0
-NO_COLUMN: Final = "none"  # what a key is set to whose column the log does not have
 _SURE: Final = "sure: the ratio is that of the median of all satellites"
 
 

@@ -11,16 +11,15 @@ import pyarrow as pa
 
 from insgnss.config.flight import FlightConfig, ImuGrade, Oscillator
 from insgnss.config.strict import load_toml
-from insgnss.errors import TimeError
 from insgnss.gnss.phase_centre import SatelliteAntennas
-from insgnss.gpstime import ns_to_datetime, ns_to_week_seconds
 from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
 from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
 from insgnss.log.imu_csv import read_imu
+from insgnss.log.overlap import check_overlap, outside_events
 from insgnss.log.reference import read_reference
-from insgnss.tables import Event, GnssTable, ImuTable, Int64, NavigationData, PreciseProducts, ReferenceTable
+from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, PreciseProducts, ReferenceTable
 
 
 @dataclass(frozen=True)
@@ -99,6 +98,7 @@ class Flight:
         """Hold both logs against each other and read the reference."""
         config = self.config
         check_overlap(imu.t_ns, logs.gnss.t_ns, config)
+        events += outside_events(imu.t_ns, logs.gnss.t_ns)
         reference = None
         if config.reference is not None:
             reference, found = read_reference(config.reference, config.gps_week)
@@ -172,41 +172,3 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
     if config.reference is not None:
         update["reference"] = config.reference.model_copy(update={"file": absolute(config.reference.file)})
     return config.model_copy(update=update)
-
-
-def check_overlap(imu_ns: Int64, gnss_ns: Int64, config: FlightConfig) -> None:
-    """Hold the spans of the two logs against each other.
-
-    Raises
-    ------
-    TimeError : they have no time in common; both spans and the usual reasons are named
-    """
-    if imu_ns[0] <= gnss_ns[-1] and gnss_ns[0] <= imu_ns[-1]:
-        return
-    late = (
-        (int(imu_ns[0]) - int(gnss_ns[-1]))
-        if imu_ns[0] > gnss_ns[-1]
-        else (int(imu_ns[-1]) - int(gnss_ns[0]))
-    )
-    raise TimeError(
-        f"the logs do not overlap: IMU {_span(imu_ns, config.gps_week)}, GNSS {_span(gnss_ns, config.gps_week)}",
-        file=config.imu.files[0],
-        advice=_overlap_advice(late / 1e9),
-    )
-
-
-def _span(t_ns: Int64, week: int) -> str:
-    first, last = ns_to_week_seconds(t_ns[[0, -1]], week)
-    return (
-        f"{first:.3f} to {last:.3f} s of week {week} ({ns_to_datetime(int(t_ns[0])):%Y-%m-%d %H:%M:%S} GPS)"
-    )
-
-
-def _overlap_advice(gap_s: float) -> str:
-    weeks = round(gap_s / 604_800)
-    if weeks:
-        return f"they are about {abs(weeks)} week(s) apart: check gps_week and time.origin of both logs"
-    return (
-        f"they are {abs(gap_s):.1f} s apart: check time.scale (UTC is 18 s behind GPS since 2017; local time is hours"
-        " away), time.unit, time.offset_s"
-    )

@@ -6,6 +6,7 @@ Both forms are read: with satellite states in the row, or with a navigation file
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -53,6 +54,8 @@ def read_gnss(config: Gnss, week: int) -> tuple[GnssTable, list[Event]]:
         part, found = _read_file(config, path, week, previous)
         parts.append(part)
         events += found
+    parts, unused = _states_of_one_source(parts, config)
+    events += unused
     table, reordered = in_time_order(joined(parts), str(config.files[0]))
     return table, events + reordered
 
@@ -84,6 +87,8 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
         )
     pseudorange_m = _values(table, names.pseudorange, path, required=True)
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
+    states, unused = _satellite_states(table, config, path)
+    events += unused
     whole = GnssTable(
         t_ns,
         sv,
@@ -94,7 +99,7 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
         _values(table, names.cn0, path),
         sv_names,
         signal_names,
-        _satellite_states(table, config, path),
+        states,
         table.columns.get(names.sigma_pseudorange),
         table.columns.get(names.sigma_range_rate),
         _bad_rows(table, names),
@@ -123,6 +128,7 @@ def _wanted(names: GnssColumns) -> Wanted:
         text=(names.sv,),
         optional_text=(names.signal,),
         together=_state_columns(names),
+        chosen=names.chosen_names(),
     )
 
 
@@ -163,20 +169,22 @@ def _check_pseudoranges(pseudorange_m: Float64, name: str, path: Path) -> None:
             )
 
 
-def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> Float64 | None:
-    """Return (n, 8) satellite states of the log, None when it has none.
+def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> tuple[Float64 | None, list[Event]]:
+    """Return (n, 8) satellite states of the log, None when it has none or a part only.
 
     Raises
     ------
-    ColumnError : some of the eight columns are there, others not, and no navigation file can stand in
+    ColumnError : some of the eight columns are there, others not, and nothing else says where the satellites were
     """
     columns = _state_columns(config.columns)
     missing = [name for name in columns if name not in table.columns]
     if not missing and table.block is not None:
-        return table.block
+        return table.block, []
     if not missing:
-        return np.column_stack([table.columns[name] for name in columns])
-    if len(missing) < len(columns) and not config.navigation:
+        return np.column_stack([table.columns[name] for name in columns]), []
+    if len(missing) == len(columns):
+        return None, []
+    if not _has_orbits(config):
         raise ColumnError(
             "the log has a part of the satellite states, but not this one",
             file=path,
@@ -184,7 +192,29 @@ def _satellite_states(table: CsvTable, config: Gnss, path: Path) -> Float64 | No
             column=missing[0],
             advice="give all eight (position, velocity, clock, clock drift) or a navigation file",
         )
-    return None
+    detail = f"{path}: satellite states without '{missing[0]}' are not used: the navigation files stand in"
+    return None, [Event(None, "satellite_states_not_used", detail)]
+
+
+def _has_orbits(config: Gnss) -> bool:
+    return bool(config.navigation or config.precise)
+
+
+def _states_of_one_source(parts: list[GnssTable], config: Gnss) -> tuple[list[GnssTable], list[Event]]:
+    """Take the satellites of all files from the same source: from the navigation files where one log lacks states."""
+    without = [path for path, part in zip(config.files, parts, strict=True) if part.sat is None]
+    if not without or len(without) == len(parts):
+        return parts, []
+    others = f"the satellite states of the other {len(parts) - len(without)} file(s)"
+    if not _has_orbits(config):
+        detail = (
+            f"{without[0]}: no satellite states, as {others} have, and no navigation file: no row is used"
+        )
+        return parts, [Event(None, "satellite_states_missing", detail)]
+    detail = (
+        f"{without[0]}: no satellite states; {others} are not used: the navigation files stand in for all"
+    )
+    return [replace(part, sat=None) for part in parts], [Event(None, "satellite_states_not_used", detail)]
 
 
 def _bad_rows(table: CsvTable, names: GnssColumns) -> Int64:

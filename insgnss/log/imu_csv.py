@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -21,12 +20,10 @@ from insgnss.log.imu_axes import gyro_mounting_matrix, mounting_matrix, to_body_
 from insgnss.log.imu_faults import Axes, fault_events
 from insgnss.log.imu_time import gap_events, increasing_samples
 from insgnss.log.imu_units import check_units
+from insgnss.log.increment_steps import increment_intervals
 from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
-
-# An increment whose step is longer than so many median steps covers one nominal step only
-LONG_STEP: Final = 1.5
 
 
 @dataclass
@@ -63,7 +60,7 @@ def read_imu(config: Imu, week: int, grade: ImuGrade | None = None) -> tuple[Imu
     events += gap_events(raw.t_ns, step, median_ns, file)
     for axes in _axes(raw, config, grade, median_ns):
         events += fault_events(raw.t_ns, axes, file)
-    table, converted = _to_table(raw, step, median_ns, config, file)
+    table, converted = _to_table(raw, step, config, file)
     del raw
     return table, events + converted + check_units(table, config, grade, median_ns, file)
 
@@ -79,7 +76,7 @@ def read_imu_as_logged(config: Imu, week: int) -> ImuTable:
     raw, _ = _increasing(config, week, file)
     step = np.diff(raw.t_ns)
     own = config.model_copy(update={"axes": ("+x", "+y", "+z"), "gyro_axes": None, "mounting_matrix": None})
-    return _to_table(raw, step, float(np.median(step)), own, file)[0]
+    return _to_table(raw, step, own, file)[0]
 
 
 def _increasing(config: Imu, week: int, file: str) -> tuple[_Raw, list[Event]]:
@@ -149,33 +146,19 @@ def _read_file(config: Imu, path: Path, week: int, previous_ns: int | None) -> t
     return _Raw(t_ns, columns[:3], columns[3:]), table.events + events + continued
 
 
-def _to_table(
-    raw: _Raw, step: Int64, median_ns: float, config: Imu, file: str
-) -> tuple[ImuTable, list[Event]]:
+def _to_table(raw: _Raw, step: Int64, config: Imu, file: str) -> tuple[ImuTable, list[Event]]:
     """Return the samples in SI units and body axes, as means over the interval that ends at each tag."""
     factor: float | Float64 = 1.0
     events: list[Event] = []
     if config.values == "increments":
-        factor, events = _per_interval(step, median_ns, file, raw.t_ns)
+        dv = (raw.accel[0], raw.accel[1], raw.accel[2])
+        interval_ns, events = increment_intervals(raw.t_ns, step, dv, file)
+        factor = NS_PER_S / interval_ns
     w_ib_b = to_body_axes(raw.gyro, gyro_mounting_matrix(config), factor * SI_PER_UNIT[config.gyro_unit])
     f_b = to_body_axes(raw.accel, mounting_matrix(config), factor * SI_PER_UNIT[config.accel_unit])
     if config.sampling == "instant" and config.values == "rates":
         w_ib_b, f_b = _trapezoid(w_ib_b), _trapezoid(f_b)
     return ImuTable(raw.t_ns, w_ib_b, f_b), events
-
-
-def _per_interval(step: Int64, median_ns: float, file: str, t_ns: Int64) -> tuple[Float64, list[Event]]:
-    """Return 1 / interval [1/s] of each increment; after a gap an increment covers one nominal step."""
-    interval = np.concatenate(([median_ns], step.astype(np.float64)))
-    long = np.flatnonzero(interval > LONG_STEP * median_ns)
-    interval[long] = median_ns
-    events = []
-    if len(long):
-        detail = f"{file}: {len(long)} increment(s) after a longer step taken to cover one nominal step of"
-        events.append(
-            Event(int(t_ns[long[0]]), "imu_increment_after_gap", f"{detail} {median_ns / NS_PER_S:.6g} s")
-        )
-    return np.asarray(NS_PER_S / interval), events
 
 
 def _trapezoid(values: Float64) -> Float64:

@@ -21,7 +21,8 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
     InputError and its kin : the file or a position column is missing
     """
     names = config.columns
-    wanted = Wanted(numeric=names.position, optional=(*names.velocity, *names.attitude, names.quality))
+    optional = (*names.velocity, *names.attitude, names.quality)
+    wanted = Wanted(numeric=names.position, optional=optional, chosen=names.chosen_names())
     table = read_csv_table(config.file, wanted_with_time(names.time, config.time, wanted))
     t_ns, rows, events = gps_times(table, names.time, config.time, week)
     table = table if rows is None else table.take(rows)

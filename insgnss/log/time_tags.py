@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -22,6 +23,9 @@ _DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 CROSSOVER_TOLERANCE_NS: Final = 3600 * NS_PER_S  # a log may pause that long over the week's end
 LATEST_NS: Final = 9_999 * NS_PER_WEEK  # what is later is no date of any log
 MAX_WEEK_SECONDS_NS: Final = 10 * NS_PER_WEEK  # seconds may be counted on over some week ends
+STRAY_NS: Final = (
+    183 * 86_400 * NS_PER_S
+)  # from the middle of the log: no log lasts a year, an unset clock is years off
 MAX_EVENTS_EACH: Final = 20
 
 
@@ -63,6 +67,9 @@ def gps_times(
         possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
         t_ns = np.rint(np.where(possible, ns, 0.0) if not possible.all() else ns).astype(np.int64)
     rows, events = _possible_rows(table, column, scale, possible)
+    if is_exact(scale):
+        rows, found = _rows_of_one_log(table, column, t_ns, rows)
+        events += found
     t_ns = t_ns if rows is None else t_ns[rows]
     if not is_exact(scale):
         events += _unwrap_week(t_ns, str(table.path), week)
@@ -86,17 +93,40 @@ def _possible_rows(
             column=column,
             advice="check time.unit and time.origin ('gps_week', 'gps_epoch', 'unix_epoch') in the flight file",
         )
+    return rows, _refusals(table, column, bad, ["this is no date"] * len(bad))
+
+
+def _rows_of_one_log(
+    table: CsvTable, column: str, t_ns: Int64, rows: npt.NDArray[np.intp] | None
+) -> tuple[npt.NDArray[np.intp] | None, list[Event]]:
+    """Refuse rows whose date is half a year and more from the middle one: a recorder's clock was not yet set."""
+    told = t_ns if rows is None else t_ns[rows]
+    if int(told.max()) - int(told.min()) <= STRAY_NS:
+        return rows, []
+    kept = np.arange(len(t_ns)) if rows is None else rows
+    away = told - middle_ns(told)
+    stray = np.abs(away) > STRAY_NS
+    if not stray.any():
+        return rows, []
+    years = away[stray] / (365.25 * 86_400 * NS_PER_S)
+    reasons = [f"{abs(y):.1f} years {'before' if y < 0 else 'after'} the middle of the log" for y in years]
+    return kept[~stray], _refusals(table, column, kept[stray], reasons)
+
+
+def middle_ns(t_ns: Int64) -> int:
+    """Return the median tag [ns], one of the log's own: it stays where it is when some tags are wrong."""
+    half = len(t_ns) // 2
+    return int(np.partition(t_ns, half)[half])
+
+
+def _refusals(table: CsvTable, column: str, bad: npt.NDArray[np.intp], reasons: Sequence[str]) -> list[Event]:
     events = [
-        Event(
-            None,
-            "bad_row",
-            f"{table.path}:{table.line[row]}, column '{column}': this is no date; row refused",
-        )
-        for row in bad[:MAX_EVENTS_EACH]
+        Event(None, "bad_row", f"{table.path}:{table.line[row]}, column '{column}': {why}; row refused")
+        for row, why in zip(bad[:MAX_EVENTS_EACH].tolist(), reasons, strict=False)
     ]
     if len(bad) > MAX_EVENTS_EACH:
-        events.append(Event(None, "bad_row", f"{table.path}: {len(bad)} rows without a date refused in all"))
-    return rows, events
+        events.append(Event(None, "bad_row", f"{table.path}: {len(bad)} such rows refused in all"))
+    return events
 
 
 def _unwrap_week(t_ns: Int64, file: str, week: int) -> list[Event]:
@@ -123,7 +153,7 @@ def _to_gps(t_ns: Int64, scale: TimeScale, file: str, events: list[Event]) -> In
     if scale.scale == "utc":
         leap = scale.leap_seconds
         if leap is None:
-            utc = ns_to_datetime(int(t_ns[0]))
+            utc = ns_to_datetime(middle_ns(t_ns))
             leap = leap_seconds(dt.datetime(utc.year, utc.month, utc.day))
             events.append(
                 Event(

@@ -126,3 +126,108 @@ def test_file_that_is_no_text_is_an_error(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00g")
     with pytest.raises(ConfigError, match="UTF-8"):
         load_toml(path, FlightConfig)
+
+
+START = """
+[start]
+lat_deg = -33.9
+lon_deg = 151.2
+h_m = 50.0
+v_ned_mps = [0.0, 0.0, 0.0]
+rpy_deg = [0.0, 0.0, 140.0]
+sd_position_m = 3.0
+sd_velocity_mps = 0.5
+sd_roll_pitch_deg = 1.0
+sd_yaw_deg = 5.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "bound"),
+    [
+        ("h_m = 50.0", "h_m = 1e8", "start.h_m", "10000000"),
+        ("h_m = 50.0", "h_m = -2e4", "start.h_m", "-10000"),
+        ("v_ned_mps = [0.0", "v_ned_mps = [1e300", "start.v_ned_mps", "20000"),
+        ("rpy_deg = [0.0", "rpy_deg = [1e5", "start.rpy_deg", "360"),
+        ("sd_position_m = 3.0", "sd_position_m = 1e12", "start.sd_position_m", "10000000"),
+        ("sd_velocity_mps = 0.5", "sd_velocity_mps = 1e12", "start.sd_velocity_mps", "20000"),
+        ("sd_roll_pitch_deg = 1.0", "sd_roll_pitch_deg = 181.0", "start.sd_roll_pitch_deg", "180"),
+        ("sd_yaw_deg = 5.0", "sd_yaw_deg = 1e6", "start.sd_yaw_deg", "180"),
+        ("lever_arm_m = [1.0", "lever_arm_m = [1e300", "gnss.lever_arm_m", "1000"),
+        (
+            "sd_yaw_deg = 5.0",
+            "sd_yaw_deg = 5.0\n[imu.time]\noffset_s = 1e10",
+            "imu.time.offset_s",
+            "1300000000",
+        ),
+        ("sd_yaw_deg = 5.0", "sd_yaw_deg = 5.0\ntime_s = 1e300", "start.time_s", "6100000"),
+        (
+            "sd_yaw_deg = 5.0",
+            'sd_yaw_deg = 5.0\n[gnss.time]\nscale = "utc"\nleap_seconds = 100000000000000000000',
+            "gnss.time.leap_seconds",
+            "100",
+        ),
+        (
+            "sd_yaw_deg = 5.0",
+            'sd_yaw_deg = 5.0\n[imu.time]\nscale = "utc"\nleap_seconds = -18',
+            "imu.time.leap_seconds",
+            "0",
+        ),
+    ],
+)
+def test_value_that_no_vehicle_has_names_line_key_and_bound(
+    tmp_path: Path, old: str, new: str, key: str, bound: str
+) -> None:
+    text = (GOOD + START).replace(old, new)
+    assert load(tmp_path, GOOD + START).start != "automatic"
+    error = failure(tmp_path, text)
+    assert error.key == key and f"change {key}" in error.advice
+    last = new.splitlines()[-1].split(" = ")[0]
+    assert error.line == next(k for k, line in enumerate(text.splitlines(), 1) if line.startswith(last))
+    assert f"equal to {bound};" in error.message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        (
+            "[gnss]",
+            'axes = ["y", "x", "-z"]\nmounting_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n[gnss]',
+            "imu",
+            "axes and mounting_matrix",
+        ),
+        ("[gnss]", '[imu.columns]\ngyro = ["w", "w", "v"]\n[gnss]', "imu.columns", "'w' is named for two"),
+        (
+            "[gnss]",
+            '[imu.columns]\ngyro = ["w", "accel_x", "v"]\n[gnss]',
+            "imu.columns",
+            "'accel_x' is named",
+        ),
+        (
+            "lever",
+            '[gnss.columns]\ndoppler = "cn0_dbhz"\n[gnss.base]\n#',
+            "gnss.columns",
+            "'cn0_dbhz' is named",
+        ),
+        ("[gnss]", "[imu.time]\nleap_seconds = 18\n[gnss]", "imu.time", "scale = 'utc'"),
+    ],
+)
+def test_declaration_that_would_be_ignored_is_an_error(
+    tmp_path: Path, old: str, new: str, key: str, words: str
+) -> None:
+    text = GOOD.replace(old, new)
+    error = failure(tmp_path, text)
+    assert words in str(error) and f"key '{key}'" in str(error)
+
+
+def test_several_columns_may_be_none(tmp_path: Path) -> None:
+    columns = load(tmp_path, GOOD + '[gnss.columns]\ndoppler = "none"\ncn0 = "none"\n').gnss.columns
+    assert columns.chosen_names() == () and "none" not in columns.all_names()
+
+
+def test_matrix_beside_the_usual_axes_and_leap_seconds_of_utc_are_no_error(tmp_path: Path) -> None:
+    """A dumped configuration names every key; the usual axes turn nothing."""
+    matrix = 'axes = ["+x", "+y", "+z"]\nmounting_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n'
+    text = GOOD.replace("[gnss]", f'{matrix}[imu.time]\nscale = "utc"\nleap_seconds = 18\n[gnss]')
+    config = load(tmp_path, text)
+    assert FlightConfig.model_validate(config.model_dump(mode="json")) == config

@@ -120,6 +120,33 @@ def test_truncated_last_line_is_refused_with_an_event(tmp_path: Path, cut: str) 
     assert ":101" in table.events[0].detail
 
 
+@pytest.mark.parametrize("delimiter", [",", " "])
+@pytest.mark.parametrize(
+    ("usual", "last", "kept"),
+    [
+        ("1.2345e-05", "1.23456789e-0", 99),  # longer than the others, and still without an exponent's digit
+        ("1.2345e-05", "1.23456789e-06", 100),
+        ("1.2345e-5", "1.23456789e-6", 100),
+        ("-0.0123", "1234567.8e-7", 100),  # no other line tells how exponents are written
+        ("1000.25", "100.2", 99),  # shorter than every last cell before, though its line is not
+        ("1000.25", "100.252", 100),
+    ],
+)
+def test_last_cell_without_a_line_end_is_held_against_those_before(
+    tmp_path: Path, delimiter: str, usual: str, last: str, kept: int
+) -> None:
+    path = tmp_path / "log.csv"
+    rows = [("t", "x"), *((f"{k}.5", usual) for k in range(99)), ("99.5000000000", last)]
+    text = "\n".join(delimiter.join(row) for row in rows)
+    path.write_text(text)
+    table = read_csv_table(path, Wanted(numeric=("t", "x")))
+    assert table.n == kept
+    refused = [event.detail for event in table.events if event.kind == "bad_row"]
+    assert len(refused) == 100 - kept and all("ends in the middle" in detail for detail in refused)
+    path.write_text(text + "\n")
+    assert read_csv_table(path, Wanted(numeric=("t", "x"))).n == 100
+
+
 @pytest.mark.parametrize(("end", "kept"), [("", 99), ("\n", 100)])
 def test_last_number_that_may_be_cut_is_refused(tmp_path: Path, end: str, kept: int) -> None:
     path = tmp_path / "log.csv"

@@ -96,22 +96,61 @@ def test_no_satellite_positions_at_all_is_an_error(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("start_s", "words"), [(1030.0, "time.scale"), (900_000.0, "week"), (5000.0, "3981.0 s apart")]
+    ("start_s", "fits"),
+    [
+        (1030.0, ["18 leap seconds", "time.scale"]),
+        (985.0, ["18 leap seconds", "time.scale"]),
+        (605_800.0, ["1 week(s) apart", "gps_week"]),
+        (-1_208_600.0, ["2 week(s) apart", "gps_week"]),
+        (8200.0, ["2 hour(s) apart", "time.offset_s"]),
+        (5000.0, ["3981.0 s apart, which no whole weeks, hours or leap seconds explain"]),
+        (900_000.0, ["898981.0 s apart, which no whole weeks, hours or leap seconds explain"]),
+        (300_000.0, ["298981.0 s apart, which no whole weeks, hours or leap seconds explain"]),
+    ],
 )
-def test_logs_without_overlap_print_both_spans_and_a_hint(
-    folder: Path, rng: np.random.Generator, start_s: float, words: str
+def test_logs_without_overlap_print_both_spans_and_what_fits_the_numbers(
+    folder: Path, rng: np.random.Generator, start_s: float, fits: list[str]
 ) -> None:
     write_imu(folder / "imu.csv", rest(rng, start_s=start_s))
     with pytest.raises(TimeError) as caught:
         read(folder)
     assert "1000.000 to 1019.000 s of week 2268" in caught.value.message
     assert f"{start_s:.3f} to" in caught.value.message
-    assert words in caught.value.advice
+    assert all(words in caught.value.advice for words in fits)
+    told = [w for w in ("leap seconds apart", "week(s)", "hour(s)") if w in caught.value.advice]
+    assert told == [
+        w for w in ("leap seconds apart", "week(s)", "hour(s)") if w in " apart ".join(fits) + " apart"
+    ]
 
 
-def test_imu_that_ends_before_the_gnss_is_no_error(folder: Path, rng: np.random.Generator) -> None:
-    write_imu(folder / "imu.csv", rest(rng, n=500))
-    assert len(read(folder).imu.t_ns) == 500
+def test_inertial_log_that_counts_from_zero_is_told_as_such(folder: Path, rng: np.random.Generator) -> None:
+    """Eleven hours and some: no calendar is at fault."""
+    write_imu(folder / "imu.csv", rest(rng, start_s=0.01))
+    lines = [f"{float(line.split(',', 1)[0]) + 40_000:.3f},{line.split(',', 1)[1]}" for line in gnss_lines()]
+    write_gnss(folder / "gnss.csv", lines)
+    with pytest.raises(TimeError) as caught:
+        read(folder)
+    assert "the IMU log seems to count from its own start" in caught.value.advice
+    assert "imu.time.offset_s, about 41000" in caught.value.advice
+    assert "week(s)" not in caught.value.advice
+
+
+@pytest.mark.parametrize(
+    ("kept", "told"),
+    [
+        (slice(500), ["15 GNSS epoch(s) after the inertial log ends"]),  # to 1004.99 s
+        (slice(1050, None), ["11 GNSS epoch(s) before the inertial log begins"]),  # from 1010.5 s
+        (slice(310, 490), ["4 GNSS epoch(s) before", "15 GNSS epoch(s) after"]),
+        (slice(50, 1890), []),  # one epoch at either end is usual
+    ],
+)
+def test_epochs_outside_the_inertial_log_are_an_event(
+    folder: Path, rng: np.random.Generator, kept: slice, told: list[str]
+) -> None:
+    write_imu(folder / "imu.csv", rest(rng, n=2000)[kept])
+    logs = read(folder)
+    assert [event.kind for event in logs.events] == ["epochs_without_imu"] * len(told)
+    assert all(words in event.detail for event, words in zip(logs.events, told, strict=True))
 
 
 @pytest.mark.parametrize("name", ["imu.csv", "gnss.csv", "nav.rnx"])
@@ -159,7 +198,11 @@ def test_real_flights_are_read_completely(
     assert logs.navigation is not None and len(logs.navigation.ephemerides.sv_names) == messages
     assert (np.diff(logs.imu.t_ns) > 0).all() and np.isfinite(logs.imu.f_b).all()
     assert logs.imu.f_b[:, 2].mean() == pytest.approx(-9.8, abs=0.2)
-    assert not {event.kind for event in logs.events} - {"imu_gap", "navigation_not_used"}
+    assert not {event.kind for event in logs.events} - {
+        "imu_gap",
+        "navigation_not_used",
+        "epochs_without_imu",
+    }
 
 
 def _placed(name: str, data_root: Path) -> Path:

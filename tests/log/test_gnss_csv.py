@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insgnss.config.flight import GnssColumns
 from insgnss.errors import ColumnError, MissingFileError, UnitsError
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import epochs
@@ -155,8 +156,48 @@ def test_a_part_of_the_satellite_states_is_an_error_without_navigation(tmp_path:
     with pytest.raises(ColumnError) as caught:
         read_gnss(gnss_config(path), WEEK)
     assert caught.value.column == "sat_clock_drift_mps"
-    table, _ = read_gnss(gnss_config(path, navigation=["nav.rnx"]), WEEK)
+    table, events = read_gnss(gnss_config(path, navigation=["nav.rnx"]), WEEK)
     assert table.sat is None
+    assert [event.kind for event in events] == ["satellite_states_not_used"]
+    assert "'sat_clock_drift_mps'" in events[0].detail
+
+
+@pytest.mark.parametrize("orbits", [{"navigation": ["nav.rnx"]}, {"precise": ["a.sp3"]}])
+def test_states_of_one_file_of_two_give_way_to_the_navigation_files(
+    tmp_path: Path, orbits: dict[str, object]
+) -> None:
+    a = write_lines(tmp_path / "a.csv", with_states(gnss_lines()[:40]))
+    b = write_gnss(tmp_path / "b.csv", gnss_lines()[40:])
+    table, events = read_gnss(gnss_config(a, b, **orbits), WEEK)
+    assert table.sat is None and len(table.t_ns) == 80
+    assert [event.kind for event in events] == ["satellite_states_not_used"]
+    assert "b.csv" in events[0].detail
+    alone, events = read_gnss(gnss_config(a, b), WEEK)
+    assert alone.sat is not None and np.isnan(alone.sat[40:]).all() and np.isfinite(alone.sat[:40]).all()
+    assert [event.kind for event in events] == ["satellite_states_missing"]
+
+
+@pytest.mark.parametrize(
+    ("columns", "missing", "nearest"),
+    [
+        ({"doppler": "dopler_hz"}, "dopler_hz", "nearest: 'doppler_hz'"),
+        ({"cn0": "snr_dbhz"}, "snr_dbhz", "nearest: 'cn0_dbhz'"),
+        ({"sigma_pseudorange": "sig"}, "sig", "nearest: 'signal'"),
+        ({"sat_position": ["X", "Y", "Z"]}, "X", "the file has"),
+        ({"signal": "code"}, "code", "the file has"),
+    ],
+)
+def test_optional_column_that_the_flight_file_names_must_be_there(
+    tmp_path: Path, columns: dict[str, object], missing: str, nearest: str
+) -> None:
+    with pytest.raises(ColumnError) as caught:
+        read(tmp_path, gnss_lines(), columns=columns)
+    assert caught.value.column == missing and nearest in caught.value.advice
+
+
+def test_usual_columns_that_are_absent_stay_silent_even_when_written_out(tmp_path: Path) -> None:
+    usual = GnssColumns().model_dump()
+    assert read(tmp_path, gnss_lines(), columns=usual)[1] == []
 
 
 def test_sigmas_and_range_rates_are_read_where_logged(tmp_path: Path) -> None:
@@ -193,7 +234,11 @@ def test_pseudoranges_in_another_unit_are_an_error(tmp_path: Path, factor: float
 
 def test_pseudorange_column_of_words_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ColumnError, match="no number at all"):
-        read(tmp_path, gnss_lines(), columns={"pseudorange": "signal", "signal": "none"})
+        read(
+            tmp_path,
+            gnss_lines(),
+            columns={"pseudorange": "signal", "signal": "cn0_dbhz", "cn0": "pseudorange_m"},
+        )
 
 
 def test_missing_pseudorange_column_is_named(tmp_path: Path) -> None:

@@ -61,7 +61,8 @@ def test_increments_become_means_over_their_own_steps(
 ) -> None:
     rows = rest(rng)
     rows[1:, 0] += np.cumsum(rng.integers(-3, 4, 999)) * 1e-3 / 30  # steps from 9.9 to 10.1 ms
-    step = np.diff(rows[:, 0], prepend=rows[0, 0] - np.median(np.diff(rows[:, 0])))[:, None]
+    first = np.median(np.diff(rows[:65, 0]))  # no tag tells the first step: that of the block it stands in
+    step = np.diff(rows[:, 0], prepend=rows[0, 0] - first)[:, None]
     written = np.hstack([rows[:, :1], rows[:, 1:4] * step * per[0], rows[:, 4:7] * step * per[1]])
     table, _ = read(tmp_path, written, gyro_unit=gyro, accel_unit=accel, values="increments")
     assert np.allclose(table.w_ib_b, rows[:, 1:4], rtol=0, atol=1e-6)
@@ -75,6 +76,20 @@ def test_increment_after_a_gap_covers_one_nominal_step(tmp_path: Path, rng: np.r
     table, events = read(tmp_path, rows, gyro_unit="rad", accel_unit="m/s", values="increments")
     assert table.f_b[500, 2] == pytest.approx(-G_MPS2, abs=0.1)
     assert sorted(events) == ["imu_gap", "imu_increment_after_gap"]
+
+
+@pytest.mark.parametrize("pattern", [[1, 1, 2], [1] * 500 + [2] * 250])
+def test_increments_over_uneven_steps_keep_the_size_of_gravity(
+    tmp_path: Path, rng: np.random.Generator, pattern: list[int]
+) -> None:
+    rows = rest(rng)
+    count = np.resize(pattern, 600 if len(pattern) == 3 else 750)
+    ends = np.cumsum(count) - 1
+    sums = np.add.reduceat(rows[: ends[-1] + 1, 1:], np.concatenate(([0], ends[:-1] + 1)), axis=0) * 0.01
+    written = np.hstack([rows[ends, :1], sums])
+    table, events = read(tmp_path, written, gyro_unit="rad", accel_unit="m/s", values="increments")
+    assert np.allclose(table.f_b[:, 2], -G_MPS2, rtol=0, atol=0.1)
+    assert set(events) <= {"imu_increment_over_long_step"}
 
 
 def test_instant_values_become_means_of_the_intervals_ends(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -99,6 +99,29 @@ def test_tag_that_is_no_date_refuses_its_row(tmp_path: Path, cell: str) -> None:
     assert "log.csv:4, column 't'" in events[0].detail
 
 
+@pytest.mark.parametrize("at", [0, 5, 9])
+@pytest.mark.parametrize("stray", ["315964800.0", "946684800.5", "4102444800"])
+def test_date_of_an_unset_clock_refuses_its_row_and_leaves_the_leap_seconds(
+    tmp_path: Path, at: int, stray: str
+) -> None:
+    unix = FIRST_UNIX_GPS_NS - 18 * 10**9
+    cells = [decimal(unix + k * 10**9, 9) for k in range(10)]
+    cells[at] = stray
+    t_ns, events = times(tmp_path, cells, origin="unix_epoch", scale="utc")
+    assert np.array_equal(t_ns, FIRST_NS + np.delete(np.arange(10), at) * 10**9)
+    assert [event.kind for event in events] == ["bad_row", "leap_seconds_by_date"]
+    assert f"log.csv:{at + 2}, column 't'" in events[0].detail and "years" in events[0].detail
+    assert "18 s" in events[1].detail
+
+
+def test_leap_seconds_are_those_of_the_middle_of_the_log(tmp_path: Path) -> None:
+    """A log that begins an hour before the end of 2016 and is mostly of 2017: one shift for all of it."""
+    first = dt.datetime(2016, 12, 31, 23)
+    unix = int((first - dt.datetime(1970, 1, 1)).total_seconds())
+    t_ns, _ = times(tmp_path, [str(unix + 600 * k) for k in range(20)], origin="unix_epoch", scale="utc")
+    assert t_ns[0] == datetime_to_ns(first) + 18 * 10**9
+
+
 @pytest.mark.parametrize(
     ("cells", "settings"),
     [

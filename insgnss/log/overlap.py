@@ -1,0 +1,114 @@
+"""The spans of an inertial and a GNSS log held against each other: no time in common, or epochs that one lacks."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.config.flight import FlightConfig
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import TimeError
+from insgnss.gpstime import leap_seconds, ns_to_datetime, ns_to_week_seconds
+from insgnss.tables import Event, Int64
+
+FROM_ZERO_S: Final = (
+    3600.0  # a first tag below it: counted from the recorder's own start rather than in a week
+)
+MOST_HOURS: Final = 14  # between local time and UTC
+# Two recorders never stop at the same moment: one epoch before or after the inertial log is worth no word
+USUAL_EPOCHS_OUTSIDE: Final = 1
+_WEEK_S: Final = NS_PER_WEEK / NS_PER_S
+
+
+def check_overlap(imu_ns: Int64, gnss_ns: Int64, config: FlightConfig) -> None:
+    """Hold the spans of the two logs against each other.
+
+    Raises
+    ------
+    TimeError : they have no time in common; both spans are named, and which usual reasons fit the numbers
+    """
+    if imu_ns[0] <= gnss_ns[-1] and gnss_ns[0] <= imu_ns[-1]:
+        return
+    week = config.gps_week
+    raise TimeError(
+        f"the logs do not overlap: IMU {_span(imu_ns, week)}, GNSS {_span(gnss_ns, week)}",
+        file=config.imu.files[0],
+        advice=_advice(imu_ns, gnss_ns, week),
+    )
+
+
+def epochs_outside(imu_ns: Int64, gnss_ns: Int64) -> tuple[int, int]:
+    """Return how many epochs of a GNSS log (rows in time order) lie before the first and after the last sample."""
+    before = np.searchsorted(gnss_ns, imu_ns[0], side="left")
+    after = np.searchsorted(gnss_ns, imu_ns[-1], side="right")
+    return len(np.unique(gnss_ns[:before])), len(np.unique(gnss_ns[after:]))
+
+
+def outside_events(imu_ns: Int64, gnss_ns: Int64) -> list[Event]:
+    """Return an event for each end of the inertial log beyond which the GNSS log goes on by more than one epoch."""
+    before, after = epochs_outside(imu_ns, gnss_ns)
+    events = []
+    if before > USUAL_EPOCHS_OUTSIDE:
+        detail = f"{before} GNSS epoch(s) before the inertial log begins: not used"
+        events.append(Event(int(gnss_ns[0]), "epochs_without_imu", detail))
+    if after > USUAL_EPOCHS_OUTSIDE:
+        detail = f"{after} GNSS epoch(s) after the inertial log ends: not used"
+        events.append(Event(int(imu_ns[-1]), "epochs_without_imu", detail))
+    return events
+
+
+def _span(t_ns: Int64, week: int) -> str:
+    first, last = ns_to_week_seconds(t_ns[[0, -1]], week)
+    return (
+        f"{first:.3f} to {last:.3f} s of week {week} ({ns_to_datetime(int(t_ns[0])):%Y-%m-%d %H:%M:%S} GPS)"
+    )
+
+
+def _advice(imu_ns: Int64, gnss_ns: Int64, week: int) -> str:
+    """Say which of the usual mistakes would bring the logs together, and nothing that does not fit the numbers."""
+    least = (int(gnss_ns[0]) - int(imu_ns[-1])) / NS_PER_S
+    most = (int(gnss_ns[-1]) - int(imu_ns[0])) / NS_PER_S
+    fits = [*_from_zero(imu_ns, gnss_ns, week), *_by_calendar(least, most, int(gnss_ns[0]))]
+    if fits:
+        return "; or ".join(fits)
+    return (
+        f"they are {min(abs(least), abs(most)):.1f} s apart, which no whole weeks, hours or leap seconds explain:"
+        " check that both logs are of one flight, then time.unit, time.origin and time.offset_s"
+    )
+
+
+def _from_zero(imu_ns: Int64, gnss_ns: Int64, week: int) -> list[str]:
+    """Return what to do when the inertial log counts from its own start; a receiver knows its time."""
+    imu_s, gnss_s = (float(ns_to_week_seconds(t_ns[:1], week)[0]) for t_ns in (imu_ns, gnss_ns))
+    if abs(imu_s) > FROM_ZERO_S or abs(gnss_s) <= FROM_ZERO_S:
+        return []
+    return [
+        "the IMU log seems to count from its own start, not from the week's: give imu.time.offset_s,"
+        f" about {gnss_s - imu_s:.0f} if both logs begin together"
+    ]
+
+
+def _by_calendar(least_s: float, most_s: float, when_ns: int) -> list[str]:
+    """Return the shifts by the calendar, added to the IMU tags, that would make the logs overlap."""
+    leap_s = leap_seconds(ns_to_datetime(when_ns))
+    fits = []
+    weeks = _multiple_inside(_WEEK_S, least_s, most_s)
+    if weeks:
+        fits.append(f"they are {abs(weeks)} week(s) apart: check gps_week and time.origin of both logs")
+    if any(sign * leap_s > least_s and sign * leap_s < most_s for sign in (-1, 1)):
+        fits.append(f"they may be the {leap_s} leap seconds apart: check time.scale of both logs, UTC or GPS")
+    hours = _multiple_inside(3600.0, least_s, most_s)
+    if hours and abs(hours) <= MOST_HOURS:
+        fits.append(f"they are {abs(hours)} hour(s) apart: local time? give time.offset_s")
+    return fits
+
+
+def _multiple_inside(unit_s: float, least_s: float, most_s: float) -> int:
+    """Return the smallest multiple of a unit between two shifts of equal sign, 0 when there is none."""
+    if least_s > 0.0:
+        count = math.ceil(least_s / unit_s)
+    else:
+        count = math.floor(most_s / unit_s)
+    return count if least_s <= count * unit_s <= most_s else 0
