@@ -13,6 +13,7 @@ from insgnss.tables import Float64
 # -2 log of the belief in axes before the log is seen: as declared, turned as a whole, of reversed sign in one sensor,
 # and for every row in which the sensors differ, the accelerometers' being turned besides counting as one more
 STRANGE: Final = (0.0, 10.0, 12.0)
+STRANGE_MIRROR: Final = 2.0  # besides, of axes that no mounting gives
 STRANGE_FIRST_ROW: Final = 30.0
 STRANGE_ROW: Final = 25.0
 # Cosines of a declared axis with the direction that it should have
@@ -32,6 +33,16 @@ class Axes(NamedTuple):
     gyro_kept: bool  # the gyros' are
     rank: int  # 0 as declared, 1 both sensors alike, 2 alike but for the sign of all, then more for each row apart
 
+    @property
+    def cost(self) -> float:
+        """-2 log likelihood above the best."""
+        return self.hypothesis.cost
+
+    @property
+    def mounted(self) -> bool:
+        """Whether a sensor that is right in itself, mounted otherwise, gives these axes."""
+        return np.array_equal(self.accel, self.gyro) and bool(np.linalg.det(self.accel) > 0.0)
+
 
 def relative(accel: Float64, gyro: Float64) -> Float64:
     """Return H = det(A) A^T G, the gyros' map in the accelerometers' own axes."""
@@ -45,33 +56,32 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
     nothing speaks against stay. Stranger declarations need more evidence: in a coordinated flight the accelerometers
     see no side force, and only belief tells a reversed axis from a right one.
     """
-    found = []
-    for one in ranked:
+    found: dict[tuple[tuple[str, ...], tuple[str, ...], float], Axes] = {}
+    for one in sorted(ranked, key=lambda one: one.cost):
         accel = _accel(one, accel_0)
         gyro = one.handed * accel @ one.gyro_map
         turned = not np.array_equal(accel, accel_0)
-        found.append(
-            Axes(
-                accel,
-                gyro,
-                one.factor,
-                one,
-                turned,
-                bool(np.array_equal(gyro, gyro_0)),
-                _rank(accel, gyro, accel_0, gyro_0),
-            )
+        axes = Axes(
+            accel,
+            gyro,
+            one.factor,
+            one,
+            turned,
+            bool(np.array_equal(gyro, gyro_0)),
+            _rank(accel, gyro, accel_0, gyro_0),
         )
-    found.sort(key=credibility)
-    return found
+        found.setdefault((names(accel), names(gyro), one.factor), axes)
+    return sorted(found.values(), key=credibility)
 
 
 def credibility(axes: Axes) -> float:
     """Return -2 log of how credible a declaration is, with the evidence of the log: the least is the best."""
     if axes.rank < len(STRANGE):
         twice = axes.rank == 2 and axes.turned and not axes.gyro_kept
-        return axes.hypothesis.cost + STRANGE[axes.rank] + (STRANGE_ROW if twice else 0.0)
+        mirror = STRANGE_MIRROR if axes.rank == 1 and not axes.mounted else 0.0
+        return axes.cost + STRANGE[axes.rank] + mirror + (STRANGE_ROW if twice else 0.0)
     rows = axes.rank - len(STRANGE) + (1 if axes.turned else 0)
-    return axes.hypothesis.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
+    return axes.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
 
 
 def _accel(one: Hypothesis, accel_0: Float64) -> Float64:

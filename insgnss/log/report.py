@@ -81,6 +81,14 @@ class CheckReport:
         order = dict.fromkeys(p.key for finding in self.findings for p in finding.proposals)
         return tuple(found[key] for key in order)
 
+    @property
+    def sure_proposals(self) -> tuple[Proposal, ...]:
+        """Those that nothing in the logs speaks for otherwise: a likely one is left to its reader."""
+        sure = {
+            p.key for finding in self.findings if finding.sure.startswith("sure") for p in finding.proposals
+        }
+        return tuple(p for p in self.proposals if p.key in sure)
+
     def lines(self) -> list[str]:
         """Return the report as lines of text, the last one a summary."""
         count = Counter(finding.severity for finding in self.findings)
