@@ -1,7 +1,7 @@
 """What the doctor says of the axes: that they fit, what they should be, or between which readings the log cannot tell.
 
 A proposal is sure only where the log speaks clearly against every other reading of the columns. Where another one does
-as well, the one that a mounting can give, both sensors turned alike, is likely, and nothing else is proposed.
+as well, the one that a mounting can give, both sensors turned alike, is likely, or else the simplest if there is one.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from insgnss.doctor.axis_search import EQUAL, SURE, Match
 from insgnss.doctor.declaration import Declared
-from insgnss.doctor.vehicle_axes import Axes, contradicted, forward_known, names
+from insgnss.doctor.vehicle_axes import Axes, contradicted, forward_known, names, strangeness
 from insgnss.log.report import Finding, Proposal
 from insgnss.tables import Float64
 
@@ -42,9 +42,9 @@ def axes_findings(declared: Declared, found: list[Axes], match: Match) -> list[F
 
 
 def decided(found: list[Axes]) -> bool:
-    """Return whether one reading leads: nothing can be said of time and lever arm before."""
-    best, near = found[0], _near(found)
-    return best.rank == 0 or not near or (best.mounted and not any(axes.mounted for axes in near))
+    """Return whether one reading leads, by the log or by being the simplest: time and lever arm are asked with it."""
+    best = found[0]
+    return best.rank == 0 or all(strangeness(axes) - strangeness(best) > EQUAL for axes in _near(found))
 
 
 def _near(found: list[Axes]) -> list[Axes]:
@@ -105,7 +105,8 @@ def _other_axes(declared: Declared, best: Axes, near: list[Axes], margin: float)
     sure = f"{_certainty(best, near, margin)} for a vehicle that moves nose first"
     if not near:
         return Finding("error", "motion", text + left, "", sure, _proposals(declared, best))
-    sure += "; of several readings that explain the motion the one that a mounting gives"
+    why = "the one that a mounting gives" if best.mounted else "the simplest"
+    sure += f"; of several readings that explain the motion {why}"
     columns = _open_columns(best, near)
     others = (
         f"the sign or order of {', '.join(columns)}" if len(columns) <= MOST_OPEN else f"axes {_listed(near)}"

@@ -13,7 +13,6 @@ from insgnss.tables import Float64
 # -2 log of the belief in axes before the log is seen: as declared, turned as a whole, of reversed sign in one sensor,
 # and for every row in which the sensors differ, the accelerometers' being turned besides counting as one more
 STRANGE: Final = (0.0, 10.0, 12.0)
-STRANGE_MIRROR: Final = 2.0  # besides, of axes that no mounting gives
 STRANGE_FIRST_ROW: Final = 30.0
 STRANGE_ROW: Final = 25.0
 # Cosines of a declared axis with the direction that it should have
@@ -78,10 +77,26 @@ def credibility(axes: Axes) -> float:
     """Return -2 log of how credible a declaration is, with the evidence of the log: the least is the best."""
     if axes.rank < len(STRANGE):
         twice = axes.rank == 2 and axes.turned and not axes.gyro_kept
-        mirror = STRANGE_MIRROR if axes.rank == 1 and not axes.mounted else 0.0
-        return axes.cost + STRANGE[axes.rank] + mirror + (STRANGE_ROW if twice else 0.0)
+        return axes.cost + STRANGE[axes.rank] + (STRANGE_ROW if twice else 0.0)
     rows = axes.rank - len(STRANGE) + (1 if axes.turned else 0)
     return axes.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
+
+
+def strangeness(axes: Axes) -> float:
+    """Return -2 log of the belief in a declaration among those that the log leaves: what a mounting gives comes first.
+
+    A whole log of the wrong hand, or a sensor of the wrong sign, is hardly likelier than one column that is wrong.
+    """
+    if axes.rank == 0:
+        return 0.0
+    if axes.mounted:
+        return STRANGE[1]
+    both = STRANGE_ROW if axes.turned and not axes.gyro_kept else 0.0
+    if axes.rank < len(STRANGE):
+        return STRANGE_FIRST_ROW + (both if axes.rank == 2 else 0.0)
+    apart = int(np.sum((axes.accel != axes.gyro).any(axis=1)))
+    exchanged = not np.array_equal(np.abs(axes.accel), np.abs(axes.gyro))  # of two rows, which is one slip
+    return STRANGE_FIRST_ROW + STRANGE_ROW * (apart - 1 - int(exchanged)) + both
 
 
 def _accel(one: Hypothesis, accel_0: Float64) -> Float64:
