@@ -79,7 +79,11 @@ def _open_columns(best: Axes, near: list[Axes]) -> list[str]:
 
 
 def _undecided(readings: list[Axes]) -> Finding:
-    text = f"the declared axes do not fit the motion; several others do: axes {_listed(readings)}"
+    ordered = sorted(readings, key=strangeness)
+    text = f"the declared axes do not fit the motion; several others do: axes {_listed(ordered)}"
+    columns = _open_columns(ordered[0], ordered[1:])
+    if len(columns) <= MOST_OPEN:
+        text += f"; they differ in {', '.join(columns)} alone"
     return Finding("error", "motion", text, "turns with bank or pitch, runs and stops tell them apart")
 
 
