@@ -58,6 +58,9 @@ def _fitting(best: Axes, near: list[Axes], shown: str) -> Finding:
     if not near:
         return Finding("ok", "motion", f"the axes fit the motion: {shown}")
     advice = "turns with bank or pitch, runs and stops tell more"
+    if best.cost > SURE:
+        text = f"the motion speaks for other axes than the declared ones: axes {_listed(near)}"
+        return Finding("warning", "motion", text, advice, f"log likelihood {best.cost / 2.0:.0f} above")
     columns = _open_columns(best, near)
     if len(columns) <= MOST_OPEN:
         text = f"the axes fit the motion, but for the sign or order of {', '.join(columns)}, which it does not show"

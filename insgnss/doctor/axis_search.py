@@ -27,9 +27,7 @@ AXIS_STRETCHES: Final = 12
 EQUAL: Final = 8.0
 SURE: Final = 20.0
 RANKED: Final = 8
-LOOKED_AT: Final = (
-    40.0  # so far above the best fit a hypothesis may come back by biases or by the direction of motion
-)
+LOOKED_AT: Final = 40.0  # so far above the best, biases or the direction of motion may bring one back
 
 
 class Hypothesis(NamedTuple):
@@ -50,9 +48,7 @@ class Match(NamedTuple):
 
     shift_s: float  # to be added to the inertial tags, to a quarter of a second
     contrast: float  # how much the likelihood peaks at the shift
-    ranked: list[
-        Hypothesis
-    ]  # by the velocities, the best first, and the declared one with each unit among them
+    ranked: list[Hypothesis]  # by the velocities, the best first; the declared one with each unit among them
     gap: float  # to the best of those that are not ranked
     unit_gap: float  # to the best one with another unit of the gyros
     rms_mps: float
