@@ -15,7 +15,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.doctor.motion_fit import CORRELATED, MODEL_SIGMA_MPS, Path, best_rotation, rotate
+from insgnss.doctor.motion_fit import (
+    CORRELATED,
+    MODEL_SIGMA_MPS,
+    Path,
+    best_rotation,
+    nearest_rotation,
+    rotate,
+)
 from insgnss.doctor.motion_fit import at_times as path_at
 from insgnss.doctor.stretches import Stretch, lag_of
 from insgnss.tables import Float64
@@ -80,7 +87,7 @@ class _Moments(NamedTuple):
         for _ in range(2):
             w_v = self.each / (squares / rows + self.floor)
             w_a = self.once / (off / max(2.0 * self.fast, 1.0) + DIRECTION_SD**2)
-            Q = _nearest(w_v * M_v + w_a * M_a, self.handed)
+            Q = nearest_rotation(w_v * M_v + w_a * M_a, self.handed)
             squares, off = self.velocity_squares(Q), self.direction_squares(Q, a)
             found.append((self.cost(Q, a), Q))
         cost, Q = min(found, key=lambda one: one[0])
@@ -137,12 +144,6 @@ def _settled(parts: list[_Moments], a: Float64, base: float) -> Nose:
             break
         a = mean / length
     return Nose(mean, float(cost - base))
-
-
-def _nearest(M: Float64, handed: int) -> Float64:
-    U, _, Vt = np.linalg.svd(M)
-    side = handed * np.sign(np.linalg.det(U @ Vt))
-    return np.asarray(U @ np.diag([1.0, 1.0, side]) @ Vt)
 
 
 def _moments(
