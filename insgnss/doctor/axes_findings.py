@@ -16,7 +16,9 @@ from insgnss.doctor.vehicle_axes import Axes, contradicted, forward_known, names
 from insgnss.log.report import Finding, Proposal
 from insgnss.tables import Float64
 
-SURE_STRANGE: Final = 50.0  # of axes in which the sensors differ in a row: model errors look like that
+# -2 log likelihood to every other reading, for axes that are sure: what no reading holds, as scale errors, made 16
+# between a reading and its mirror image in 10 minutes of coordinated flight
+SURE_AXES: Final = 50.0
 MOST_OPEN: Final = 3  # columns that the motion may leave open while it bears the others out
 SHOWN: Final = 4  # readings
 
@@ -51,7 +53,8 @@ def _near(found: list[Axes]) -> list[Axes]:
     """Return the readings that cannot be told from the first."""
     best = found[0]
     level = best.cost if best.rank == 0 else min(axes.cost for axes in found)
-    return [axes for axes in found[1:] if axes.cost - level < EQUAL and _told(axes) != _told(best)]
+    apart = EQUAL if best.rank == 0 else SURE
+    return [axes for axes in found[1:] if axes.cost - level < apart and _told(axes) != _told(best)]
 
 
 def _fitting(best: Axes, near: list[Axes], shown: str) -> Finding:
@@ -123,7 +126,7 @@ def _other_axes(declared: Declared, best: Axes, near: list[Axes], margin: float)
 
 
 def _certainty(best: Axes, near: list[Axes], margin: float) -> str:
-    clear = not near and margin > (SURE if best.rank < 3 else SURE_STRANGE)
+    clear = not near and margin > SURE_AXES
     # what the direction of motion prefers, the velocities must allow
     return "sure" if clear and forward_known(best.hypothesis) and best.hypothesis.fit < EQUAL else "likely"
 
