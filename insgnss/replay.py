@@ -31,6 +31,7 @@ from insgnss.fusion.output import Output
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
 from insgnss.fusion.whole_log import LedgerPart, OutputRate, TraceWanted, run_blocks
+from insgnss.fusion.whole_log import run_filter as run_filter
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns

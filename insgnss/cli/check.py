@@ -22,7 +22,7 @@ def check(
     write: Annotated[
         Path | None,
         typer.Option(
-            help="Write a copy of the flight file with the proposals, each with a comment that says why."
+            help="Write a copy of the flight file with the sure proposals, each with a comment that says why."
         ),
     ] = None,
 ) -> None:
@@ -39,7 +39,8 @@ def check(
         loaded = Flight.load(flight)
         with telling(f"reading and checking{first}"):
             report = examine(loaded)
-        written = write_corrected(loaded, report.proposals, write) if write and report.proposals else None
+        sure = report.sure_proposals
+        written = write_corrected(loaded, sure, write) if write and sure else None
     files = loaded.files()
     took_s = time.perf_counter() - began
     if as_json:
@@ -56,8 +57,11 @@ def check(
         for line in report.lines():
             typer.echo(line)
         end = "nothing was written" if written is None else f"wrote {written}: look at it, then check it"
-        if write is None and report.proposals:
+        if write is None and sure:
             end += "; --write corrected.toml writes a flight file with the proposals"
+        left = len(report.proposals) - len(sure)
+        if left and (write or not sure):
+            end += f"; {left} likely key(s) are left for you to enter: only sure ones are written"
         typer.echo(f"read {len(files)} files in {took_s:.2f} s; {end}")
     if report.severity == "error":
         raise typer.Exit(_FAILED)

@@ -1,8 +1,8 @@
 """Which hypothesis of axes, gyro unit and time the logs bear out, and what it says of the vehicle's axes.
 
 Every exchange and sign of the gyros' axes against the accelerometers' is tried, right- and left-handed, with both
-units, over a range of time shifts. The attitude that comes with the best one shows along which sensor axes the vehicle
-moves and is pulled down.
+units, over a range of time shifts. The attitude that comes with each shows along which sensor axes the vehicle moves
+and is pulled down; it must move along one direction all through the log (``nose_first``).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 
 from insgnss.doctor.motion_fit import Path, best_rotation, fit_costs, integrate, rotate, signed_permutations
 from insgnss.doctor.motion_fit import at_times as path_at
+from insgnss.doctor.nose_first import SLOW_MPS, Nose, noses
 from insgnss.doctor.stretches import Stretch, inertial_grid, lag_of
 from insgnss.tables import Float64, ImuTable
 
@@ -26,7 +27,7 @@ AXIS_STRETCHES: Final = 12
 EQUAL: Final = 8.0
 SURE: Final = 20.0
 RANKED: Final = 8
-SLOW_MPS: Final = 1.0  # slower motion has no direction
+LOOKED_AT: Final = 40.0  # so far above the best, biases or the direction of motion may bring one back
 
 
 class Hypothesis(NamedTuple):
@@ -38,6 +39,8 @@ class Hypothesis(NamedTuple):
     cost: float  # above the best [-]
     along_s: Float64  # (3,) mean direction of motion in sensor axes; short where it wanders
     down_s: Float64  # (3,) mean direction of gravity
+    noses: tuple[Nose, ...] = ()  # directions of motion that it allows
+    fit: float = 0.0  # the part of the cost that the velocities alone make, above the best
 
 
 class Match(NamedTuple):
@@ -45,16 +48,21 @@ class Match(NamedTuple):
 
     shift_s: float  # to be added to the inertial tags, to a quarter of a second
     contrast: float  # how much the likelihood peaks at the shift
-    ranked: list[Hypothesis]  # the best first, and the declared one with each unit among them
-    gap: float  # to the best hypothesis that is ruled out
+    ranked: list[Hypothesis]  # by the velocities, the best first; the declared one with each unit among them
+    gap: float  # to the best of those that are not ranked
     unit_gap: float  # to the best one with another unit of the gyros
     rms_mps: float
     stretches: list[Stretch]
 
     @property
+    def readings(self) -> list[Hypothesis]:
+        """The hypotheses with each direction of motion they allow, the best first."""
+        return with_noses(self.ranked)
+
+    @property
     def tied(self) -> list[Hypothesis]:
         """Those that cannot be told from the best."""
-        return [one for one in self.ranked if one.cost < EQUAL]
+        return [one for one in self.readings if one.cost < EQUAL]
 
 
 def in_motion(found: list[Stretch]) -> list[Stretch]:
@@ -91,6 +99,26 @@ def search(
         shift, contrast = _scan(imu, origin_ns, moving, maps, base_s, FULL_STEP_S)
         match = _ranked(imu, origin_ns, moving, maps, shift, contrast, base_s, factors, declared)
     return match
+
+
+def with_noses(ranked: list[Hypothesis]) -> list[Hypothesis]:
+    """Return each hypothesis with each direction that it lets the vehicle move in, the cost of holding it added.
+
+    Where the vehicle moves in no steady direction under any hypothesis that the velocities leave, as a helicopter may,
+    its direction says nothing: then they come back as they are.
+    """
+    least = min((one.cost for one in ranked), default=0.0)
+    pairs = [(one, nose) for one in ranked for nose in one.noses]
+    left = [(one.cost + nose.cost, nose) for one, nose in pairs if one.cost - least < SURE]
+    if not left or not min(left, key=lambda pair: pair[0])[1].steady:
+        found = [one._replace(fit=one.cost - least) for one in ranked]
+    else:
+        found = [
+            one._replace(cost=one.cost + nose.cost, along_s=nose.along_s, fit=one.cost - least)
+            for one, nose in pairs
+        ]
+    best = min((one.cost for one in found), default=0.0)
+    return sorted((one._replace(cost=one.cost - best) for one in found), key=lambda one: one.cost)
 
 
 def is_map(hypothesis: Hypothesis, gyro_map: Float64, factor: float) -> bool:
@@ -130,23 +158,24 @@ def _ranked(
     chosen = _mixed(moving)
     grid = inertial_grid(imu, origin_ns, chosen, 1.5, base_s + shift_s)
     path = integrate(grid, maps)
-    near = np.array([-0.25, -0.125, 0.0, 0.125, 0.25])
-    fit = fit_costs(chosen, grid, path, near)
+    shifts = np.array([-0.25, -0.125, 0.0, 0.125, 0.25])
+    fit = fit_costs(chosen, grid, path, shifts)
     cost = fit.cost.min(axis=2)
     best = np.unravel_index(np.argmin(cost), cost.shape)
     above = cost - cost[best]
-    fine = float(near[np.argmin(fit.cost[best])])
-    tied = int(np.count_nonzero(above < EQUAL))
-    order = [int(k) for k in np.argsort(above.ravel())[: max(tied, RANKED)]]
+    fine = float(shifts[np.argmin(fit.cost[best])])
+    near = max(int(np.count_nonzero(above < LOOKED_AT)), RANKED)
+    order = [int(k) for k in np.argsort(above.ravel())[:near]]
+    not_ranked = np.sort(above.ravel())[near:]
     as_declared = np.flatnonzero((np.sign(maps) == declared).all(axis=(1, 2)))
     order += [int(2 * h + side) for h in as_declared for side in (0, 1)]
     ranked = []
     for h, side in (divmod(k, 2) for k in dict.fromkeys(order)):
         along, down = _directions(chosen, grid.start_s, path, h, 1 - 2 * side, fine)
         factor = factors[h // 48]
-        one = Hypothesis(maps[h] / factor, factor, 1 - 2 * side, float(above[h, side]), along, down)
+        noses_of = tuple(noses(chosen, grid.start_s, path, h, 1 - 2 * side, fine, down))
+        one = Hypothesis(maps[h] / factor, factor, 1 - 2 * side, float(above[h, side]), along, down, noses_of)
         ranked.append(one)
-    ruled_out = above[above >= EQUAL]
     unit = np.arange(len(maps)) // 48
     others = above[unit != unit[best[0]]]
     total = shift_s + (0.0 if shift_s == 0.0 else fine)
@@ -154,7 +183,7 @@ def _ranked(
         total,
         contrast,
         ranked,
-        float(ruled_out.min(initial=np.inf)),
+        float(not_ranked.min(initial=np.inf)),
         float(others.min(initial=np.inf)),
         float(fit.rms[best].min()),
         moving,

@@ -24,6 +24,7 @@ from insgnss.errors import InsGnssError
 from insgnss.log.doctor import ReadLogs, read_and_check
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
+from insgnss.log.imu_frozen import DEAD
 from insgnss.log.imu_units import fitting_accel_units, keys_of_accel_unit
 from insgnss.log.report import CheckReport, Finding, Proposal
 from insgnss.tables import GnssTable
@@ -84,6 +85,9 @@ def _against_each_other(
     if not LEAST_G < size < MOST_G:
         text = f"the specific force is {size:.3g} g in the middle of the log: not held against the satellites"
         return [*more, Finding("warning", "motion", text, "its unit must be known first")], False
+    if any(finding.text.startswith(DEAD) for finding in findings):
+        text = "a sensor holds its values for most of the log: not held against the satellites"
+        return [*more, Finding("warning", "motion", text)], False
     if track is None or len(track.t_s) < MIN_TRACK:
         text = "too few epochs with a position: the inertial log cannot be held against the satellites"
         return [*more, Finding("warning", "motion", text)], False

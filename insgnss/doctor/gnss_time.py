@@ -18,11 +18,14 @@ from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_rows import epochs
 from insgnss.log.report import Finding, Proposal
-from insgnss.tables import GnssTable, ImuTable, NavigationData
+from insgnss.tables import GnssTable, ImuTable, Int64, NavigationData
 
 TRIED_EPOCHS: Final = 12
 AGREEING: Final = 0.7  # of the tried epochs
 MOST_HOURS: Final = 14  # time zones
+FOUR: Final = 4  # satellites of an epoch for a place
+PLENTY: Final = 6  # so many that masks and a clock for a second system leave enough
+LEAST_EPOCHS: Final = 3
 
 
 class _Shift(NamedTuple):
@@ -41,11 +44,17 @@ def gnss_time_findings(
 ) -> list[Finding]:
     """Return by what whole weeks, hours or leap seconds the GNSS tags are off, if the pseudoranges say so.
 
-    With few satellites several shifts may do: then the one that makes the logs overlap counts.
+    With few satellites several shifts may do: then the one that makes the logs overlap counts. Epochs with fewer than
+    four satellites of known messages say nothing.
     """
     if navigation is None or gnss.sat is not None:
         return []
-    sample = _sample(gnss)
+    count = _satellites(gnss, navigation)
+    enough = np.flatnonzero(count >= FOUR)
+    if len(enough) < LEAST_EPOCHS:
+        text = f"{len(enough)} epoch(s) with four satellites and more: whether the tags are GPS time was not compared"
+        return [Finding("warning", "gnss", text, "more satellites, or the messages of those that there are")]
+    sample = _sample(gnss, enough)
     if solved_share(flight, sample, navigation, tested=False) >= AGREEING:
         return []
     found = _fitting(flight, sample, navigation)
@@ -58,8 +67,23 @@ def gnss_time_findings(
         return [_finding(flight, found[0], gnss, sure)]
     text = "the pseudoranges do not agree on a place, with the tags as they are"
     told = f" nor shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
+    if float(np.median(count[enough])) < PLENTY:
+        return [Finding("warning", "gnss", text + told, "with so few satellites the masks may leave too few")]
     advice = "check the navigation files, and the columns of satellites, signals and pseudoranges"
     return [Finding("error", "gnss", text + told, advice)]
+
+
+def _satellites(gnss: GnssTable, navigation: NavigationData) -> Int64:
+    """Return how many satellites with a pseudorange and a message of any time each epoch has."""
+    names = set(navigation.ephemerides.sv_names)
+    if navigation.state_vectors is not None:
+        names |= set(navigation.state_vectors.sv_names)
+    known = np.array([name in names for name in gnss.sv_names], np.bool_)
+    _, starts = epochs(gnss)
+    epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    which = np.isfinite(gnss.pseudorange_m) & known[gnss.sv]
+    pairs = np.unique(epoch[which] * len(gnss.sv_names) + gnss.sv[which])
+    return np.bincount(pairs // len(gnss.sv_names), minlength=len(starts) - 1)
 
 
 def _overlaps(gnss: GnssTable, imu: ImuTable, shift_s: int) -> bool:
@@ -67,10 +91,10 @@ def _overlaps(gnss: GnssTable, imu: ImuTable, shift_s: int) -> bool:
     return bool(gnss.t_ns[0] + shift_ns <= imu.t_ns[-1] and imu.t_ns[0] <= gnss.t_ns[-1] + shift_ns)
 
 
-def _sample(gnss: GnssTable) -> GnssTable:
-    """Return some epochs, spread over the log."""
+def _sample(gnss: GnssTable, enough: Int64) -> GnssTable:
+    """Return some of the epochs that have satellites enough, spread over the log."""
     _, starts = epochs(gnss)
-    chosen = np.unique(np.linspace(0, len(starts) - 2, TRIED_EPOCHS).astype(int))
+    chosen = enough[np.unique(np.linspace(0, len(enough) - 1, TRIED_EPOCHS).astype(int))]
     return gnss.take(np.concatenate([np.arange(starts[k], starts[k + 1]) for k in chosen]))
 
 

@@ -6,22 +6,15 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.doctor.axis_search import EQUAL, SURE, Hypothesis, Match, in_motion, is_map, search
+from insgnss.doctor.axes_findings import axes_findings, decided
+from insgnss.doctor.axis_search import LOOKED_AT, SURE, Hypothesis, Match, in_motion, is_map, search
 from insgnss.doctor.declaration import Declared
 from insgnss.doctor.lever_arm import lever_arm_findings
 from insgnss.doctor.refinement import ANY_LEVER_M, TAU, Refined, refine
 from insgnss.doctor.stretches import Stretch, inertial_grid, length_for, spans_without_gaps, stretches
 from insgnss.doctor.time_offset import Timing, offset_findings
 from insgnss.doctor.track import Track
-from insgnss.doctor.vehicle_axes import (
-    Axes,
-    candidates,
-    contradicted,
-    credibility,
-    forward_known,
-    names,
-    relative,
-)
+from insgnss.doctor.vehicle_axes import Axes, candidates, relative
 from insgnss.log.flight import Flight
 from insgnss.log.report import Finding, Proposal
 from insgnss.tables import Float64
@@ -49,16 +42,13 @@ def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: fl
     match = _weighed(match, flight, declared, track, base_s + match.shift_s)
     if match.contrast < SURE:
         return [_unexplained(match)]
-    found = candidates(match.ranked, declared.accel, declared.gyro)
+    found = candidates(match.readings, declared.accel, declared.gyro)
     best = found[0]
     unit = _unit_findings(declared, best, match)
-    rivals = [axes for axes in found if credibility(axes) - credibility(best) < EQUAL]
-    if best.rank > 1 and len(rivals) > 1:
-        return [*unit, _undecided(rivals)]
-    timing = _timing(flight, declared, track, best, base_s, match.shift_s)
+    axes = axes_findings(declared, found, match)
+    timing = _timing(flight, declared, track, best, base_s, match.shift_s) if decided(found) else None
     if timing is None:
-        return [*unit, *_axes_findings(declared, best, match)]
-    axes = _axes_findings(declared, best, match)
+        return [*unit, *axes]
     times = offset_findings(flight, timing, match.contrast, track.origin_ns)
     free = np.zeros(3)
     refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, ANY_LEVER_M)
@@ -88,19 +78,16 @@ def _weighed(match: Match, flight: Flight, declared: Declared, track: Track, shi
     handed = int(np.rint(np.linalg.det(declared.accel)))
     if any(is_map(one, own, 1.0) and one.handed == handed for one in match.tied):
         return match
-    refined = [
-        _refined(flight, declared, track, one, shift_s, np.zeros(3), ANY_LEVER_M) for one in match.ranked
-    ]
+    seen = [one for one in match.ranked if one.cost < LOOKED_AT or is_map(one, own, 1.0)]
+    refined = [_refined(flight, declared, track, one, shift_s, np.zeros(3), ANY_LEVER_M) for one in seen]
     costs = np.array([np.inf if one is None else one.cost for one in refined])
     if not np.isfinite(costs).any():
         return match
     costs -= costs.min()
     order = np.argsort(costs, kind="stable")
-    ranked = [match.ranked[k]._replace(cost=float(costs[k])) for k in order]
-    rivals = [one.cost for one in ranked if one.cost >= EQUAL]
+    ranked = [seen[k]._replace(cost=float(costs[k])) for k in order]
     units = [one.cost for one in ranked if one.factor != ranked[0].factor]
-    gap = min(match.gap, min(rivals, default=np.inf))
-    return match._replace(ranked=ranked, gap=gap, unit_gap=min(units, default=np.inf))
+    return match._replace(ranked=ranked, unit_gap=min(units, default=np.inf))
 
 
 def _timing(
@@ -160,17 +147,6 @@ def _unexplained(match: Match) -> Finding:
     return Finding("warning", "motion", text, "is it the inertial log of this drive?")
 
 
-def _undecided(found: list[Axes]) -> Finding:
-    told = " or ".join(f"axes {_told(axes)}" for axes in found[:4])
-    text = f"the declared axes do not fit the motion; several others do: {told}"
-    return Finding("error", "motion", text, "turns with bank or pitch, runs and stops tell them apart")
-
-
-def _told(axes: Axes) -> str:
-    accel, gyro = names(axes.accel), names(axes.gyro)
-    return ", ".join(accel) + ("" if accel == gyro else f" with gyros {', '.join(gyro)}")
-
-
 def _unit_findings(declared: Declared, best: Axes, match: Match) -> list[Finding]:
     if best.factor == 1.0:
         return []
@@ -181,36 +157,3 @@ def _unit_findings(declared: Declared, best: Axes, match: Match) -> list[Finding
         return [Finding("warning", "motion", text, f"suspected gyro_unit = '{unit}'; more turns decide", how)]
     proposal = Proposal("imu.gyro_unit", unit, "the turns of the GNSS course ask for it")
     return [Finding("error", "motion", text, "", f"sure: {how}", (proposal,))]
-
-
-def _axes_findings(declared: Declared, best: Axes, match: Match) -> list[Finding]:
-    one = best.hypothesis
-    directions = (
-        f"motion along {_vector(one.along_s)}, gravity along {_vector(one.down_s)} of the sensor's axes; log likelihood"
-        f" {min(match.gap, 1e4) / 2.0:.0f} above the next"
-    )
-    if best.rank == 0:
-        return [Finding("ok", "motion", f"the axes fit the motion: {directions}")]
-    text = f"the axes are {_told(best)}: {directions}"
-    if declared.turned:
-        return [Finding("error", "motion", text, "correct imu.mounting_matrix by this turn")]
-    if not forward_known(one) and contradicted(one, declared.accel):
-        advice = "gravity is along another axis than declared, but the motion has no one direction: which is forward?"
-        return [Finding("error", "motion", text, advice)]
-    why = "gravity, turns and accelerations against the satellites' velocity ask for them"
-    accel, gyro = names(best.accel), names(best.gyro)
-    proposals = [Proposal("imu.axes", accel, why)]
-    if accel != gyro or np.linalg.det(best.accel) < 0.0:
-        proposals.append(Proposal("imu.gyro_axes", gyro, why))
-    elif not np.array_equal(declared.accel, declared.gyro):
-        proposals.append(Proposal("imu.gyro_axes", gyro, why))
-    left = " (left-handed)" if np.linalg.det(best.accel) < 0.0 else ""
-    sure = "sure" if match.gap > SURE and best.rank < 3 else "likely"
-    sure += " for a vehicle that moves nose first"
-    if best.rank > 2:
-        sure += "; the simplest of several mappings that fit alike"
-    return [Finding("error", "motion", text + left, "", sure, tuple(proposals))]
-
-
-def _vector(direction: Float64) -> str:
-    return "(" + ", ".join(f"{value:+.2f}" for value in direction) + ")"

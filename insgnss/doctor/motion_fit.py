@@ -164,6 +164,11 @@ def _left(ds: Float64, du: Float64) -> Float64:
 
 def best_rotation(ds: Float64, du: Float64, handed: int) -> Float64:
     """Return Q (3, 3), det Q = ``handed``, that turns ``du`` (k, 3) nearest to ``ds`` (k, 3)."""
-    U, _, Vt = np.linalg.svd(ds.T @ du)
+    return nearest_rotation(ds.T @ du, handed)
+
+
+def nearest_rotation(M: Float64, handed: int) -> Float64:
+    """Return the orthogonal Q (3, 3), det Q = ``handed``, with the largest trace of Q^T M."""
+    U, _, Vt = np.linalg.svd(M)
     side = handed * np.sign(np.linalg.det(U @ Vt))
     return np.asarray(U @ np.diag([1.0, 1.0, side]) @ Vt)

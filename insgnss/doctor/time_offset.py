@@ -109,7 +109,7 @@ def scale_for(time: TimeScale, leap_s: int) -> str | None:
     """Return the time scale that adds (above zero) or takes off the leap seconds, None when there is none."""
     if leap_s > 0 and time.scale == "gps":
         return "utc"
-    return "gps" if leap_s < 0 and time.scale == "utc" else None
+    return "gps" if leap_s < 0 and time.scale == "utc" and time.leap_seconds is None else None
 
 
 def _week_is_of_the_imu_alone(config: FlightConfig) -> bool:

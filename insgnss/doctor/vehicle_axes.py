@@ -32,6 +32,16 @@ class Axes(NamedTuple):
     gyro_kept: bool  # the gyros' are
     rank: int  # 0 as declared, 1 both sensors alike, 2 alike but for the sign of all, then more for each row apart
 
+    @property
+    def cost(self) -> float:
+        """-2 log likelihood above the best."""
+        return self.hypothesis.cost
+
+    @property
+    def mounted(self) -> bool:
+        """Whether a sensor that is right in itself, mounted otherwise, gives these axes."""
+        return np.array_equal(self.accel, self.gyro) and bool(np.linalg.det(self.accel) > 0.0)
+
 
 def relative(accel: Float64, gyro: Float64) -> Float64:
     """Return H = det(A) A^T G, the gyros' map in the accelerometers' own axes."""
@@ -45,33 +55,48 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
     nothing speaks against stay. Stranger declarations need more evidence: in a coordinated flight the accelerometers
     see no side force, and only belief tells a reversed axis from a right one.
     """
-    found = []
-    for one in ranked:
+    found: dict[tuple[tuple[str, ...], tuple[str, ...], float], Axes] = {}
+    for one in sorted(ranked, key=lambda one: one.cost):
         accel = _accel(one, accel_0)
         gyro = one.handed * accel @ one.gyro_map
         turned = not np.array_equal(accel, accel_0)
-        found.append(
-            Axes(
-                accel,
-                gyro,
-                one.factor,
-                one,
-                turned,
-                bool(np.array_equal(gyro, gyro_0)),
-                _rank(accel, gyro, accel_0, gyro_0),
-            )
+        axes = Axes(
+            accel,
+            gyro,
+            one.factor,
+            one,
+            turned,
+            bool(np.array_equal(gyro, gyro_0)),
+            _rank(accel, gyro, accel_0, gyro_0),
         )
-    found.sort(key=credibility)
-    return found
+        found.setdefault((names(accel), names(gyro), one.factor), axes)
+    return sorted(found.values(), key=credibility)
 
 
 def credibility(axes: Axes) -> float:
     """Return -2 log of how credible a declaration is, with the evidence of the log: the least is the best."""
     if axes.rank < len(STRANGE):
         twice = axes.rank == 2 and axes.turned and not axes.gyro_kept
-        return axes.hypothesis.cost + STRANGE[axes.rank] + (STRANGE_ROW if twice else 0.0)
+        return axes.cost + STRANGE[axes.rank] + (STRANGE_ROW if twice else 0.0)
     rows = axes.rank - len(STRANGE) + (1 if axes.turned else 0)
-    return axes.hypothesis.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
+    return axes.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
+
+
+def strangeness(axes: Axes) -> float:
+    """Return -2 log of the belief in a declaration among those that the log leaves: what a mounting gives comes first.
+
+    A whole log of the wrong hand, or a sensor of the wrong sign, is hardly likelier than one column that is wrong.
+    """
+    if axes.rank == 0:
+        return 0.0
+    if axes.mounted:
+        return STRANGE[1]
+    both = STRANGE_ROW if axes.turned and not axes.gyro_kept else 0.0
+    if axes.rank < len(STRANGE):
+        return STRANGE_FIRST_ROW + (both if axes.rank == 2 else 0.0)
+    apart = int(np.sum((axes.accel != axes.gyro).any(axis=1)))
+    exchanged = not np.array_equal(np.abs(axes.accel), np.abs(axes.gyro))  # of two rows, which is one slip
+    return STRANGE_FIRST_ROW + STRANGE_ROW * (apart - 1 - int(exchanged)) + both
 
 
 def _accel(one: Hypothesis, accel_0: Float64) -> Float64:

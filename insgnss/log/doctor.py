@@ -17,6 +17,7 @@ from insgnss.log.doctor_imu import imu_findings
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import has_messages, merged, missing_navigation, read_receiver
 from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu_frozen import DEAD
 from insgnss.log.navigation_span import check_navigation_time
 from insgnss.log.overlap import check_overlap, epochs_outside
 from insgnss.log.receiver import ReceiverLog
@@ -107,7 +108,7 @@ def _attempt(
     except InsGnssError as error:
         findings.append(_error_finding(topic, error))
         return None
-    findings += from_events(topic, events, NOTICES)
+    findings += from_events(topic, events, NOTICES, frozenset({DEAD}))
     return table
 
 

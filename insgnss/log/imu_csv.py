@@ -1,7 +1,8 @@
 """Inertial logs: CSV files become one table of mean rates and specific forces in body axes.
 
 The declared units, axes, kind of values and time scale are applied as declared; numbers that contradict the declaration
-are an error (``imu_units``), damaged samples are events (``imu_time``, ``imu_faults``).
+are an error (``imu_units``), damaged samples are events (``imu_time``, ``imu_faults``,
+``imu_frozen``).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import read_csv_table
 from insgnss.log.imu_axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
 from insgnss.log.imu_faults import Axes, fault_events
+from insgnss.log.imu_frozen import frozen_events
 from insgnss.log.imu_time import gap_events, increasing_samples
 from insgnss.log.imu_units import check_units
 from insgnss.log.increment_steps import increment_intervals
@@ -58,8 +60,10 @@ def read_imu(config: Imu, week: int, grade: ImuGrade | None = None) -> tuple[Imu
     step = np.diff(raw.t_ns)
     median_ns = float(np.median(step))
     events += gap_events(raw.t_ns, step, median_ns, file)
-    for axes in _axes(raw, config, grade, median_ns):
+    sensors = _axes(raw, config, grade, median_ns)
+    for axes in sensors:
         events += fault_events(raw.t_ns, axes, file)
+    events += frozen_events(raw.t_ns, sensors, file)
     table, converted = _to_table(raw, step, config, file)
     del raw
     return table, events + converted + check_units(table, config, grade, median_ns, file)

@@ -81,6 +81,14 @@ class CheckReport:
         order = dict.fromkeys(p.key for finding in self.findings for p in finding.proposals)
         return tuple(found[key] for key in order)
 
+    @property
+    def sure_proposals(self) -> tuple[Proposal, ...]:
+        """Those that nothing in the logs speaks for otherwise: a likely one is left to its reader."""
+        sure = {
+            p.key for finding in self.findings if finding.sure.startswith("sure") for p in finding.proposals
+        }
+        return tuple(p for p in self.proposals if p.key in sure)
+
     def lines(self) -> list[str]:
         """Return the report as lines of text, the last one a summary."""
         count = Counter(finding.severity for finding in self.findings)
@@ -88,7 +96,9 @@ class CheckReport:
         return [*(finding.line() for finding in self.findings), summary]
 
 
-def from_events(topic: str, events: Sequence[Event], notices: frozenset[str]) -> list[Finding]:
+def from_events(
+    topic: str, events: Sequence[Event], notices: frozenset[str], errors: frozenset[str] = frozenset()
+) -> list[Finding]:
     """Return one finding for each kind of event, the first event's detail and the number of such.
 
     Parameters
@@ -96,6 +106,7 @@ def from_events(topic: str, events: Sequence[Event], notices: frozenset[str]) ->
     topic : of the findings
     events : what the readers noticed
     notices : kinds that are worth telling but no defect
+    errors : kinds with which the log is of no use
     """
     kinds: dict[str, list[Event]] = {}
     for event in events:
@@ -103,7 +114,6 @@ def from_events(topic: str, events: Sequence[Event], notices: frozenset[str]) ->
     findings = []
     for kind, same in kinds.items():
         more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
-        findings.append(
-            Finding("ok" if kind in notices else "warning", topic, f"{kind}: {same[0].detail}{more}")
-        )
+        severity: Severity = "ok" if kind in notices else "error" if kind in errors else "warning"
+        findings.append(Finding(severity, topic, f"{kind}: {same[0].detail}{more}"))
     return findings

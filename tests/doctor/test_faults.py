@@ -70,6 +70,28 @@ def test_fault_that_no_key_mends_is_told_without_a_proposal(name: str, short: Lo
     assert verdict.right, "\n".join(verdict.report.lines())
 
 
+@pytest.mark.parametrize(("left", "until_s"), [(3, 0.0), (2, 15.0)])
+def test_few_satellites_are_no_contradiction(short: Log, tmp_path: Path, left: int, until_s: float) -> None:
+    """Three satellites agree on any place: that the tags are wrong cannot be said."""
+    seconds = short.gnss["time_s"].astype(float)
+    kept = short.gnss["sv"].isin(sorted(short.gnss["sv"].unique())[:left])
+    few = replace(short, gnss=short.gnss[kept | (seconds - seconds.iloc[0] < until_s)].reset_index(drop=True))
+    report = examine(Flight.load(few.write(tmp_path)))
+    text = "\n".join(report.lines())
+    assert report.severity == "warning" and report.proposals == (), text
+    assert "do not agree" not in text
+    assert ("was not compared" in text) == (until_s == 0.0)
+
+
+def test_dead_gyros_are_an_error_and_not_held_against_the_satellites(short: Log, tmp_path: Path) -> None:
+    imu = short.imu.copy()
+    imu[:, 1:4] = 0.0
+    report = examine(Flight.load(replace(short, imu=imu).write(tmp_path)))
+    text = "\n".join(report.lines())
+    assert "imu_dead_sensor" in "\n".join(finding.text for finding in report.of("error")), text
+    assert "fit the motion" not in text and report.proposals == ()
+
+
 def test_resting_log_gets_suspicions_of_axes_and_no_proposal(short: Log, tmp_path: Path) -> None:
     """At rest gravity shows that z is up, but not which of the other axes is forward."""
     at_rest = replace(short, imu=short.imu[short.imu[:, 0] < short.imu[0, 0] + 55.0])

@@ -226,6 +226,14 @@ def test_imu_gaps_and_stuck_axes_are_told(case: Case) -> None:
     assert "imu_gap" in report and "imu_stuck_axis" in report
 
 
+def test_frozen_sensor_is_a_warning_and_a_dead_one_an_error(case: Case) -> None:
+    case.imu[200:400, 1:7] = case.imu[200, 1:7]
+    assert "imu_frozen_sensor" in texts(case.check(), "warning")
+    most = int(0.4 * len(case.imu))
+    case.imu[most:, 4:7] = case.imu[most, 4:7]
+    assert "imu_dead_sensor" in texts(case.check(), "error")
+
+
 def test_logs_without_overlap_are_an_error(case: Case) -> None:
     case.imu[:, 0] += 500.0
     assert "do not overlap" in texts(case.check(), "error")
