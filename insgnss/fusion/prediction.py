@@ -136,11 +136,11 @@ def seen_force(
     along = (f[0] * g_e[0] + f[1] * g_e[1] + f[2] * g_e[2]) / g2
     hx, hy, hz = f[0] - along * g_e[0], f[1] - along * g_e[1], f[2] - along * g_e[2]
     h2 = hx * hx + hy * hy + hz * hz
-    noise = par.accel_density / SMOOTHING_S + unknown_force(m, P, g_e, g2)
+    noise = par.accel_density / SMOOTHING_S
     share = max(1.0 - par.motion_gate2 * noise / h2, 0.0) if h2 > 0.0 else 0.0
     along = (1.0 - share) * (dv[0] * g_e[0] + dv[1] * g_e[1] + dv[2] * g_e[2]) / g2
     attitude = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
-    unseen = (1.0 - share) ** 2 * h2 * attitude * MANOEUVRE_S
+    unseen = ((1.0 - share) ** 2 * h2 + unknown_force(m, P, g_e, g2)) * attitude * MANOEUVRE_S
     return (
         share * dv[0] + along * g_e[0],
         share * dv[1] + along * g_e[1],
