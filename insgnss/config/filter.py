@@ -128,6 +128,11 @@ class Process(StrictModel):
     scale_factor_time_s: NotNegative = Field(
         10.0, description="how long one manoeuvre keeps its scale-factor error"
     )
+    motion_sigma: NotNegative = Field(
+        0.0,
+        description="a horizontal specific force within so many sigmas of its own noise is no motion, and shows no"
+        " heading; 0: any is, as in the textbook",
+    )
     inter_system_sigma_m: Positive = Field(
         3000.0, description="initial sigma of an inter-system clock offset"
     )

@@ -27,6 +27,7 @@ from insgnss.jit import borrowing, inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
 from insgnss.tables import Float64, Int8
 
+_NO_TURN2 = 1e-24  # [rad^2]
 _SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 
 
@@ -95,6 +96,8 @@ def update_epoch(
     if done.clock_step == 0.0 and done.drift_step == 0.0:
         adapt_noise(m, P, par, lines, correction, t_ns, drift_variance)
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
+    if par.motion_gate2 > 0.0:
+        turn_attitude_errors(m, P, correction)
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
         for i in range(N_CLONE):  # what a smoother needs of the epoch before, now that it goes
@@ -245,3 +248,41 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
         m.optional[i - OFFSETS] += correction[i]
     turn_left(m.q_eb, correction[PSI], correction[PSI + 1], correction[PSI + 2])
     quaternion_to_matrix(m.q_eb, m.C_eb)
+
+
+@borrowing
+def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> None:
+    """Turn the attitude's part of the covariance about the vertical with the correction of the heading.
+
+    What tilts the attitude belongs to the body, the accelerometers' bias above all: with a new heading the axes of that
+    tilt turn as well. Left where they were, the tilt and the bias would part, and roll and pitch seem better known.
+
+    Equation: P_psi. <- R P_psi., R = exp([u (u . delta psi) x]), u the vertical
+    """
+    n = P.shape[0]
+    r = math.sqrt(m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2)
+    turn = (m.r_e[0] * correction[PSI] + m.r_e[1] * correction[PSI + 1] + m.r_e[2] * correction[PSI + 2]) / (
+        r * r
+    )
+    x, y, z = turn * m.r_e[0], turn * m.r_e[1], turn * m.r_e[2]
+    angle2 = x * x + y * y + z * z
+    if angle2 < _NO_TURN2:
+        return
+    angle = math.sqrt(angle2)
+    s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2
+    rows = (
+        (1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y),
+        (c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x),
+        (c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)),
+    )
+    for j in range(n):
+        a, b, d = P[PSI, j], P[PSI + 1, j], P[PSI + 2, j]
+        for i in range(3):
+            P[PSI + i, j] = rows[i][0] * a + rows[i][1] * b + rows[i][2] * d
+    for i in range(n):
+        a, b, d = P[i, PSI], P[i, PSI + 1], P[i, PSI + 2]
+        for j in range(3):
+            P[i, PSI + j] = rows[j][0] * a + rows[j][1] * b + rows[j][2] * d
+    for i in range(3):
+        for j in range(n):
+            P[j, PSI + i] = P[PSI + i, j]

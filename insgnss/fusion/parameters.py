@@ -26,7 +26,7 @@ PARAMETERS_DTYPE = np.dtype(
             ("gyro_density", np.float64),  # [rad^2/s]
             ("accel_density", np.float64),  # [m^2/s^3]
             ("gyro_scale_density", np.float64),  # times rate^2 gives [rad^2/s]
-            ("accel_scale_density", np.float64),  # times (|f| - g)^2 gives [m^2/s^3]
+            ("accel_scale_density", np.float64),  # times |f + g|^2 gives [m^2/s^3]
             ("gyro_bias_density", np.float64),
             ("gyro_bias_time", np.float64),
             ("accel_bias_density", np.float64),
@@ -42,6 +42,7 @@ PARAMETERS_DTYPE = np.dtype(
             ("at_zenith_delay", np.int64),
             ("at_clone", np.int64),
             ("covariance_step", np.float64),  # [s]
+            ("motion_gate2", np.float64),  # squared sigmas from which a horizontal force is motion; 0: any is
             ("longest_step", np.float64),  # [s]
             ("gap_accel_sigma", np.float64),  # [m/s^2]
             ("gap_rate_sigma", np.float64),  # [rad/s]
@@ -154,6 +155,7 @@ def resolve_parameters(
         layout.at_zenith_delay,
         layout.at_clone,
         config.process.covariance_step_s,
+        config.process.motion_sigma**2,
         gaps.longest_step_s,
         gaps.acceleration_sigma_mps2,
         math.radians(gaps.rate_sigma_degps),

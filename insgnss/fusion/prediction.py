@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import (
     BA,
@@ -49,6 +48,8 @@ RATES_DTYPE: Final = np.dtype(
         ],
     )
 )
+SMOOTHING_S: Final = 0.25  # over which the specific force is smoothed to tell motion from noise
+MANOEUVRE_S: Final = 1.0  # for which a specific force that is not seen as motion stays alike
 Rates: TypeAlias = Any  # one element of RATES_DTYPE
 
 
@@ -85,11 +86,13 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
         return
     n = P.shape[0]
     A, B = scratch.A, scratch.B
+    x, y, z, unseen = seen_force(m, P, par, scratch.rates[0].g_e)
+    m.sum_accel_q += unseen * dt
     step = transition_step(
         dt,
-        m.sum_dv[0],
-        m.sum_dv[1],
-        m.sum_dv[2],
+        x,
+        y,
+        z,
         m.r_e,
         par.accel_bias_time,
         par.gyro_bias_time,
@@ -109,6 +112,79 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
         m.b_a[i] *= step.keep_a
         m.b_g[i] *= step.keep_g
     clear_sums(m)
+
+
+@inlined
+def seen_force(
+    m: StateRecord, P: Float64, par: Parameters, g_e: Float64
+) -> tuple[float, float, float, float]:
+    """Return the velocity increment that the attitude's errors turn, and the density of what is left out [m^2/s^3].
+
+    Its horizontal part counts only as far as it is motion.
+
+    The transition takes the specific force for known. Without acceleration its horizontal part is noise and what bias
+    and tilt leave of each other; the same noise drives the velocity, so a filter that takes it for a manoeuvre finds
+    headings in it that are not there. The part is weighed by 1 - k N / |f_h|^2, with f_h that of the last moments and N
+    its variance without motion: nothing at rest and on a straight, all of it in a manoeuvre. What is left out turns
+    with the attitude's errors all the same: it comes in as noise.
+    """
+    dv = m.sum_dv
+    g2 = g_e[0] * g_e[0] + g_e[1] * g_e[1] + g_e[2] * g_e[2]
+    if par.motion_gate2 <= 0.0 or g2 < 1e-6:
+        return dv[0], dv[1], dv[2], 0.0
+    f = m.f_smooth
+    along = (f[0] * g_e[0] + f[1] * g_e[1] + f[2] * g_e[2]) / g2
+    hx, hy, hz = f[0] - along * g_e[0], f[1] - along * g_e[1], f[2] - along * g_e[2]
+    h2 = hx * hx + hy * hy + hz * hz
+    noise = par.accel_density / SMOOTHING_S
+    share = max(1.0 - par.motion_gate2 * noise / h2, 0.0) if h2 > 0.0 else 0.0
+    along = (1.0 - share) * (dv[0] * g_e[0] + dv[1] * g_e[1] + dv[2] * g_e[2]) / g2
+    attitude = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
+    unseen = ((1.0 - share) ** 2 * h2 + unknown_force(m, P, g_e, g2)) * attitude * MANOEUVRE_S
+    return (
+        share * dv[0] + along * g_e[0],
+        share * dv[1] + along * g_e[1],
+        share * dv[2] + along * g_e[2],
+        unseen,
+    )
+
+
+@inlined
+def unknown_force(m: StateRecord, P: Float64, g_e: Float64, g2: float) -> float:
+    """Return the variance of the horizontal specific force, both axes, by the errors of attitude and bias.
+
+    Equation: df = -(f x) psi ... of the vertical force g: df_h = g x psi - C b_a, taken along two horizontal axes
+    """
+    C = m.C_eb
+    total = 0.0
+    for i in range(3):
+        # row i of [g x | -C] for (psi, b_a)
+        a, b = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            row_j = 0.0
+            if j == b:
+                row_j = -g_e[a]
+            elif j == a:
+                row_j = g_e[b]
+            for k in range(3):
+                row_k = 0.0
+                if k == b:
+                    row_k = -g_e[a]
+                elif k == a:
+                    row_k = g_e[b]
+                total += row_j * P[PSI + j, PSI + k] * row_k
+                total -= 2.0 * row_j * P[PSI + j, BA + k] * C[i, k]
+                total += C[i, j] * P[BA + j, BA + k] * C[i, k]
+    # the vertical axis sees the bias alone
+    v0 = C[0, 0] * g_e[0] + C[1, 0] * g_e[1] + C[2, 0] * g_e[2]
+    v1 = C[0, 1] * g_e[0] + C[1, 1] * g_e[1] + C[2, 1] * g_e[2]
+    v2 = C[0, 2] * g_e[0] + C[1, 2] * g_e[1] + C[2, 2] * g_e[2]
+    v = (v0, v1, v2)
+    vertical = 0.0
+    for j in range(3):
+        for k in range(3):
+            vertical += v[j] * P[BA + j, BA + k] * v[k]
+    return max(total - vertical / g2, 0.0)
 
 
 @inlined
@@ -154,14 +230,18 @@ def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Ra
     mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.dv_e, rates.g_e)
     for i in range(3):
         m.sum_dv[i] += rates.dv_e[i]
+        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) / max(SMOOTHING_S, dt)
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     m.clock[0] += m.clock[1] * dt
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    f2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-    beyond = math.sqrt(f2) - STANDARD_GRAVITY_MPS2
+    beyond2 = (
+        0.0  # acceleration: gravity's own share of a scale factor is in the bias, what shakes averages out
+    )
+    for i in range(3):
+        beyond2 += (m.f_smooth[i] + rates.g_e[i]) ** 2
     gyro = par.gyro_density + par.gyro_scale_density * w2
-    accel = par.accel_density + par.accel_scale_density * beyond * beyond
+    accel = par.accel_density + par.accel_scale_density * beyond2
     if gap > 0.0:
         gyro += par.gap_rate_sigma**2 * gap
         accel += par.gap_accel_sigma**2 * gap

@@ -192,6 +192,9 @@ def _place_state(m: np.record, kin: Kinematics, attitude: Attitude, w_ib_b: Floa
     turning = C_eb @ np.cross(w_ib_b - attitude.b_g, par.lever_b)
     m.v_e[:] = kin.v_a - turning + WGS84_OMEGA_RADPS * np.array([-l_e[1], l_e[0], 0.0])
     m.b_g[:] = attitude.b_g
+    g_e = np.zeros(3)
+    normal_gravity_ecef(m.r_e, g_e)
+    m.f_smooth[:] = -g_e  # no motion before
     m.clock[:] = (kin.clock, kin.drift)
     m.optional[: len(kin.offsets)] = np.nan_to_num(kin.offsets)
     m.log_weight = math.log(attitude.weight)

@@ -63,6 +63,7 @@ STATE_DTYPE: Final = np.dtype(
             ("clone_ns", np.int64),  # its time tag; 0: there is none
             # sums since the covariance was last carried on
             ("sum_dt", np.float64),  # time [s]
+            ("f_smooth", np.float64, (3,)),  # specific force of the last moments, ECEF [m/s^2]
             ("sum_dv", np.float64, (3,)),  # velocity increment of the specific force, ECEF [m/s]
             ("sum_C", np.float64, (3, 3)),  # integral of C_eb [s]
             ("sum_gyro_q", np.float64),  # attitude variance to add [rad^2]

@@ -193,7 +193,7 @@ def test_clock_that_drifts_by_300_metres_a_second_and_is_stepped_back_is_followe
 def test_receiver_clock_that_is_off_does_not_change_the_solution(late_s: float) -> None:
     """The same noise at other instants: a banked turn of 17 m/s^2 moves the velocity by 8 cm/s within 5 ms.
 
-    A quarter of sigma (5 mm/s of 2 cm/s, 10 cm of 40 cm) may be left.
+    A third of sigma may be left: what counts as motion changes with the instants.
     """
     base = simulator(airborne_turns(120.0, bank_deg=60.0), 120.0)
     on_time, late = (
@@ -201,9 +201,10 @@ def test_receiver_clock_that_is_off_does_not_change_the_solution(late_s: float) 
         for bias_s in (0.0, late_s)
     )
     assert on_time is not None and late is not None
-    moved = (late - on_time)[(late["time_s"] > START_S + 30.0).to_numpy()]
-    assert moved[["d_vn_mps", "d_ve_mps", "d_vd_mps"]].abs().to_numpy().max() < 5e-3
-    assert moved[["d_n_m", "d_e_m", "d_d_m"]].abs().to_numpy().max() < 0.1
+    settled = (late["time_s"] > START_S + 30.0).to_numpy()
+    for name in ("vn_mps", "ve_mps", "vd_mps", "n_m", "e_m", "d_m"):
+        moved = (late[f"d_{name}"] - on_time[f"d_{name}"])[settled].abs()
+        assert (moved / on_time[f"sd_{name}"][settled]).max() < 1.0 / 3.0, name
 
 
 # ------------------------------------------------------------------------------------------------ rows and sigmas
