@@ -36,7 +36,7 @@ def errors_against(
     velocity = nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy() - interpolated(
         reference.t_ns, t_ns, reference.v_n
     )
-    rpy = np.degrees(np.unwrap(np.radians(reference.rpy_deg), axis=0))
+    rpy = np.column_stack([_without_turns(column) for column in reference.rpy_deg.T])
     attitude = nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy() - interpolated(reference.t_ns, t_ns, rpy)
     attitude = (attitude + 180.0) % 360.0 - 180.0
     nearest = np.clip(np.searchsorted(reference.t_ns, t_ns), 0, len(reference.t_ns) - 1)
@@ -48,6 +48,14 @@ def errors_against(
     for name in nav.columns.intersection([f"sd_slow_{name}" for name in names]):
         table[name] = nav[name].to_numpy()
     return table
+
+
+def _without_turns(angle_deg: Float64) -> Float64:
+    """Return angles (n,) without jumps of a whole turn; a missing one stays missing, and alone."""
+    known = np.isfinite(angle_deg)
+    smooth = angle_deg.copy()
+    smooth[known] = np.degrees(np.unwrap(np.radians(angle_deg[known])))
+    return smooth
 
 
 def _covered(t_ns: Int64, ref_ns: Int64) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

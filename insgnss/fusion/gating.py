@@ -151,13 +151,18 @@ def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> No
 
 @inlined
 def median_row(lines: Lines, kind: int, values: Float64) -> tuple[int, int]:
-    """Return the used row whose innovation is nearest to the median of all, and how many there are."""
+    """Return the used row of the median innovation, and how many there are.
+
+    Of an even number the lower of the two in the middle: the mean of both is as near to one as to the other, and
+    rounding or the order of the rows would choose.
+    """
     n = 0
     for j in range(lines.shape[0]):
         if lines[j].status[kind] == USED:
             values[n] = lines[j].innovation[kind]
             n += 1
-    median = median_of(values, n) if n > 0 else 0.0
+    median_of(values, n)  # which sorts them
+    median = values[(n - 1) // 2] if n > 0 else 0.0
     nearest = -1
     least = math.inf
     for j in range(lines.shape[0]):

@@ -22,7 +22,7 @@ from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.version import __version__
 from tests.conftest import REPOSITORY
 from tests.replay.files import write_flight
-from tests.replay.scenes import START_S, assert_sound, flight, turns, with_faults
+from tests.replay.scenes import START_NS, START_S, assert_sound, flight, turns, with_faults
 
 DURATION_S = 60.0
 
@@ -252,3 +252,19 @@ def test_sigma_falls_with_measurements_and_grows_without(log: SimulatedLog) -> N
     assert nav.loc[30.0, "sd_yaw_deg"] < 0.01 * nav.loc[2.0, "sd_yaw_deg"]
     # the clock's variance grows as its random walk does, by the measure of a TCXO some metres in 25 s
     assert nav.loc[55.4, "sd_clock_bias_m"] > nav.loc[30.0, "sd_clock_bias_m"] + 1.0
+
+
+def test_missing_angle_of_the_reference_costs_its_own_rows_alone(log: SimulatedLog) -> None:
+    flown = flight(turns(), log)
+    assert flown.logs.reference is not None
+    rpy = flown.logs.reference.rpy_deg.copy()
+    hole = int(np.searchsorted(flown.logs.reference.t_ns, START_NS + 60 * 10**9))
+    rpy[hole - 1 : hole + 2, 2] = np.nan
+    reference = replace(flown.logs.reference, rpy_deg=rpy)
+    run = insgnss.replay(replace(flown, logs=replace(flown.logs, reference=reference)))
+    whole = insgnss.replay(flown)
+
+    assert run.errors is not None and whole.errors is not None
+    missing = run.errors["d_yaw_deg"].isna()
+    assert 0 < missing.sum() <= 2
+    assert np.allclose(run.errors["d_yaw_deg"][~missing], whole.errors["d_yaw_deg"][~missing], atol=1e-9)
