@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import (
     BA,
@@ -235,13 +236,10 @@ def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Ra
             m.sum_C[i, j] += half * C[i, j]
     m.clock[0] += m.clock[1] * dt
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    beyond2 = (
-        0.0  # acceleration: gravity's own share of a scale factor is in the bias, what shakes averages out
-    )
-    for i in range(3):
-        beyond2 += (m.f_smooth[i] + rates.g_e[i]) ** 2
+    f2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+    beyond = math.sqrt(f2) - STANDARD_GRAVITY_MPS2
     gyro = par.gyro_density + par.gyro_scale_density * w2
-    accel = par.accel_density + par.accel_scale_density * beyond2
+    accel = par.accel_density + par.accel_scale_density * beyond * beyond
     if gap > 0.0:
         gyro += par.gap_rate_sigma**2 * gap
         accel += par.gap_accel_sigma**2 * gap

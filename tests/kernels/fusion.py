@@ -173,7 +173,9 @@ def bank(layout: Layout) -> Bank:
     return made
 
 
-def short_log(output_between: bool, with_carrier: bool, with_masking: bool = False) -> list[Any]:
+def short_log(
+    output_between: bool, with_carrier: bool, with_masking: bool = False, motion_sigma: float = 0.0
+) -> list[Any]:
     """Return everything the loop changes or writes for the short log, with output at the epochs or between them.
 
     The loop stops where a hypothesis has become negligible; it goes on with both.
@@ -184,6 +186,7 @@ def short_log(output_between: bool, with_carrier: bool, with_masking: bool = Fal
     out = new_output(log, 40, 20, times.astype(np.int64), layout.n_values)
     work = new_workspace(len(SKY), layout, None, limits_of(Visibility()))
     par["visibility"] = MASK if with_masking else OFF
+    par["motion_gate2"] = motion_sigma**2
     ended = [(DONE, 0)]
     while ended[-1][1] < EPOCHS:
         ended.append(run_epochs(made, ended[-1][1], EPOCHS, log, imu(), par, -30.0, out, work))
@@ -215,4 +218,7 @@ CASES = [
     KernelCase("insgnss.fusion.consistency:refuse_inconsistent", (*wrong_rows(), 9.0, 3), rtol=1e-9),
     KernelCase("tests.kernels.fusion:short_log", (False, True), rtol=1e-10, label="with carrier"),
     KernelCase("tests.kernels.fusion:short_log", (False, False, True), rtol=1e-10, label="with masking"),
+    KernelCase(
+        "tests.kernels.fusion:short_log", (False, False, False, 3.0), rtol=1e-10, label="with motion told"
+    ),
 ]
