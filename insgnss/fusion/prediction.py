@@ -87,7 +87,7 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
         return
     n = P.shape[0]
     A, B = scratch.A, scratch.B
-    x, y, z, unseen = seen_force(m, P, par, scratch.rates[0].g_e)
+    x, y, z, unseen = seen_force(m, P, par, scratch.rates[0].g_e, A[0])
     m.sum_accel_q += unseen * dt
     step = transition_step(
         dt,
@@ -117,7 +117,7 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
 
 @inlined
 def seen_force(
-    m: StateRecord, P: Float64, par: Parameters, g_e: Float64
+    m: StateRecord, P: Float64, par: Parameters, g_e: Float64, row: Float64
 ) -> tuple[float, float, float, float]:
     """Return the velocity increment that the attitude's errors turn, and the density of what is left out [m^2/s^3].
 
@@ -141,7 +141,7 @@ def seen_force(
     share = max(1.0 - par.motion_gate2 * noise / h2, 0.0) if h2 > 0.0 else 0.0
     along = (1.0 - share) * (dv[0] * g_e[0] + dv[1] * g_e[1] + dv[2] * g_e[2]) / g2
     attitude = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
-    unseen = ((1.0 - share) ** 2 * h2 + unknown_force(m, P, g_e, g2)) * attitude * MANOEUVRE_S
+    unseen = ((1.0 - share) ** 2 * h2 + unknown_force(m, P, g_e, g2, row)) * attitude * MANOEUVRE_S
     return (
         share * dv[0] + along * g_e[0],
         share * dv[1] + along * g_e[1],
@@ -151,41 +151,28 @@ def seen_force(
 
 
 @inlined
-def unknown_force(m: StateRecord, P: Float64, g_e: Float64, g2: float) -> float:
+def unknown_force(m: StateRecord, P: Float64, g_e: Float64, g2: float, row: Float64) -> float:
     """Return the variance of the horizontal specific force, both axes, by the errors of attitude and bias.
 
-    Equation: df = -(f x) psi ... of the vertical force g: df_h = g x psi - C b_a, taken along two horizontal axes
+    Equation: df = g x psi - C b_a, its three axes less the vertical; ``row`` (6,) is scratch
     """
     C = m.C_eb
     total = 0.0
-    for i in range(3):
-        # row i of [g x | -C] for (psi, b_a)
-        a, b = (i + 1) % 3, (i + 2) % 3
+    for axis in range(4):
         for j in range(3):
-            row_j = 0.0
-            if j == b:
-                row_j = -g_e[a]
-            elif j == a:
-                row_j = g_e[b]
-            for k in range(3):
-                row_k = 0.0
-                if k == b:
-                    row_k = -g_e[a]
-                elif k == a:
-                    row_k = g_e[b]
-                total += row_j * P[PSI + j, PSI + k] * row_k
-                total -= 2.0 * row_j * P[PSI + j, BA + k] * C[i, k]
-                total += C[i, j] * P[BA + j, BA + k] * C[i, k]
-    # the vertical axis sees the bias alone
-    v0 = C[0, 0] * g_e[0] + C[1, 0] * g_e[1] + C[2, 0] * g_e[2]
-    v1 = C[0, 1] * g_e[0] + C[1, 1] * g_e[1] + C[2, 1] * g_e[2]
-    v2 = C[0, 2] * g_e[0] + C[1, 2] * g_e[1] + C[2, 2] * g_e[2]
-    v = (v0, v1, v2)
-    vertical = 0.0
-    for j in range(3):
-        for k in range(3):
-            vertical += v[j] * P[BA + j, BA + k] * v[k]
-    return max(total - vertical / g2, 0.0)
+            row[j] = 0.0
+            row[3 + j] = C[0, j] * g_e[0] + C[1, j] * g_e[1] + C[2, j] * g_e[2]
+            if axis < 3:
+                row[3 + j] = -C[axis, j]
+        weight = -1.0 / g2
+        if axis < 3:
+            row[(axis + 2) % 3] = g_e[(axis + 1) % 3]
+            row[(axis + 1) % 3] = -g_e[(axis + 2) % 3]
+            weight = 1.0
+        for j in range(6):  # the biases come after the attitude
+            for k in range(6):
+                total += weight * row[j] * P[PSI + j, PSI + k] * row[k]
+    return max(total, 0.0)
 
 
 @inlined
