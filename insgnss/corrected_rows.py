@@ -42,8 +42,7 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
     NavigationDataError : the ionosphere's model has no coefficients, no epoch says where the receiver is, or the base
         station has nothing for the flight
     """
-    ionosphere_m, correction_m, events = row_corrections(setup, logs, flight)
-    rows = setup.rows(logs.gnss, setup.navigation, ionosphere_m=ionosphere_m, correction_m=correction_m)
+    (rows,), events = row_blocks(setup, logs, flight, None)
     return rows, events
 
 
@@ -58,9 +57,6 @@ def row_blocks(
     """
     gnss = logs.gnss
     cuts = block_cuts(gnss.t_ns, most_rows or len(gnss.t_ns))
-    if len(cuts) <= 2:
-        rows, events = corrected_rows(setup, logs, flight)
-        return [rows], events
     ionosphere_m, correction_m, events = row_corrections(setup, logs, flight)
     messages = (
         None

@@ -46,6 +46,11 @@ class RowKeys(NamedTuple):
     sv: Int16  # (n,)
     signal: Int16  # (n,)
 
+    @property
+    def epoch(self) -> Int64:
+        """Number of each row's epoch in the block (n,)."""
+        return np.repeat(np.arange(len(self.epoch_ns)), np.diff(self.first))
+
 
 def row_keys(gnss: GnssTable, blocks: list[Rows]) -> list[RowKeys]:
     """Return the keys of the blocks that were made of a log."""
@@ -162,10 +167,9 @@ def satellite_columns(part: LedgerPart, keys: RowKeys, n_sv: int, week: int) -> 
     ``sd_range_rate_mps`` are sqrt(h P h^T) before the update. Words are numbers into the log's names and ``_STATES``.
     """
     ledger = part.entries
-    epoch = np.repeat(np.arange(len(keys.first) - 1), np.diff(keys.first))
     seen = np.isfinite(ledger["u_n"][:, 0])
     tracked = (ledger["status"][:, 0] == USED) | (ledger["status"][:, 1] == USED)
-    chosen = _one_per_satellite(epoch, keys.sv, seen, tracked, n_sv)
+    chosen = _one_per_satellite(keys.epoch, keys.sv, seen, tracked, n_sv)
     # every row, as a rule: then nothing is copied
     rows_of_table = slice(None) if len(chosen) == len(ledger) else chosen
     status = ledger["status"][rows_of_table, PSEUDORANGE]

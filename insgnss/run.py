@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -33,7 +33,7 @@ from pandas.api.types import is_float_dtype
 
 from insgnss.aiding.table import DOUBLES
 from insgnss.errors import ResultError
-from insgnss.table_files import write_table
+from insgnss.table_files import pieces, write_table
 
 _OPTIONAL = (
     "errors",
@@ -51,7 +51,6 @@ _WORDS = frozenset(
     " verdict".split()
 )
 _SETTINGS = "settings.json"
-_PIECE_ROWS = 1 << 17
 
 
 @dataclass
@@ -145,7 +144,7 @@ class Run:
         status, kind = self.measurements["status"].cat, self.measurements["kind"].cat
         shape = (len(status.categories), len(kind.categories))
         table = np.zeros(shape, np.int64)
-        for piece in self._ledger_pieces():
+        for piece in pieces(self.measurements):
             cell = piece["status"].cat.codes * np.int16(shape[1]) + piece["kind"].cat.codes
             table += np.bincount(cell, minlength=table.size).reshape(shape)
         counts = pd.DataFrame(
@@ -161,7 +160,7 @@ class Run:
         chi_square_95 = 3.841458820694124  # one degree of freedom
         kinds = self.measurements["kind"].cat.categories
         sums = np.zeros((len(kinds), 3))  # of one, NIS, and whether it is below the bound
-        for piece in self._ledger_pieces():
+        for piece in pieces(self.measurements):
             used = (piece["status"] == "used").to_numpy()
             kind, nis = piece["kind"].cat.codes.to_numpy()[used], piece["nis"].to_numpy()[used]
             for column, values in enumerate((np.ones(len(nis)), nis, nis <= chi_square_95)):
@@ -171,11 +170,6 @@ class Run:
             name: (int(n), nis / n, below / n) for name, (n, nis, below) in zip(kinds, sums, strict=True) if n
         }
         return pd.DataFrame.from_dict(rows, orient="index", columns=names).rename_axis("kind")
-
-    def _ledger_pieces(self) -> Iterator[pd.DataFrame]:
-        """Yield the ledger in pieces: what is computed of all rows at once takes more room than their words."""
-        for first in range(0, len(self.measurements), _PIECE_ROWS):
-            yield self.measurements.iloc[first : first + _PIECE_ROWS]
 
     def heading_known_s(self) -> float | None:
         """Return the time from which the heading has been known, None when it never was."""

@@ -92,15 +92,14 @@ def _ionosphere_factors(names: LogNames) -> Float64:
 
 def _rows(part: LedgerPart, key: RowKeys, group: Int64, factor: Float64) -> SlowRows:
     """Return the pseudoranges used in one epoch of each second."""
-    second = key.epoch_ns // NS_PER_S
-    chosen = np.repeat(np.diff(second, prepend=-1) != 0, np.diff(key.first))
-    entries = part.entries
-    used = np.flatnonzero(chosen & (entries["status"][:, PSEUDORANGE] == USED))
+    entries, epoch = part.entries, key.epoch
+    is_first = np.diff(key.epoch_ns // NS_PER_S, prepend=-1) != 0
+    used = np.flatnonzero(is_first[epoch] & (entries["status"][:, PSEUDORANGE] == USED))
     variance = entries["variance"][used, PSEUDORANGE].astype(np.float64)
     r = variance - entries["predicted"][used, PSEUDORANGE]
     sv, signal = key.sv[used], key.signal[used]
     return SlowRows(
-        np.repeat(np.arange(len(key.epoch_ns)), np.diff(key.first))[used],
+        epoch[used],
         entries["u_n"][used].astype(np.float64),
         np.maximum(r, _LEAST_SHARE * variance),
         sv,

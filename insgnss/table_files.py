@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -10,7 +11,13 @@ import pandas as pd
 import pyarrow as pa
 
 TableFormat = Literal["parquet", "csv"]
-_PIECE_ROWS: Final = 1 << 17  # what is encoded at a time; a big log's table as a whole would take 50 MB more
+_PIECE_ROWS: Final = 1 << 17
+
+
+def pieces(table: pd.DataFrame) -> Iterator[pd.DataFrame]:
+    """Yield a table in pieces: what is made of all rows of a big log's at once would take 50 MB more."""
+    for first in range(0, len(table), _PIECE_ROWS):
+        yield table.iloc[first : first + _PIECE_ROWS]
 
 
 def write_table(
@@ -49,6 +56,5 @@ def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
     parquet = importlib.import_module("pyarrow.parquet")  # late: 5 MB that the filter can use
     schema = pa.Schema.from_pandas(table, preserve_index=False)
     with parquet.ParquetWriter(path, schema, **options) as writer:
-        for first in range(0, len(table), _PIECE_ROWS):
-            piece = table.iloc[first : first + _PIECE_ROWS]
+        for piece in pieces(table):
             writer.write_table(pa.Table.from_pandas(piece, schema=schema, preserve_index=False, nthreads=1))

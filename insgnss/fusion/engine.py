@@ -24,6 +24,7 @@ from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
+from insgnss.fusion.whole_log import gap_events, restart_event
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.table_joining import joined
@@ -209,21 +210,18 @@ class Engine:
 
     def _note_gap(self, last_ns: int, t_ns: int) -> None:
         """Tell a gap in the samples; begin anew after one too long to bridge."""
-        gap = (t_ns - last_ns) / NS_PER_S
         gaps = self._setup.config.gaps
         if t_ns - last_ns > gaps.restart_s * NS_PER_S:
             self._started = self._started or self._navigator.started_ns is not None
             self._done += self._navigator.events
-            detail = f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew"
-            self._done.append(Event(last_ns, "imu_gap", detail))
+            self._done.append(restart_event(last_ns, t_ns))
             while self._waiting and _tag(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
                 self._insert(self._waiting.pop(0))
             self._close(last_ns)
             self._samples.clear()
             self._begin()
         elif t_ns - last_ns > gaps.longest_step_s * NS_PER_S:
-            detail = f"no inertial sample for {gap:.3f} s: bridged, sigma grown"
-            self._done.append(Event(last_ns, "imu_gap", detail))
+            self._done += gap_events(np.array([last_ns, t_ns]), gaps.longest_step_s)
 
     def _close(self, t_ns: int) -> None:
         """Make all epochs that were processed final; none up to ``t_ns`` is taken any more."""

@@ -149,12 +149,11 @@ def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
 class _Passage:
     """The blocks of a log on their way through the filter."""
 
-    waiting: list[Rows]  # the open block stands first
+    waiting: list[Rows]  # a block that the filter is in the middle of stands first
     room: Output
-    ledger: list[LedgerPart] = field(default_factory=list)  # a part for each block that was opened
+    ledger: list[LedgerPart] = field(default_factory=list)  # a part for each block that was begun
     _epoch: int = 0  # the first of the log that is still to come
-    _begin: int = 0  # epoch of the log at which the open block begins
-    _open: bool = False
+    _begin: int = 0  # epoch of the log at which the first block begins
 
     def until(self, last: int) -> Iterator[tuple[Rows, int, int, Output]]:
         """Yield a block, its epochs that come next and the one after them, and room for their ledger, up to ``last``.
@@ -163,16 +162,15 @@ class _Passage:
         """
         while self._epoch < last:
             rows = self.waiting[0]
-            if not self._open:
+            if self._epoch == self._begin:
                 self.ledger.append(LedgerPart(*new_ledger(rows)))
-                self._open = True
             begin, end = self._epoch - self._begin, min(last - self._begin, len(rows.epoch_ns))
             entries, carriers = self.ledger[-1]
             yield rows, begin, end, self.room._replace(ledger=entries, carrier=carriers)
             self._epoch = self._begin + end
             if end == len(rows.epoch_ns):
                 del self.waiting[0]
-                self._begin, self._open = self._epoch, False
+                self._begin = self._epoch
 
     def without_imu(self, last: int) -> None:
         """Pass over the epochs before ``last``: what could be used of them has no inertial samples."""

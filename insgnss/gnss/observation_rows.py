@@ -167,10 +167,10 @@ def prepare_rows(
         (PSEUDORANGE, gnss.pseudorange_m, gnss.sigma_pseudorange_m, pseudorange),
         (RANGE_RATE, rates, gnss.sigma_range_rate_mps, range_rate),
     ):
-        status = _kind_status(kind, value, usable, sigma, wanted)
+        absent = np.isnan(value)
         if kind == RANGE_RATE:  # a Doppler whose wavelength nobody knows is a measurement all the same
-            told = np.isnan(value) & ~np.isnan(gnss.doppler_hz)
-            status[told] = np.where(usable[told] == USED, BAD_VALUE, usable[told])
+            absent &= np.isnan(gnss.doppler_hz)
+        status = _kind_status(kind, value, absent, usable, sigma, wanted)
         bad = gnss.bad_cells
         status[bad] = np.where(np.isfinite(value[bad]), status[bad], BAD_VALUE)
         observation["value"][:, kind] = value
@@ -281,7 +281,14 @@ def _signal_choice(gnss: GnssTable, signals: Mapping[str, tuple[str, ...]]) -> I
     return np.asarray(rank[gnss.sv, gnss.signal])
 
 
-def _kind_status(kind: int, value: Float64, usable: Int8, sigma: Float64 | None, wanted: bool) -> Int8:
+def _kind_status(
+    kind: int,
+    value: Float64,
+    absent: npt.NDArray[np.bool_],
+    usable: Int8,
+    sigma: Float64 | None,
+    wanted: bool,
+) -> Int8:
     """Return the starting status of one kind: absent, the row's own reason, or a bad value or sigma."""
     if kind == PSEUDORANGE:
         good = (value >= _CLOSEST_M) & (value <= _FARTHEST_M)
@@ -293,7 +300,7 @@ def _kind_status(kind: int, value: Float64, usable: Int8, sigma: Float64 | None,
         status[(status == USED) & ((sigma <= 0.0) | (sigma > _WIDEST_SIGMA[kind]))] = BAD_SIGMA
     if not wanted:
         status[status == USED] = SWITCHED_OFF
-    status[np.isnan(value)] = ABSENT
+    status[absent] = ABSENT
     return status
 
 

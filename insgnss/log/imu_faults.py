@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.tables import Event, Float64, Int64
@@ -46,11 +47,24 @@ def fault_events(t_ns: Int64, axes: Axes, file: str) -> list[Event]:
 
 def _equal_runs(column: Float64) -> tuple[Int64, Int64]:
     """Return the first and last index of each run of two and more equal values."""
-    equal = column[1:] == column[:-1]
-    if not equal.any():
+    return runs_of(column[1:] == column[:-1])
+
+
+def runs_of(same: npt.NDArray[np.bool_]) -> tuple[Int64, Int64]:
+    """Return the first and last sample of each run, from whether each of (n - 1,) is the same as the one before."""
+    if not same.any():
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    edge = np.diff(equal.astype(np.int8), prepend=0, append=0)
+    edge = np.diff(same.astype(np.int8), prepend=0, append=0)
     return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
+
+
+def at_most(events: list[Event], file: str) -> list[Event]:
+    """Return the first events of one kind, and one more that counts them where there are too many to tell each."""
+    if len(events) <= MAX_EVENTS_EACH:
+        return events
+    last = events[MAX_EVENTS_EACH]
+    rest = Event(last.t_ns, last.kind, f"{file}: {len(events)} such stretches in all")
+    return [*events[:MAX_EVENTS_EACH], rest]
 
 
 def _stuck(t_ns: Int64, axes: Axes, axis: int, runs: tuple[Int64, Int64], file: str) -> list[Event]:
@@ -65,12 +79,7 @@ def _stuck(t_ns: Int64, axes: Axes, axis: int, runs: tuple[Int64, Int64], file: 
         seconds = (t_ns[b] - t_ns[a]) / NS_PER_S
         detail = f"{file}: column '{axes.names[axis]}' holds {axes.columns[axis][a]:g} for {seconds:.3g} s"
         events.append(Event(int(t_ns[a]), "imu_stuck_axis", detail))
-    if len(events) > MAX_EVENTS_EACH:
-        rest = Event(
-            events[MAX_EVENTS_EACH].t_ns, "imu_stuck_axis", f"{file}: {len(events)} such stretches in all"
-        )
-        events = [*events[:MAX_EVENTS_EACH], rest]
-    return events
+    return at_most(events, file)
 
 
 def _saturated(t_ns: Int64, axes: Axes, axis: int, file: str) -> list[Event]:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.log.imu_faults import MAX_EVENTS_EACH, Axes
+from insgnss.log.imu_faults import Axes, at_most, runs_of
 from insgnss.tables import Event, Float64, Int64
 from insgnss.units import RAD_PER_DEG
 
@@ -71,8 +71,7 @@ def _repeats(sensor: Axes) -> Bool:
 
 def _runs(t_ns: Int64, same: Bool) -> list[tuple[int, int]]:
     """Return first and last sample of the runs that are long enough."""
-    edge = np.diff(same.astype(np.int8), prepend=0, append=0)
-    first, last = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
+    first, last = runs_of(same)
     long = (t_ns[last] - t_ns[first] >= FROZEN_S * NS_PER_S) & (last - first + 1 >= FROZEN_SAMPLES)
     return list(zip(first[long].tolist(), last[long].tolist(), strict=True))
 
@@ -86,8 +85,8 @@ def _long(t_ns: Int64, same: Bool) -> Bool:
 
 def _short_runs(same: Bool, outside: Bool) -> float:
     """Return the share of samples outside the long runs that lie in runs of ``COARSE_SAMPLES`` and more."""
-    edge = np.diff((same & outside).astype(np.int8), prepend=0, append=0)
-    length = np.flatnonzero(edge == -1) - np.flatnonzero(edge == 1) + 1
+    first, last = runs_of(same & outside)
+    length = last - first + 1
     return float(length[length >= COARSE_SAMPLES].sum() / max(int(outside.sum()), 1))
 
 
@@ -125,10 +124,7 @@ def _events(t_ns: Int64, runs: list[tuple[int, int]], name: str, file: str) -> l
             Event(int(t_ns[runs[0][0]]), DEAD, f"{told} {total_s:.3g} s, {100.0 * share:.0f} % of the log")
         ]
     events = [Event(int(t_ns[a]), FROZEN, f"{told} {(t_ns[b] - t_ns[a]) / NS_PER_S:.3g} s") for a, b in runs]
-    if len(events) > MAX_EVENTS_EACH:
-        rest = Event(events[MAX_EVENTS_EACH].t_ns, FROZEN, f"{file}: {len(events)} such stretches in all")
-        events = [*events[:MAX_EVENTS_EACH], rest]
-    return events
+    return at_most(events, file)
 
 
 def _change_steps(sensor: Axes, outside: Bool) -> tuple[Float64, bool]:
