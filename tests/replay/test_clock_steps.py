@@ -37,6 +37,7 @@ from tests.replay.scenes import (
 
 KEPT = ("G13", "G20", "G04", "G30")
 FEW_FROM_S, STEP_S = 50.0, 70.0
+END_S = 121.0  # behind the last epoch
 LOCKOUT_EPOCHS = 5
 SOON_S = STEP_S + LOCKOUT_EPOCHS  # the first epoch after the lock-out has been recognised
 TOLD = {"clock_jump", "clock_drift_jump", "lockout", "reset", "restart"}
@@ -47,7 +48,7 @@ def few(count: int, step_m: float = 0.0, faults: tuple[Fault, ...] = ()) -> Flig
     hidden = [sv for sv in paper_sky().ephemerides.sv_names if sv not in KEPT[:count]]
     jumps = ((STEP_S, step_m),) if step_m else ()
     clock = ClockStart(90_000.0, 50.0, jumps=jumps)
-    return flight(with_faults(turns(), (outage(hidden, FEW_FROM_S, 120.0), *faults), clock))
+    return flight(with_faults(turns(), (outage(hidden, FEW_FROM_S, END_S), *faults), clock))
 
 
 def with_rate(flown: FlightInMemory, rate_mps: float) -> FlightInMemory:
@@ -88,17 +89,15 @@ def test_clock_step_under_few_satellites_is_absorbed_and_told(count: int, step_m
     assert run.nav["clock_bias_m"].iloc[-1] - still == pytest.approx(step_m, abs=5.0)
 
 
-@pytest.mark.parametrize("count", [2, 4])
-def test_step_that_persistence_shows_leaves_position_and_its_sigma_alone(count: int) -> None:
-    """What two and four satellites tell of the position they told before, and tell again: five epochs are missing."""
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_step_that_persistence_shows_is_no_news_of_the_position(count: int) -> None:
+    """The clock is set by ranges that hold the position's error: seen again, they must not count as its measurement."""
     run, still = insgnss.replay(few(count, 80.0)), insgnss.replay(few(count))
-    for name in ("n", "e", "d"):
-        sigma = row_at(run, SOON_S + 5.0)[f"sd_{name}_m"]
-        assert 0.95 < sigma / row_at(still, SOON_S + 5.0)[f"sd_{name}_m"] < 2.0
-    moved = after(run, SOON_S)[["d_n_m", "d_e_m", "d_d_m"]].to_numpy()
-    moved -= after(still, SOON_S)[["d_n_m", "d_e_m", "d_d_m"]].to_numpy()
-    sigma = after(still, SOON_S)[["sd_n_m", "sd_e_m", "sd_d_m"]].to_numpy()
-    assert np.abs(moved / sigma).max() < 1.0
+    # five epochs are missing at first, and made up for at the end; refused for good, four cost 15 % and three 29 %
+    for seconds, most in ((SOON_S + 1.0, 1.05), (120.0, 1.01)):
+        for name in ("sd_n_m", "sd_e_m", "sd_d_m"):
+            ratio = row_at(run, seconds)[name] / row_at(still, seconds)[name]
+            assert 0.999 < ratio < most, (seconds, name)
 
 
 @pytest.mark.parametrize("rate_mps", [10.0, -60.0])
@@ -113,7 +112,8 @@ def test_drift_step_under_few_satellites_is_absorbed_and_told(count: int, rate_m
 def test_one_wrong_satellite_beside_others_is_not_taken_for_the_clock() -> None:
     for count in (2, 3, 4):
         run = insgnss.replay(few(count, faults=(range_step(KEPT[0], 80.0, STEP_S),)))
-        assert told(run) == [], count
+        # one of four in that state is strain enough to be told, and changes nothing
+        assert set(told(run)) <= ({"lockout"} if count == 4 else set()), count
         wrong = run.measurements[run.measurements["sv"] == KEPT[0]]
         late = wrong[(wrong["time_s"] > START_S + STEP_S) & (wrong["kind"] == "pseudorange")]
         assert set(late["status"]) == {"gated"}, count
