@@ -19,10 +19,10 @@ from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
-_AGREE_AT_LEAST: Final = (2, 3)  # as a fraction: of the judged rows, that must show the same step
-_BLUR: Final = (
-    2e-5  # of a step: the measurements stand at other instants then, and a satellite moves by 6 m in 1 ms
-)
+Integers = npt.NDArray[np.integer[Any]]
+
+_AGREE_AT_LEAST: Final = 2.0 / 3.0  # of the satellites must show a step before it counts as the clock's
+_BLUR: Final = 2e-5  # of a step: a clock that drifts meanwhile, or steps between two satellites' measurements
 _MS_M: Final = 299_792.458  # light in a millisecond [m]
 _FLOOR: Final = (3.0, 0.1)  # least sigma that a step leaves, of bias [m] and drift [m/s]
 _LEAST_FOR_A_FIX: Final = 3  # refused rows of a kind
@@ -35,8 +35,8 @@ class ClockStep(NamedTuple):
     size: float  # by which the leader's clock is wrong [m or m/s]
     h: Float64  # (n,) the witnesses' mean row of H, zero at the clock's own state
     variance: float  # of that mean's own error [m^2 or m^2/s^2]
-    witnesses: int
-    judged: int  # rows of the kind that reached the gate
+    witnesses: int  # satellites
+    judged: int  # satellites of which a row of the kind reached the gate
 
 
 def is_thin(lines: Lines) -> bool:
@@ -45,30 +45,38 @@ def is_thin(lines: Lines) -> bool:
     return max(refused, default=0) < _LEAST_FOR_A_FIX
 
 
-def clock_steps(lines: Lines, P: Float64, correction: Float64, gate2: tuple[float, float]) -> list[ClockStep]:
+def clock_steps(
+    lines: Lines, sv: Integers, P: Float64, correction: Float64, gate2: tuple[float, float]
+) -> list[ClockStep]:
     """Return the steps of the clock's bias and drift that explain what an epoch's gate refused.
+
+    At least two thirds of the satellites must show it; further bands of a satellite make no further witnesses.
 
     Parameters
     ----------
     lines : of the leader, innovations and rows of H as they stood at the epoch's prior
+    sv : (k,) the satellite of each line
     P, correction : (n, n), (n,) the leader's covariance after the epoch, and what the epoch added to its prior
     gate2 : squared gates of the two kinds
     """
     steps = []
     for kind in (PSEUDORANGE, RANGE_RATE):
-        step = _step(lines, kind, P, correction, gate2[kind])
+        step = _step(lines, sv, kind, P, correction, gate2[kind])
         if step is not None:
             steps.append(step)
     return steps
 
 
-def _step(lines: Lines, kind: int, P: Float64, correction: Float64, gate2: float) -> ClockStep | None:
+def _step(
+    lines: Lines, sv: Integers, kind: int, P: Float64, correction: Float64, gate2: float
+) -> ClockStep | None:
     status = lines["status"][:, kind]
-    refused, used = lines[status == GATED], int(np.sum(status == USED))
-    judged = len(refused) + used
-    if len(refused) <= used:
+    is_refused = status == GATED
+    refused, sv_refused, sv_used = lines[is_refused], sv[is_refused], np.unique(sv[status == USED])
+    judged = len(np.unique(np.append(sv_refused, sv_used)))
+    if len(np.setdiff1d(sv_refused, sv_used)) <= len(sv_used):
         return None
-    if kind == RANGE_RATE and len(refused) == 1 and np.any(lines["status"][:, PSEUDORANGE] == USED):
+    if kind == RANGE_RATE and judged == 1 and np.any(lines["status"][:, PSEUDORANGE] == USED):
         return None  # pseudoranges in use follow the drift: it is the one range rate that is wrong
     H, y = np.zeros((len(refused), len(P))), np.zeros(len(refused))
     for j, line in enumerate(refused):
@@ -77,36 +85,31 @@ def _step(lines: Lines, kind: int, P: Float64, correction: Float64, gate2: float
         y[j] = line.innovation[kind] - h @ correction[columns]
     H[:, CLOCK + kind] = 0.0  # whatever the clock is off by, all rows have in common
     variance = refused["variance"][:, kind] + (_BLUR * np.median(y)) ** 2
-    share, of = _AGREE_AT_LEAST
-    least = -(-share * judged // of)
-    found = _agreeing(H @ P @ H.T + np.diag(variance), y, gate2, least)
-    if found is None:
+    kept, w = _agreeing(H @ P @ H.T + np.diag(variance), y, gate2)
+    witnesses = len(np.unique(sv_refused[kept]))
+    if witnesses < _AGREE_AT_LEAST * judged:
         return None
-    kept, w = found
     own = float(w**2 @ variance[kept]) + _FLOOR[kind] ** 2
-    return ClockStep(kind, float(w @ y[kept]), w @ H[kept], own, len(kept), judged)
+    return ClockStep(kind, float(w @ y[kept]), w @ H[kept], own, witnesses, judged)
 
 
-def _agreeing(
-    S: Float64, y: Float64, gate2: float, least: int
-) -> tuple[npt.NDArray[np.int64], Float64] | None:
+def _agreeing(S: Float64, y: Float64, gate2: float) -> tuple[Integers, Float64]:
     """Return which of the residuals ``y`` (k,) agree on a common value, and the weights of its estimate.
 
-    Equation: w = S^-1 1 / (1^T S^-1 1), q = (y - w y)^T S^-1 (y - w y) <= gate^2, for the largest set of at least
-    ``least``; of a set too large the one goes whose absence leaves the smallest q. A common error of any size in ``S``
+    Equation: w = S^-1 1 / (1^T S^-1 1), q = (y - w y)^T S^-1 (y - w y), k - 1 degrees of freedom
+    Of a set that does not agree the one goes whose absence leaves the smallest q. A common error of any size in ``S``
     changes neither w nor q.
     """
-    kept = np.arange(len(y))
-    while len(kept) >= max(least, 1):
-        w, q = _common(S, y, kept)
-        if q <= gate2:
-            return kept, w
+    kept: Integers = np.arange(len(y))
+    w, q = _common(S, y, kept)
+    while q > gate2 + len(kept) - 2:
         without = [np.delete(kept, i) for i in range(len(kept))]
         kept = min(without, key=lambda k: _common(S, y, k)[1])
-    return None
+        w, q = _common(S, y, kept)
+    return kept, w
 
 
-def _common(S: Float64, y: Float64, kept: npt.NDArray[np.int64]) -> tuple[Float64, float]:
+def _common(S: Float64, y: Float64, kept: Integers) -> tuple[Float64, float]:
     block, ones = S[np.ix_(kept, kept)], np.ones(len(kept))
     w = np.linalg.solve(block, ones)
     w /= w.sum()
@@ -120,6 +123,7 @@ def absorb(bank: Bank, step: ClockStep, lever_b: Float64) -> None:
     Equation: c <- c + w y, P <- T P T^T + (w R w^T) e_c e_c^T, T = I - e_c (w H): its error is what position and the
     other states are off by, seen along the witnesses' mean row, and their noise. No other state is touched, and the
     correlations keep the next epoch from taking the same ranges for news of the position.
+    Neglects: that the lines are another hypothesis' when the leader changed with this very epoch.
     """
     column = CLOCK + step.kind
     lead = bank.state[bank.head[0].leader].copy()
@@ -145,17 +149,13 @@ def _apart(m: StateRecord, lead: StateRecord, lever_b: Float64, n: int) -> Float
 def in_words(step: ClockStep, epochs: int) -> tuple[str, str]:
     """Return kind and detail of the event that tells a step absorbed after ``epochs`` epochs of refusals."""
     if step.kind == PSEUDORANGE:
-        kind, size = (
-            "clock_jump",
-            f"the receiver clock stepped by {step.size:.1f} m ({step.size / _MS_M:.4f} ms)",
-        )
+        kind, rows, what = "clock_jump", "pseudorange", "clock"
+        size = f"{step.size:.1f} m ({step.size / _MS_M:.4f} ms)"
     else:
-        kind, size = "clock_drift_jump", f"the receiver clock's drift stepped by {step.size:.2f} m/s"
-    rows = "pseudorange" if step.kind == PSEUDORANGE else "range rate"
+        kind, rows, what = "clock_drift_jump", "range rate", "clock's drift"
+        size = f"{step.size:.2f} m/s"
     if step.judged == 1:
-        shown = (
-            f"the one {rows} was refused for {epochs} epochs, and no other tells whether it is the satellite"
-        )
+        shown = f"the one satellite's {rows} was refused for {epochs} epochs, and no other tells which of both is wrong"
     else:
-        shown = f"{step.witnesses} of {step.judged} {rows}s agree on it after {epochs} epochs of refusals"
-    return kind, f"{size}: {shown}; absorbed"
+        shown = f"{rows}s of {step.witnesses} of {step.judged} satellites agree on it after {epochs} epochs of refusals"
+    return kind, f"the receiver {what} stepped by {size}: {shown}; absorbed"

@@ -24,7 +24,6 @@ from tests.replay.scenes import (
     START_NS,
     START_S,
     FlightInMemory,
-    after,
     assert_honest,
     assert_sound,
     flight,
