@@ -42,12 +42,14 @@ SOON_S = STEP_S + LOCKOUT_EPOCHS  # the first epoch after the lock-out has been 
 TOLD = {"clock_jump", "clock_drift_jump", "lockout", "reset", "restart"}
 
 
-def few(count: int, step_m: float = 0.0, faults: tuple[Fault, ...] = ()) -> FlightInMemory:
+def few(
+    count: int, step_m: float = 0.0, faults: tuple[Fault, ...] = (), until_s: float = END_S
+) -> FlightInMemory:
     """Return the flight with ``count`` satellites left and a step of the clock."""
     hidden = [sv for sv in paper_sky().ephemerides.sv_names if sv not in KEPT[:count]]
     jumps = ((STEP_S, step_m),) if step_m else ()
     clock = ClockStart(90_000.0, 50.0, jumps=jumps)
-    return flight(with_faults(turns(), (outage(hidden, FEW_FROM_S, END_S), *faults), clock))
+    return flight(with_faults(turns(), (outage(hidden, FEW_FROM_S, until_s), *faults), clock))
 
 
 def with_rate(flown: FlightInMemory, rate_mps: float) -> FlightInMemory:
@@ -134,6 +136,11 @@ def test_engine_gives_the_bits_of_replay_through_a_step_under_two_satellites() -
     assert [event.kind for event in engine.events].count("clock_jump") == 1
 
 
-def test_smoother_passes_a_step_under_two_satellites() -> None:
-    run = insgnss.replay(few(2, 80.0), smooth=True)
+def test_smoother_sees_beyond_a_step_under_two_satellites() -> None:
+    """All satellites are back at 90 s, fifteen after the step is absorbed: that must reach the time before it."""
+    run = insgnss.replay(few(2, 80.0, until_s=90.0), smooth=True)
+    still = insgnss.replay(few(2, until_s=90.0), smooth=True)
+    assert told(run) == ["clock_jump"]
     assert_honest(run, 15.0)
+    for name in ("sd_n_m", "sd_e_m", "sd_d_m"):
+        assert 0.999 < row_at(run, STEP_S)[name] / row_at(still, STEP_S)[name] < 1.05, name
