@@ -95,7 +95,9 @@ class Gates(StrictModel):
     range_rate_sigma: Positive = 5.0
     carrier_sigma: Positive = Field(4.0, description="a cycle slip is to be found, not averaged")
     clock_jump_min_m: Positive = Field(
-        150.0, description="smaller common steps are left to the clock's process noise"
+        150.0,
+        description="smaller common steps of fewer than five pseudoranges count only when they last for"
+        " health.lockout_epochs",
     )
 
 
@@ -158,7 +160,8 @@ class Health(StrictModel):
 
     lockout_epochs: Annotated[int, Field(ge=2)] = Field(
         5,
-        description="consecutive epochs with most rows refused before position, velocity and clock are set anew",
+        description="consecutive epochs with most rows refused before position, velocity and clock are set anew,"
+        " or with too few satellites the clock alone",
     )
     strain_nis: Positive = Field(
         6.0, description="a mean normalised innovation squared (at most the gate's) above it"

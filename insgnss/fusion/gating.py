@@ -33,7 +33,8 @@ def common_step(
     The step is zero when there is none. At least half of the rows must be beyond five sigmas, their median beyond five
     sigmas of the predicted clock, and two thirds of at least two rows must agree with it within their own sigma without
     the clock's. Fewer than five witnesses are believed only beyond ``smallest``, and a single one never: its
-    pseudorange may be wrong by itself. ``values`` is scratch of at least the lines' length.
+    pseudorange may be wrong by itself. What few go on showing is for ``lockout``. ``values`` is scratch of at least the
+    lines' length.
     """
     n = 0
     beyond = 0

@@ -39,13 +39,14 @@ from insgnss.tables import Float64
 
 # why the loop stopped
 DONE: Final = 0  # all epochs processed
-LOCKOUT: Final = 1  # most pseudoranges refused for too long
+LOCKOUT: Final = 1  # most rows of a kind refused for too long
 THIN_OUT: Final = 2  # a hypothesis has become negligible
 COVARIANCE_LOST: Final = 3  # a variance is not positive any more
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 
 _SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
 _SMALLEST_DIFFERENCE_RAD = 0.02
+_FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 _SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
@@ -190,7 +191,10 @@ def run_epochs(
             write_row(bank, bank, head.leader, t_ns, done.ranges_used, out, work)
         if not positive(bank.state[head.leader], bank.P[head.leader]):
             return COVARIANCE_LOST, epoch + 1
-        locked = mostly(done.ranges_used, done.ranges_refused) or mostly(done.rates_used, done.rates_refused)
+        n_ranges, n_rates = done.ranges_used + done.ranges_refused, done.rates_used + done.rates_refused
+        few = max(n_ranges, n_rates) < _FEW
+        locked = mostly(done.ranges_used, done.ranges_refused, few)
+        locked = locked or mostly(done.rates_used, done.rates_refused, few)
         head.locked_out = head.locked_out + 1 if locked else 0
         if not done.strain > par.strain_limit:
             head.strained_ns = 0
@@ -208,9 +212,9 @@ def run_epochs(
 
 
 @inlined
-def mostly(used: int, refused: int) -> bool:
-    """Return whether most rows of a kind, and at least three, were refused by the gate."""
-    return refused > used and refused >= 3
+def mostly(used: int, refused: int, few: bool) -> bool:
+    """Return whether most rows of a kind, and at least three unless an epoch has few, were refused by the gate."""
+    return refused > used and (few or refused >= 3)
 
 
 @borrowing

@@ -17,6 +17,8 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.fix import Fix, fix_epoch
+from insgnss.fusion.lines import Lines
+from insgnss.fusion.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.fusion.loop import (
     COVARIANCE_LOST,
     DONE,
@@ -50,7 +52,7 @@ from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import ABSENT, Rows
 from insgnss.inertial.sensor_model import SensorModel, sensor_model
 from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
-from insgnss.tables import Event, Float64
+from insgnss.tables import Event, Float64, Int16
 
 _RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
 _DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
@@ -252,12 +254,15 @@ class Navigator:
             if refusing
             else f"innovations far too large for {health.strain_s:.0f} s"
         )
-        fix = fix_epoch(
-            rows, epoch, self._parameters[0], self.setup.n_offsets + 1, self.setup.config.start.max_gdop
-        )
+        first, last = rows.first[epoch], rows.first[epoch + 1]
+        lines, sv = self.workspace(rows).epoch.lines[: last - first], rows.observation["sv"][first:last]
+        fix = None
+        if not (refusing and is_thin(lines)):
+            par, groups = self._parameters[0], self.setup.n_offsets + 1
+            fix = fix_epoch(rows, epoch, par, groups, self.setup.config.start.max_gdop)
         if fix is None or not fix.checked:
-            detail = f"{reason}, and no fix to recover with"
-            self.events.append(Event(t_ns, "lockout", detail))
+            if not (refusing and self._absorb_steps(bank, lines, sv, t_ns)):
+                self.events.append(Event(t_ns, "lockout", f"{reason}, and no fix to recover with"))
             return
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
         self.resets_ns = [*recent, t_ns]
@@ -286,6 +291,19 @@ class Navigator:
             f" velocity {velocity}, clock moved by {delta_clock:.1f} m; {fix.n_used} pseudoranges"
         )
         self.events.append(Event(t_ns, "reset", detail))
+
+    def _absorb_steps(self, bank: Bank, lines: Lines, sv: Int16, t_ns: int) -> bool:
+        """Absorb the steps of the receiver clock that the refused rows agree on; return whether there was one."""
+        assert self._work is not None
+        par, P = self._parameters[0], bank.P[bank.head[0].leader]
+        correction = self._work.epoch.vectors[0, : len(P)]
+        steps = clock_steps(lines, sv, P, correction, (par.range_gate2, par.rate_gate2))
+        for step in steps:
+            absorb(bank, step, par.lever_b)
+            kind, detail = in_words(step, self.setup.config.health.lockout_epochs)
+            self.events.append(Event(t_ns, kind, detail))
+            bank.head["renewed_ns"] = t_ns
+        return len(steps) > 0
 
     def _restart(self, t_ns: int, reason: str) -> None:
         """Give the filter up and wait for a new automatic start."""
