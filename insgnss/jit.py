@@ -11,6 +11,7 @@ process fill the cache with one large kernel while the first goes on with everyt
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import importlib
 import os
@@ -23,7 +24,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -33,6 +34,7 @@ import numpy as np
 UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
 _S_PER_DAY: Final = 86_400.0
 _LONGEST_COMPILATION_S: Final = 300.0  # then whoever waits compiles on their own
+_RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -112,7 +114,9 @@ def _compiled(function: _F, **options: Any) -> _F:
     previous = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_CACHE_DIR)
     try:
-        dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        dispatcher = numba.njit(
+            cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
+        )(function)
     finally:
         numba.config.CACHE_DIR = previous
     _write_to_own_files(dispatcher)
@@ -179,12 +183,29 @@ def compiled_beside(
     the process fails, the kernel is compiled here, as it would be without it. The process never outlives the block.
     """
     process = _start(module, *arguments) if _is_missing(function) else None
+    with ExitStack() as stack:
+        if not is_compiled(function):
+            stack.enter_context(collecting_rarely())
+        try:
+            yield lambda: _wait(process)
+        finally:
+            if process is not None:
+                process.kill()
+                process.communicate()
+
+
+@contextmanager
+def collecting_rarely() -> Iterator[None]:
+    """Let Python look for cycles of objects less often than it does by itself.
+
+    The compiler makes millions of objects that last; to look through them again and again is a tenth of its time.
+    """
+    thresholds = gc.get_threshold()
+    gc.set_threshold(*_RARE_COLLECTIONS)
     try:
-        yield lambda: _wait(process)
+        yield
     finally:
-        if process is not None:
-            process.kill()
-            process.communicate()
+        gc.set_threshold(*thresholds)
 
 
 def _is_missing(function: Callable[..., Any]) -> bool:

@@ -59,7 +59,7 @@ class LiveAiding:
         count = self._room.counts[0]
         count.rows = count.covariances = 0
         never = False  # beyond what is due
-        write_trace(bank, t_ns, never, parameters[0], self._room, work.spare.state, work.P_out, work.scratch)
+        write_trace(bank, t_ns, never, parameters[0], self._room, work.P_out, work.scratch)
         samples = Samples(imu.t_ns, imu.w_ib_b, imu.f_b)
         now, begin = traced(self._room, samples).trace, self._begin
         if begin is None or count.covariances or t_ns // PIECE_NS != int(begin.t_ns[0]) // PIECE_NS:

@@ -79,11 +79,10 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Ai
         for i in range(3):
             # (psi x l)_i = psi_p l_q - psi_q l_p with i, p, q cyclic
             p, q = (i + 1) % 3, (i + 2) % 3
-            P[c + i, j] = P[DR + i, j] + P[PSI + p, j] * l_e[q] - P[PSI + q, j] * l_e[p]
+            P[j, c + i] = P[DR + i, j] + P[PSI + p, j] * l_e[q] - P[PSI + q, j] * l_e[p]
+            P[c + i, j] = P[j, c + i]
+        P[j, c + 3] = P[CLOCK, j]
         P[c + 3, j] = P[CLOCK, j]
-    for i in range(N_CLONE):
-        for j in range(n - N_CLONE):
-            P[j, c + i] = P[c + i, j]
     for i in range(N_CLONE):
         for k in range(3):
             p, q = (k + 1) % 3, (k + 2) % 3

@@ -7,6 +7,7 @@ both need (the covariance's prediction, an epoch's rows) this one compiles while
 
 from __future__ import annotations
 
+import gc
 import sys
 from typing import NamedTuple
 
@@ -22,11 +23,11 @@ from insgnss.fusion.masking import mask_hidden
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import Output, Table, new_output
 from insgnss.fusion.parameters import PARAMETERS_DTYPE
-from insgnss.fusion.prediction import Imu, predict_covariance
+from insgnss.fusion.prediction import Imu, propagate_covariance
 from insgnss.fusion.state import Bank, Layout, new_bank
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
-from insgnss.jit import compiled_beside, end_with_parent, is_compiled, only_linked
+from insgnss.jit import collecting_rarely, compiled_beside, end_with_parent, is_compiled, only_linked
 
 MODULE = "insgnss.fusion.compile_loop"
 UPDATE_ONLY = "update"
@@ -93,7 +94,7 @@ def compile_prediction() -> None:
     lines, vector = s.lines[:0], s.vectors[0]
     follow_innovations(a.bank.memory[0], lines, a.rows.observation[:0], 0, vector, par)
     common_step(lines, 0, vector, 1.0, 1.0)
-    predict_covariance(a.bank.state[0], a.bank.P[0], par, a.work.scratch)
+    propagate_covariance(a.bank.state[0], a.bank.P[0], par, a.work.scratch)
     observe(a.bank.state[0], a.bank.P[0], par, a.rows, 0, a.imu.w_ib_b[0], a.imu.f_b[0], a.work.epoch)
     advance(a.bank, 0, a.imu, par, a.out, a.work)
 
@@ -121,12 +122,14 @@ def call_loop() -> None:
 def main() -> None:
     """Compile what the command line asks for."""
     end_with_parent()
-    if sys.argv[1:] == [UPDATE_ONLY]:
-        compile_update()
-        return
-    compile_parts()
-    with only_linked():
-        call_loop()
+    gc.freeze()  # the modules stay
+    with collecting_rarely():
+        if sys.argv[1:] == [UPDATE_ONLY]:
+            compile_update()
+            return
+        compile_parts()
+        with only_linked():
+            call_loop()
 
 
 if __name__ == "__main__":

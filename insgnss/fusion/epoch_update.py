@@ -27,7 +27,7 @@ from insgnss.jit import borrowing, inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
 from insgnss.tables import Float64, Int8
 
-_NO_TURN2 = 1e-24  # [rad^2]
+_NO_TURN = 1e-12  # [rad]
 _SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 
 
@@ -260,29 +260,38 @@ def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> Non
     Equation: P_psi. <- R P_psi., R = exp([u (u . delta psi) x]), u the vertical
     """
     n = P.shape[0]
-    r = math.sqrt(m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2)
-    turn = (m.r_e[0] * correction[PSI] + m.r_e[1] * correction[PSI + 1] + m.r_e[2] * correction[PSI + 2]) / (
-        r * r
-    )
-    x, y, z = turn * m.r_e[0], turn * m.r_e[1], turn * m.r_e[2]
-    angle2 = x * x + y * y + z * z
-    if angle2 < _NO_TURN2:
+    r2 = m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2
+    turn = (m.r_e[0] * correction[PSI] + m.r_e[1] * correction[PSI + 1] + m.r_e[2] * correction[PSI + 2]) / r2
+    angle = turn * math.sqrt(r2)
+    if abs(angle) < _NO_TURN:
         return
-    angle = math.sqrt(angle2)
-    s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2
-    rows = (
-        (1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y),
-        (c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x),
-        (c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)),
-    )
+    axis = turn / angle * m.r_e[0], turn / angle * m.r_e[1], turn / angle * m.r_e[2]
+    sine, rest = math.sin(angle), 1.0 - math.cos(angle)
     for j in range(n):
-        a, b, d = P[PSI, j], P[PSI + 1, j], P[PSI + 2, j]
-        for i in range(3):
-            P[PSI + i, j] = rows[i][0] * a + rows[i][1] * b + rows[i][2] * d
-    for i in range(n):
-        a, b, d = P[i, PSI], P[i, PSI + 1], P[i, PSI + 2]
-        for j in range(3):
-            P[i, PSI + j] = rows[j][0] * a + rows[j][1] * b + rows[j][2] * d
-    for i in range(3):
-        for j in range(n):
-            P[j, PSI + i] = P[PSI + i, j]
+        x, y, z = turned(axis, sine, rest, P[PSI, j], P[PSI + 1, j], P[PSI + 2, j])
+        P[PSI, j], P[PSI + 1, j], P[PSI + 2, j] = x, y, z
+        if j < PSI or j >= PSI + 3:
+            P[j, PSI], P[j, PSI + 1], P[j, PSI + 2] = x, y, z
+    for i in range(PSI, PSI + 3):
+        x, y, z = turned(axis, sine, rest, P[i, PSI], P[i, PSI + 1], P[i, PSI + 2])
+        P[i, PSI], P[i, PSI + 1], P[i, PSI + 2] = x, y, z
+    for i in range(PSI, PSI + 3):
+        for j in range(PSI, i):
+            P[j, i] = P[i, j]
+
+
+@inlined
+def turned(
+    axis: tuple[float, float, float], sine: float, rest: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Return (x, y, z) = v turned about the unit vector ``axis`` a.
+
+    Equation: v + sin a x v + rest a x (a x v), rest = 1 - cos  [Rodrigues]
+    """
+    a, b, c = axis
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    return (
+        x + sine * u + rest * (b * w - c * v),
+        y + sine * v + rest * (c * u - a * w),
+        z + sine * w + rest * (a * v - b * u),
+    )

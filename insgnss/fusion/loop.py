@@ -31,7 +31,7 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
-from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, new_bank
+from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
 from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import borrowing, inlined
@@ -99,9 +99,7 @@ def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, wo
         if traces:
             if ahead:
                 asked_for = out.trace.is_epoch[traced.next - 1]
-                write_trace(
-                    bank, goal_ns, asked_for, par, out.trace, work.spare.state, work.P_out, work.scratch
-                )
+                write_trace(bank, goal_ns, asked_for, par, out.trace, work.P_out, work.scratch)
         elif writes:
             t_ns = out.times_ns[count.time]
             count.time += 1
@@ -126,13 +124,14 @@ def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
 def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
     """Write a navigation row at ``t_ns`` from a copy of the leader."""
     head = bank.head[0]
-    work.spare.state[0] = bank.state[head.leader]
-    copy_matrix(bank.P[head.leader], work.spare.P[0])
-    work.spare.head[0] = head
-    carry_bank(work.spare, t_ns, imu, par, work.scratch)
-    predict_covariance(work.spare.state[0], work.spare.P[0], par, work.scratch)
+    spare = work.spare
+    copy_state(bank.state[head.leader], spare.state[0])
+    copy_matrix(bank.P[head.leader], spare.P[0])
+    spare.head[0].now_ns, spare.head[0].next = head.now_ns, head.next
+    carry_bank(spare, t_ns, imu, par, work.scratch)
+    predict_covariance(spare.state[0], spare.P[0], par, work.scratch)
     nothing_used = 0 * head.leader
-    write_row(bank, work.spare, nothing_used, t_ns, nothing_used, out, work)
+    write_row(bank, spare, nothing_used, t_ns, nothing_used, out, work)
 
 
 @borrowing

@@ -75,20 +75,32 @@ def new_scratch(n: int) -> Scratch:
     return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)))
 
 
-@borrowing
+@inlined
 def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
-    """Carry the covariance over everything summed since the last call, and clear the sums.
+    """Carry the covariance over everything summed since the last call, let the biases decay, and clear the sums."""
+    keep_a, keep_g = propagate_covariance(m, P, par, scratch)
+    for i in range(3):
+        m.b_a[i] *= keep_a
+        m.b_g[i] *= keep_g
+    clear_sums(m)
+
+
+@borrowing
+def propagate_covariance(
+    m: StateRecord, P: Float64, par: Parameters, scratch: Scratch
+) -> tuple[float, float]:
+    """Carry the covariance ``P`` over everything that ``m`` has summed; return what is left of both biases.
 
     Equation: P <- Phi (P + Q/2) Phi^T + Q/2: the trapezoid rule for the integral of Phi Q Phi^T, which gives the
     noise's way into position, velocity and clock bias to second order in the step.
     """
     dt = m.sum_dt
     if dt <= 0.0:
-        return
+        return 1.0, 1.0
     n = P.shape[0]
     A, B = scratch.A, scratch.B
     x, y, z, unseen = seen_force(m, P, par, scratch.rates[0].g_e, A[0])
-    m.sum_accel_q += unseen * dt
+    accel_q = m.sum_accel_q + unseen * dt
     step = transition_step(
         dt,
         x,
@@ -98,21 +110,15 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
         par.accel_bias_time,
         par.gyro_bias_time,
     )
-    add_half_noise(m, P, par, dt)
-    apply_transition(step, m.sum_C, P, A)  # A = Phi P
-    for i in range(n):
-        for j in range(n):
-            B[i, j] = A[j, i]
-    apply_transition(step, m.sum_C, B, A)  # A = Phi (Phi P)^T
+    add_half_noise(m, P, par, dt, accel_q)
+    apply_transition(step, m.sum_C, P, B)  # B = (Phi P)^T
+    apply_transition(step, m.sum_C, B, A)  # A = (Phi B)^T = Phi P Phi^T
     for i in range(n):
         for j in range(i, n):
             P[i, j] = A[i, j]
             P[j, i] = A[i, j]
-    add_half_noise(m, P, par, dt)
-    for i in range(3):
-        m.b_a[i] *= step.keep_a
-        m.b_g[i] *= step.keep_g
-    clear_sums(m)
+    add_half_noise(m, P, par, dt, accel_q)
+    return step.keep_a, step.keep_g
 
 
 @inlined
@@ -141,7 +147,7 @@ def seen_force(
     share = max(1.0 - par.motion_gate2 * noise / h2, 0.0) if h2 > 0.0 else 0.0
     along = (1.0 - share) * (dv[0] * g_e[0] + dv[1] * g_e[1] + dv[2] * g_e[2]) / g2
     attitude = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
-    unseen = ((1.0 - share) ** 2 * h2 + unknown_force(m, P, g_e, g2, row)) * attitude * MANOEUVRE_S
+    unseen = ((1.0 - share) ** 2 * h2 + unknown_force(m.C_eb, P, g_e, g2, row)) * attitude * MANOEUVRE_S
     return (
         share * dv[0] + along * g_e[0],
         share * dv[1] + along * g_e[1],
@@ -151,27 +157,24 @@ def seen_force(
 
 
 @inlined
-def unknown_force(m: StateRecord, P: Float64, g_e: Float64, g2: float, row: Float64) -> float:
+def unknown_force(C: Float64, P: Float64, g_e: Float64, g2: float, down: Float64) -> float:
     """Return the variance of the horizontal specific force, both axes, by the errors of attitude and bias.
 
-    Equation: df = g x psi - C b_a, its three axes less the vertical; ``row`` (6,) is scratch
+    Equation: df = g x psi - C b_a, of which the trace of (I - u u^T) cov(df), u = g/|g|, is
+
+        g^2 tr(P_psi) - g^T P_psi g + tr(P_b) - (C^T u)^T P_b (C^T u) - 2 sum_j (c_j x g) . P_psi,b_j
+
+    with c_j the columns of ``C`` (3, 3); ``down`` (3,) is scratch
     """
-    C = m.C_eb
+    for j in range(3):
+        down[j] = C[0, j] * g_e[0] + C[1, j] * g_e[1] + C[2, j] * g_e[2]
     total = 0.0
-    for axis in range(4):
-        for j in range(3):
-            row[j] = 0.0
-            row[3 + j] = C[0, j] * g_e[0] + C[1, j] * g_e[1] + C[2, j] * g_e[2]
-            if axis < 3:
-                row[3 + j] = -C[axis, j]
-        weight = -1.0 / g2
-        if axis < 3:
-            row[(axis + 2) % 3] = g_e[(axis + 1) % 3]
-            row[(axis + 1) % 3] = -g_e[(axis + 2) % 3]
-            weight = 1.0
-        for j in range(6):  # the biases come after the attitude
-            for k in range(6):
-                total += weight * row[j] * P[PSI + j, PSI + k] * row[k]
+    for j in range(3):
+        total += g2 * P[PSI + j, PSI + j] + P[BA + j, BA + j]
+        for k in range(3):
+            a, b = (k + 1) % 3, (k + 2) % 3
+            total -= g_e[j] * g_e[k] * P[PSI + j, PSI + k] + down[j] * down[k] / g2 * P[BA + j, BA + k]
+            total -= 2.0 * (C[a, j] * g_e[b] - C[b, j] * g_e[a]) * P[PSI + k, BA + j]
     return max(total, 0.0)
 
 
@@ -188,11 +191,11 @@ def clear_sums(m: StateRecord) -> None:
 
 
 @inlined
-def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float) -> None:
-    """Add half of the step's process noise to the diagonal of the covariance."""
+def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float, accel_q: float) -> None:
+    """Add half of the step's process noise to the diagonal of the covariance; ``accel_q`` is the velocity's."""
     half = 0.5 * dt
     for i in range(3):
-        P[DV + i, DV + i] += 0.5 * m.sum_accel_q
+        P[DV + i, DV + i] += 0.5 * accel_q
         P[PSI + i, PSI + i] += 0.5 * m.sum_gyro_q
         P[BA + i, BA + i] += half * par.accel_bias_density
         P[BG + i, BG + i] += half * par.gyro_bias_density

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from insgnss.antenna.visibility import UNDECIDED
 from insgnss.gnss.observation_rows import N_SATELLITE_SLOTS, N_SLOTS
+from insgnss.jit import inlined
 from insgnss.tables import Float64, Int8, Int64
 
 # error state (estimate minus truth), in this order
@@ -162,6 +163,35 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     memory = np.full((n_hypotheses, N_SLOTS, 3), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
+
+
+@inlined
+def copy_state(source: StateRecord, target: StateRecord) -> None:
+    """Copy one state, field by field: the compiler takes a record for its bytes, and copies them one at a time."""
+    for i in range(3):
+        target.r_e[i], target.v_e[i] = source.r_e[i], source.v_e[i]
+        target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
+        target.r_clone[i], target.f_smooth[i] = source.r_clone[i], source.f_smooth[i]
+        target.sum_dv[i] = source.sum_dv[i]
+        for j in range(3):
+            target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
+    for i in range(4):
+        target.q_eb[i] = source.q_eb[i]
+    for i in range(2):
+        target.clock[i], target.air_clone[i] = source.clock[i], source.air_clone[i]
+    for i in range(MAX_OPTIONAL):
+        target.optional[i] = source.optional[i]
+    for i in range(N_FACTORS):
+        target.noise_factor[i] = source.noise_factor[i]
+    target.clock_clone, target.clone_ns = source.clock_clone, source.clone_ns
+    target.sum_dt, target.sum_gyro_q, target.sum_accel_q = (
+        source.sum_dt,
+        source.sum_gyro_q,
+        source.sum_accel_q,
+    )
+    target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
+    target.mask_waits, target.log_weight = source.mask_waits, source.log_weight
+    target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
 
 
 def copy_bank(bank: Bank) -> Bank:

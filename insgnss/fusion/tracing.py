@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from insgnss.fusion.output import mixture_covariance
 from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.prediction import Scratch, predict_covariance
-from insgnss.fusion.state import Bank, StateArray
+from insgnss.fusion.prediction import Scratch, propagate_covariance
+from insgnss.fusion.state import Bank
 from insgnss.fusion.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
 from insgnss.jit import borrowing
 from insgnss.tables import Float64
@@ -18,7 +18,6 @@ def write_trace(
     with_covariance: bool,
     par: Parameters,
     room: TraceRoom,
-    spare: StateArray,
     P_out: Float64,
     scratch: Scratch,
 ) -> None:
@@ -29,7 +28,7 @@ def write_trace(
 
     Parameters
     ----------
-    spare, P_out : (1,) and (n, n) scratch of a state and of its covariance
+    P_out : (n, n) scratch
     """
     head = bank.head[0]
     write_state(room, t_ns, bank.state[head.leader])
@@ -38,9 +37,8 @@ def write_trace(
     if bank.state.shape[0] > 1:
         mixture_covariance(bank, P_out)
     else:
-        spare[0] = bank.state[0]
         copy_matrix(bank.P[0], P_out)
-        predict_covariance(spare[0], P_out, par, scratch)
+        propagate_covariance(bank.state[0], P_out, par, scratch)
     write_covariance(room, t_ns, P_out)
 
 

@@ -71,11 +71,11 @@ def transition_step(
 
 @borrowing
 def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
-    """Write ``B = Phi A`` for the step ``s``, row by row of the error state; ``A`` and ``B`` are (n, n), not the same.
+    """Write ``B = (Phi A)^T`` for the step ``s``: each column of ``A`` is an error state that is carried on.
 
-    Each block below is one line of the dynamics; psi and v are taken at mid-step (trapezoid), which makes Phi right to
-    second order: dr gets f x psi dt^2/2 and C b_a dt^2/2, dv gets f x (C b_g) dt^2/2. Coriolis and gravity gradient
-    take the start of the step: 2e-6 of dv at 25 ms.
+    Twice applied, from P, this is Phi P Phi^T. Each paragraph below is one line of the dynamics; psi and v are taken
+    at mid-step (trapezoid), which makes Phi right to second order: dr gets f x psi dt^2/2 and C b_a dt^2/2, dv gets
+    f x (C b_g) dt^2/2. Coriolis and gravity gradient take the start of the step: 2e-6 of dv at 25 ms.
     Neglects: the Earth's turn (2 w_ie dt, 3e-6 at 20 ms) and the bias's decay (dt / (2 time), 2e-5 at 20 ms and 600 s)
     inside the step, as shares of the terms of first order.
 
@@ -83,66 +83,39 @@ def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
     ----------
     s : the step
     C_dt : (3, 3) integral of C_eb over the step [s]
-    A, B : (n, n) input and output; rows are error states in the order of ``fusion.state``
+    A, B : (n, n) input and output, not the same; error states in the order of ``fusion.state``
     """
-    attitude_rows(s, C_dt, A, B)
-    gravity = ((s.g00, s.g01, s.g02), (s.g01, s.g11, s.g12), (s.g02, s.g12, s.g22))
-    f = (s.f0, s.f1, s.f2)
-    coriolis = (2.0 * s.w, -2.0 * s.w, 0.0)
-    for i in range(3):
-        # i, a, b run cyclically: (f x psi)_i = f_a psi_b - f_b psi_a
-        a, b = (i + 1) % 3, (i + 2) % 3
-        velocity_row(i, 1 - i if i < 2 else 2, coriolis[i], gravity[i], C_dt, A, B)
-        add_specific_force(i, a, b, f[a], f[b], A, B)
-    position_and_bias_rows(s, A, B)
-
-
-@inlined
-def attitude_rows(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
-    """Write psi - w_ie dt x psi - C db_g dt."""
-    turn = (s.w, -s.w, 0.0)
-    for i in range(3):
-        other = 7 - i if i < 2 else 8
-        w, c0, c1, c2 = turn[i], C_dt[i, 0], C_dt[i, 1], C_dt[i, 2]
-        for j in range(A.shape[0]):
-            B[6 + i, j] = A[6 + i, j] + w * A[other, j] - (c0 * A[12, j] + c1 * A[13, j] + c2 * A[14, j])
-
-
-@inlined
-def velocity_row(
-    i: int, other: int, coriolis: float, g: tuple[float, float, float], C_dt: Float64, A: Float64, B: Float64
-) -> None:
-    """Write row ``i`` of dv + dg/dr dt dr - 2 w_ie dt x dv - C db_a dt."""
-    c0, c1, c2 = C_dt[i, 0], C_dt[i, 1], C_dt[i, 2]
-    g0, g1, g2 = g
+    half, coriolis = 0.5 * s.dt, 2.0 * s.w
     for j in range(A.shape[0]):
-        B[3 + i, j] = A[3 + i, j] + coriolis * A[3 + other, j] + g0 * A[0, j] + g1 * A[1, j] + g2 * A[2, j]
-    for j in range(A.shape[0]):
-        B[3 + i, j] -= c0 * A[9, j] + c1 * A[10, j] + c2 * A[11, j]
-
-
-@inlined
-def add_specific_force(i: int, a: int, b: int, f_a: float, f_b: float, A: Float64, B: Float64) -> None:
-    """Subtract f dt x psi at mid-step from velocity row ``i``."""
-    half_a, half_b = 0.5 * f_a, 0.5 * f_b
-    for j in range(A.shape[0]):
-        B[3 + i, j] -= half_a * (A[6 + b, j] + B[6 + b, j]) - half_b * (A[6 + a, j] + B[6 + a, j])
-
-
-@inlined
-def position_and_bias_rows(s: Step, A: Float64, B: Float64) -> None:
-    """Write dr + dv dt with the velocity at mid-step, the decaying biases and the clock."""
-    n = A.shape[0]
-    half = 0.5 * s.dt
-    for i in range(3):
-        for j in range(n):
-            B[i, j] = A[i, j] + half * (A[3 + i, j] + B[3 + i, j])
-    for i in range(9, 15):
-        keep = s.keep_a if i < 12 else s.keep_g
-        for j in range(n):
-            B[i, j] = keep * A[i, j]
-    for j in range(n):
-        B[15, j] = A[15, j] + s.dt * A[16, j]
-    for i in range(16, n):
-        for j in range(n):
-            B[i, j] = A[i, j]
+        # psi - w_ie dt x psi - C db_g dt, and the mean of before and after
+        x, y, z = A[6, j], A[7, j], A[8, j]
+        bx, by, bz = A[12, j], A[13, j], A[14, j]
+        B[j, 6] = x + s.w * y - (C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz)
+        B[j, 7] = y - s.w * x - (C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz)
+        B[j, 8] = z - (C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz)
+        px, py, pz = 0.5 * (x + B[j, 6]), 0.5 * (y + B[j, 7]), 0.5 * (z + B[j, 8])
+        # dv - f dt x psi + dg/dr dt dr - 2 w_ie dt x dv - C db_a dt
+        x, y, z = A[0, j], A[1, j], A[2, j]
+        u, v, w = A[3, j], A[4, j], A[5, j]
+        ax, ay, az = A[9, j], A[10, j], A[11, j]
+        gx = s.g00 * x + s.g01 * y + s.g02 * z + coriolis * v
+        gy = s.g01 * x + s.g11 * y + s.g12 * z - coriolis * u
+        gz = s.g02 * x + s.g12 * y + s.g22 * z
+        gx -= C_dt[0, 0] * ax + C_dt[0, 1] * ay + C_dt[0, 2] * az
+        gy -= C_dt[1, 0] * ax + C_dt[1, 1] * ay + C_dt[1, 2] * az
+        gz -= C_dt[2, 0] * ax + C_dt[2, 1] * ay + C_dt[2, 2] * az
+        B[j, 3] = u + gx - (s.f1 * pz - s.f2 * py)
+        B[j, 4] = v + gy - (s.f2 * px - s.f0 * pz)
+        B[j, 5] = w + gz - (s.f0 * py - s.f1 * px)
+        # dr + dv dt with the mean of both velocities
+        B[j, 0] = x + half * (u + B[j, 3])
+        B[j, 1] = y + half * (v + B[j, 4])
+        B[j, 2] = z + half * (w + B[j, 5])
+        # the decaying biases, the clock, and what stays
+        for i in range(9, 12):
+            B[j, i] = s.keep_a * A[i, j]
+        for i in range(12, 15):
+            B[j, i] = s.keep_g * A[i, j]
+        B[j, 15] = A[15, j] + s.dt * A[16, j]
+        for i in range(16, A.shape[0]):
+            B[j, i] = A[i, j]

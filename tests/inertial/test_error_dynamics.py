@@ -56,7 +56,7 @@ def transition(dt: float, time_a: float, time_g: float) -> np.ndarray:
     Phi = np.zeros((N, N))
     step = transition_step(dt, *(FORCE_E * dt), PLACE_E, time_a, time_g)
     apply_transition(step, C_EB * dt, np.eye(N), Phi)
-    return Phi
+    return Phi.T
 
 
 def shortfall(dt: float, row: str, column: str, time_s: float) -> tuple[float, float]:
@@ -99,6 +99,7 @@ def test_transition_keeps_what_no_row_moves() -> None:
     A, B = np.random.default_rng(1).standard_normal((n, n)), np.zeros((n, n))
 
     apply_transition(step, C_EB * 0.02, A, B)
+    B = B.T
 
     assert B[16:].tolist() == A[16:].tolist()  # clock drift and inter-system offsets
     assert B[12:15].tolist() == A[12:15].tolist()  # a gyro bias without end
@@ -154,7 +155,7 @@ def transition_of_flight(dt: float) -> np.ndarray:
         sum_dv += dv_e
     Phi = np.zeros((N, N))
     apply_transition(transition_step(dt, *sum_dv, r, math.inf, math.inf), sum_C, np.eye(N), Phi)
-    return Phi
+    return Phi.T
 
 
 @pytest.mark.parametrize(
