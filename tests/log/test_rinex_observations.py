@@ -346,9 +346,7 @@ def test_bad_number_costs_only_itself(tmp_path: Path, place: int, written: str) 
 
 
 def test_lost_character_costs_all_of_its_line_and_no_other(tmp_path: Path) -> None:
-    text = (
-        HEADER + epoch() + epoch("43.0000000").replace("G05  22", "G05  2", 1).replace("45.000", "4x.000")
-    )
+    text = HEADER + epoch() + epoch("43.0000000").replace("G05  22", "G05  2", 1).replace("45.000", "4x.000")
     table, events = read_rinex_obs([write(tmp_path, text)])
     assert {event.kind for event in events} == {"rinex_value_damaged"}
     bad = table.t_ns > table.t_ns[0]
