@@ -166,10 +166,11 @@ def _collect(
 
 
 def _marked(series: Any, damaged_cells: Sequence[DamagedCell]) -> Float64:
-    """Return an epoch's values, with a mark where a cell was damaged."""
+    """Return an epoch's values, with a mark where a cell was damaged; one of a line too many has no place there."""
     values: Float64 = series.values
     for cell in damaged_cells:
-        values[series.satellites.index(cell.sv) + cell.place] = UNREADABLE
+        places = [k for k, sv in enumerate(series.satellites) if sv == cell.sv]
+        values[places[cell.place : cell.place + 1]] = UNREADABLE
     return values
 
 
