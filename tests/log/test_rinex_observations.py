@@ -11,10 +11,13 @@ import pytest
 import sidereon
 
 from insgnss.errors import InputError
+from insgnss.gnss.observation_rows import prepare_rows
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.hatanaka import epoch_starts
 from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.result_tables import KINDS
+from insgnss.status import BAD_VALUE
 from insgnss.tables import GnssTable
 from tests.log.rinex_oracle import indicators, observations
 from tests.log.writing import WEEK, gnss_config
@@ -343,6 +346,15 @@ def test_bad_number_costs_only_itself(tmp_path: Path, place: int, written: str) 
         differs = np.flatnonzero((got != expected) & ~(np.isnan(got) & np.isnan(expected)))
         assert differs.tolist() == ([5] if kind == place else []) and np.isnan(got[differs]).all()
     assert table.bad_cells.tolist() == ([5] if place in (0, 2) else [])
+
+
+def test_bad_number_stands_in_the_ledger_as_such(tmp_path: Path) -> None:
+    damaged = epoch().replace("1234.500", "12x4.500").replace(f"{23e6:14.3f}", "*" * 14)
+    table, _ = read_rinex_obs([write(tmp_path, HEADER + damaged)])
+    rows = prepare_rows(table, None, None, clock_groups=("G",), signals={"G": ("C1C",)})
+    status = rows.observation["status"]
+    bad = {(table.sv_names[table.sv[i]], KINDS[kind]) for i, kind in np.argwhere(status == BAD_VALUE)}
+    assert bad == {("G05", "range_rate"), ("G07", "pseudorange")}
 
 
 def test_lost_character_costs_all_of_its_line_and_no_other(tmp_path: Path) -> None:
