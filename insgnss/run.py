@@ -28,12 +28,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-import pyarrow.csv
 from pandas.api.types import is_float_dtype
 
-from insgnss.aiding.table import DOUBLES
 from insgnss.errors import ResultError
-from insgnss.table_files import pieces, write_table
+from insgnss.table_files import column_types, pieces, read_csv, write_table
 
 _OPTIONAL = (
     "errors",
@@ -45,12 +43,8 @@ _OPTIONAL = (
     "receiver_events",
 )
 TABLES = ("nav", "measurements", "satellites", "events", *_OPTIONAL)
-# columns of words in the tables as CSV; the events' alone are no categories
-_WORDS = frozenset(
-    "sv signal kind status antenna state decision receiver from_state to_state reason event supervisor"
-    " verdict".split()
-)
 _SETTINGS = "settings.json"
+_COLUMN_TYPES = "columns.json"  # beside tables in CSV, which does not tell them
 
 
 @dataclass
@@ -73,6 +67,8 @@ class Run:
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.
 
+        As CSV with ``columns.json``: the width of each number and the order of the words, which CSV does not tell.
+
         Raises
         ------
         ResultError : the folder cannot be written
@@ -80,8 +76,12 @@ class Run:
         folder = Path(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            for name in TABLES:  # one after the other: two threads would save 0.1 s and take 30 MB
-                self._save_table(folder, name, format)
+            for name, table in self._tables():  # one by one: two threads would save 0.1 s and take 30 MB
+                _save_table(folder, name, table, format)
+            (folder / _COLUMN_TYPES).unlink(missing_ok=True)
+            if format == "csv":
+                types = {name: column_types(table) for name, table in self._tables() if table is not None}
+                (folder / _COLUMN_TYPES).write_text(json.dumps(types, indent=1), encoding="utf-8")
             (folder / _SETTINGS).write_text(
                 json.dumps(self.settings, indent=1, default=str), encoding="utf-8"
             )
@@ -93,12 +93,8 @@ class Run:
             ) from error
         return folder
 
-    def _save_table(self, folder: Path, name: str, format: Literal["parquet", "csv"]) -> None:
-        table: pd.DataFrame | None = getattr(self, name)
-        columns = () if table is None else table.dtypes.items()
-        # a dictionary of numbers that hardly repeat costs a third of the time and makes the file larger
-        repeated = [name for name, dtype in columns if name == "time_s" or not is_float_dtype(dtype)]
-        write_table(folder, name, table, format, use_dictionary=repeated)
+    def _tables(self) -> Iterator[tuple[str, pd.DataFrame | None]]:
+        return ((name, getattr(self, name)) for name in TABLES)
 
     @classmethod
     def load(cls, folder: str | Path) -> Run:
@@ -115,8 +111,7 @@ class Run:
             if parquet.exists():
                 tables[name] = pd.read_parquet(parquet)
             elif csv.exists():
-                read = _from_csv(csv)
-                tables[name] = _in_single_precision(read) if name.startswith("aiding") else read
+                tables[name] = _table_from_csv(csv)
             elif name in _OPTIONAL:
                 tables[name] = None
             else:
@@ -210,22 +205,22 @@ class Run:
         return pd.DataFrame.from_dict(rows, orient="index")
 
 
-def _from_csv(path: Path) -> pd.DataFrame:
-    """Return a table that was saved as CSV: numbers to the last bit, words as the Parquet form has them."""
-    options = pyarrow.csv.ParseOptions(newlines_in_values=True)
-    table: pd.DataFrame = pyarrow.csv.read_csv(path, parse_options=options).to_pandas()
-    words = frozenset(("kind", "detail")) if "detail" in table.columns else _WORDS
-    for name in table.columns:
-        if name in words:
-            table[name] = table[name].astype("str" if "detail" in words else "category")
-        elif name.startswith("within_"):
-            table[name] = table[name].astype("bool")
-        else:  # whole numbers are counts only where the name says so
-            table[name] = table[name].astype("int64" if name.startswith("n_") else "float64")
-    return table
+def _save_table(
+    folder: Path, name: str, table: pd.DataFrame | None, format: Literal["parquet", "csv"]
+) -> None:
+    columns = () if table is None else table.dtypes.items()
+    # a dictionary of numbers that hardly repeat costs a third of the time and makes the file larger
+    repeated = [name for name, dtype in columns if name == "time_s" or not is_float_dtype(dtype)]
+    write_table(folder, name, table, format, use_dictionary=repeated)
 
 
-def _in_single_precision(table: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of the aiding with the widths that its numbers have in memory."""
-    numbers = [c for c in table.columns if c not in DOUBLES and is_float_dtype(table[c].dtype)]
-    return table.astype(dict.fromkeys(numbers, "float32"))
+def _table_from_csv(path: Path) -> pd.DataFrame:
+    types = path.parent / _COLUMN_TYPES
+    try:
+        return read_csv(path, json.loads(types.read_text(encoding="utf-8"))[path.stem])
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ResultError(
+            f"the table cannot be read as {_COLUMN_TYPES} beside it says: {error}",
+            file=path,
+            advice="save the run again",
+        ) from error

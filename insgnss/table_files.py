@@ -1,16 +1,19 @@
-"""How a result table becomes a file, Parquet or CSV."""
+"""How a result table becomes a file, Parquet or CSV, and how a CSV file becomes the same table again."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.csv
 
 TableFormat = Literal["parquet", "csv"]
+ColumnTypes = Mapping[str, str | list[str]]  # of each column its type, or the words that it is made of
 _PIECE_ROWS: Final = 1 << 17
 
 
@@ -58,3 +61,41 @@ def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
     with parquet.ParquetWriter(path, schema, **options) as writer:
         for piece in pieces(table):
             writer.write_table(pa.Table.from_pandas(piece, schema=schema, preserve_index=False, nthreads=1))
+
+
+def column_types(table: pd.DataFrame) -> dict[str, str | list[str]]:
+    """Return what a CSV file does not say of its columns: how wide the numbers are, and which words there are."""
+    return {
+        str(name): dtype.categories.tolist() if isinstance(dtype, pd.CategoricalDtype) else str(dtype)
+        for name, dtype in table.dtypes.items()
+    }
+
+
+def read_csv(path: Path, types: ColumnTypes) -> pd.DataFrame:
+    """Return a table that ``write_table`` wrote as CSV, bit by bit; ``types`` are those of all its columns.
+
+    Raises
+    ------
+    OSError, KeyError, TypeError, ValueError : no such file, or it is not of these columns and types
+    """
+    dtypes = {
+        name: pd.CategoricalDtype(pd.Index(told, dtype="str")) if isinstance(told, list) else told
+        for name, told in types.items()
+    }
+    table = pyarrow.csv.read_csv(
+        path,
+        parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True),
+        convert_options=pyarrow.csv.ConvertOptions(
+            column_types={name: _arrow_type(told) for name, told in types.items()},
+            include_columns=list(dtypes),
+        ),
+    )
+    frame: pd.DataFrame = table.to_pandas()
+    return frame.astype(dtypes)
+
+
+def _arrow_type(told: str | list[str]) -> pa.DataType:
+    """Return the type as which a column's cells are read, the widest of its kind."""
+    if isinstance(told, list) or told == "str":
+        return pa.string()
+    return {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}[np.dtype(told).kind]

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -90,15 +89,14 @@ class Navigator:
         """Return a copy of everything that changes with the data."""
         bank = None if self.bank is None else copy_bank(self.bank)
         aid = None if self.aid is None else self.aid.snapshot()
-        starter = copy.deepcopy(self.starter)
-        return bank, starter, list(self.resets_ns), list(self.events), self.started_ns, aid
+        return bank, self.starter.snapshot(), list(self.resets_ns), list(self.events), self.started_ns, aid
 
     def restore(self, saved: tuple[Any, ...]) -> None:
         """Return to a snapshot."""
         bank, starter, resets, events, self.started_ns, aid = saved
         self.aid = None if aid is None else aid.snapshot()
         self.bank = None if bank is None else copy_bank(bank)
-        self.starter = copy.deepcopy(starter)
+        self.starter = starter.snapshot()
         self.resets_ns, self.events = list(resets), list(events)
 
     def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:

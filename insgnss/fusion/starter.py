@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +43,10 @@ class Starter:
     given: bool  # a given start is still to be used
     first_try_ns: int | None = None
     fixes: list[Fix] = field(default_factory=list)
+
+    def snapshot(self) -> Starter:
+        """Return a copy that shares nothing but the setup and the fixes themselves, neither of which changes."""
+        return replace(self, fixes=list(self.fixes))
 
     def try_start(
         self, imu: Imu, rows: Rows, epoch: int, par: Parameters

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.tables import Event, ImuTable, Int64
 
 OutputRate = Literal["gnss", "imu"] | float
+MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row tells nothing new
 
 
 class TraceWanted(NamedTuple):
@@ -222,7 +223,7 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
 
     Raises
     ------
-    ConfigError : ``output`` is neither "gnss" nor "imu" nor a positive rate [Hz]
+    ConfigError : ``output`` is neither "gnss" nor "imu" nor a rate [Hz] from one in the log to ten in a sample
     """
     if output == "gnss":
         return np.zeros(0, np.int64)
@@ -232,8 +233,15 @@ def output_times(t_ns: Int64, output: OutputRate) -> Int64:
         rate_hz = float(output)
     except (TypeError, ValueError):
         rate_hz = math.nan
-    if not 0.0 < rate_hz < math.inf:
-        raise ConfigError(f"{output!r} is no output rate", advice="give 'gnss', 'imu' or a rate in Hz")
+    samples_hz = NS_PER_S / float(np.median(np.diff(t_ns)))
+    slowest_hz = NS_PER_S / float(t_ns[-1] - t_ns[0])  # a whole multiple of such a period lies in the log
+    fastest_hz = MOST_OUTPUTS_PER_SAMPLE * samples_hz
+    if not slowest_hz <= rate_hz <= fastest_hz:
+        raise ConfigError(
+            f"{output!r} is no output rate for inertial samples at {samples_hz:.6g} Hz",
+            key="output",
+            advice=f"give 'gnss', 'imu' or a rate from {slowest_hz:.6g} to {fastest_hz:.6g} Hz",
+        )
     period = NS_PER_S / rate_hz
     # counted from the start of the GPS week: of all GPS time a double would hold only 256 ns
     origin = int(t_ns[0]) // NS_PER_WEEK * NS_PER_WEEK

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import csv
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -12,6 +14,7 @@ from insgnss.errors import InputError
 COMMENT_MARKS = ("#", "%", "//")
 DELIMITERS = (",", ";", "\t", "|", " ")
 DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "white space"}
+FALLBACK_ENCODING = "cp1252"  # of text that is no UTF-8: what spreadsheets write
 _HEAD_BYTES = 1 << 16  # more than any header with its comments
 
 
@@ -24,6 +27,7 @@ class Dialect:
     header_line: int  # 1-based
     skip: int  # lines before the data
     header_in_comment: bool = False
+    header_is_utf8: bool = True
 
 
 def is_comment(line: str) -> bool:
@@ -32,9 +36,19 @@ def is_comment(line: str) -> bool:
 
 
 def split_cells(line: str, delimiter: str) -> list[str]:
-    """Return the cells of a header line, without quotes and white space."""
-    cells = line.split() if delimiter == " " else line.split(delimiter)
+    """Return the cells of a header line, without quotes and white space; a delimiter inside quotes parts nothing."""
+    if delimiter == " ":
+        line = " ".join(line.split())
+    cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     return [cell.strip().strip("\"'").strip() for cell in cells]
+
+
+def decoded(text: bytes) -> tuple[str, bool]:
+    """Return the text and whether it is UTF-8; what is not is read in the encoding of Western Windows."""
+    try:
+        return text.decode("utf-8"), True
+    except UnicodeDecodeError:
+        return text.decode(FALLBACK_ENCODING, "replace"), False
 
 
 def _best_delimiter(line: str, wanted: Collection[str]) -> str:
@@ -71,10 +85,11 @@ def detect_dialect(data: memoryview, wanted: Collection[str], path: Path) -> Dia
         head = head[: head.rfind(b"\n") + 1] or bytes(data)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError("the file is UTF-16", file=path, advice="save it as CSV in UTF-8")
-    lines = re.split(r"\r\n|\n|\r", head.decode("utf-8-sig", "replace"))
+    lines = re.split(rb"\r\n|\n|\r", head.removeprefix(codecs.BOM_UTF8))
     comment: Dialect | None = None
     for number, raw in enumerate(lines, start=1):
-        line = raw.strip()
+        line, is_utf8 = decoded(raw)
+        line = line.strip()
         if not line:
             continue
         if is_comment(line):
@@ -82,7 +97,7 @@ def detect_dialect(data: memoryview, wanted: Collection[str], path: Path) -> Dia
             delimiter = _best_delimiter(text, wanted)
             columns = tuple(split_cells(text, delimiter))
             if len(set(columns) & set(wanted)) >= 2:
-                comment = Dialect(delimiter, columns, number, number, header_in_comment=True)
+                comment = Dialect(delimiter, columns, number, number, True, is_utf8)
             continue
         delimiter = _best_delimiter(line, wanted)
         cells = split_cells(line, delimiter)
@@ -90,7 +105,7 @@ def detect_dialect(data: memoryview, wanted: Collection[str], path: Path) -> Dia
             raise InputError("this is a binary file, not CSV", file=path)
         if comment is not None and not set(cells) & set(wanted):
             return replace(comment, skip=number - 1)
-        return Dialect(delimiter, tuple(cells), number, number)
+        return Dialect(delimiter, tuple(cells), number, number, False, is_utf8)
     raise InputError(
         "the file holds no header line", file=path, advice="the first line must name the columns"
     )

@@ -21,7 +21,7 @@ import pyarrow.csv
 
 from insgnss.errors import ColumnError
 from insgnss.log.csv_columns import EMPTY_CELLS, Wanted
-from insgnss.log.csv_dialect import DELIMITER_NAMES, Dialect
+from insgnss.log.csv_dialect import DELIMITER_NAMES, Dialect, decoded
 from insgnss.tables import Event, Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
@@ -228,11 +228,8 @@ def _reason(cell: str) -> str:
 
 def _utf8(buffer: pa.Buffer) -> bytes:
     data = bytes(buffer.to_pybytes())
-    try:
-        data.decode("utf-8")
-    except UnicodeDecodeError:
-        return data.decode("latin-1").encode()
-    return data
+    text, is_utf8 = decoded(data)
+    return data if is_utf8 else text.encode()
 
 
 def _split_lines(data: bytes, dialect: Dialect) -> tuple[list[bytes], Int64, list[_Complaint]]:

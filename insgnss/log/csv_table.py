@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from insgnss.errors import InputError
 from insgnss.log.csv_columns import Wanted, column_places
-from insgnss.log.csv_dialect import DELIMITER_NAMES, Dialect, detect_dialect
+from insgnss.log.csv_dialect import DELIMITER_NAMES, FALLBACK_ENCODING, Dialect, detect_dialect
 from insgnss.log.csv_exact import ExactRows, last_line_is_cut, read_exact
 from insgnss.log.csv_fast import read_fast
 from insgnss.log.files import byte_stream, file_buffer
@@ -106,6 +106,9 @@ def _dialect_events(path: Path, dialect: Dialect) -> list[Event]:
     if dialect.header_in_comment:
         detail = f"{path}:{dialect.header_line}: the column names stand in a comment line"
         events.append(Event(None, "csv_header_in_comment", detail))
+    if not dialect.header_is_utf8:
+        detail = f"{path}:{dialect.header_line}: the header is no UTF-8, read as {FALLBACK_ENCODING}"
+        events.append(Event(None, "csv_encoding", detail))
     return events
 
 

@@ -34,6 +34,7 @@ _SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
 NOTICES: Final = frozenset(
     {
         "csv_delimiter",
+        "csv_encoding",
         "csv_header_in_comment",
         "android_lines_not_read",
         "imu_increment_over_long_step",

@@ -85,13 +85,19 @@ def read_imu_as_logged(config: Imu, week: int) -> ImuTable:
 
 def _increasing(config: Imu, week: int, file: str) -> tuple[_Raw, list[Event]]:
     """Return the samples of all files whose time increases, at least two."""
-    raw, events = _read_files(config, week)
-    kept, refused = increasing_samples(raw.t_ns, file)
-    if kept is not None:
-        raw = raw.take(kept)
+    parts, events = _read_files(config, week)
+    raw = parts[0]
+    if len(parts) > 1:
+        raw, refused = _in_order(_joined(parts), file)
+        events += refused
     if len(raw.t_ns) < 2:
         raise InputError("an inertial log needs at least two samples", file=file)
-    return raw, events + refused
+    return raw, events
+
+
+def _in_order(raw: _Raw, file: str) -> tuple[_Raw, list[Event]]:
+    kept, refused = increasing_samples(raw.t_ns, file)
+    return (raw if kept is None else raw.take(kept)), refused
 
 
 def _axes(raw: _Raw, config: Imu, grade: ImuGrade | None, median_ns: float) -> tuple[Axes, Axes]:
@@ -117,8 +123,8 @@ def _axes(raw: _Raw, config: Imu, grade: ImuGrade | None, median_ns: float) -> t
     )
 
 
-def _read_files(config: Imu, week: int) -> tuple[_Raw, list[Event]]:
-    """Return the samples of all files, the files ordered by their first time."""
+def _read_files(config: Imu, week: int) -> tuple[list[_Raw], list[Event]]:
+    """Return the samples of each file, in order, the files ordered by their first time."""
     events: list[Event] = []
     parts: list[_Raw] = []
     for path in config.files:
@@ -126,15 +132,15 @@ def _read_files(config: Imu, week: int) -> tuple[_Raw, list[Event]]:
         part, found = _read_file(config, path, week, previous)
         parts.append(part)
         events += found
-    if len(parts) == 1:
-        return parts[0], events
-    parts.sort(key=lambda part: int(part.t_ns[0]))
-    joined = _Raw(
+    return sorted(parts, key=lambda part: int(part.t_ns[0])), events
+
+
+def _joined(parts: list[_Raw]) -> _Raw:
+    return _Raw(
         np.concatenate([part.t_ns for part in parts]),
         [np.concatenate([part.gyro[axis] for part in parts]) for axis in range(3)],
         [np.concatenate([part.accel[axis] for part in parts]) for axis in range(3)],
     )
-    return joined, events
 
 
 def _read_file(config: Imu, path: Path, week: int, previous_ns: int | None) -> tuple[_Raw, list[Event]]:
@@ -142,12 +148,13 @@ def _read_file(config: Imu, path: Path, week: int, previous_ns: int | None) -> t
     wanted = wanted_with_time(names.time, config.time, Wanted(numeric=(*names.gyro, *names.accel)))
     table = read_csv_table(path, wanted)
     t_ns, rows, events = gps_times(table, names.time, config.time, week)
-    t_ns, continued = continued_week(t_ns, previous_ns, str(path))
     columns = [
         table.columns[name] if rows is None else table.columns[name][rows]
         for name in (*names.gyro, *names.accel)
     ]
-    return _Raw(t_ns, columns[:3], columns[3:]), table.events + events + continued
+    raw, refused = _in_order(_Raw(t_ns, columns[:3], columns[3:]), str(path))
+    raw.t_ns, continued = continued_week(raw.t_ns, previous_ns, str(path))
+    return raw, table.events + events + refused + continued
 
 
 def _to_table(raw: _Raw, step: Int64, config: Imu, file: str) -> tuple[ImuTable, list[Event]]:

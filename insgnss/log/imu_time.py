@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from array import array
+from bisect import bisect_left
 from typing import Final
 
 import numpy as np
@@ -13,9 +14,9 @@ from insgnss.tables import Event, Int64
 
 GAP_STEPS: Final = 5.0  # a step of more than so many median steps is a gap ...
 GAP_MIN_S: Final = 0.05  # ... if it is also longer than this: shorter ones are jitter, which the tags carry
-SET_BACK_S: Final = 1.0  # a backward jump of more than this that persists: somebody set the clock
-SPIKE_SAMPLES: Final = 3  # so few tags in a row, ahead of both neighbours, are wrong themselves
-SPIKE_STEPS: Final = 3.0  # ahead by more than so many median steps
+STRAY_SAMPLES: Final = 5  # so few wrong tags in a row are damage of their own; more of them tell of a clock
+STRAY_SHARE: Final = 0.1  # at an end, no more than this part of the log is taken for stray
+SET_BACK_S: Final = 1.0  # wrong by more than this, many in a row: somebody set the clock
 MIN_KEPT_SHARE: Final = 0.5  # with less left, the column is no time or lacks digits
 MAX_EVENTS_EACH: Final = 20
 
@@ -23,70 +24,124 @@ MAX_EVENTS_EACH: Final = 20
 def increasing_samples(t_ns: Int64, file: str) -> tuple[Int64 | None, list[Event]]:
     """Return the indices to keep so that time strictly increases (None: all of them), and what was refused.
 
-    A repeated tag refuses the later sample. Where a tag falls back, the samples up to where time has caught up are
-    refused, unless a few tags just before had jumped ahead of both neighbours: then those are the wrong ones.
+    Kept are as many samples as can be: a tag that leaps ahead goes itself, not what follows it; of equal choices the
+    earlier samples stay. A few samples at either end of the log that are parted from all others by more than a second
+    go too: their tags are wrong, or they are of no use.
 
     Raises
     ------
     TimeError : less than half of the samples would be left
     """
-    step = np.diff(t_ns)
-    if not len(step) or int(step.min()) > 0:
+    if _increases(t_ns) and not len(_stray_ends(t_ns)):
         return None, []
-    kept, events = _walk_runs(t_ns, step, file)
+    among = np.arange(len(t_ns))
+    for _ in range(STRAY_SAMPLES):
+        kept = _longest_increasing(t_ns, among)
+        stray = kept[_stray_ends(t_ns[kept])]
+        if not len(stray):
+            break
+        among = np.setdiff1d(among, stray)  # what had to go for their sake may be sound
     if len(kept) < MIN_KEPT_SHARE * len(t_ns):
         raise TimeError(
             f"only {len(kept)} of {len(t_ns)} time tags are in increasing order",
             file=file,
             advice="the time column repeats or falls: is it the right column, with enough digits?",
         )
-    return kept, _shorten(events, file)
+    return kept, _shorten(_refusals(t_ns, kept, file), file)
 
 
-def _walk_runs(t_ns: Int64, step: Int64, file: str) -> tuple[Int64, list[Event]]:
-    """Go through the strictly increasing runs and keep of each what lies after all that was kept before."""
-    median = float(np.median(step[step > 0])) if (step > 0).any() else float(NS_PER_S)
-    starts = np.concatenate(([0], np.flatnonzero(step <= 0) + 1, [len(t_ns)])).tolist()
-    kept: list[tuple[int, int]] = [(0, starts[1])]
-    events: list[Event] = []
-    for start, end in pairwise(starts[1:]):
-        last = int(t_ns[kept[-1][1] - 1])
-        behind = int(np.searchsorted(t_ns[start:end], last, side="right"))
-        ahead = _spikes_before(t_ns, kept, int(t_ns[start]), median)
-        if 0 < ahead < behind:
-            kept[-1] = (kept[-1][0], kept[-1][1] - ahead)
-            detail = f"{file}: {ahead} time tag(s) ahead of both neighbours, by {(last - t_ns[start]) / NS_PER_S:.6g} s"
-            events.append(Event(int(t_ns[start]), "imu_time_spike", f"{detail}; sample(s) refused"))
-            behind = 0
-        elif behind:
-            events.append(_refusal(t_ns, start, behind, last, file))
-        if start + behind < end:
-            kept.append((start + behind, end))
-    return np.concatenate([np.arange(a, b) for a, b in kept]), events
+def _increases(t_ns: Int64) -> bool:
+    return len(t_ns) < 2 or int(np.diff(t_ns).min()) > 0
 
 
-def _spikes_before(t_ns: Int64, kept: list[tuple[int, int]], now: int, median: float) -> int:
-    """Return how many of the newest kept samples are spikes: later than ``now``, far ahead of their neighbour."""
-    begin, end = kept[-1]
-    for count in range(1, SPIKE_SAMPLES + 1):
-        first = end - count
-        if first <= begin:
-            return 0
-        if t_ns[first - 1] < now:
-            return count if t_ns[first] - t_ns[first - 1] > SPIKE_STEPS * median else 0
-    return 0
+def _stray_ends(t_ns: Int64) -> Int64:
+    """Return the indices of a few samples at either end that a long step parts from the others; time increases."""
+    n = len(t_ns)
+    few = min(STRAY_SAMPLES, int(STRAY_SHARE * n))
+    at_ends = np.concatenate((np.diff(t_ns[: few + 1]), np.diff(t_ns[n - few - 1 :])))
+    if not few or int(at_ends.max()) <= SET_BACK_S * NS_PER_S:
+        return np.zeros(0, np.int64)
+    long = at_ends > max(SET_BACK_S * NS_PER_S, GAP_STEPS * float(np.median(np.diff(t_ns))))
+    head, tail = np.flatnonzero(long[:few]), np.flatnonzero(long[few:])
+    n_head = int(head[-1]) + 1 if len(head) else 0
+    n_tail = few - int(tail[0]) if len(tail) else 0
+    return np.concatenate((np.arange(n_head), np.arange(n - n_tail, n)))
 
 
-def _refusal(t_ns: Int64, start: int, behind: int, last: int, file: str) -> Event:
-    back = last - int(t_ns[start])
-    if back == 0 and behind == 1:
-        return Event(last, "imu_time_duplicate", f"{file}: time tag repeated; the later sample refused")
-    kind = "imu_time_backwards"
-    detail = f"{file}: time falls back by {back / NS_PER_S:.6g} s; {behind} sample(s) refused"
-    if back > SET_BACK_S * NS_PER_S and behind > SPIKE_SAMPLES:
-        kind = "imu_time_set_back"
-        detail += ", up to where time has caught up: the clock was set back, what follows may be shifted"
-    return Event(last, kind, detail)
+def _longest_increasing(t_ns: Int64, among: Int64) -> Int64:
+    """Return the longest choice of the samples ``among`` whose tags strictly increase, the earlier of equal ones.
+
+    A tag later than all before it and earlier than all after it belongs to the longest choice whatever else does: only
+    the others are searched.
+    """
+    t = t_ns[among]
+    if _increases(t):
+        return among
+    sound = np.ones(len(t), np.bool_)
+    sound[1:] &= t[1:] > np.maximum.accumulate(t)[:-1]
+    sound[:-1] &= t[:-1] < np.minimum.accumulate(t[::-1])[::-1][1:]
+    doubtful = np.flatnonzero(~sound)[::-1]
+    # from the end, with signs turned: of equal choices the search keeps what it meets last
+    sound[doubtful[_longest_choice(-t[doubtful])]] = True
+    return among[sound]
+
+
+def _longest_choice(values: Int64) -> Int64:
+    """Return the indices of a longest strictly increasing choice of the values (patience sorting, n log n)."""
+    tops, top_at = array("q"), array("q")  # the lowest end of a choice of each length, and its index
+    before = array("q", bytes(8 * len(values)))
+    for index, value in enumerate(values.data):
+        length = len(tops) if not tops or value > tops[-1] else bisect_left(tops, value)
+        before[index] = top_at[length - 1] if length else -1
+        tops[length : length + 1] = array("q", (value,))
+        top_at[length : length + 1] = array("q", (index,))
+    chosen = array("q")
+    index = top_at[-1] if top_at else -1
+    while index >= 0:
+        chosen.append(index)
+        index = before[index]
+    return np.array(chosen, dtype=np.int64)
+
+
+def _refusals(t_ns: Int64, kept: Int64, file: str) -> list[Event]:
+    """Return an event for each stretch of refused samples."""
+    refused = np.ones(len(t_ns), np.bool_)
+    refused[kept] = False
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], refused, [False]))))
+    events = []
+    for start, end in edges.reshape(-1, 2).tolist():
+        before = int(t_ns[start - 1]) if start else None
+        after = int(t_ns[end]) if end < len(t_ns) else None
+        events.append(_refusal(t_ns[start:end], before, after, file))
+    return events
+
+
+def _refusal(t_ns: Int64, before: int | None, after: int | None, file: str) -> Event:
+    """Return what is told of refused tags that lie between two kept ones (None: at an end of the log)."""
+    n, first, last = len(t_ns), int(t_ns.min()), int(t_ns.max())
+    at = after if before is None else before
+    assert at is not None  # half of the samples are kept
+    back = -1 if before is None else before - first
+    ahead = -1 if after is None else last - after
+    seconds = max(back, ahead) / NS_PER_S
+    if max(back, ahead) < 0:
+        apart = (first - at if after is None else at - last) / NS_PER_S
+        detail = f"{n} time tag(s) at an end of the log, {apart:.6g} s from the others; sample(s) refused"
+        return Event(at, "imu_time_spike", f"{file}: {detail}")
+    if first == last == before:
+        return Event(at, "imu_time_duplicate", f"{file}: time tag repeated; the later sample(s) refused")
+    clock_set = n > STRAY_SAMPLES and seconds > SET_BACK_S
+    if ahead > back:
+        detail = f"{n} time tag(s) ahead of what follows, by {seconds:.6g} s; sample(s) refused"
+        kind = "imu_time_spike"
+        why = ": the clock was set back after them"
+    else:
+        detail = f"time falls back by {seconds:.6g} s; {n} sample(s) refused"
+        kind = "imu_time_backwards"
+        why = ", up to where time has caught up: the clock was set back, what follows may be shifted"
+    if clock_set:
+        kind, detail = "imu_time_set_back", detail + why
+    return Event(at, kind, f"{file}: {detail}")
 
 
 def _shorten(events: list[Event], file: str) -> list[Event]:

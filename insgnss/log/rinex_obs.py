@@ -19,13 +19,14 @@ from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
 from insgnss.log.files import file_text
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.hatanaka import sound_start
-from insgnss.log.rinex_rows import ObservationValues, observation_rows
-from insgnss.log.rinex_text import parse_around_damage, split_epochs
-from insgnss.tables import Event, GnssTable
+from insgnss.log.rinex_damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
+from insgnss.log.rinex_rows import UNREADABLE, ObservationValues, observation_rows
+from insgnss.log.rinex_text import split_epochs
+from insgnss.tables import Event, Float64, GnssTable
 
 # 1: after a power failure, the values are good; 2 to 6 carry no measurements
 OBSERVATION_FLAGS: Final = (0, 1)
-SHOWN: Final = 20  # damaged epochs told one by one
+SHOWN: Final = 20  # damaged epochs and values told one by one
 _LINE_END: Final = re.compile(r"\r*\n|\r")
 
 
@@ -60,32 +61,45 @@ def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTa
 def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list[Event]]:
     text, events = _observation_text(path)
     try:
-        parsed = [sidereon.parse_rinex_obs(text)]
-        damaged: list[tuple[int, str]] = []
+        parsed = ParsedText([ParsedStretch(sidereon.parse_rinex_obs(text))])
     except sidereon.SidereonError as error:
         blocks = split_epochs(text)
         if not blocks.epochs:
             raise InputError(f"no RINEX observation file: {error}", file=path) from error
-        parsed, damaged = parse_around_damage(blocks, sidereon.parse_rinex_obs, sidereon.SidereonError)
-    events += [
-        Event(None, "rinex_epoch_damaged", f"{path}:{line}: {why}; epoch refused")
-        for line, why in damaged[:SHOWN]
-    ]
-    if len(damaged) > SHOWN:
-        events.append(Event(None, "rinex_epoch_damaged", f"{path}: {len(damaged)} damaged epochs in all"))
+        parsed = parse_around_damage(blocks, sidereon.parse_rinex_obs, sidereon.SidereonError)
+    events += _damage_events(parsed, path)
     values = ObservationValues()
     channels: dict[str, int] = {}
-    for product in parsed:
-        events += _collect(product, values, round(offset_s * NS_PER_S), path)
+    for product, damaged_cells in parsed.stretches:
+        events += _collect(product, damaged_cells, values, round(offset_s * NS_PER_S), path)
         channels |= {f"R{slot:02d}": channel for slot, channel in product.header.glonass_slots}
     table = observation_rows(values, channels)
     if not len(table.t_ns):
-        why = f": {damaged[0][1]}" if damaged else ""
+        why = f": {parsed.refused[0][1]}" if parsed.refused else ""
         raise InputError(f"the RINEX file holds no observation that can be read{why}", file=path)
     if values.phases_alone:
         detail = f"{path}: {values.phases_alone} carrier phase(s) without pseudorange and Doppler left out"
         events.append(Event(None, "rinex_phase_alone", detail))
     return table, events
+
+
+def _damage_events(parsed: ParsedText, path: Path) -> list[Event]:
+    """Return an event for each refused epoch and each lost value up to a number, then one with the total."""
+    epochs = [f"{path}:{line}: {why}; epoch refused" for line, why in parsed.refused]
+    values = [
+        f"{path}:{cell.line}: {cell.sv}: observation {cell.place + 1}, '{cell.text}', is no number; value refused"
+        for _, cells in parsed.stretches
+        for cell in cells
+    ]
+    events = []
+    for kind, details, what in (
+        ("rinex_epoch_damaged", epochs, "epochs"),
+        ("rinex_value_damaged", values, "values"),
+    ):
+        events += [Event(None, kind, detail) for detail in details[:SHOWN]]
+        if len(details) > SHOWN:
+            events.append(Event(None, kind, f"{path}: {len(details)} damaged {what} in all"))
+    return events
 
 
 def _observation_text(path: Path) -> tuple[str, list[Event]]:
@@ -122,7 +136,9 @@ def _unpacked(text: str, path: Path) -> tuple[str, list[Event]]:
         return unpacked, [Event(None, "rinex_hatanaka_damaged", detail)]
 
 
-def _collect(product: Any, values: ObservationValues, offset_ns: int, path: Path) -> list[Event]:
+def _collect(
+    product: Any, damaged_cells: Sequence[DamagedCell], values: ObservationValues, offset_ns: int, path: Path
+) -> list[Event]:
     """Append the product's observations to ``values``; epochs that report an event are passed over with one of ours."""
     values.version = product.header.version
     shift_ns = offset_ns + _scale_shift_ns(product)
@@ -142,11 +158,20 @@ def _collect(product: Any, values: ObservationValues, offset_ns: int, path: Path
         satellites = tuple(epoch.satellites)
         if satellites not in layouts:
             layouts[satellites] = values.new_layout(series.satellites, series.codes)
-        values.append(t_ns, layouts[satellites], series.values, series.lli)
+        values.append(t_ns, layouts[satellites], _marked(series, damaged_cells), series.lli)
     if product.skipped_records:
         detail = f"{path}: {product.skipped_records} observation record(s) could not be read"
         events.append(Event(None, "rinex_record_skipped", detail))
     return events
+
+
+def _marked(series: Any, damaged_cells: Sequence[DamagedCell]) -> Float64:
+    """Return an epoch's values, with a mark where a cell was damaged; one of a line too many has no place there."""
+    values: Float64 = series.values
+    for cell in damaged_cells:
+        places = [k for k, sv in enumerate(series.satellites) if sv == cell.sv]
+        values[places[cell.place : cell.place + 1]] = UNREADABLE
+    return values
 
 
 def _civil_ns(civil: Any, picoseconds: int | None = None) -> int:

@@ -17,6 +17,7 @@ from insgnss.tables import Float64, GnssTable, Int8, Int64
 
 # RINEX 2 names one phase, one Doppler and one signal strength for each band, whatever the code
 SHARED_BAND_BELOW_VERSION: Final = 3.0
+UNREADABLE: Final = np.inf  # stands for a value whose cell held no number
 KINDS: Final = "CLDS"  # pseudorange, carrier phase, Doppler, signal strength
 _CODE: Final = re.compile(r"[CLDS]\d[A-Z]?")
 _LLI_BITS: Final = 7.0  # RINEX 3.05, table A3: bits 0 to 2
@@ -80,7 +81,7 @@ def _layout(satellites: Sequence[str], codes: Sequence[str], shared: bool) -> La
 
 
 def observation_rows(observed: ObservationValues, channels: dict[str, int]) -> GnssTable:
-    """Return one row for each epoch, satellite and signal that has a pseudorange or a Doppler.
+    """Return one row for each epoch, satellite and signal that has a pseudorange or a Doppler, be it unreadable.
 
     A pseudorange or a carrier phase of zero means "missing" (RINEX 2.11, 6.7; RINEX 3.05, 6.7).
     """
@@ -110,6 +111,9 @@ def observation_rows(observed: ObservationValues, channels: dict[str, int]) -> G
     phase = ~np.isnan(columns["L"])
     observed.phases_alone = int(np.count_nonzero(phase & ~measured))
     kept = np.flatnonzero(measured)
+    unreadable = (columns["C"][kept] == UNREADABLE) | (columns["D"][kept] == UNREADABLE)
+    for kind in KINDS:
+        columns[kind][columns[kind] == UNREADABLE] = np.nan
     with_phase = bool(phase[kept].any())
     return GnssTable(
         np.repeat(np.array(observed.t_ns, dtype=np.int64), counts)[kept],
@@ -121,6 +125,7 @@ def observation_rows(observed: ObservationValues, channels: dict[str, int]) -> G
         columns["S"][kept],
         sv_names,
         signal_names,
+        bad_cells=np.flatnonzero(unreadable).astype(np.int64),
         carrier_cycles=columns["L"][kept] if with_phase else None,
         lli=_flags(lli[kept], phase[kept]) if with_phase else None,
         glonass_channels=channels,

@@ -1,14 +1,11 @@
-"""RINEX observation text cut into its header and epochs, so that one damaged epoch does not cost the file."""
+"""RINEX observation text cut into its header and epochs."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, TypeVar
-
-Parsed = TypeVar("Parsed")
+from typing import Final
 
 # RINEX 3 and 4 mark each epoch with ">"; RINEX 2.11, table A2: "1X,I2.2,4(1X,I2),F11.7,2X,I1,I3"
 _EPOCH_3: Final = re.compile(r"^>", re.MULTILINE)
@@ -50,29 +47,3 @@ def split_epochs(text: str) -> ObservationText:
         lines.append(line)
         line += epoch.count("\n")
     return ObservationText(header, tuple(epochs), tuple(lines))
-
-
-def parse_around_damage(
-    text: ObservationText, parse: Callable[[str], Parsed], error: type[Exception]
-) -> tuple[list[Parsed], list[tuple[int, str]]]:
-    """Parse all epochs that can be parsed, halving the stretch around each one that cannot.
-
-    Returns
-    -------
-    The parsed stretches in order, and the file line and message of each damaged epoch.
-    """
-    parsed: list[Parsed] = []
-    damaged: list[tuple[int, str]] = []
-    stretches = [(0, len(text.epochs))]
-    while stretches:
-        start, end = stretches.pop()
-        try:
-            parsed.append(parse(text.part(start, end)))
-        except error as problem:
-            if end - start <= 1:
-                if start < len(text.lines):
-                    damaged.append((text.lines[start], str(problem)))
-                continue
-            middle = (start + end) // 2
-            stretches += [(middle, end), (start, middle)]
-    return parsed, damaged

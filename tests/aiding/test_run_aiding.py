@@ -89,9 +89,7 @@ def test_budget_adds_up_to_the_sigma_that_the_rows_hold(run: Run) -> None:
 def test_saved_aiding_is_the_same_after_loading(run: Run, tmp_path: Path, form: str) -> None:
     loaded = Run.load(run.save(tmp_path / form, form))  # type: ignore[arg-type]
     for name in ("aiding", "aiding_budget"):
-        pd.testing.assert_frame_equal(
-            getattr(loaded, name), getattr(run, name), check_exact=True, check_categorical=False
-        )
+        pd.testing.assert_frame_equal(getattr(loaded, name), getattr(run, name), check_exact=True)
     assert loaded.settings["aiding"] == run.settings["aiding"]
 
 

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 from insgnss.fusion.engine import Engine, EpochResult
+from insgnss.fusion.navigator import Navigator
+from insgnss.fusion.output import new_output
+from insgnss.fusion.prediction import Imu
 from insgnss.fusion.whole_log import run_filter
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
@@ -99,6 +102,26 @@ def test_stream_in_order_gives_the_bits_of_replay(part: tuple[Flight, FlightLogs
     assert_same_bits(engine.take_results(all_of_them=True), logs, flight)
     kinds = {event.kind for event in engine.events}
     assert {"start", "heading_known"} <= kinds
+
+
+def test_snapshot_before_the_start_shares_the_setup_and_nothing_that_changes(
+    part: tuple[Flight, FlightLogs],
+) -> None:
+    flight, logs = part
+    setup = setup_filter(flight, logs, filter_config("tight17"))
+    navigator = Navigator(setup)
+    rows = setup.rows(logs.gnss, setup.navigation)
+    out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), setup.layout.n_values)
+    samples = Imu(logs.imu.t_ns, logs.imu.w_ib_b, logs.imu.f_b)
+    empty = navigator.snapshot()
+    navigator.run(samples, rows, 0, 1, out)  # the first epoch has no window of samples before it: a fix alone
+    saved = navigator.snapshot()
+    assert saved[1].setup is setup and saved[1] is not navigator.starter
+    assert navigator.bank is None and len(navigator.starter.fixes) == len(saved[1].fixes) == 1
+    navigator.run(samples, rows, 1, 2, out)
+    assert len(saved[1].fixes) == 1
+    navigator.restore(empty)
+    assert navigator.starter.fixes == [] and navigator.starter.first_try_ns is None
 
 
 def test_epochs_late_within_the_latency_give_the_bits_of_replay(

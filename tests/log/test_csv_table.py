@@ -76,6 +76,43 @@ def test_other_delimiters_are_recognised_and_told(tmp_path: Path, delimiter: str
     assert [event.kind for event in table.events] == ["csv_delimiter"]
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|", " "])
+def test_quoted_names_that_hold_the_delimiter_are_found(tmp_path: Path, delimiter: str) -> None:
+    names = (
+        [f"time{delimiter}s", f"x{delimiter}of {delimiter}sensor", "y"]
+        if delimiter != " "
+        else ["t s", "x m", "y"]
+    )
+    header = delimiter.join(f'"{name}"' for name in (*names, 'the ""last"" one'))
+    rows = [row.replace(",", delimiter) for row in ROWS]
+    wanted = Wanted(numeric=names[:2], optional=names[2:], text=('the "last" one',))
+    table = read_csv_table(write_lines(tmp_path / "log.csv", [header, *rows]), wanted)
+    assert table.n == 100 and np.array_equal(table.columns[names[1]], np.arange(100) * 0.25)
+    assert [event.kind for event in table.events] == (["csv_delimiter"] if delimiter != "," else [])
+
+
+@pytest.mark.parametrize("bad_row", [False, True])
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-8", "utf-8-sig"])
+def test_degree_signs_and_powers_in_names_are_found(tmp_path: Path, encoding: str, bad_row: bool) -> None:
+    names = ("time_s", "gyro_x [°/s]", "acc_x [m/s²]")
+    path = tmp_path / "log.csv"
+    rows = [*ROWS[:50], "x,1,1,Ü", *ROWS[50:]] if bad_row else ROWS
+    path.write_bytes("\n".join([",".join((*names, "name")), *rows, ""]).encode(encoding))
+    table = read_csv_table(path, Wanted(numeric=names, optional_text=("name",)))
+    assert table.n == 100 and np.array_equal(table.columns["gyro_x [°/s]"], np.arange(100) * 0.25)
+    assert (table.lines is not None) == bad_row
+    told = [event for event in table.events if event.kind == "csv_encoding"]
+    assert len(told) == (encoding == "cp1252")
+    assert all("log.csv:1: the header is no UTF-8, read as cp1252" in event.detail for event in told)
+
+
+def test_missing_column_of_a_header_in_cp1252_is_named_with_the_nearest(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes("\n".join(["time_s,gyro_x [°/s]", "1,2", "2,3", ""]).encode("cp1252"))
+    with pytest.raises(ColumnError, match=r"nearest: 'gyro_x \[°/s\]'"):
+        read_csv_table(path, Wanted(numeric=("time_s", "gyro_x [deg/s]")))
+
+
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_line_ends_do_not_matter(tmp_path: Path, end: str) -> None:
     assert_complete(read(tmp_path, [HEADER, *ROWS], end))

@@ -154,6 +154,28 @@ def test_several_files_are_joined_in_the_order_of_their_times(
     assert not events
 
 
+def test_stray_tag_at_the_head_of_a_file_leaves_the_order_of_the_files(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    rows = rest(rng, start_s=604_795.0)
+    rows[:, 0] %= 604_800.0
+    spoilt = rows[:600].copy()
+    spoilt[0, 0] = 604_000.0
+    rest_of_it = rows[600:].copy()
+    rest_of_it[:2, 0] += 1e5
+    early, late = write_imu(tmp_path / "a.csv", spoilt), write_imu(tmp_path / "b.csv", rest_of_it)
+    joined, events = read_imu(imu_config(early, late), WEEK)
+    whole, _ = read(tmp_path, rows)
+    kept = np.delete(np.arange(1000), [0, 600, 601])
+    assert np.array_equal(joined.t_ns, whole.t_ns[kept]) and np.array_equal(joined.f_b, whole.f_b[kept])
+    assert [event.kind for event in events] == [
+        "week_crossover",
+        "imu_time_spike",
+        "imu_time_spike",
+        "week_crossover",
+    ]
+
+
 def test_overlapping_files_refuse_the_repeated_samples(tmp_path: Path, rng: np.random.Generator) -> None:
     rows = rest(rng)
     a, b = write_imu(tmp_path / "a.csv", rows[:600]), write_imu(tmp_path / "b.csv", rows[590:])

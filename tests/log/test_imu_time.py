@@ -45,6 +45,54 @@ def test_tags_ahead_of_both_neighbours_are_refused_instead_of_what_follows(count
     assert kinds(t) == (list(range(50, 50 + count)), ["imu_time_spike"])
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("off_s", [-3e5, -500.0, -1.5, 1.5, 500.0, 3e5])
+@pytest.mark.parametrize("where", ["head", "middle", "tail", "last but one"])
+def test_stray_tags_go_and_every_other_sample_stays(where: str, off_s: float, count: int) -> None:
+    t = tags(2000) + 10**15
+    start = {"head": 0, "middle": 700, "tail": len(t) - count, "last but one": len(t) - count - 1}[where]
+    t[start : start + count] += round(off_s * 1e9)
+    refused, events = kinds(t)
+    assert refused == list(range(start, start + count))
+    kind = "imu_time_backwards" if off_s < 0 and where != "head" else "imu_time_spike"
+    assert events == [kind]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_stray_tags_all_over_the_log_cost_only_themselves(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = tags(3000)
+    wrong = np.unique(np.concatenate(([0, 2, 2999], rng.choice(3000, 40, replace=False))))
+    t[wrong] += rng.choice([-1, 1], len(wrong)) * rng.integers(40, 10**6, len(wrong)) * 10**9
+    refused, events = kinds(t)
+    assert refused == wrong.tolist()
+    _, told = increasing_samples(t, "imu.csv")
+    assert set(events) <= {"imu_time_spike", "imu_time_backwards"} and len(told) <= 42
+
+
+def test_events_count_the_stray_tags_and_tell_how_far_they_are() -> None:
+    t = tags()
+    t[:3] += 10**12
+    t[-2:] += 10**12
+    _, events = increasing_samples(t, "imu.csv")
+    assert [event.detail for event in events] == [
+        "imu.csv: 3 time tag(s) ahead of what follows, by 999.99 s; sample(s) refused",
+        "imu.csv: 2 time tag(s) at an end of the log, 1000.01 s from the others; sample(s) refused",
+    ]
+
+
+def test_clock_set_back_after_a_short_start_keeps_what_follows() -> None:
+    t = np.concatenate([tags(300) + 1000 * STEP, tags(500)])
+    assert kinds(t) == (list(range(300)), ["imu_time_set_back"])
+
+
+def test_samples_beyond_a_gap_stay_when_they_are_more_than_a_few() -> None:
+    t = tags()
+    t[-6:] += 10**10
+    t[:6] -= 10**10
+    assert increasing_samples(t, "imu.csv") == (None, [])
+
+
 def test_clock_set_back_keeps_the_increasing_part_and_says_so() -> None:
     t = np.concatenate([tags(500), tags(500) + 200 * STEP])
     refused, events = kinds(t)

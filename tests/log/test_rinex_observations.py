@@ -11,10 +11,13 @@ import pytest
 import sidereon
 
 from insgnss.errors import InputError
+from insgnss.gnss.observation_rows import prepare_rows
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.hatanaka import epoch_starts
 from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.result_tables import KINDS
+from insgnss.status import BAD_VALUE
 from insgnss.tables import GnssTable
 from tests.log.rinex_oracle import indicators, observations
 from tests.log.writing import WEEK, gnss_config
@@ -297,11 +300,11 @@ def test_declared_offset_is_added(tmp_path: Path) -> None:
     assert table.t_ns[0] == datetime_to_ns(dt.datetime(2023, 6, 29, 11, 11, 41)) + 750_000_000
 
 
-@pytest.mark.parametrize("damage", ["value", "epoch_line", "truncated", "cut_in_epoch_line"])
+@pytest.mark.parametrize("damage", ["count", "epoch_line", "truncated", "cut_in_epoch_line"])
 def test_damaged_epoch_is_told_and_the_others_stay(tmp_path: Path, damage: str) -> None:
     epochs = [epoch(f"{42 + k}.0000000") for k in range(9)]
-    if damage == "value":
-        epochs[4] = epochs[4].replace("1234.500", "12x4.500")
+    if damage == "count":
+        epochs[4] = epochs[4].replace("  0 3", "  0 x")
     elif damage == "epoch_line":
         epochs[4] = epochs[4].replace("> 2023 06", "> 2023 xx")
     elif damage == "truncated":
@@ -313,6 +316,80 @@ def test_damaged_epoch_is_told_and_the_others_stay(tmp_path: Path, damage: str) 
     assert [event.kind for event in events] == ["rinex_epoch_damaged"]
     line = 6 + 4 * (8 if damage in ("truncated", "cut_in_epoch_line") else 4)
     assert f"log.rnx:{line}:" in events[0].detail
+
+
+@pytest.mark.parametrize(
+    "written", ["12x4.500", "*" * 14, "nan", "-inf", "1e400", "99999999999.999", "1 234.500"]
+)
+@pytest.mark.parametrize("place", [0, 1, 2, 3])
+def test_bad_number_costs_only_itself(tmp_path: Path, place: int, written: str) -> None:
+    numbers = [22e6, 1e8, 1234.5, 45.0]
+    cell = f"{numbers[place]:14.3f}"
+    damaged = epoch("43.0000000").replace(cell, f"{written[:14]:>14}", 1)
+    path = write(tmp_path, HEADER + epoch() + damaged + epoch("44.0000000"))
+    table, events = read_rinex_obs([path])
+    whole, _ = read_rinex_obs(
+        [write(tmp_path, HEADER + "".join(epoch(f"{42 + k}.0000000") for k in range(3)))]
+    )
+    assert [event.kind for event in events] == ["rinex_value_damaged"]
+    assert f"log.rnx:11: G05: observation {place + 1}, '{written[:14]}'" in events[0].detail
+    assert np.array_equal(table.t_ns, whole.t_ns)
+    assert np.array_equal(table.signal, whole.signal)
+    pairs = [
+        (table.pseudorange_m, whole.pseudorange_m),
+        (table.carrier_cycles, whole.carrier_cycles),
+        (table.doppler_hz, whole.doppler_hz),
+        (table.cn0_dbhz, whole.cn0_dbhz),
+    ]
+    for kind, (got, expected) in enumerate(pairs):
+        assert got is not None and expected is not None
+        differs = np.flatnonzero((got != expected) & ~(np.isnan(got) & np.isnan(expected)))
+        assert differs.tolist() == ([5] if kind == place else []) and np.isnan(got[differs]).all()
+    assert table.bad_cells.tolist() == ([5] if place in (0, 2) else [])
+
+
+def test_bad_number_stands_in_the_ledger_as_such(tmp_path: Path) -> None:
+    damaged = epoch().replace("1234.500", "12x4.500").replace(f"{23e6:14.3f}", "*" * 14)
+    table, _ = read_rinex_obs([write(tmp_path, HEADER + damaged)])
+    rows = prepare_rows(table, None, None, clock_groups=("G",), signals={"G": ("C1C",)})
+    status = rows.observation["status"]
+    bad = {(table.sv_names[table.sv[i]], KINDS[kind]) for i, kind in np.argwhere(status == BAD_VALUE)}
+    assert bad == {("G05", "range_rate"), ("G07", "pseudorange")}
+
+
+def test_lost_character_costs_all_of_its_line_and_no_other(tmp_path: Path) -> None:
+    text = HEADER + epoch() + epoch("43.0000000").replace("G05  22", "G05  2", 1).replace("45.000", "4x.000")
+    table, events = read_rinex_obs([write(tmp_path, text)])
+    assert {event.kind for event in events} == {"rinex_value_damaged"}
+    bad = table.t_ns > table.t_ns[0]
+    bad &= table.sv == table.sv_names.index("G05")
+    assert np.flatnonzero(bad).tolist() == table.bad_cells.tolist() == [5, 6]
+    assert np.isnan(table.pseudorange_m[bad]).all() and np.isnan(table.doppler_hz[bad]).all()
+
+
+def test_bad_number_of_a_rinex_2_epoch_costs_only_itself(tmp_path: Path) -> None:
+    text = RINEX_2_MANY.replace(f"{9e7 + 9:14.3f} 7", f"{'9000x':>14} 7").replace(
+        f"{2e7 + 13000:14.3f}", "*" * 14
+    )
+    table, events = read_rinex_obs([write(tmp_path, text)])
+    whole, _ = read_rinex_obs([write(tmp_path, RINEX_2_MANY)])
+    assert len(events) == 4 and {event.kind for event in events} == {"rinex_value_damaged"}
+    assert "log.rnx:26: G09: observation 6, '9000x'" in events[0].detail
+    assert "log.rnx:33: G13: observation 1, '**************'" in events[1].detail
+    assert np.array_equal(table.t_ns, whole.t_ns) and len(table.bad_cells) == 2
+    bad = (table.sv == table.sv_names.index("G13")) & (table.signal == table.signal_names.index("C1C"))
+    assert np.flatnonzero(bad).tolist() == table.bad_cells.tolist()
+    assert np.array_equal(np.isnan(table.pseudorange_m), bad)
+    assert whole.carrier_cycles is not None and table.carrier_cycles is not None
+    lost = np.isnan(table.carrier_cycles) & ~np.isnan(whole.carrier_cycles)
+    assert np.count_nonzero(lost) == 2 and {table.sv_names[k] for k in table.sv[lost]} == {"G09"}
+
+
+def test_many_bad_numbers_are_told_shortly(tmp_path: Path) -> None:
+    bad = "".join(epoch(f"{10 + k}.0000000").replace("1234.500", "12x4.500") for k in range(30))
+    table, events = read_rinex_obs([write(tmp_path, HEADER + bad)])
+    assert len(table.bad_cells) == 30 and len(events) == 21
+    assert "30 damaged values in all" in events[-1].detail
 
 
 @pytest.mark.parametrize("text", ["", "x", "time_s,sv\n1,G05\n", HEADER, HEADER + "garbage\n", HEADER[:100]])
