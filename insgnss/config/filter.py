@@ -152,7 +152,10 @@ class Gaps(StrictModel):
     longest_step_s: Positive = Field(0.05, description="a longer step between inertial samples is a gap")
     acceleration_sigma_mps2: Positive = Field(3.0, description="of the unknown motion inside a gap")
     rate_sigma_degps: Positive = Field(20.0, description="of the unknown rotation inside a gap")
-    restart_s: Positive = Field(5.0, description="after a longer gap the filter starts anew")
+    restart_s: Positive = Field(
+        2.5,
+        description="after a longer gap the filter starts anew: by rate_sigma_degps its attitude is then unknown",
+    )
 
 
 class Health(StrictModel):

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import insgnss
 from insgnss.run import Run
 from insgnss.simulation.course import Course, smoothstep
-from insgnss.simulation.journeys import AIRFIELD
+from insgnss.simulation.journeys import AIRFIELD, car
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import ImuTable
@@ -25,6 +25,7 @@ from tests.replay.scenes import (
     after,
     assert_honest,
     assert_sound,
+    even_sky,
     flight,
     kinds,
     position_error_m,
@@ -33,6 +34,7 @@ from tests.replay.scenes import (
     turns,
     without_samples,
 )
+from tests.replay.test_heading_at_rest import CONSUMER
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +73,22 @@ def test_long_gap_starts_the_filter_anew(log: SimulatedLog) -> None:
     missing = run.measurements["time_s"].between(START_S + 60.5, START_S + 69.5)
     assert set(run.measurements.loc[missing, "status"]) == {"no_imu"}
     assert_honest(run, 0.0)
+
+
+def test_heading_comes_back_after_four_seconds_without_samples_in_a_corner() -> None:
+    """A quarter turn unseen is no small angle: bridged, the heading was 30 deg off for a minute, velocity 12 sigma."""
+    base = simulator(car(130.0), 130.0, navigation=even_sky(), grade=CONSUMER)
+    log = base.draw(np.random.default_rng(5))
+    seconds = (log.imu.t_ns - START_NS) / 1e9
+    turning = np.abs(log.imu.w_ib_b[:, 2]) * ((seconds > 40.0) & (seconds < 80.0))
+    corner_s = float(seconds[np.argmax(turning)])
+    run = replayed(flight(base, log, imu=without_samples(log.imu, corner_s - 1.0, corner_s + 3.0)))
+    assert run.errors is not None
+    late = run.errors[run.errors["time_s"] > START_S + corner_s + 30.0]
+    for axis in ("roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps"):
+        behind = run.errors[run.errors["time_s"] > START_S + corner_s]
+        assert float((behind[f"d_{axis}"] / behind[f"sd_{axis}"]).abs().max()) < 5.0, axis
+    assert float(late["d_yaw_deg"].abs().max()) < 8.0 and float(late["sd_yaw_deg"].max()) < 8.0
 
 
 def test_every_restart_finds_the_state_again(log: SimulatedLog) -> None:
