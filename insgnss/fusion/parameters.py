@@ -26,7 +26,10 @@ PARAMETERS_DTYPE = np.dtype(
             ("gyro_density", np.float64),  # [rad^2/s]
             ("accel_density", np.float64),  # [m^2/s^3]
             ("gyro_scale_density", np.float64),  # times rate^2 gives [rad^2/s]
-            ("accel_scale_density", np.float64),  # times (|f| - g)^2 gives [m^2/s^3]
+            (
+                "accel_scale_density",
+                np.float64,
+            ),  # times ``unusual_force2`` gives [m^2/s^3]
             ("gyro_bias_density", np.float64),
             ("gyro_bias_time", np.float64),
             ("accel_bias_density", np.float64),

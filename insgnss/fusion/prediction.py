@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import (
     BA,
@@ -51,6 +50,7 @@ RATES_DTYPE: Final = np.dtype(
 )
 SMOOTHING_S: Final = 0.25  # over which the specific force is smoothed to tell motion from noise
 MANOEUVRE_S: Final = 1.0  # for which a specific force that is not seen as motion stays alike
+USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
 Rates: TypeAlias = Any  # one element of RATES_DTYPE
 
 
@@ -226,16 +226,31 @@ def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Ra
             m.sum_C[i, j] += half * C[i, j]
     m.clock[0] += m.clock[1] * dt
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    f2 = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-    beyond = math.sqrt(f2) - STANDARD_GRAVITY_MPS2
     gyro = par.gyro_density + par.gyro_scale_density * w2
-    accel = par.accel_density + par.accel_scale_density * beyond * beyond
+    accel = par.accel_density + par.accel_scale_density * unusual_force2(m, f, dt)
     if gap > 0.0:
         gyro += par.gap_rate_sigma**2 * gap
         accel += par.gap_accel_sigma**2 * gap
     m.sum_gyro_q += gyro * dt
     m.sum_accel_q += accel * dt
     m.sum_dt += dt
+
+
+@inlined
+def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
+    """Return the square of the specific force's departure from its slow mean, in body axes [m^2/s^4]; keep the mean.
+
+    What scale factors and misalignments make of a force that stays alike is in the bias; only what changes is an error
+    of its own.
+    """
+    total = 0.0
+    new = m.f_mean[0] == 0.0 and m.f_mean[1] == 0.0 and m.f_mean[2] == 0.0
+    share = 1.0 if new else dt / max(USUAL_FORCE_S, dt)
+    for i in range(3):
+        apart = f[i] - m.f_mean[i]
+        m.f_mean[i] += share * apart
+        total += apart * apart
+    return 0.0 if new else total
 
 
 @inlined

@@ -65,6 +65,7 @@ STATE_DTYPE: Final = np.dtype(
             # sums since the covariance was last carried on
             ("sum_dt", np.float64),  # time [s]
             ("f_smooth", np.float64, (3,)),  # specific force of the last moments, ECEF [m/s^2]
+            ("f_mean", np.float64, (3,)),  # and its slow mean, body [m/s^2]; zero: there is none yet
             ("sum_dv", np.float64, (3,)),  # velocity increment of the specific force, ECEF [m/s]
             ("sum_C", np.float64, (3, 3)),  # integral of C_eb [s]
             ("sum_gyro_q", np.float64),  # attitude variance to add [rad^2]
@@ -172,7 +173,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.r_e[i], target.v_e[i] = source.r_e[i], source.v_e[i]
         target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
         target.r_clone[i], target.f_smooth[i] = source.r_clone[i], source.f_smooth[i]
-        target.sum_dv[i] = source.sum_dv[i]
+        target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
         for j in range(3):
             target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
     for i in range(4):
