@@ -9,8 +9,8 @@ import pytest
 from filterpy.common import van_loan_discretization
 
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2, WGS84_GM_M3PS2
-from insgnss.fusion.prediction import carry, new_scratch, predict_covariance
+from insgnss.constants import NS_PER_S, WGS84_GM_M3PS2
+from insgnss.fusion.prediction import USUAL_FORCE_S, carry, new_scratch, predict_covariance
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
@@ -218,13 +218,28 @@ def test_sensor_noise_comes_in_with_its_density_and_the_scale_factors_share() ->
     log = constant(np.arange(101) * 1_000_000, np.array([0.3, 0.0, -0.4]), np.array([0.0, 30.0, -40.0]))
     par = parameters(TACTICAL, gyro_scale_density=2e-7, accel_scale_density=3e-6)
 
-    P = over(log, par, bank_at(*log[3:], np.zeros(OFFSETS))).P[0]
+    bank = bank_at(*log[3:], np.zeros(OFFSETS))
+    bank.state[0].f_mean[:] = [0.0, 0.0, -10.0]
 
-    # 0.1 s; |w| = 0.5 rad/s, |f| = 50 m/s^2; by way of the attitude 1e-4 of it
+    P = over(log, par, bank).P[0]
+
+    # 0.1 s; |w| = 0.5 rad/s, 30 m/s^2 along y and z more than usual; by way of the attitude 1e-4 of it
     attitude = (par.gyro_density + 2e-7 * 0.25) * 0.1
-    velocity = (par.accel_density + 3e-6 * (50.0 - STANDARD_GRAVITY_MPS2) ** 2) * 0.1
+    apart2 = 2.0 * 30.0**2 * np.mean((1.0 - 0.001 / USUAL_FORCE_S) ** (2 * np.arange(100)))
+    velocity = (par.accel_density + 3e-6 * apart2) * 0.1
     assert np.diag(P)[three(PSI)] == pytest.approx(attitude, rel=1e-3, abs=0.0)
     assert np.diag(P)[three(DV)] == pytest.approx(velocity, rel=1e-3, abs=0.0)
+
+
+def test_steady_force_brings_no_scale_factor_with_it_as_that_is_in_the_bias() -> None:
+    log = constant(np.arange(101) * 1_000_000, np.zeros(3), np.array([0.0, 30.0, -40.0]))
+    steady, exact = (
+        over(log, parameters(TACTICAL, accel_scale_density=scale), bank_at(*log[3:], np.zeros(OFFSETS)))
+        for scale in (3e-6, 0.0)
+    )
+
+    assert steady.P.tolist() == exact.P.tolist()
+    assert steady.state[0].f_mean.tolist() == [0.0, 30.0, -40.0]
 
 
 def test_sigma_grows_in_a_gap_to_the_unknown_motion_times_its_length() -> None:
