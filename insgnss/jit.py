@@ -25,6 +25,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -35,6 +36,7 @@ UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has 
 _S_PER_DAY: Final = 86_400.0
 _LONGEST_COMPILATION_S: Final = 300.0  # then whoever waits compiles on their own
 _RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
+_CORES_OF_TWO: Final = 2  # with more, three processes are in nobody's way
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -172,11 +174,33 @@ def inlined(function: _F) -> _F:
     return _compiled(function, inline="always")
 
 
+@dataclass(frozen=True)
+class Companion:
+    """A process that compiles beside this one, if there is one."""
+
+    process: subprocess.Popen[bytes] | None
+
+    def wait(self) -> None:
+        """Wait for its end."""
+        if self.process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(_LONGEST_COMPILATION_S)
+
+    def give_way(self, function: Callable[..., Any]) -> None:
+        """Wait until it, or one that it has started, has compiled a kernel, unless each of the three has a core.
+
+        For what this process is about to compile itself: done at once, it would hold up what everybody waits for.
+        """
+        until = time.monotonic() + _LONGEST_COMPILATION_S
+        while self.process is not None and self.process.poll() is None and time.monotonic() < until:
+            if _cores() > _CORES_OF_TWO or is_compiled(function):
+                return
+            time.sleep(0.02)
+
+
 @contextmanager
-def compiled_beside(
-    function: Callable[..., Any], module: str, *arguments: str
-) -> Iterator[Callable[[], None]]:
-    """Run a module of the package beside this process where that saves time; yield how to wait for its end.
+def compiled_beside(function: Callable[..., Any], module: str, *arguments: str) -> Iterator[Companion]:
+    """Run a module of the package beside this process where that saves time; yield the process.
 
     The module calls the kernel ``function`` with arguments of the right types, so that its machine code is in the cache
     when it is needed here. Nothing is started where the cache has the kernel or cannot be written, nor on one core. If
@@ -187,7 +211,7 @@ def compiled_beside(
         if not is_compiled(function):
             stack.enter_context(collecting_rarely())
         try:
-            yield lambda: _wait(process)
+            yield Companion(process)
         finally:
             if process is not None:
                 process.kill()
@@ -249,12 +273,6 @@ def _start(module: str, *arguments: str) -> subprocess.Popen[bytes] | None:
         )
     except OSError:
         return None
-
-
-def _wait(process: subprocess.Popen[bytes] | None) -> None:
-    if process is not None:
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(_LONGEST_COMPILATION_S)
 
 
 @contextmanager

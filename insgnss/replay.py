@@ -26,6 +26,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
+from insgnss.fusion.epoch_update import update_epoch
 from insgnss.fusion.loop import run_epochs
 from insgnss.fusion.output import Output
 from insgnss.fusion.setup import FilterSetup
@@ -180,16 +181,17 @@ def replay(
             key="smooth",
             advice="leave output, aiding, supervise and [attitude] out, or replay without smoothing",
         )
-    with compiled_beside(run_epochs, compile_loop.MODULE) as loop_is_compiled:
+    with compiled_beside(run_epochs, compile_loop.MODULE) as loop:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
         read = time.perf_counter()
         told = (
             "running the filter" if is_compiled(run_epochs) else "compiling the filter, once per installation"
         )
         tell(told)
+        loop.give_way(update_epoch)
         wanted = _trace_wanted(aided, record.supervised)
         out, ledger, events = run_blocks(
-            setup, *work, output, trace=wanted, before_loop=loop_is_compiled, smooth=smooth
+            setup, *work, output, trace=wanted, before_loop=loop.wait, smooth=smooth
         )
     filtered = time.perf_counter()
     found = traced(out.trace, Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b))

@@ -176,7 +176,7 @@ PARENT = """
 import os, pathlib, sys, time
 from insgnss.jit import compiled_beside
 from insgnss.callee import term
-with compiled_beside(term, "insgnss.child", "1") as wait:
+with compiled_beside(term, "insgnss.child", "1") as beside:
     {body}
 """
 
@@ -200,7 +200,7 @@ def run_beside(folder: Path, *, child: str, parent: str, **environment: str) -> 
     return python("-c", PARENT.format(body=parent), folder=folder, **settings)
 
 
-SHOW = "wait(); print(term(1.0), sum(term.stats.cache_hits.values()))"
+SHOW = "beside.wait(); print(term(1.0), sum(term.stats.cache_hits.values()))"
 two_cores = pytest.mark.skipif(jit._cores() < 2, reason="nothing is compiled beside on one core")
 
 
@@ -237,14 +237,32 @@ def test_nothing_is_started_where_the_cache_cannot_be_written(tiny_package: Path
 
 
 def test_nothing_is_started_for_plain_python(tiny_package: Path) -> None:
-    shown = run_beside(tiny_package, child="", parent="wait(); print(term(1.0))", NUMBA_DISABLE_JIT="1")
+    shown = run_beside(
+        tiny_package, child="", parent="beside.wait(); print(term(1.0))", NUMBA_DISABLE_JIT="1"
+    )
 
     assert shown == "2.0"
     assert not (tiny_package / "child").exists()
 
 
 @two_cores
-@pytest.mark.parametrize("end", ["os._exit(0)", "pass", "wait = None"])
+@pytest.mark.parametrize(
+    ("cores", "child", "found"),
+    [
+        ("2", "term(1.0); time.sleep(60.0)", "True"),
+        ("2", "raise SystemExit(3)", "False"),
+        ("3", "time.sleep(60.0)", "False"),
+    ],
+    ids=["until_it_is_compiled", "until_the_process_fails", "not_where_each_has_a_core"],
+)
+def test_process_gives_way_to_the_one_beside(tiny_package: Path, cores: str, child: str, found: str) -> None:
+    body = f"from insgnss import jit; jit._cores = lambda: {cores}; beside.give_way(term); print(jit.is_compiled(term))"
+
+    assert run_beside(tiny_package, child=child, parent=body) == found
+
+
+@two_cores
+@pytest.mark.parametrize("end", ["os._exit(0)", "pass", "beside = None"])
 def test_process_does_not_outlive_its_parent(tiny_package: Path, end: str) -> None:
     until_child_runs = "\n    while not pathlib.Path('child').exists(): time.sleep(0.01)\n    "
     run_beside(tiny_package, child="time.sleep(60.0)", parent=until_child_runs + end)

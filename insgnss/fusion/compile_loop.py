@@ -25,6 +25,8 @@ from insgnss.fusion.output import Output, Table, new_output
 from insgnss.fusion.parameters import PARAMETERS_DTYPE
 from insgnss.fusion.prediction import Imu, propagate_covariance
 from insgnss.fusion.state import Bank, Layout, new_bank
+from insgnss.fusion.trace_rows import new_trace_room
+from insgnss.fusion.tracing import write_trace
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
 from insgnss.jit import collecting_rarely, compiled_beside, end_with_parent, is_compiled, only_linked
@@ -75,8 +77,9 @@ def compile_update() -> None:
     seen, memory, vector = a.bank.seen[0], a.bank.memory[0], s.vectors[0]
     lines, observation = s.lines[:0], rows.observation[:0]
     write_row(a.bank, a.bank, 0, 0, 0, a.out, a.work)  # the other process needs it late
-    mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, a.work.masking)
     refuse_inconsistent(P, lines, 1.0, 0)
+    room = new_trace_room(np.zeros(1, np.int64), 1.0, 1, 0)
+    write_trace(a.bank, 0, True, par, room, a.work.P_out, a.work.scratch)  # and this one
     adapt_noise(m, P, par, lines, vector, 0, 0.0)
     gate_between(P, lines, s.vectors, 1.0)
     gate_rows(lines, 0, 1.0)
@@ -95,7 +98,9 @@ def compile_prediction() -> None:
     follow_innovations(a.bank.memory[0], lines, a.rows.observation[:0], 0, vector, par)
     common_step(lines, 0, vector, 1.0, 1.0)
     propagate_covariance(a.bank.state[0], a.bank.P[0], par, a.work.scratch)
-    observe(a.bank.state[0], a.bank.P[0], par, a.rows, 0, a.imu.w_ib_b[0], a.imu.f_b[0], a.work.epoch)
+    m, P, antenna = a.bank.state[0], a.bank.P[0], s.antenna[0]
+    observe(m, P, par, a.rows, 0, a.imu.w_ib_b[0], a.imu.f_b[0], s)
+    mask_hidden(m, P, par, a.rows.observation[:0], lines, antenna, a.bank.seen[0], a.work.masking)
     advance(a.bank, 0, a.imu, par, a.out, a.work)
 
 
@@ -108,9 +113,9 @@ def compile_loop() -> None:
 
 def compile_parts() -> None:
     """Compile what the loop calls: the update of an epoch in one more process, the rest in this one."""
-    with compiled_beside(update_epoch, MODULE, UPDATE_ONLY) as update_is_there:
+    with compiled_beside(update_epoch, MODULE, UPDATE_ONLY) as update:
         compile_prediction()
-        update_is_there()
+        update.wait()
 
 
 def call_loop() -> None:
