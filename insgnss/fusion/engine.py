@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.loop import write_between
-from insgnss.fusion.navigator import Navigator
+from insgnss.fusion.navigator import Navigator, banks_of
 from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_output
 from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
@@ -291,7 +291,8 @@ class Engine:
             # a long outage: carry the filter itself on, at whole samples, which changes no bit
             stop = self._samples.last_before(horizon)
             work = self._navigator.workspace(self._rows_for_size())
-            carry_bank(bank, stop, self._samples.view(), self._navigator.parameters[0], work.scratch)
+            for each in self._navigator.banks:
+                carry_bank(each, stop, self._samples.view(), self._navigator.parameters[0], work.scratch)
             self._kept = []
             self._keep(stop)
         if bank is None and self._navigator.starter.given:
@@ -307,10 +308,11 @@ class Engine:
 
     def _shift(self, dropped: int) -> None:
         """Let every kept state count its samples from the buffer's new first one."""
-        banks = [self._navigator.bank, self._live, *(kept.saved[0] for kept in self._kept)]
+        banks = [*self._navigator.banks, *(bank for kept in self._kept for bank in banks_of(kept.saved))]
+        if self._live is not None:
+            banks.append(self._live)
         for bank in banks:
-            if bank is not None:
-                bank.head["next"] -= dropped
+            bank.head["next"] -= dropped
 
     def _refuse(self, epoch: GnssTable) -> None:
         rows = self._rows(epoch)

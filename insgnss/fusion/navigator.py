@@ -44,9 +44,7 @@ from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, select_members
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.fusion.trial import Trial, attitude
 from insgnss.gnss.observation_rows import ABSENT, Rows
 from insgnss.inertial.sensor_model import SensorModel, sensor_model
 from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
@@ -55,6 +53,7 @@ from insgnss.tables import Event, Float64
 _RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
 _DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
 _WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
+_DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
 _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
 
 
@@ -70,6 +69,7 @@ class Navigator:
     resets_ns: list[int] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
+    trial: Trial | None = None  # of a given start
     _parameters: npt.NDArray[Any] = field(init=False)
     _work: Workspace | None = None
 
@@ -84,16 +84,23 @@ class Navigator:
         """The numbers of the compiled filter, (1,)."""
         return self._parameters
 
+    @property
+    def banks(self) -> list[Bank]:
+        """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+        return _not_none(self.bank, self.trial)
+
     def snapshot(self) -> tuple[Any, ...]:
         """Return a copy of everything that changes with the data."""
         bank = None if self.bank is None else copy_bank(self.bank)
         aid = None if self.aid is None else self.aid.snapshot()
         starter = copy.deepcopy(self.starter)
-        return bank, starter, list(self.resets_ns), list(self.events), self.started_ns, aid
+        trial = None if self.trial is None else self.trial.copied()
+        return bank, starter, list(self.resets_ns), list(self.events), self.started_ns, aid, trial
 
     def restore(self, saved: tuple[Any, ...]) -> None:
         """Return to a snapshot."""
-        bank, starter, resets, events, self.started_ns, aid = saved
+        bank, starter, resets, events, self.started_ns, aid, trial = saved
+        self.trial = None if trial is None else trial.copied()
         self.aid = None if aid is None else aid.snapshot()
         self.bank = None if bank is None else copy_bank(bank)
         self.starter = copy.deepcopy(starter)
@@ -108,14 +115,52 @@ class Navigator:
                 continue
             work = self.workspace(rows)
             self.before_loop()
-            stop = last if self.aid is None else epoch + 1
+            stop = last if self.aid is None and self.trial is None else epoch + 1
             code, epoch = run_epochs(
                 self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
             )
             self._collect_events(out)
-            self._handle(code, epoch - 1, rows, out)
+            if self.trial is None:
+                self._handle(code, epoch - 1, rows, out)
+            else:
+                self._try(self.trial, code, imu, rows, epoch - 1, out)
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
+
+    def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+        """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if code == LOCKOUT and trial.given_weight() < _DOUBTED:
+            self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
+            return
+        self._handle(code, epoch, rows, out)
+        if self.bank is None:
+            self.trial = None
+        elif code == LOCKOUT:
+            self.trial = Trial(self.setup)  # of the filter as it has been set anew
+        else:
+            found = trial.take(self.bank, imu, rows, epoch, self._parameters)
+            if found is not None:
+                self._refuse_start(t_ns, found)
+            elif trial.over:
+                self.trial = None
+
+    def _refuse_start(self, t_ns: int, found: Bank) -> None:
+        """Put the rivals of the given start in its place."""
+        assert self.bank is not None
+        was, now = (
+            ", ".join(f"{math.degrees(angle):.1f}" for angle in attitude(bank.state[bank.head[0].leader]))
+            for bank in (self.bank, found)
+        )
+        self.bank, self.trial, self.resets_ns = found, None, []
+        found.head["renewed_ns"] = t_ns
+        n = len(found.state)
+        detail = (
+            f"the measurements contradict the given start: roll, pitch, yaw ({was}) deg become ({now}) deg, with"
+            f" {'one heading' if n == 1 else f'{n} headings'} open"
+        )
+        self.events.append(Event(t_ns, "restart", detail))
+        self._tell_heading()
 
     def _use_antennas(self, aid: EpochAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
         """Update with the phase differences of an epoch, and write its navigation row once more."""
@@ -159,6 +204,7 @@ class Navigator:
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
         if fix is None:
+            self.trial = Trial(self.setup) if self.aid is None else None
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)
@@ -220,10 +266,7 @@ class Navigator:
         """Return the leader's heading and its sigma [deg]."""
         assert self.bank is not None
         m, P = self.bank.state[self.bank.head[0].leader], self.bank.P[self.bank.head[0].leader]
-        lat, lon, _ = ecef_to_geodetic(m.r_e)
-        C_ne = np.zeros((3, 3))
-        ecef_to_ned_matrix(lat, lon, C_ne)
-        yaw = matrix_to_euler(np.ascontiguousarray(C_ne @ m.C_eb))[2]
+        _, _, yaw = attitude(m)
         return math.degrees(yaw) % 360.0, math.degrees(math.sqrt(yaw_variance(m, P)))
 
     def _heading_known(self) -> None:
@@ -302,6 +345,15 @@ class Navigator:
         if count.events > len(out.events):
             self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
         count.events = 0
+
+
+def banks_of(saved: tuple[Any, ...]) -> list[Bank]:
+    """Return the banks in a snapshot."""
+    return _not_none(saved[0], saved[-1])
+
+
+def _not_none(bank: Bank | None, trial: Trial | None) -> list[Bank]:
+    return [each for each in (bank, None if trial is None else trial.bank) if each is not None]
 
 
 def _in_words(t_ns: int, kind: int, a: float) -> Event:

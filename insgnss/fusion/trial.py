@@ -1,0 +1,228 @@
+"""A given start on trial: beside the filter that believes it run others that do not, until the measurements decide.
+
+A heading that is wrong by far more than its sigma can be swallowed: sensor biases of a consumer's grade explain the
+first turn, and with their sigma the heading's has shrunk as well. No innovation is large enough for a gate then, but the
+likelihood of the whole tells: it is that of the biases it takes. So a copy of the filter runs in a bank with rivals that
+were started automatically, of the same heading and of headings all around, each of a low prior weight. When the
+measurements leave nothing of the given start, the rivals take its place; when they leave nothing of the rivals, or these
+have come to the same attitude, the trial is over. The filter itself is not touched by it, to the bit.
+
+Nothing decides while the vehicle stands: after a while the trial is put off until it moves.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs, yaw_variance
+from insgnss.fusion.output import new_output
+from insgnss.fusion.prediction import Imu
+from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.start import Heading
+from insgnss.fusion.starter import Starter
+from insgnss.fusion.state import DV, PSI, Bank, StateRecord, copy_bank, joined_banks, select_members
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.gnss.observation_rows import Rows, one_epoch
+from insgnss.tables import Float64
+
+_SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
+_OTHER_HEADING_WEIGHT: Final = 1e-5  # of each heading around the circle: a sign or an axis mistaken
+_HOPELESS: Final = (
+    -30.0
+)  # logarithm of what a rival may lose of its prior: at first it knows less than the filter
+_SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
+_PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, and standing
+_SAME_ATTITUDE: Final = (
+    3.0  # squared sigmas, of three angles, within which two have come to the same attitude
+)
+_SMALLEST_DIFFERENCE_RAD: Final = 0.02
+_KNOWS_AS_WELL: Final = (
+    2.0  # a rival of a wider sigma than that many of the other's has not come to anything yet
+)
+
+
+@dataclass
+class Trial:
+    """The rivals of a given start and what the measurements say of them."""
+
+    setup: FilterSetup
+    starter: Starter = field(init=False)
+    bank: Bank | None = None  # copies of the filter's hypotheses first, then the rivals; None: not opened yet
+    n_given: int = 0  # of its hypotheses are the filter's
+    over: bool = False
+    parked: bool = False  # put off until the vehicle moves
+    since_ns: int | None = None  # of the wait, then of the bank
+    settling: bool = False
+    _work: Workspace | None = None
+
+    def __post_init__(self) -> None:
+        """Get ready to start rivals."""
+        self.starter = Starter(self.setup, given=False)
+
+    def copied(self) -> Trial:
+        """Return a copy that shares nothing that changes."""
+        twin = copy.copy(self)
+        twin.starter = replace(self.starter, fixes=list(self.starter.fixes))
+        twin.bank = None if self.bank is None else copy_bank(self.bank)
+        return twin
+
+    def given_weight(self) -> float:
+        """Return the logarithm of the given start's probability; 0 before the trial."""
+        if self.bank is None or self.settling:
+            return 0.0
+        return _log_sum(self.bank.state["log_weight"][: self.n_given])
+
+    def take(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> Bank | None:
+        """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, None: it stays."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if self.since_ns is None:
+            self.since_ns = t_ns
+        if self.parked:
+            if at_rest(bank, self.setup):
+                return None
+            self._begin(t_ns, parked=False)
+        if self.bank is None:
+            self._open(bank, imu, rows, epoch, parameters)
+            return None
+        self._update(imu, rows, epoch, parameters)
+        if self.over:
+            return None
+        if self.given_weight() < self.setup.log_drop:
+            return self.rivals()
+        self._thin_out()
+        if t_ns - self.since_ns > _PATIENCE_NS and at_rest(bank, self.setup):
+            self._begin(t_ns, parked=True)
+        return None
+
+    def rivals(self) -> Bank:
+        """Return the rivals without the given start, those of negligible weight left out; the trial is over."""
+        assert self.bank is not None
+        self.over = True
+        weight = self.bank.state["log_weight"].copy()
+        weight[: self.n_given] = -math.inf
+        keep = np.flatnonzero(weight > weight.max() + self.setup.log_drop)
+        found = select_members(self.bank, keep.astype(np.int64))
+        found.head["heading_open"] = 1
+        return found
+
+    def _begin(self, t_ns: int, *, parked: bool) -> None:
+        """Go back to waiting for rivals."""
+        self.bank, self.parked, self.since_ns = None, parked, t_ns
+        self.starter = Starter(self.setup, given=False)
+
+    def _open(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
+        """Start the rivals at an epoch, if it allows that, with what the filter has found of noise levels."""
+        t_ns = int(rows.epoch_ns[epoch])
+        lead = bank.state[bank.head[0].leader]
+        self.starter.headings = self._headings(bank)
+        found, _, _ = self.starter.try_start(imu, rows, epoch, parameters[0])
+        if found is None:
+            self.over = self.since_ns is not None and t_ns - self.since_ns > _PATIENCE_NS
+            return
+        for name in ("noise_factor", "adapted_ns", "adapted_count", "cn0_level", "cn0_level_ns"):
+            found.state[name] = lead[name]
+        self.bank = joined_banks(bank, found)
+        self.bank.head["locked_out"] = 0
+        self.bank.head["strained_ns"] = 0
+        self.n_given, self.since_ns, self.settling = len(bank.state), t_ns, True
+
+    def _headings(self, bank: Bank) -> list[Heading]:
+        """Return the rivals' headings: the filter's own, and those all around."""
+        lead = int(bank.head[0].leader)
+        _, _, yaw = attitude(bank.state[lead])
+        sigma = min(math.sqrt(yaw_variance(bank.state[lead], bank.P[lead])), math.pi)
+        n = self.setup.config.heading.hypotheses
+        spacing = 2.0 * math.pi / n
+        around = [
+            Heading(math.remainder(yaw + i * spacing, 2.0 * math.pi), 0.5 * spacing, _OTHER_HEADING_WEIGHT)
+            for i in range(n if n > 1 else 0)
+        ]
+        return [Heading(yaw, sigma, _SAME_HEADING_WEIGHT), *around]
+
+    def _update(self, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
+        """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
+        assert self.bank is not None and self.since_ns is not None
+        alone = one_epoch(rows, epoch)
+        n_rows = len(alone.observation)
+        if self._work is None or len(self._work.epoch.lines) < n_rows:
+            self._work = new_workspace(max(n_rows, 1), self.setup.layout)
+        unmasked = parameters.copy()
+        unmasked["visibility"] = 0  # all of them are to be judged by the same satellites
+        before = self.bank.state["log_weight"].copy()
+        out = new_output(alone, 1, 32, np.zeros(0, np.int64), self.setup.layout.n_values)
+        code, _ = run_epochs(self.bank, 0, 1, alone, imu, unmasked, -math.inf, out, self._work)
+        self.bank.head["locked_out"] = 0
+        self.bank.head["strained_ns"] = 0
+        self.over = code == COVARIANCE_LOST
+        if self.settling:
+            self.bank.state["log_weight"] = before
+            self.settling = int(alone.epoch_ns[0]) - self.since_ns < _SETTLING_NS
+
+    def _thin_out(self) -> None:
+        """Drop the rivals without hope and those that have come to the attitude of a heavier one."""
+        assert self.bank is not None
+        weight = self.bank.state["log_weight"]
+        hopeless = math.log(_OTHER_HEADING_WEIGHT) + _HOPELESS
+        gone = {i for i in range(len(weight)) if i >= self.n_given and weight[i] < hopeless}
+        for i in np.argsort(weight, kind="stable"):
+            heavier = [j for j in range(len(weight)) if j not in gone and weight[j] > weight[i]]
+            if any(_agree(self.bank, int(i), j) for j in heavier):
+                gone.add(int(i))
+        keep = np.array([i for i in range(len(weight)) if i not in gone], np.int64)
+        n_given = int(np.count_nonzero(keep < self.n_given))
+        self.over = n_given in (0, len(keep))
+        if len(gone) and not self.over:
+            self.bank, self.n_given = select_members(self.bank, keep), n_given
+
+
+def at_rest(bank: Bank, setup: FilterSetup) -> bool:
+    """Return whether the velocity of a bank's leader is none."""
+    lead = int(bank.head[0].leader)
+    variance = np.trace(bank.P[lead, DV : DV + 3, DV : DV + 3])
+    speed = float(np.linalg.norm(bank.state[lead].v_e))
+    return speed < setup.config.start.rest_speed_mps + 3.0 * math.sqrt(float(variance))
+
+
+def attitude(m: StateRecord) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw of a hypothesis [rad]."""
+    lat, lon, _ = ecef_to_geodetic(m.r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    roll, pitch, yaw = matrix_to_euler(np.ascontiguousarray(C_ne @ m.C_eb))
+    return float(roll), float(pitch), float(yaw)
+
+
+def _agree(bank: Bank, i: int, j: int) -> bool:
+    """Return whether hypothesis ``i`` has come to the attitude of ``j``, which it knows about as well.
+
+    Equation: d^T (P_psi + s^2 I)^-1 d < 3, d the rotation from the one to the other
+    """
+    sigma = [math.sqrt(yaw_variance(bank.state[k], bank.P[k])) for k in (i, j)]
+    if sigma[0] > max(_SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[1]):
+        return False
+    turn = bank.state[i].C_eb @ bank.state[j].C_eb.T
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = 0.5 * float(np.linalg.norm(axis)), 0.5 * (float(np.trace(turn)) - 1.0)
+    angle = math.atan2(sine, cosine)
+    if angle < _SMALLEST_DIFFERENCE_RAD:
+        return True
+    if sine < 1e-6:  # upside down: no axis, and no agreement
+        return False
+    d = 0.5 * axis * (angle / sine)
+    P = bank.P[i, PSI : PSI + 3, PSI : PSI + 3] + _SMALLEST_DIFFERENCE_RAD**2 * np.eye(3)
+    return float(d @ np.linalg.solve(P, d)) < _SAME_ATTITUDE
+
+
+def _log_sum(weights: Float64) -> float:
+    """Return the logarithm of the sum of weights given by their logarithms."""
+    top = float(weights.max())
+    return top + math.log(float(np.exp(weights - top).sum()))
