@@ -130,7 +130,7 @@ class Navigator:
     def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
         """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
         t_ns = int(rows.epoch_ns[epoch])
-        if code == LOCKOUT and trial.given_weight() < _DOUBTED:
+        if code == LOCKOUT and trial.standing() < _DOUBTED:
             self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
             return
         self._handle(code, epoch, rows, out)

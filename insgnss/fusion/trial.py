@@ -1,11 +1,14 @@
 """A given start on trial: beside the filter that believes it run others that do not, until the measurements decide.
 
-A heading that is wrong by far more than its sigma can be swallowed: sensor biases of a consumer's grade explain the
-first turn, and with their sigma the heading's has shrunk as well. No innovation is large enough for a gate then, but the
-likelihood of the whole tells: it is that of the biases it takes. So a copy of the filter runs in a bank with rivals that
-were started automatically, of the same heading and of headings all around, each of a low prior weight. When the
-measurements leave nothing of the given start, the rivals take its place; when they leave nothing of the rivals, or these
-have come to the same attitude, the trial is over. The filter itself is not touched by it, to the bit.
+A heading that is wrong by far more than its sigma can be swallowed: biases of a consumer's sensors explain the first
+turn, and the sigma shrinks as if they were right. No innovation is large enough for a gate then, but the likelihood of
+all of them tells. So a copy of the filter runs in a bank with rivals that were started automatically, of the same
+heading and of headings all around, each of a low prior weight. When the measurements leave nothing of the given
+attitude, the rivals take its place; when they leave nothing of the rivals, or these have come to the same attitude, the
+trial is over. The filter itself is not touched by it, to the bit.
+
+A start may also be wrong in its position or velocity alone. The rival of the same heading shows that: it gains as all
+others do, but it has the given attitude, and what the filter makes of its position is left to itself.
 
 Nothing decides while the vehicle stands: after a while the trial is put off until it moves.
 """
@@ -39,6 +42,7 @@ _OTHER_HEADING_WEIGHT: Final = 1e-5  # of each heading around the circle: a sign
 _HOPELESS: Final = (
     -30.0
 )  # logarithm of what a rival may lose of its prior: at first it knows less than the filter
+_HALF: Final = math.log(0.5)
 _SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
 _PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, and standing
 _SAME_ATTITUDE: Final = (
@@ -62,6 +66,7 @@ class Trial:
     parked: bool = False  # put off until the vehicle moves
     since_ns: int | None = None  # of the wait, then of the bank
     settling: bool = False
+    thin_out_ns: int = 0  # when the hopeless are looked for next
     _work: Workspace | None = None
 
     def __post_init__(self) -> None:
@@ -75,14 +80,22 @@ class Trial:
         twin.bank = None if self.bank is None else copy_bank(self.bank)
         return twin
 
-    def given_weight(self) -> float:
-        """Return the logarithm of the given start's probability; 0 before the trial."""
+    def standing(self) -> float:
+        """Return the logarithm of the given attitude's probability, with all who have come to it; 0 before the trial."""
         if self.bank is None or self.settling:
             return 0.0
-        return _log_sum(self.bank.state["log_weight"][: self.n_given])
+        weight = self.bank.state["log_weight"]
+        alone = _log_sum(weight[: self.n_given])
+        return alone if alone > _HALF else _log_sum(weight[self._agreeing()])
+
+    def _agreeing(self) -> npt.NDArray[np.bool_]:
+        """Return which hypotheses have the attitude of the given start, its own of course."""
+        assert self.bank is not None
+        n, given = len(self.bank.state), range(self.n_given)
+        return np.array([i in given or any(_agree(self.bank, i, j) for j in given) for i in range(n)])
 
     def take(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> Bank | None:
-        """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, None: it stays."""
+        """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, None for none."""
         t_ns = int(rows.epoch_ns[epoch])
         if self.since_ns is None:
             self.since_ns = t_ns
@@ -96,9 +109,11 @@ class Trial:
         self._update(imu, rows, epoch, parameters)
         if self.over:
             return None
-        if self.given_weight() < self.setup.log_drop:
+        if self.standing() < self.setup.log_drop:
             return self.rivals()
-        self._thin_out()
+        if t_ns >= self.thin_out_ns:
+            self._thin_out()
+            self.thin_out_ns = t_ns + NS_PER_S
         if t_ns - self.since_ns > _PATIENCE_NS and at_rest(bank, self.setup):
             self._begin(t_ns, parked=True)
         return None
@@ -168,20 +183,19 @@ class Trial:
             self.settling = int(alone.epoch_ns[0]) - self.since_ns < _SETTLING_NS
 
     def _thin_out(self) -> None:
-        """Drop the rivals without hope and those that have come to the attitude of a heavier one."""
+        """Drop the rivals without hope and those that have become one with a heavier rival."""
         assert self.bank is not None
         weight = self.bank.state["log_weight"]
         hopeless = math.log(_OTHER_HEADING_WEIGHT) + _HOPELESS
-        gone = {i for i in range(len(weight)) if i >= self.n_given and weight[i] < hopeless}
-        for i in np.argsort(weight, kind="stable"):
-            heavier = [j for j in range(len(weight)) if j not in gone and weight[j] > weight[i]]
-            if any(_agree(self.bank, int(i), j) for j in heavier):
-                gone.add(int(i))
-        keep = np.array([i for i in range(len(weight)) if i not in gone], np.int64)
-        n_given = int(np.count_nonzero(keep < self.n_given))
-        self.over = n_given in (0, len(keep))
-        if len(gone) and not self.over:
-            self.bank, self.n_given = select_members(self.bank, keep), n_given
+        keep = list(range(self.n_given))
+        for i in np.argsort(-weight, kind="stable"):
+            rival = i >= self.n_given and weight[i] >= hopeless
+            if rival and not any(_agree(self.bank, int(i), j) for j in keep[self.n_given :]):
+                keep.append(int(i))
+        agreeing = self._agreeing()
+        self.over = bool(agreeing[keep].all())
+        if len(keep) < len(weight) and not self.over:
+            self.bank = select_members(self.bank, np.array(sorted(keep), np.int64))
 
 
 def at_rest(bank: Bank, setup: FilterSetup) -> bool:
