@@ -18,12 +18,13 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.loop import write_between
-from insgnss.fusion.navigator import Navigator, banks_of
+from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_output
 from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
+from insgnss.fusion.trial import banks_of
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.table_joining import joined
@@ -308,7 +309,10 @@ class Engine:
 
     def _shift(self, dropped: int) -> None:
         """Let every kept state count its samples from the buffer's new first one."""
-        banks = [*self._navigator.banks, *(bank for kept in self._kept for bank in banks_of(kept.saved))]
+        banks = [
+            *self._navigator.banks,
+            *(bank for kept in self._kept for bank in banks_of(kept.saved[0], kept.saved[-1])),
+        ]
         if self._live is not None:
             banks.append(self._live)
         for bank in banks:

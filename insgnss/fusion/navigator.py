@@ -41,20 +41,18 @@ from insgnss.fusion.output import (
     Output,
 )
 from insgnss.fusion.prediction import Imu
+from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, select_members
-from insgnss.fusion.trial import Trial, attitude
+from insgnss.fusion.state import Bank, copy_bank, select_members
+from insgnss.fusion.trial import Trial, attitude, banks_of, refusal
 from insgnss.gnss.observation_rows import ABSENT, Rows
-from insgnss.inertial.sensor_model import SensorModel, sensor_model
+from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
-from insgnss.tables import Event, Float64
+from insgnss.tables import Event
 
-_RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
-_DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
 _WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
 _DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
-_RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
 
 
 @dataclass
@@ -87,7 +85,7 @@ class Navigator:
     @property
     def banks(self) -> list[Bank]:
         """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
-        return _not_none(self.bank, self.trial)
+        return banks_of(self.bank, self.trial)
 
     def snapshot(self) -> tuple[Any, ...]:
         """Return a copy of everything that changes with the data."""
@@ -115,7 +113,9 @@ class Navigator:
                 continue
             work = self.workspace(rows)
             self.before_loop()
-            stop = last if self.aid is None and self.trial is None else epoch + 1
+            stop = last if self.aid is None else epoch + 1
+            if self.trial is not None:
+                stop = self.trial.epoch_after_look(rows, epoch, last)
             code, epoch = run_epochs(
                 self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
             )
@@ -148,18 +148,9 @@ class Navigator:
     def _refuse_start(self, t_ns: int, found: Bank) -> None:
         """Put the rivals of the given start in its place."""
         assert self.bank is not None
-        was, now = (
-            ", ".join(f"{math.degrees(angle):.1f}" for angle in attitude(bank.state[bank.head[0].leader]))
-            for bank in (self.bank, found)
-        )
+        self.events.append(refusal(t_ns, self.bank, found))
         self.bank, self.trial, self.resets_ns = found, None, []
         found.head["renewed_ns"] = t_ns
-        n = len(found.state)
-        detail = (
-            f"the measurements contradict the given start: roll, pitch, yaw ({was}) deg become ({now}) deg, with"
-            f" {'one heading' if n == 1 else f'{n} headings'} open"
-        )
-        self.events.append(Event(t_ns, "restart", detail))
         self._tell_heading()
 
     def _use_antennas(self, aid: EpochAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
@@ -347,15 +338,6 @@ class Navigator:
         count.events = 0
 
 
-def banks_of(saved: tuple[Any, ...]) -> list[Bank]:
-    """Return the banks in a snapshot."""
-    return _not_none(saved[0], saved[-1])
-
-
-def _not_none(bank: Bank | None, trial: Trial | None) -> list[Bank]:
-    return [each for each in (bank, None if trial is None else trial.bank) if each is not None]
-
-
 def _in_words(t_ns: int, kind: int, a: float) -> Event:
     if kind == CLOCK_STEP:
         return Event(
@@ -372,46 +354,6 @@ def _in_words(t_ns: int, kind: int, a: float) -> Event:
     if kind == MASKING_ON:
         return Event(t_ns, "masking_on", "the heading is known well enough: hidden satellites are masked")
     return Event(t_ns, f"kind_{kind}", f"{a}")
-
-
-def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64, n_offsets: int) -> None:
-    """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states."""
-    states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
-    kept = P[DV : DV + 3, DV : DV + 3].copy()
-    P[states, :] = 0.0
-    P[:, states] = 0.0
-    reference = int(np.flatnonzero(np.isfinite(fix.clocks))[0])
-    m.r_e[:] = fix.r_a - m.C_eb @ lever_b
-    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + _RESET_BIAS_SIGMA_M**2 * np.eye(3)
-    m.clock[0] = fix.clocks[reference]
-    P[CLOCK, CLOCK] = fix.P[3 + reference, 3 + reference] + _RESET_BIAS_SIGMA_M**2
-    if fix.v_a is not None:
-        m.v_e[:] = fix.v_a
-        P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + 0.1**2 * np.eye(3)
-        m.clock[1] = fix.drift
-        P[DRIFT, DRIFT] = fix.P_v[3, 3]
-    else:
-        P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
-        P[DRIFT, DRIFT] = 10.0**2
-    m.clone_ns = 0
-    for i in range(OFFSETS, OFFSETS + n_offsets):
-        group = i - OFFSETS + 1
-        known = math.isfinite(fix.clocks[group]) and reference == 0
-        m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
-        P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else 3000.0**2
-
-
-def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
-    """Forget the biases of a hypothesis and widen its attitude: it went astray though it refused little."""
-    biases = slice(BA, BG + 3)
-    P[biases, :] = 0.0
-    P[:, biases] = 0.0
-    m.b_a[:] = 0.0
-    m.b_g[:] = 0.0
-    for i in range(3):
-        P[BA + i, BA + i] = sensor.accel_bias.sigma**2
-        P[BG + i, BG + i] = sensor.gyro_bias.sigma**2
-        P[PSI + i, PSI + i] += _DOUBTED_ATTITUDE_RAD**2
 
 
 def mark_rows(out: Output, rows: Rows, epoch: int, fix: Fix | None) -> None:

@@ -10,7 +10,8 @@ trial is over. The filter itself is not touched by it, to the bit.
 A start may also be wrong in its position or velocity alone. The rival of the same heading shows that: it gains as all
 others do, but it has the given attitude, and what the filter makes of its position is left to itself.
 
-Nothing decides while the vehicle stands: after a while the trial is put off until it moves.
+Nothing decides while the velocity stays as it is, at rest or on a straight: after a minute of that the rivals are given
+up, and started anew when it changes.
 """
 
 from __future__ import annotations
@@ -35,23 +36,20 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import Rows, one_epoch
-from insgnss.tables import Float64
+from insgnss.tables import Event, Float64
 
 _SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
 _OTHER_HEADING_WEIGHT: Final = 1e-5  # of each heading around the circle: a sign or an axis mistaken
 _HOPELESS: Final = (
     -30.0
-)  # logarithm of what a rival may lose of its prior: at first it knows less than the filter
+)  # logarithm of the share of its prior below which a rival goes: at first it knows less
 _HALF: Final = math.log(0.5)
 _SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
-_PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, and standing
-_SAME_ATTITUDE: Final = (
-    3.0  # squared sigmas, of three angles, within which two have come to the same attitude
-)
+_PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, or without a change of velocity
+_CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
+_SAME_ATTITUDE: Final = 3.0  # squared sigmas, of three angles, within which two have the same attitude
 _SMALLEST_DIFFERENCE_RAD: Final = 0.02
-_KNOWS_AS_WELL: Final = (
-    2.0  # a rival of a wider sigma than that many of the other's has not come to anything yet
-)
+_KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has not come to anything yet
 
 
 @dataclass
@@ -63,10 +61,12 @@ class Trial:
     bank: Bank | None = None  # copies of the filter's hypotheses first, then the rivals; None: not opened yet
     n_given: int = 0  # of its hypotheses are the filter's
     over: bool = False
-    parked: bool = False  # put off until the vehicle moves
-    since_ns: int | None = None  # of the wait, then of the bank
+    parked: bool = False  # put off until the velocity changes
+    since_ns: int = 0  # of the wait, then of the bank
     settling: bool = False
-    thin_out_ns: int = 0  # when the hopeless are looked for next
+    look_ns: int = 0  # when next to look for the hopeless and for a change of velocity, once a second
+    v_e: Float64 | None = None  # the velocity that has not changed
+    calm_ns: int = 0  # since when
     _work: Workspace | None = None
 
     def __post_init__(self) -> None:
@@ -81,7 +81,7 @@ class Trial:
         return twin
 
     def standing(self) -> float:
-        """Return the logarithm of the given attitude's probability, with all who have come to it; 0 before the trial."""
+        """Return the logarithm of the given attitude's probability, all who have come to it; 0 before the trial."""
         if self.bank is None or self.settling:
             return 0.0
         weight = self.bank.state["log_weight"]
@@ -95,14 +95,13 @@ class Trial:
         return np.array([i in given or any(_agree(self.bank, i, j) for j in given) for i in range(n)])
 
     def take(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> Bank | None:
-        """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, None for none."""
+        """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, if any."""
         t_ns = int(rows.epoch_ns[epoch])
-        if self.since_ns is None:
-            self.since_ns = t_ns
+        looks = t_ns >= self.look_ns
+        if looks:
+            self._look(bank, t_ns)
         if self.parked:
-            if at_rest(bank, self.setup):
-                return None
-            self._begin(t_ns, parked=False)
+            return None
         if self.bank is None:
             self._open(bank, imu, rows, epoch, parameters)
             return None
@@ -111,12 +110,33 @@ class Trial:
             return None
         if self.standing() < self.setup.log_drop:
             return self.rivals()
-        if t_ns >= self.thin_out_ns:
+        if looks:
             self._thin_out()
-            self.thin_out_ns = t_ns + NS_PER_S
-        if t_ns - self.since_ns > _PATIENCE_NS and at_rest(bank, self.setup):
-            self._begin(t_ns, parked=True)
         return None
+
+    def epoch_after_look(self, rows: Rows, epoch: int, last: int) -> int:
+        """Return up to which epoch the filter may run before it is to be asked again."""
+        if not self.parked:
+            return epoch + 1
+        return min(max(int(np.searchsorted(rows.epoch_ns, self.look_ns)), epoch) + 1, last)
+
+    def _look(self, bank: Bank, t_ns: int) -> None:
+        """Put the trial off when the velocity has stayed as it was for long, take it up when it changes."""
+        self.look_ns = t_ns + NS_PER_S
+        lead = int(bank.head[0].leader)
+        v_e = bank.state[lead].v_e
+        if self.v_e is None or np.linalg.norm(v_e - self.v_e) > self._least_change(bank, lead):
+            self.v_e, self.calm_ns = v_e.copy(), t_ns
+            if self.parked or self.since_ns == 0:
+                self._begin(t_ns, parked=False)
+        elif not self.parked and t_ns - self.calm_ns > _PATIENCE_NS:
+            self._begin(t_ns, parked=True)
+
+    def _least_change(self, bank: Bank, lead: int) -> float:
+        """Return how much of a change of velocity is one [m/s]."""
+        variance = np.trace(bank.P[lead, DV : DV + 3, DV : DV + 3])
+        speed = float(np.linalg.norm(bank.state[lead].v_e))
+        return self.setup.config.start.rest_speed_mps + 3.0 * math.sqrt(float(variance)) + _CHANGE * speed
 
     def rivals(self) -> Bank:
         """Return the rivals without the given start, those of negligible weight left out; the trial is over."""
@@ -141,7 +161,7 @@ class Trial:
         self.starter.headings = self._headings(bank)
         found, _, _ = self.starter.try_start(imu, rows, epoch, parameters[0])
         if found is None:
-            self.over = self.since_ns is not None and t_ns - self.since_ns > _PATIENCE_NS
+            self.over = t_ns - self.since_ns > _PATIENCE_NS
             return
         for name in ("noise_factor", "adapted_ns", "adapted_count", "cn0_level", "cn0_level_ns"):
             found.state[name] = lead[name]
@@ -165,7 +185,7 @@ class Trial:
 
     def _update(self, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
         """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
-        assert self.bank is not None and self.since_ns is not None
+        assert self.bank is not None
         alone = one_epoch(rows, epoch)
         n_rows = len(alone.observation)
         if self._work is None or len(self._work.epoch.lines) < n_rows:
@@ -198,12 +218,23 @@ class Trial:
             self.bank = select_members(self.bank, np.array(sorted(keep), np.int64))
 
 
-def at_rest(bank: Bank, setup: FilterSetup) -> bool:
-    """Return whether the velocity of a bank's leader is none."""
-    lead = int(bank.head[0].leader)
-    variance = np.trace(bank.P[lead, DV : DV + 3, DV : DV + 3])
-    speed = float(np.linalg.norm(bank.state[lead].v_e))
-    return speed < setup.config.start.rest_speed_mps + 3.0 * math.sqrt(float(variance))
+def banks_of(bank: Bank | None, trial: Trial | None) -> list[Bank]:
+    """Return all that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+    return [each for each in (bank, None if trial is None else trial.bank) if each is not None]
+
+
+def refusal(t_ns: int, was: Bank, now: Bank) -> Event:
+    """Return the event of a given start whose place the rivals take."""
+    before, after = (
+        ", ".join(f"{math.degrees(angle):.1f}" for angle in attitude(bank.state[bank.head[0].leader]))
+        for bank in (was, now)
+    )
+    n = len(now.state)
+    detail = (
+        f"the measurements contradict the given start: roll, pitch, yaw ({before}) deg become ({after}) deg, with"
+        f" {'one heading' if n == 1 else f'{n} headings'} open"
+    )
+    return Event(t_ns, "restart", detail)
 
 
 def attitude(m: StateRecord) -> tuple[float, float, float]:
