@@ -39,7 +39,7 @@ from insgnss.gnss.observation_rows import Rows, one_epoch
 from insgnss.tables import Event, Float64
 
 _SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
-_OTHER_HEADING_WEIGHT: Final = 1e-5  # of each heading around the circle: a sign or an axis mistaken
+_OTHER_HEADING_WEIGHT: Final = 1e-6  # of each heading around the circle: a sign or an axis mistaken
 _HOPELESS: Final = (
     -30.0
 )  # logarithm of the share of its prior below which a rival goes: at first it knows less
