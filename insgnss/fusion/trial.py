@@ -10,8 +10,8 @@ trial is over. The filter itself is not touched by it, to the bit.
 A start may also be wrong in its position or velocity alone. The rival of the same heading shows that: it gains as all
 others do, but it has the given attitude, and what the filter makes of its position is left to itself.
 
-Nothing decides while the velocity stays as it is, at rest or on a straight: after a minute of that the rivals are given
-up, and started anew when it changes.
+It takes one epoch a second, whatever the receiver's rate. Nothing decides while the velocity stays as it is, at rest or
+on a straight: after a minute of that the rivals are given up, and started anew when it changes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs, yaw_variance
+from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
 from insgnss.fusion.output import new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
@@ -45,6 +45,7 @@ _HOPELESS: Final = (
 )  # logarithm of the share of its prior below which a rival goes: at first it knows less
 _HALF: Final = math.log(0.5)
 _SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
+_PERIOD_NS: Final = 900_000_000  # less than a second: time tags may be a little early
 _PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, or without a change of velocity
 _CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
 _SAME_ATTITUDE: Final = 3.0  # squared sigmas, of three angles, within which two have the same attitude
@@ -64,7 +65,7 @@ class Trial:
     parked: bool = False  # put off until the velocity changes
     since_ns: int = 0  # of the wait, then of the bank
     settling: bool = False
-    look_ns: int = 0  # when next to look for the hopeless and for a change of velocity, once a second
+    look_ns: int = 0  # the first epoch from then on is taken
     v_e: Float64 | None = None  # the velocity that has not changed
     calm_ns: int = 0  # since when
     _work: Workspace | None = None
@@ -91,15 +92,16 @@ class Trial:
     def _agreeing(self) -> npt.NDArray[np.bool_]:
         """Return which hypotheses have the attitude of the given start, its own of course."""
         assert self.bank is not None
-        n, given = len(self.bank.state), range(self.n_given)
-        return np.array([i in given or any(_agree(self.bank, i, j) for j in given) for i in range(n)])
+        n, given, sigma = len(self.bank.state), range(self.n_given), _heading_sigmas(self.bank)
+        return np.array([i in given or any(_agree(self.bank, sigma, i, j) for j in given) for i in range(n)])
 
     def take(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> Bank | None:
         """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, if any."""
         t_ns = int(rows.epoch_ns[epoch])
-        looks = t_ns >= self.look_ns
-        if looks:
-            self._look(bank, t_ns)
+        if t_ns < self.look_ns:
+            return None
+        self.look_ns = t_ns + _PERIOD_NS
+        self._watch(bank, t_ns)
         if self.parked:
             return None
         if self.bank is None:
@@ -110,19 +112,15 @@ class Trial:
             return None
         if self.standing() < self.setup.log_drop:
             return self.rivals()
-        if looks:
-            self._thin_out()
+        self._thin_out()
         return None
 
     def epoch_after_look(self, rows: Rows, epoch: int, last: int) -> int:
         """Return up to which epoch the filter may run before it is to be asked again."""
-        if not self.parked:
-            return epoch + 1
         return min(max(int(np.searchsorted(rows.epoch_ns, self.look_ns)), epoch) + 1, last)
 
-    def _look(self, bank: Bank, t_ns: int) -> None:
+    def _watch(self, bank: Bank, t_ns: int) -> None:
         """Put the trial off when the velocity has stayed as it was for long, take it up when it changes."""
-        self.look_ns = t_ns + NS_PER_S
         lead = int(bank.head[0].leader)
         v_e = bank.state[lead].v_e
         if self.v_e is None or np.linalg.norm(v_e - self.v_e) > self._least_change(bank, lead):
@@ -174,7 +172,7 @@ class Trial:
         """Return the rivals' headings: the filter's own, and those all around."""
         lead = int(bank.head[0].leader)
         _, _, yaw = attitude(bank.state[lead])
-        sigma = min(math.sqrt(yaw_variance(bank.state[lead], bank.P[lead])), math.pi)
+        sigma = min(float(_heading_sigmas(bank)[lead]), math.pi)
         n = self.setup.config.heading.hypotheses
         spacing = 2.0 * math.pi / n
         around = [
@@ -207,10 +205,10 @@ class Trial:
         assert self.bank is not None
         weight = self.bank.state["log_weight"]
         hopeless = math.log(_OTHER_HEADING_WEIGHT) + _HOPELESS
-        keep = list(range(self.n_given))
+        sigma, keep = _heading_sigmas(self.bank), list(range(self.n_given))
         for i in np.argsort(-weight, kind="stable"):
             rival = i >= self.n_given and weight[i] >= hopeless
-            if rival and not any(_agree(self.bank, int(i), j) for j in keep[self.n_given :]):
+            if rival and not any(_agree(self.bank, sigma, int(i), j) for j in keep[self.n_given :]):
                 keep.append(int(i))
         agreeing = self._agreeing()
         self.over = bool(agreeing[keep].all())
@@ -246,24 +244,30 @@ def attitude(m: StateRecord) -> tuple[float, float, float]:
     return float(roll), float(pitch), float(yaw)
 
 
-def _agree(bank: Bank, i: int, j: int) -> bool:
+def _heading_sigmas(bank: Bank) -> Float64:
+    """Return the sigma of each hypothesis' rotation about the vertical (m,) [rad]."""
+    up = bank.state["r_e"] / np.linalg.norm(bank.state["r_e"], axis=1)[:, None]
+    variance = np.einsum("mi,mij,mj->m", up, bank.P[:, PSI : PSI + 3, PSI : PSI + 3], up)
+    return np.asarray(np.sqrt(variance), np.float64)
+
+
+def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
     """Return whether hypothesis ``i`` has come to the attitude of ``j``, which it knows about as well.
 
     Equation: d^T (P_psi + s^2 I)^-1 d < 3, d the rotation from the one to the other
     """
-    sigma = [math.sqrt(yaw_variance(bank.state[k], bank.P[k])) for k in (i, j)]
-    if sigma[0] > max(_SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[1]):
+    if sigma[i] > max(_SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
         return False
-    turn = bank.state[i].C_eb @ bank.state[j].C_eb.T
+    turn = bank.state["C_eb"][i] @ bank.state["C_eb"][j].T
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine, cosine = 0.5 * float(np.linalg.norm(axis)), 0.5 * (float(np.trace(turn)) - 1.0)
+    sine, cosine = 0.5 * math.sqrt(axis @ axis), 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
     angle = math.atan2(sine, cosine)
     if angle < _SMALLEST_DIFFERENCE_RAD:
         return True
-    if sine < 1e-6:  # upside down: no axis, and no agreement
+    P = bank.P[i, PSI : PSI + 3, PSI : PSI + 3] + _SMALLEST_DIFFERENCE_RAD**2 * np.eye(3)
+    if angle**2 > _SAME_ATTITUDE * (P[0, 0] + P[1, 1] + P[2, 2]) or sine < 1e-6:  # beyond the largest axis
         return False
     d = 0.5 * axis * (angle / sine)
-    P = bank.P[i, PSI : PSI + 3, PSI : PSI + 3] + _SMALLEST_DIFFERENCE_RAD**2 * np.eye(3)
     return float(d @ np.linalg.solve(P, d)) < _SAME_ATTITUDE
 
 
