@@ -298,14 +298,16 @@ class Engine:
             self._keep(stop)
         if bank is None and self._navigator.starter.given:
             return  # the given state's own time is still to be reached
-        oldest = horizon if bank is None else min(horizon, int(bank.head[0].now_ns), self._oldest_state_ns())
+        oldest = min(
+            [horizon, self._oldest_state_ns(), *(int(each.head[0].now_ns) for each in self._navigator.banks)]
+        )
         dropped = self._samples.drop_before(oldest - int(_HISTORY_S * NS_PER_S))
         if dropped:
             self._shift(dropped)
 
     def _oldest_state_ns(self) -> int:
-        bank = self._kept[0].saved[0]
-        return 2**62 if bank is None else int(bank.head[0].now_ns)
+        saved = self._kept[0].saved
+        return min((int(bank.head[0].now_ns) for bank in banks_of(saved[0], saved[-1])), default=2**62)
 
     def _shift(self, dropped: int) -> None:
         """Let every kept state count its samples from the buffer's new first one."""

@@ -11,7 +11,7 @@ A start may also be wrong in its position or velocity alone. The rival of the sa
 others do, but it has the given attitude, and what the filter makes of its position is left to itself.
 
 It takes one epoch a second, whatever the receiver's rate. Nothing decides while the velocity stays as it is, at rest or
-on a straight: after a minute of that the rivals are given up, and started anew when it changes.
+on a straight: after a minute of that it takes one in ten seconds, until the velocity changes.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ _HOPELESS: Final = (
 _HALF: Final = math.log(0.5)
 _SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
 _PERIOD_NS: Final = 900_000_000  # less than a second: time tags may be a little early
+_CALM_PERIOD_NS: Final = 10 * NS_PER_S
 _PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, or without a change of velocity
 _CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
 _SAME_ATTITUDE: Final = 3.0  # squared sigmas, of three angles, within which two have the same attitude
@@ -62,10 +63,10 @@ class Trial:
     bank: Bank | None = None  # copies of the filter's hypotheses first, then the rivals; None: not opened yet
     n_given: int = 0  # of its hypotheses are the filter's
     over: bool = False
-    parked: bool = False  # put off until the velocity changes
-    since_ns: int = 0  # of the wait, then of the bank
+    since_ns: int = 0  # when the wait began, then when the rivals were started
     settling: bool = False
     look_ns: int = 0  # the first epoch from then on is taken
+    taken_ns: int = 0  # the epoch taken last
     v_e: Float64 | None = None  # the velocity that has not changed
     calm_ns: int = 0  # since when
     _work: Workspace | None = None
@@ -101,12 +102,13 @@ class Trial:
         if t_ns < self.look_ns:
             return None
         self.look_ns = t_ns + _PERIOD_NS
-        self._watch(bank, t_ns)
-        if self.parked:
-            return None
+        self.since_ns = self.since_ns or t_ns
         if self.bank is None:
             self._open(bank, imu, rows, epoch, parameters)
             return None
+        if self._calm(bank, t_ns) and t_ns - self.taken_ns < _CALM_PERIOD_NS:
+            return None
+        self.taken_ns = t_ns
         self._update(imu, rows, epoch, parameters)
         if self.over:
             return None
@@ -119,16 +121,13 @@ class Trial:
         """Return up to which epoch the filter may run before it is to be asked again."""
         return min(max(int(np.searchsorted(rows.epoch_ns, self.look_ns)), epoch) + 1, last)
 
-    def _watch(self, bank: Bank, t_ns: int) -> None:
-        """Put the trial off when the velocity has stayed as it was for long, take it up when it changes."""
+    def _calm(self, bank: Bank, t_ns: int) -> bool:
+        """Return whether the velocity has stayed as it is for long."""
         lead = int(bank.head[0].leader)
         v_e = bank.state[lead].v_e
         if self.v_e is None or np.linalg.norm(v_e - self.v_e) > self._least_change(bank, lead):
             self.v_e, self.calm_ns = v_e.copy(), t_ns
-            if self.parked or self.since_ns == 0:
-                self._begin(t_ns, parked=False)
-        elif not self.parked and t_ns - self.calm_ns > _PATIENCE_NS:
-            self._begin(t_ns, parked=True)
+        return t_ns - self.calm_ns > _PATIENCE_NS
 
     def _least_change(self, bank: Bank, lead: int) -> float:
         """Return how much of a change of velocity is one [m/s]."""
@@ -146,11 +145,6 @@ class Trial:
         found = select_members(self.bank, keep.astype(np.int64))
         found.head["heading_open"] = 1
         return found
-
-    def _begin(self, t_ns: int, *, parked: bool) -> None:
-        """Go back to waiting for rivals."""
-        self.bank, self.parked, self.since_ns = None, parked, t_ns
-        self.starter = Starter(self.setup, given=False)
 
     def _open(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
         """Start the rivals at an epoch, if it allows that, with what the filter has found of noise levels."""

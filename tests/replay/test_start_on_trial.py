@@ -14,7 +14,7 @@ from insgnss.fusion import navigator
 from insgnss.fusion.engine import Engine
 from insgnss.fusion.trial import Trial
 from insgnss.fusion.whole_log import run_filter
-from insgnss.gnss.observation_rows import one_epoch
+from insgnss.gnss.observation_rows import Rows, one_epoch
 from insgnss.library import filter_config, imu_grade
 from insgnss.replay import setup_filter
 from insgnss.run import Run
@@ -23,6 +23,7 @@ from insgnss.simulation.journeys import AIRFIELD, car, static
 from insgnss.simulation.simulated_log import Simulator
 from tests.fusion.test_engine_arrivals import epochs, feed, with_latency
 from tests.replay.scenes import (
+    START_NS,
     START_S,
     FlightInMemory,
     after,
@@ -151,27 +152,24 @@ def test_right_start_is_left_alone_to_the_bit(base: object, monkeypatch: pytest.
     assert kinds(with_trial) == kinds(alone)
 
 
-def trials(base: Simulator, monkeypatch: pytest.MonkeyPatch, **off: float) -> list[tuple[bool, bool]]:
-    """Return of each epoch on trial whether rivals were running and whether the trial was over after it."""
-    found = []
-    take = Trial.take
+def test_trial_of_a_right_start_costs_little_at_rest_and_ends_in_motion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Rivals cost as much as the filter each: for a minute an epoch a second, one in ten then, until a corner decides."""
+    taken: list[float] = []
+    update = Trial._update
 
-    def noted(self: Trial, *args: object) -> object:
-        result = take(self, *args)  # type: ignore[arg-type]
-        found.append((self.bank is not None, self.over))
-        return result
+    def noted(self: Trial, imu: object, rows: Rows, epoch: int, *others: object) -> None:
+        taken.append(float(rows.epoch_ns[epoch] - START_NS) / 1e9)
+        update(self, imu, rows, epoch, *others)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Trial, "take", noted)
-    replayed(given(base, AT_S, **off))
-    return found
-
-
-def test_trial_of_a_right_start_ends_in_motion_and_rests_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rivals cost as much as the filter each: they run for a minute at rest and until the first corner."""
-    found = trials(late_drive(), monkeypatch)
-    running = [run for run, _ in found]
-    assert 55 < sum(running[:87]) < 66, "put off after a minute of rest"
-    assert found[-1][1] and len(found) < 130, "decided by the first corner"
+    monkeypatch.setattr(Trial, "_update", noted)
+    replayed(given(late_drive(), AT_S))
+    seconds = np.round(taken)
+    assert np.diff(seconds[seconds < 62.0]).tolist() == [1.0] * 57
+    assert np.count_nonzero((seconds > 66.0) & (seconds < 90.0)) in (2, 3)
+    assert 92.0 < seconds[-1] < 130.0, "the first corner decides"
+    assert np.all(np.diff(seconds[seconds > 95.0]) == 1.0)
 
 
 @pytest.mark.parametrize("base", [drive, late_drive], ids=["drive", "late drive"])
