@@ -112,6 +112,7 @@ class Trial:
         self._update(imu, rows, epoch, parameters)
         if self.over:
             return None
+        self._follow(bank)
         if self.standing() < self.setup.log_drop:
             return self.rivals()
         self._thin_out()
@@ -193,6 +194,16 @@ class Trial:
         if self.settling:
             self.bank.state["log_weight"] = before
             self.settling = int(alone.epoch_ns[0]) - self.since_ns < _SETTLING_NS
+
+    def _follow(self, bank: Bank) -> None:
+        """Set the given start's hypotheses to what the filter has made of it with the epochs in between."""
+        assert self.bank is not None
+        given = self.bank.state[: self.n_given]
+        if len(given) == len(bank.state):
+            weight = given["log_weight"].copy()
+            given[:], self.bank.P[: self.n_given] = bank.state, bank.P
+            given["log_weight"] = weight
+            self.bank.memory[: self.n_given] = bank.memory
 
     def _thin_out(self) -> None:
         """Drop the rivals without hope and those that have become one with a heavier rival."""

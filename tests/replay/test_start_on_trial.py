@@ -155,7 +155,7 @@ def test_right_start_is_left_alone_to_the_bit(base: object, monkeypatch: pytest.
 def test_trial_of_a_right_start_costs_little_at_rest_and_ends_in_motion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Rivals cost as much as the filter each: for a minute an epoch a second, one in ten then, until a corner decides."""
+    """Rivals cost as much as the filter each: an epoch a second for a minute, then one in ten, until a corner."""
     taken: list[float] = []
     update = Trial._update
 
