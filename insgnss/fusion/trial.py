@@ -31,7 +31,7 @@ from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.start import Heading
 from insgnss.fusion.starter import Starter
-from insgnss.fusion.state import DV, PSI, Bank, StateRecord, copy_bank, joined_banks, select_members
+from insgnss.fusion.state import BG, DV, PSI, Bank, StateRecord, copy_bank, joined_banks, select_members
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
@@ -49,7 +49,9 @@ _PERIOD_NS: Final = 900_000_000  # less than a second: time tags may be a little
 _CALM_PERIOD_NS: Final = 10 * NS_PER_S
 _PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, or without a change of velocity
 _CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
-_SAME_ATTITUDE: Final = 3.0  # squared sigmas, of three angles, within which two have the same attitude
+_SAME_ATTITUDE: Final = 6.0  # squared sigmas of three angles and three rates within which two are one
+_TURNING: Final = [*range(PSI, PSI + 3), *range(BG, BG + 3)]
+_SMALLEST_BIAS_RADPS: Final = 1e-6
 _SMALLEST_DIFFERENCE_RAD: Final = 0.02
 _KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has not come to anything yet
 
@@ -259,7 +261,7 @@ def _heading_sigmas(bank: Bank) -> Float64:
 def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
     """Return whether hypothesis ``i`` has come to the attitude of ``j``, which it knows about as well.
 
-    Equation: d^T (P_psi + s^2 I)^-1 d < 3, d the rotation from the one to the other
+    Equation: d^T (P + s^2)^-1 d < 6, d the rotation from the one to the other and the difference of gyro biases
     """
     if sigma[i] > max(_SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
         return False
@@ -267,12 +269,13 @@ def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine, cosine = 0.5 * math.sqrt(axis @ axis), 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
     angle = math.atan2(sine, cosine)
-    if angle < _SMALLEST_DIFFERENCE_RAD:
-        return True
-    P = bank.P[i, PSI : PSI + 3, PSI : PSI + 3] + _SMALLEST_DIFFERENCE_RAD**2 * np.eye(3)
-    if angle**2 > _SAME_ATTITUDE * (P[0, 0] + P[1, 1] + P[2, 2]) or sine < 1e-6:  # beyond the largest axis
+    P = bank.P[i][np.ix_(_TURNING, _TURNING)] + np.diag(
+        [_SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
+    )
+    if angle**2 > _SAME_ATTITUDE * (P[0, 0] + P[1, 1] + P[2, 2]) or (sine < 1e-9 and cosine < 0.0):
         return False
-    d = 0.5 * axis * (angle / sine)
+    psi = 0.5 * axis * (angle / max(sine, 1e-12))
+    d = np.concatenate([psi, bank.state["b_g"][i] - bank.state["b_g"][j]])
     return float(d @ np.linalg.solve(P, d)) < _SAME_ATTITUDE
 
 
