@@ -51,7 +51,7 @@ _PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, o
 _CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
 _SAME_ATTITUDE: Final = 6.0  # squared sigmas of three angles and three rates within which two are one
 _TURNING: Final = [*range(PSI, PSI + 3), *range(BG, BG + 3)]
-_SMALLEST_BIAS_RADPS: Final = 1e-6
+_SMALLEST_BIAS_RADPS: Final = 1e-6  # 0.2 deg/h
 _SMALLEST_DIFFERENCE_RAD: Final = 0.02
 _KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has not come to anything yet
 
@@ -260,6 +260,8 @@ def _heading_sigmas(bank: Bank) -> Float64:
 
 def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
     """Return whether hypothesis ``i`` has come to the attitude of ``j``, which it knows about as well.
+
+    The gyro biases belong to it: a wrong heading that they have explained away may pass the right one on its way.
 
     Equation: d^T (P + s^2)^-1 d < 6, d the rotation from the one to the other and the difference of gyro biases
     """
