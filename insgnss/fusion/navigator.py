@@ -195,7 +195,9 @@ class Navigator:
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
         if fix is None:
-            self.trial = Trial(self.setup) if self.aid is None else None
+            # where the attitude chooses the satellites, hypotheses cannot be judged by the same ones
+            chooses = self.aid is not None or self._parameters[0].visibility != 0
+            self.trial = None if chooses else Trial(self.setup)
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)

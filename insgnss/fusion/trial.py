@@ -185,11 +185,9 @@ class Trial:
         n_rows = len(alone.observation)
         if self._work is None or len(self._work.epoch.lines) < n_rows:
             self._work = new_workspace(max(n_rows, 1), self.setup.layout)
-        unmasked = parameters.copy()
-        unmasked["visibility"] = 0  # all of them are to be judged by the same satellites
         before = self.bank.state["log_weight"].copy()
         out = new_output(alone, 1, 32, np.zeros(0, np.int64), self.setup.layout.n_values)
-        code, _ = run_epochs(self.bank, 0, 1, alone, imu, unmasked, -math.inf, out, self._work)
+        code, _ = run_epochs(self.bank, 0, 1, alone, imu, parameters, -math.inf, out, self._work)
         self.bank.head["locked_out"] = 0
         self.bank.head["strained_ns"] = 0
         self.over = code == COVARIANCE_LOST
