@@ -24,6 +24,7 @@ from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
+from insgnss.fusion.trial import banks_of
 from insgnss.fusion.whole_log import gap_events, restart_event
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
@@ -289,26 +290,33 @@ class Engine:
             # a long outage: carry the filter itself on, at whole samples, which changes no bit
             stop = self._samples.last_before(horizon)
             work = self._navigator.workspace(self._rows_for_size())
-            carry_bank(bank, stop, self._samples.view(), self._navigator.parameters[0], work.scratch)
+            for each in self._navigator.banks:
+                carry_bank(each, stop, self._samples.view(), self._navigator.parameters[0], work.scratch)
             self._kept = []
             self._keep(stop)
         if bank is None and self._navigator.starter.given:
             return  # the given state's own time is still to be reached
-        oldest = horizon if bank is None else min(horizon, int(bank.head[0].now_ns), self._oldest_state_ns())
+        oldest = min(
+            [horizon, self._oldest_state_ns(), *(int(each.head[0].now_ns) for each in self._navigator.banks)]
+        )
         dropped = self._samples.drop_before(oldest - int(_HISTORY_S * NS_PER_S))
         if dropped:
             self._shift(dropped)
 
     def _oldest_state_ns(self) -> int:
-        bank = self._kept[0].saved[0]
-        return 2**62 if bank is None else int(bank.head[0].now_ns)
+        saved = self._kept[0].saved
+        return min((int(bank.head[0].now_ns) for bank in banks_of(saved[0], saved[-1])), default=2**62)
 
     def _shift(self, dropped: int) -> None:
         """Let every kept state count its samples from the buffer's new first one."""
-        banks = [self._navigator.bank, self._live, *(kept.saved[0] for kept in self._kept)]
+        banks = [
+            *self._navigator.banks,
+            *(bank for kept in self._kept for bank in banks_of(kept.saved[0], kept.saved[-1])),
+        ]
+        if self._live is not None:
+            banks.append(self._live)
         for bank in banks:
-            if bank is not None:
-                bank.head["next"] -= dropped
+            bank.head["next"] -= dropped
 
     def _refuse(self, epoch: GnssTable) -> None:
         rows = self._rows(epoch)

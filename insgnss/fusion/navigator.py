@@ -31,32 +31,20 @@ from insgnss.fusion.loop import (
     write_row,
     yaw_variance,
 )
-from insgnss.fusion.output import (
-    CLOCK_STEP,
-    DRIFT_STEP,
-    MASKING_ON,
-    MASKING_WAITS,
-    MEASUREMENTS_BACK,
-    N_USED,
-    NO_MEASUREMENTS,
-    Output,
-)
+from insgnss.fusion.output import N_USED, Output, event_in_words
 from insgnss.fusion.prediction import Imu
+from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, copy_bank, select_members
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.fusion.state import Bank, copy_bank, select_members
+from insgnss.fusion.trial import Trial, attitude, banks_of, refusal
 from insgnss.gnss.observation_rows import ABSENT, Rows
-from insgnss.inertial.sensor_model import SensorModel, sensor_model
+from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
-from insgnss.tables import Event, Float64, Int16
+from insgnss.tables import Event, Int16
 
-_RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
-_DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
 _WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
-_RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
+_DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
 
 
 @dataclass
@@ -71,6 +59,7 @@ class Navigator:
     resets_ns: list[int] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
+    trial: Trial | None = None  # of a given start
     _parameters: npt.NDArray[Any] = field(init=False)
     _work: Workspace | None = None
 
@@ -85,15 +74,30 @@ class Navigator:
         """The numbers of the compiled filter, (1,)."""
         return self._parameters
 
+    @property
+    def banks(self) -> list[Bank]:
+        """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+        return banks_of(self.bank, self.trial)
+
     def snapshot(self) -> tuple[Any, ...]:
         """Return a copy of everything that changes with the data."""
         bank = None if self.bank is None else copy_bank(self.bank)
         aid = None if self.aid is None else self.aid.snapshot()
-        return bank, self.starter.snapshot(), list(self.resets_ns), list(self.events), self.started_ns, aid
+        trial = None if self.trial is None else self.trial.copied()
+        return (
+            bank,
+            self.starter.snapshot(),
+            list(self.resets_ns),
+            list(self.events),
+            self.started_ns,
+            aid,
+            trial,
+        )
 
     def restore(self, saved: tuple[Any, ...]) -> None:
         """Return to a snapshot."""
-        bank, starter, resets, events, self.started_ns, aid = saved
+        bank, starter, resets, events, self.started_ns, aid, trial = saved
+        self.trial = None if trial is None else trial.copied()
         self.aid = None if aid is None else aid.snapshot()
         self.bank = None if bank is None else copy_bank(bank)
         self.starter = starter.snapshot()
@@ -109,13 +113,44 @@ class Navigator:
             work = self.workspace(rows)
             self.before_loop()
             stop = last if self.aid is None else epoch + 1
+            if self.trial is not None:
+                stop = self.trial.epoch_after_look(rows, epoch, last)
             code, epoch = run_epochs(
                 self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
             )
             self._collect_events(out)
-            self._handle(code, epoch - 1, rows, out)
+            if self.trial is None:
+                self._handle(code, epoch - 1, rows, out)
+            else:
+                self._try(self.trial, code, imu, rows, epoch - 1, out)
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
+
+    def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+        """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if code == LOCKOUT and trial.standing() < _DOUBTED:
+            self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
+            return
+        self._handle(code, epoch, rows, out)
+        if self.bank is None:
+            self.trial = None
+        elif code == LOCKOUT:
+            self.trial = Trial(self.setup)  # of the filter as it has been set anew
+        else:
+            found = trial.take(self.bank, imu, rows, epoch, self._parameters)
+            if found is not None:
+                self._refuse_start(t_ns, found)
+            elif trial.over:
+                self.trial = None
+
+    def _refuse_start(self, t_ns: int, found: Bank) -> None:
+        """Put the rivals of the given start in its place."""
+        assert self.bank is not None
+        self.events.append(refusal(t_ns, self.bank, found))
+        self.bank, self.trial, self.resets_ns = found, None, []
+        found.head["renewed_ns"] = t_ns
+        self._tell_heading()
 
     def _use_antennas(self, aid: EpochAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
         """Update with the phase differences of an epoch, and write its navigation row once more."""
@@ -159,6 +194,9 @@ class Navigator:
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
         if fix is None:
+            # where the attitude chooses the satellites, hypotheses cannot be judged by the same ones
+            chooses = self.aid is not None or self._parameters[0].visibility != 0
+            self.trial = None if chooses else Trial(self.setup)
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)
@@ -220,10 +258,7 @@ class Navigator:
         """Return the leader's heading and its sigma [deg]."""
         assert self.bank is not None
         m, P = self.bank.state[self.bank.head[0].leader], self.bank.P[self.bank.head[0].leader]
-        lat, lon, _ = ecef_to_geodetic(m.r_e)
-        C_ne = np.zeros((3, 3))
-        ecef_to_ned_matrix(lat, lon, C_ne)
-        yaw = matrix_to_euler(np.ascontiguousarray(C_ne @ m.C_eb))[2]
+        _, _, yaw = attitude(m)
         return math.degrees(yaw) % 360.0, math.degrees(math.sqrt(yaw_variance(m, P)))
 
     def _heading_known(self) -> None:
@@ -314,68 +349,10 @@ class Navigator:
         """Turn the compiled loop's events into words."""
         count = out.counts[0]
         for row in out.events[: min(count.events, len(out.events))]:
-            self.events.append(_in_words(int(row["t_ns"]), int(row["kind"]), float(row["a"])))
+            self.events.append(event_in_words(int(row["t_ns"]), int(row["kind"]), float(row["a"])))
         if count.events > len(out.events):
             self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
         count.events = 0
-
-
-def _in_words(t_ns: int, kind: int, a: float) -> Event:
-    if kind == CLOCK_STEP:
-        return Event(
-            t_ns, "clock_jump", f"the receiver clock stepped by {a:.1f} m ({a / 299792.458:.4f} ms); absorbed"
-        )
-    if kind == DRIFT_STEP:
-        return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {a:.2f} m/s; absorbed")
-    if kind == NO_MEASUREMENTS:
-        return Event(t_ns, "no_measurements", "no measurement is used: the filter coasts")
-    if kind == MEASUREMENTS_BACK:
-        return Event(t_ns, "measurements_back", f"measurements are used again after {a:.1f} s")
-    if kind == MASKING_WAITS:
-        return Event(t_ns, "masking_waits", "the heading is too uncertain to tell what the airframe hides")
-    if kind == MASKING_ON:
-        return Event(t_ns, "masking_on", "the heading is known well enough: hidden satellites are masked")
-    return Event(t_ns, f"kind_{kind}", f"{a}")
-
-
-def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64, n_offsets: int) -> None:
-    """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states."""
-    states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
-    kept = P[DV : DV + 3, DV : DV + 3].copy()
-    P[states, :] = 0.0
-    P[:, states] = 0.0
-    reference = int(np.flatnonzero(np.isfinite(fix.clocks))[0])
-    m.r_e[:] = fix.r_a - m.C_eb @ lever_b
-    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + _RESET_BIAS_SIGMA_M**2 * np.eye(3)
-    m.clock[0] = fix.clocks[reference]
-    P[CLOCK, CLOCK] = fix.P[3 + reference, 3 + reference] + _RESET_BIAS_SIGMA_M**2
-    if fix.v_a is not None:
-        m.v_e[:] = fix.v_a
-        P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + 0.1**2 * np.eye(3)
-        m.clock[1] = fix.drift
-        P[DRIFT, DRIFT] = fix.P_v[3, 3]
-    else:
-        P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
-        P[DRIFT, DRIFT] = 10.0**2
-    m.clone_ns = 0
-    for i in range(OFFSETS, OFFSETS + n_offsets):
-        group = i - OFFSETS + 1
-        known = math.isfinite(fix.clocks[group]) and reference == 0
-        m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
-        P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else 3000.0**2
-
-
-def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
-    """Forget the biases of a hypothesis and widen its attitude: it went astray though it refused little."""
-    biases = slice(BA, BG + 3)
-    P[biases, :] = 0.0
-    P[:, biases] = 0.0
-    m.b_a[:] = 0.0
-    m.b_g[:] = 0.0
-    for i in range(3):
-        P[BA + i, BA + i] = sensor.accel_bias.sigma**2
-        P[BG + i, BG + i] = sensor.gyro_bias.sigma**2
-        P[PSI + i, PSI + i] += _DOUBTED_ATTITUDE_RAD**2
 
 
 def mark_rows(out: Output, rows: Rows, epoch: int, fix: Fix | None) -> None:

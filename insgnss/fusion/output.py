@@ -17,7 +17,7 @@ from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.jit import borrowing, inlined, kernel
 from insgnss.status import NO_IMU, USED
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Event, Float64, Int64
 
 _AXES = ("x", "y", "z")
 NAV_COLUMNS: Final = (
@@ -168,6 +168,25 @@ def mark_without_imu(ledger: Table, carriers: Table) -> None:
     for entries in (ledger, carriers):
         status = entries["status"]
         status[status == USED] = NO_IMU
+
+
+def event_in_words(t_ns: int, kind: int, a: float) -> Event:
+    """Return an event of the compiled loop as users read it; ``a`` is its number, if it has one."""
+    if kind == CLOCK_STEP:
+        return Event(
+            t_ns, "clock_jump", f"the receiver clock stepped by {a:.1f} m ({a / 299792.458:.4f} ms); absorbed"
+        )
+    if kind == DRIFT_STEP:
+        return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {a:.2f} m/s; absorbed")
+    if kind == NO_MEASUREMENTS:
+        return Event(t_ns, "no_measurements", "no measurement is used: the filter coasts")
+    if kind == MEASUREMENTS_BACK:
+        return Event(t_ns, "measurements_back", f"measurements are used again after {a:.1f} s")
+    if kind == MASKING_WAITS:
+        return Event(t_ns, "masking_waits", "the heading is too uncertain to tell what the airframe hides")
+    if kind == MASKING_ON:
+        return Event(t_ns, "masking_on", "the heading is known well enough: hidden satellites are masked")
+    return Event(t_ns, f"kind_{kind}", f"{a}")
 
 
 @borrowing

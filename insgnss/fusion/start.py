@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,14 @@ _FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond i
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
 _LEVEL_FLOOR_RAD = math.radians(0.2)
 _DRIFT_SIGMA_UNKNOWN_MPS = 300.0  # of a clock without range rates: a 1 ppm oscillator
+
+
+class Heading(NamedTuple):
+    """One heading that a bank begins with."""
+
+    yaw: float  # [rad]
+    sigma: float  # [rad]
+    weight: float
 
 
 @dataclass(frozen=True)
@@ -89,8 +98,9 @@ def attitudes_at_start(
     sd_a: float,
     config: FilterConfig,
     grade: ImuGrade,
+    headings: list[Heading] | None = None,
 ) -> list[Attitude]:
-    """Return the attitude hypotheses of an automatic start; weights sum to one.
+    """Return the attitude hypotheses of an automatic start.
 
     Parameters
     ----------
@@ -98,6 +108,7 @@ def attitudes_at_start(
     r_e, v_e : position and velocity, ECEF
     a_e : mean acceleration over the window, ECEF [m/s^2]; None at rest
     sd_a : its sigma [m/s^2]
+    headings : those to level for; None: the whole circle, weights that sum to one
     """
     sensor = sensor_model(grade)
     lat, lon, _ = ecef_to_geodetic(r_e)
@@ -113,17 +124,16 @@ def attitudes_at_start(
     if a_e is not None:
         moving = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_a / STANDARD_GRAVITY_MPS2)
         sd_level = math.hypot(sd_level, moving)
-    headings = _headings(C_ne @ v_e, config)
     found = []
-    for yaw, sd_yaw, weight in headings:
+    for yaw, sd_yaw, weight in headings or _headings(C_ne @ v_e, config):
         roll, pitch = level(window.f_b, f_n, yaw)
         b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
         found.append(Attitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None))
     return found
 
 
-def _headings(v_n: Float64, config: FilterConfig) -> list[tuple[float, float, float]]:
-    """Return (yaw, sigma, weight) of a bank over the whole circle, the first along the velocity when there is one.
+def _headings(v_n: Float64, config: FilterConfig) -> list[Heading]:
+    """Return the headings of a bank over the whole circle, the first along the velocity when there is one.
 
     The sigma is half the spacing: neighbours meet at one sigma, so the circle is covered without gaps.
     """
@@ -132,11 +142,13 @@ def _headings(v_n: Float64, config: FilterConfig) -> list[tuple[float, float, fl
     moving = math.hypot(v_n[0], v_n[1]) > _COURSE_SPEED_MPS
     course = math.atan2(v_n[1], v_n[0]) if moving else 0.0
     if n == 1:
-        return [(course, math.pi / 3.0 if moving else math.pi / math.sqrt(3.0), 1.0)]
+        return [Heading(course, math.pi / 3.0 if moving else math.pi / math.sqrt(3.0), 1.0)]
     first = _COURSE_WEIGHT if moving else 1.0 / n
     others = (1.0 - first) / (n - 1)
     return [
-        (math.remainder(course + i * spacing, 2.0 * math.pi), 0.5 * spacing, first if i == 0 else others)
+        Heading(
+            math.remainder(course + i * spacing, 2.0 * math.pi), 0.5 * spacing, first if i == 0 else others
+        )
         for i in range(n)
     ]
 

@@ -16,6 +16,7 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.start import (
+    Heading,
     Kinematics,
     attitudes_at_start,
     given_attitudes,
@@ -43,6 +44,7 @@ class Starter:
     given: bool  # a given start is still to be used
     first_try_ns: int | None = None
     fixes: list[Fix] = field(default_factory=list)
+    headings: list[Heading] | None = None  # those of an automatic start, None: the whole circle
 
     def snapshot(self) -> Starter:
         """Return a copy that shares nothing but the setup and the fixes themselves, neither of which changes."""
@@ -119,7 +121,7 @@ class Starter:
                     a_e = (v_a - earlier.v_a) / dt
                     sd_a = math.sqrt(float(np.trace(P_v + earlier.P_v[:3, :3]))) / dt
         kin = kinematics_from_fix(fix, v_a, P_v)
-        attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade)
+        attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, self.headings)
         w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
         bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns, self.setup.layout)
         speed = float(np.linalg.norm(v_a))

@@ -200,6 +200,17 @@ def copy_bank(bank: Bank) -> Bank:
     return Bank(*(array.copy() for array in bank))  # type: ignore[arg-type]
 
 
+def joined_banks(bank: Bank, other: Bank) -> Bank:
+    """Return a bank of the hypotheses of both, weights as they are, what they have in common from the first."""
+    n, n_states = len(bank.state), bank.P.shape[1]
+    both = new_bank(n + len(other.state), n_states - OFFSETS)
+    both.head[:] = bank.head
+    for target, first, second in zip(both, bank, other, strict=True):
+        if target is not both.head:
+            target[:n], target[n:] = first, second
+    return both
+
+
 def select_members(bank: Bank, keep: Int64) -> Bank:
     """Return a bank of the hypotheses ``keep`` (indices), weights normalised, the heaviest leading."""
     state = bank.state[keep]

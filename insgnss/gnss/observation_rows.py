@@ -224,6 +224,22 @@ def from_epoch(rows: Rows, epoch: int) -> Rows:
     )
 
 
+def one_epoch(rows: Rows, epoch: int) -> Rows:
+    """Return the rows of one epoch; they share their memory with ``rows``."""
+    first, last = int(rows.first[epoch]), int(rows.first[epoch + 1])
+    part = slice(first, last) if len(rows.carrier) else slice(0, 0)
+    return Rows(
+        epoch_ns=rows.epoch_ns[epoch : epoch + 1],
+        first=rows.first[epoch : epoch + 2] - first,
+        observation=rows.observation[first:last],
+        sat=rows.sat[first:last],
+        klobuchar=rows.klobuchar,
+        carrier=rows.carrier[part],
+        before=rows.before[part],
+        before_ns=rows.before_ns[epoch : epoch + 1],
+    )
+
+
 def _slot(sv: str, code: str) -> int:
     # a constellation that nobody knows is refused before its slot is looked at
     system = max(_SYSTEMS.find(sv[0]), 0)
