@@ -215,9 +215,10 @@ def _save_table(
 
 
 def _table_from_csv(path: Path) -> pd.DataFrame:
-    types = path.parent / _COLUMN_TYPES
+    told = path.parent / _COLUMN_TYPES
     try:
-        return read_csv(path, json.loads(types.read_text(encoding="utf-8"))[path.stem])
+        types = json.loads(told.read_text(encoding="utf-8"))[path.stem] if told.is_file() else None
+        return read_csv(path, types)
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise ResultError(
             f"the table cannot be read as {_COLUMN_TYPES} beside it says: {error}",

@@ -71,27 +71,31 @@ def column_types(table: pd.DataFrame) -> dict[str, str | list[str]]:
     }
 
 
-def read_csv(path: Path, types: ColumnTypes) -> pd.DataFrame:
+def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
     """Return a table that ``write_table`` wrote as CSV, bit by bit; ``types`` are those of all its columns.
+
+    Without types numbers are what they look like and words are categories.
 
     Raises
     ------
     OSError, KeyError, TypeError, ValueError : no such file, or it is not of these columns and types
     """
-    dtypes = {
-        name: pd.CategoricalDtype(pd.Index(told, dtype="str")) if isinstance(told, list) else told
-        for name, told in types.items()
-    }
+    convert = pyarrow.csv.ConvertOptions()
+    if types is not None:
+        convert.column_types = {name: _arrow_type(told) for name, told in types.items()}
+        convert.include_columns = list(types)
     table = pyarrow.csv.read_csv(
-        path,
-        parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True),
-        convert_options=pyarrow.csv.ConvertOptions(
-            column_types={name: _arrow_type(told) for name, told in types.items()},
-            include_columns=list(dtypes),
-        ),
+        path, parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True), convert_options=convert
     )
     frame: pd.DataFrame = table.to_pandas()
-    return frame.astype(dtypes)
+    if types is None:
+        return frame.astype(dict.fromkeys(frame.columns[frame.dtypes == "str"], "category"))
+    return frame.astype(
+        {
+            name: pd.CategoricalDtype(pd.Index(told, dtype="str")) if isinstance(told, list) else told
+            for name, told in types.items()
+        }
+    )
 
 
 def _arrow_type(told: str | list[str]) -> pa.DataType:

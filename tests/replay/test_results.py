@@ -142,9 +142,19 @@ def test_folder_that_cannot_be_written_or_holds_no_run_is_a_typed_error(run: Run
     with pytest.raises(ResultError, match="settings"):
         Run.load(tmp_path / "run")
     run.save(tmp_path / "run", "csv")
-    (tmp_path / "run" / "columns.json").unlink()
+    (tmp_path / "run" / "columns.json").write_text("{}", encoding="utf-8")
     with pytest.raises(ResultError, match=r"columns\.json"):
         Run.load(tmp_path / "run")
+
+
+def test_csv_tables_without_their_types_are_loaded_with_the_same_values(run: Run, tmp_path: Path) -> None:
+    (run.save(tmp_path, "csv") / "columns.json").unlink()
+
+    loaded = Run.load(tmp_path)
+
+    pd.testing.assert_frame_equal(loaded.nav, run.nav, check_exact=True, check_dtype=False)
+    assert loaded.nis_summary().to_dict() == run.nis_summary().to_dict()
+    assert loaded.status_counts().to_dict() == run.status_counts().to_dict()
 
 
 def test_settings_hold_all_that_is_needed_to_repeat_the_run(
