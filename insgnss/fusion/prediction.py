@@ -111,8 +111,8 @@ def propagate_covariance(
         par.gyro_bias_time,
     )
     add_half_noise(m, P, par, dt, accel_q)
-    apply_transition(step, m.sum_C, P, B)  # B = (Phi P)^T
-    apply_transition(step, m.sum_C, B, A)  # A = (Phi B)^T = Phi P Phi^T
+    apply_transition(step, m.sum_C, P, B, True)  # B = (Phi P)^T
+    apply_transition(step, m.sum_C, B, A, False)  # A = (Phi B)^T = Phi P Phi^T
     for i in range(n):
         for j in range(i, n):
             P[i, j] = A[i, j]

@@ -34,7 +34,7 @@ def _carry_errors(
         sum_dv += dv
         if (k + 1) % per_step == 0:
             step = transition_step(per_step * dt, sum_dv[0], sum_dv[1], sum_dv[2], r, time_s, time_s)
-            apply_transition(step, sum_C, errors, carried)
+            apply_transition(step, sum_C, errors, carried, True)
             errors[:] = carried.T
             sum_dv[:] = 0.0
             sum_C[:] = 0.0

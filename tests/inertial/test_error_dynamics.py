@@ -55,7 +55,7 @@ def transition(dt: float, time_a: float, time_g: float) -> np.ndarray:
     """Return the compiled Phi (17, 17): what it makes of the unit matrix."""
     Phi = np.zeros((N, N))
     step = transition_step(dt, *(FORCE_E * dt), PLACE_E, time_a, time_g)
-    apply_transition(step, C_EB * dt, np.eye(N), Phi)
+    apply_transition(step, C_EB * dt, np.eye(N), Phi, True)
     return Phi.T
 
 
@@ -98,7 +98,7 @@ def test_transition_keeps_what_no_row_moves() -> None:
     n, step = N + 2, transition_step(0.02, *(FORCE_E * 0.02), PLACE_E, 100.0, math.inf)
     A, B = np.random.default_rng(1).standard_normal((n, n)), np.zeros((n, n))
 
-    apply_transition(step, C_EB * 0.02, A, B)
+    apply_transition(step, C_EB * 0.02, A, B, True)
     B = B.T
 
     assert B[16:].tolist() == A[16:].tolist()  # clock drift and inter-system offsets
@@ -106,6 +106,19 @@ def test_transition_keeps_what_no_row_moves() -> None:
     assert B[9:12] == pytest.approx(math.exp(-0.02 / 100.0) * A[9:12], rel=1e-15)
     assert B[15] == pytest.approx(A[15] + 0.02 * A[16], rel=1e-15)
     assert B[:15] == pytest.approx((transition(0.02, 100.0, math.inf) @ A[:N])[:15], abs=1e-13)
+
+
+def test_twice_applied_it_is_phi_p_phi_transposed_on_and_above_the_diagonal() -> None:
+    root = np.random.default_rng(2).standard_normal((N, N))
+    P, B, A = root @ root.T, np.zeros((N, N)), np.full((N, N), np.nan)
+    step = transition_step(0.02, *(FORCE_E * 0.02), PLACE_E, 100.0, 300.0)
+
+    apply_transition(step, C_EB * 0.02, P, B, True)
+    apply_transition(step, C_EB * 0.02, B, A, False)
+
+    Phi = transition(0.02, 100.0, 300.0)
+    upper = np.triu_indices(N)
+    np.testing.assert_allclose(A[upper], (Phi @ P @ Phi.T)[upper], rtol=0.0, atol=1e-13 * np.abs(P).max())
 
 
 # --- against the mechanization --------------------------------------------------------------------------------------
@@ -154,7 +167,7 @@ def transition_of_flight(dt: float) -> np.ndarray:
         sum_C += 0.5 * dt / count * C
         sum_dv += dv_e
     Phi = np.zeros((N, N))
-    apply_transition(transition_step(dt, *sum_dv, r, math.inf, math.inf), sum_C, np.eye(N), Phi)
+    apply_transition(transition_step(dt, *sum_dv, r, math.inf, math.inf), sum_C, np.eye(N), Phi, True)
     return Phi.T
 
 
