@@ -40,9 +40,7 @@ from insgnss.tables import Event, Float64
 
 _SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
 _OTHER_HEADING_WEIGHT: Final = 1e-6  # of each heading around the circle: a sign or an axis mistaken
-_HOPELESS: Final = (
-    -30.0
-)  # logarithm of the share of its prior below which a rival goes: at first it knows less
+_HOPELESS: Final = -30.0  # logarithm of the share of its prior at which a rival goes: at first it knows less
 _HALF: Final = math.log(0.5)
 _SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
 _PERIOD_NS: Final = 900_000_000  # less than a second: time tags may be a little early
