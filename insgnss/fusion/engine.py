@@ -18,13 +18,12 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.loop import write_between
-from insgnss.fusion.navigator import Navigator
+from insgnss.fusion.navigator import Navigator, Snapshot
 from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_output
 from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
-from insgnss.fusion.trial import banks_of
 from insgnss.fusion.whole_log import gap_events, restart_event
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
@@ -60,7 +59,7 @@ class _Kept:
     """The filter after an epoch (or at a settled time)."""
 
     t_ns: int
-    saved: tuple[Any, ...]
+    saved: Snapshot
 
 
 class Engine:
@@ -304,14 +303,13 @@ class Engine:
             self._shift(dropped)
 
     def _oldest_state_ns(self) -> int:
-        saved = self._kept[0].saved
-        return min((int(bank.head[0].now_ns) for bank in banks_of(saved[0], saved[-1])), default=2**62)
+        return min((int(bank.head[0].now_ns) for bank in self._kept[0].saved.banks), default=2**62)
 
     def _shift(self, dropped: int) -> None:
         """Let every kept state count its samples from the buffer's new first one."""
         banks = [
             *self._navigator.banks,
-            *(bank for kept in self._kept for bank in banks_of(kept.saved[0], kept.saved[-1])),
+            *(bank for kept in self._kept for bank in kept.saved.banks),
         ]
         if self._live is not None:
             banks.append(self._live)

@@ -16,12 +16,12 @@ from insgnss.median import median_of
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
-_AGREEMENT = 2.0 / 3.0  # share of the rows that must show the same step before it counts as the clock's
+AGREEMENT = 2.0 / 3.0  # share of the rows that must show the same step before it counts as the clock's
 _STEP_SIGMA = 5.0
 _ENOUGH_WITNESSES = 5
 _SMALL_SHARE = 0.02  # of the smallest step that few witnesses are believed
 _BLUR = 1e-4
-_STEP_FLOOR = (3.0, 0.1)  # least sigma of a step, of bias [m] and drift [m/s]
+STEP_FLOOR = (3.0, 0.1)  # least sigma of a step, of bias [m] and drift [m/s]
 
 
 @borrowing
@@ -66,10 +66,10 @@ def common_step(
             if abs(line.innovation[kind] - step) <= blur:
                 agree += 1
                 spread += own
-    if agree < max(2, _AGREEMENT * n):
+    if agree < max(2, AGREEMENT * n):
         return 0.0, 0.0
     # twice the sigma of the mean of those that agree: a median is a little worse than a mean
-    return step, 4.0 * spread / (agree * agree) + _STEP_FLOOR[kind] ** 2
+    return step, 4.0 * spread / (agree * agree) + STEP_FLOOR[kind] ** 2
 
 
 @borrowing

@@ -13,18 +13,17 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.fusion.gating import AGREEMENT, STEP_FLOOR
 from insgnss.fusion.lines import Lines
+from insgnss.fusion.output import CLOCK_STEP, DRIFT_STEP, event_in_words
 from insgnss.fusion.state import BG, CLOCK, DR, DV, OFFSETS, Bank, StateRecord
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.status import GATED, USED
-from insgnss.tables import Float64
+from insgnss.tables import Event, Float64
 
 Integers = npt.NDArray[np.integer[Any]]
 
-_AGREE_AT_LEAST: Final = 2.0 / 3.0  # of the satellites must show a step before it counts as the clock's
 _BLUR: Final = 2e-5  # of a step: a clock that drifts meanwhile, or steps between two satellites' measurements
-_MS_M: Final = 299_792.458  # light in a millisecond [m]
-_FLOOR: Final = (3.0, 0.1)  # least sigma that a step leaves, of bias [m] and drift [m/s]
 _LEAST_FOR_A_FIX: Final = 3  # refused rows of a kind
 
 
@@ -87,9 +86,9 @@ def _step(
     variance = refused["variance"][:, kind] + (_BLUR * np.median(y)) ** 2
     kept, w = _agreeing(H @ P @ H.T + np.diag(variance), y, gate2)
     witnesses = len(np.unique(sv_refused[kept]))
-    if witnesses < _AGREE_AT_LEAST * judged:
+    if witnesses < AGREEMENT * judged:
         return None
-    own = float(w**2 @ variance[kept]) + _FLOOR[kind] ** 2
+    own = float(w**2 @ variance[kept]) + STEP_FLOOR[kind] ** 2
     return ClockStep(kind, float(w @ y[kept]), w @ H[kept], own, witnesses, judged)
 
 
@@ -146,16 +145,11 @@ def _apart(m: StateRecord, lead: StateRecord, lever_b: Float64, n: int) -> Float
     return apart
 
 
-def in_words(step: ClockStep, epochs: int) -> tuple[str, str]:
-    """Return kind and detail of the event that tells a step absorbed after ``epochs`` epochs of refusals."""
-    if step.kind == PSEUDORANGE:
-        kind, rows, what = "clock_jump", "pseudorange", "clock"
-        size = f"{step.size:.1f} m ({step.size / _MS_M:.4f} ms)"
-    else:
-        kind, rows, what = "clock_drift_jump", "range rate", "clock's drift"
-        size = f"{step.size:.2f} m/s"
+def in_words(t_ns: int, step: ClockStep, epochs: int) -> Event:
+    """Return the event that tells a step absorbed after ``epochs`` epochs of refusals."""
+    kind, rows = (CLOCK_STEP, "pseudorange") if step.kind == PSEUDORANGE else (DRIFT_STEP, "range rate")
     if step.judged == 1:
-        shown = f"the one satellite's {rows} was refused for {epochs} epochs, and no other tells which of both is wrong"
+        why = f"the one satellite's {rows} was refused for {epochs} epochs, and no other tells which of both is wrong"
     else:
-        shown = f"{rows}s of {step.witnesses} of {step.judged} satellites agree on it after {epochs} epochs of refusals"
-    return kind, f"the receiver {what} stepped by {size}: {shown}; absorbed"
+        why = f"{rows}s of {step.witnesses} of {step.judged} satellites agree on it after {epochs} epochs of refusals"
+    return event_in_words(t_ns, int(kind), step.size, f": {why}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,23 @@ _WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by mo
 _DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
 
 
+class Snapshot(NamedTuple):
+    """All of a navigator that changes with the data."""
+
+    bank: Bank | None
+    starter: Starter
+    resets_ns: list[int]
+    events: list[Event]
+    started_ns: int | None
+    aid: EpochAid | None
+    trial: Trial | None
+
+    @property
+    def banks(self) -> list[Bank]:
+        """As ``Navigator.banks``."""
+        return banks_of(self.bank, self.trial)
+
+
 @dataclass
 class Navigator:
     """The filter and everything about it that is not in the compiled loop."""
@@ -79,29 +96,26 @@ class Navigator:
         """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
         return banks_of(self.bank, self.trial)
 
-    def snapshot(self) -> tuple[Any, ...]:
+    def snapshot(self) -> Snapshot:
         """Return a copy of everything that changes with the data."""
-        bank = None if self.bank is None else copy_bank(self.bank)
-        aid = None if self.aid is None else self.aid.snapshot()
-        trial = None if self.trial is None else self.trial.copied()
-        return (
-            bank,
-            self.starter.snapshot(),
-            list(self.resets_ns),
-            list(self.events),
-            self.started_ns,
-            aid,
-            trial,
+        return Snapshot(
+            bank=None if self.bank is None else copy_bank(self.bank),
+            starter=self.starter.snapshot(),
+            resets_ns=list(self.resets_ns),
+            events=list(self.events),
+            started_ns=self.started_ns,
+            aid=None if self.aid is None else self.aid.snapshot(),
+            trial=None if self.trial is None else self.trial.copied(),
         )
 
-    def restore(self, saved: tuple[Any, ...]) -> None:
+    def restore(self, saved: Snapshot) -> None:
         """Return to a snapshot."""
-        bank, starter, resets, events, self.started_ns, aid, trial = saved
-        self.trial = None if trial is None else trial.copied()
-        self.aid = None if aid is None else aid.snapshot()
-        self.bank = None if bank is None else copy_bank(bank)
-        self.starter = starter.snapshot()
-        self.resets_ns, self.events = list(resets), list(events)
+        self.bank = None if saved.bank is None else copy_bank(saved.bank)
+        self.starter = saved.starter.snapshot()
+        self.resets_ns, self.events = list(saved.resets_ns), list(saved.events)
+        self.started_ns = saved.started_ns
+        self.aid = None if saved.aid is None else saved.aid.snapshot()
+        self.trial = None if saved.trial is None else saved.trial.copied()
 
     def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``, all of them within the inertial samples."""
@@ -333,8 +347,7 @@ class Navigator:
         steps = clock_steps(lines, sv, P, correction, (par.range_gate2, par.rate_gate2))
         for step in steps:
             absorb(bank, step, par.lever_b)
-            kind, detail = in_words(step, self.setup.config.health.lockout_epochs)
-            self.events.append(Event(t_ns, kind, detail))
+            self.events.append(in_words(t_ns, step, self.setup.config.health.lockout_epochs))
             bank.head["renewed_ns"] = t_ns
         return len(steps) > 0
 

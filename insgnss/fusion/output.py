@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.constants import C_MPS
 from insgnss.fusion.lines import Line, Lines
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, Bank, StateRecord
 from insgnss.fusion.trace_rows import TraceRoom, no_trace
@@ -170,14 +171,14 @@ def mark_without_imu(ledger: Table, carriers: Table) -> None:
         status[status == USED] = NO_IMU
 
 
-def event_in_words(t_ns: int, kind: int, a: float) -> Event:
-    """Return an event of the compiled loop as users read it; ``a`` is its number, if it has one."""
+def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
+    """Return an event of the filter as users read it: ``a`` is its number, if any, ``why`` a step is believed."""
     if kind == CLOCK_STEP:
-        return Event(
-            t_ns, "clock_jump", f"the receiver clock stepped by {a:.1f} m ({a / 299792.458:.4f} ms); absorbed"
-        )
+        size = f"{a:.1f} m ({1e3 * a / C_MPS:.4f} ms)"
+        return Event(t_ns, "clock_jump", f"the receiver clock stepped by {size}{why}; absorbed")
     if kind == DRIFT_STEP:
-        return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {a:.2f} m/s; absorbed")
+        size = f"{a:.2f} m/s"
+        return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {size}{why}; absorbed")
     if kind == NO_MEASUREMENTS:
         return Event(t_ns, "no_measurements", "no measurement is used: the filter coasts")
     if kind == MEASUREMENTS_BACK:

@@ -133,23 +133,25 @@ def attitudes_at_start(
 
 
 def _headings(v_n: Float64, config: FilterConfig) -> list[Heading]:
-    """Return the headings of a bank over the whole circle, the first along the velocity when there is one.
-
-    The sigma is half the spacing: neighbours meet at one sigma, so the circle is covered without gaps.
-    """
+    """Return the headings of a bank over the whole circle, the first along the velocity when there is one."""
     n = config.heading.hypotheses
-    spacing = 2.0 * math.pi / n
     moving = math.hypot(v_n[0], v_n[1]) > _COURSE_SPEED_MPS
     course = math.atan2(v_n[1], v_n[0]) if moving else 0.0
     if n == 1:
         return [Heading(course, math.pi / 3.0 if moving else math.pi / math.sqrt(3.0), 1.0)]
     first = _COURSE_WEIGHT if moving else 1.0 / n
-    others = (1.0 - first) / (n - 1)
+    return headings_around(course, [first] + [(1.0 - first) / (n - 1)] * (n - 1))
+
+
+def headings_around(yaw: float, weights: list[float]) -> list[Heading]:
+    """Return a heading for each weight, evenly around the circle from ``yaw`` [rad] on.
+
+    The sigma is half the spacing: neighbours meet at one sigma, so the circle is covered without gaps.
+    """
+    spacing = 2.0 * math.pi / len(weights)
     return [
-        Heading(
-            math.remainder(course + i * spacing, 2.0 * math.pi), 0.5 * spacing, first if i == 0 else others
-        )
-        for i in range(n)
+        Heading(math.remainder(yaw + i * spacing, 2.0 * math.pi), 0.5 * spacing, weight)
+        for i, weight in enumerate(weights)
     ]
 
 

@@ -25,11 +25,11 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
+from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs, yaw_variance
 from insgnss.fusion.output import new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.start import Heading
+from insgnss.fusion.start import Heading, headings_around
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import BG, DV, PSI, Bank, StateRecord, copy_bank, joined_banks, select_members
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
@@ -169,11 +169,7 @@ class Trial:
         _, _, yaw = attitude(bank.state[lead])
         sigma = min(float(_heading_sigmas(bank)[lead]), math.pi)
         n = self.setup.config.heading.hypotheses
-        spacing = 2.0 * math.pi / n
-        around = [
-            Heading(math.remainder(yaw + i * spacing, 2.0 * math.pi), 0.5 * spacing, _OTHER_HEADING_WEIGHT)
-            for i in range(n if n > 1 else 0)
-        ]
+        around = headings_around(yaw, [_OTHER_HEADING_WEIGHT] * n) if n > 1 else []
         return [Heading(yaw, sigma, _SAME_HEADING_WEIGHT), *around]
 
     def _update(self, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
@@ -249,9 +245,8 @@ def attitude(m: StateRecord) -> tuple[float, float, float]:
 
 def _heading_sigmas(bank: Bank) -> Float64:
     """Return the sigma of each hypothesis' rotation about the vertical (m,) [rad]."""
-    up = bank.state["r_e"] / np.linalg.norm(bank.state["r_e"], axis=1)[:, None]
-    variance = np.einsum("mi,mij,mj->m", up, bank.P[:, PSI : PSI + 3, PSI : PSI + 3], up)
-    return np.asarray(np.sqrt(variance), np.float64)
+    pairs = zip(bank.state, bank.P, strict=True)
+    return np.array([math.sqrt(yaw_variance(m, P)) for m, P in pairs])
 
 
 def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:

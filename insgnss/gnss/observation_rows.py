@@ -210,33 +210,26 @@ def from_epoch(rows: Rows, epoch: int) -> Rows:
     """Return the rows from an epoch on, which know of the one before what the carrier's differences need."""
     if epoch <= 0:
         return rows
-    first = int(rows.first[epoch])
-    part = slice(first if len(rows.carrier) else 0, None)
-    return Rows(
-        epoch_ns=rows.epoch_ns[epoch:].copy(),
-        first=rows.first[epoch:] - first,
-        observation=rows.observation[first:].copy(),
-        sat=rows.sat[first:].copy(),
-        klobuchar=rows.klobuchar,
-        carrier=rows.carrier[part].copy(),
-        before=rows.before[part].copy(),
-        before_ns=rows.before_ns[epoch:].copy(),
-    )
+    return Rows(*(array.copy() for array in _epochs(rows, epoch, len(rows.epoch_ns))))  # type: ignore[arg-type]
 
 
 def one_epoch(rows: Rows, epoch: int) -> Rows:
     """Return the rows of one epoch; they share their memory with ``rows``."""
-    first, last = int(rows.first[epoch]), int(rows.first[epoch + 1])
+    return _epochs(rows, epoch, epoch + 1)
+
+
+def _epochs(rows: Rows, begin: int, end: int) -> Rows:
+    first, last = int(rows.first[begin]), int(rows.first[end])
     part = slice(first, last) if len(rows.carrier) else slice(0, 0)
     return Rows(
-        epoch_ns=rows.epoch_ns[epoch : epoch + 1],
-        first=rows.first[epoch : epoch + 2] - first,
+        epoch_ns=rows.epoch_ns[begin:end],
+        first=rows.first[begin : end + 1] - first,
         observation=rows.observation[first:last],
         sat=rows.sat[first:last],
         klobuchar=rows.klobuchar,
         carrier=rows.carrier[part],
         before=rows.before[part],
-        before_ns=rows.before_ns[epoch : epoch + 1],
+        before_ns=rows.before_ns[begin:end],
     )
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +19,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S
 from insgnss.corrected_rows import row_corrections
 from insgnss.fusion.loop import run_to
-from insgnss.fusion.navigator import Navigator
+from insgnss.fusion.navigator import Navigator, Snapshot
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
@@ -84,7 +83,7 @@ class Checkpoint:
     """The filter before the first epoch of a window."""
 
     window: Window
-    saved: tuple[Any, ...]  # of ``Navigator.snapshot``
+    saved: Snapshot
     imu: Imu  # of the unbroken stretch
 
 
