@@ -197,7 +197,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
 
 def copy_bank(bank: Bank) -> Bank:
     """Return a copy that shares nothing with ``bank``."""
-    return Bank(*(array.copy() for array in bank))  # type: ignore[arg-type]
+    return Bank(**{name: array.copy() for name, array in bank._asdict().items()})
 
 
 def joined_banks(bank: Bank, other: Bank) -> Bank:
@@ -205,9 +205,9 @@ def joined_banks(bank: Bank, other: Bank) -> Bank:
     n, n_states = len(bank.state), bank.P.shape[1]
     both = new_bank(n + len(other.state), n_states - OFFSETS)
     both.head[:] = bank.head
-    for target, first, second in zip(both, bank, other, strict=True):
-        if target is not both.head:
-            target[:n], target[n:] = first, second
+    for name in ("state", "P", "seen", "memory"):
+        joined: npt.NDArray[Any] = getattr(both, name)
+        joined[:n], joined[n:] = getattr(bank, name), getattr(other, name)
     return both
 
 

@@ -210,7 +210,8 @@ def from_epoch(rows: Rows, epoch: int) -> Rows:
     """Return the rows from an epoch on, which know of the one before what the carrier's differences need."""
     if epoch <= 0:
         return rows
-    return Rows(*(array.copy() for array in _epochs(rows, epoch, len(rows.epoch_ns))))  # type: ignore[arg-type]
+    part = _epochs(rows, epoch, len(rows.epoch_ns))
+    return Rows(**{name: array.copy() for name, array in part._asdict().items()})
 
 
 def one_epoch(rows: Rows, epoch: int) -> Rows:
