@@ -1,4 +1,4 @@
-"""The one Numba decorator, the cache policy, and compiling in a second process.
+"""The Numba decorators, the cache policy, and compiling in a second process.
 
 Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
 Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
