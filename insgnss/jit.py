@@ -1,4 +1,4 @@
-"""The one Numba decorator, the cache policy, and compiling in a second process.
+"""The Numba decorators, the cache policy, and compiling in a second process.
 
 Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
 Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
@@ -23,7 +23,7 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +36,6 @@ UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has 
 _S_PER_DAY: Final = 86_400.0
 _LONGEST_COMPILATION_S: Final = 300.0  # then whoever waits compiles on their own
 _RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
-_CORES_OF_TWO: Final = 2  # with more, three processes are in nobody's way
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -112,9 +111,9 @@ runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)
 """
 
 
-def _compiled(function: _F, **options: Any) -> _F:
+def _compiled(function: _F, folder: str = "", **options: Any) -> _F:
     previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_CACHE_DIR)
+    numba.config.CACHE_DIR = str(_CACHE_DIR / folder)
     try:
         dispatcher = numba.njit(
             cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
@@ -157,10 +156,24 @@ def borrowing(function: _F) -> _F:
     ------
     TypeError : the function's return annotation is not made of numbers
     """
+    _check_returned(function)
+    return _compiled(function, _nrt=False)
+
+
+def without_door(function: _F) -> _F:
+    """Compile a borrowing kernel that only kernels call.
+
+    What takes a call of Python's apart is up to a third of the machine code of a kernel that is handed a work space.
+    It has a folder of its own in the cache, as the same function may have been compiled with it.
+    """
+    _check_returned(function)
+    return _compiled(function, folder="inner", _nrt=False, no_cpython_wrapper=True)
+
+
+def _check_returned(function: Callable[..., Any]) -> None:
     returned = str(function.__annotations__.get("return"))
     if re.search(r"Float|Int\d|NDArray|Array|Table|Record|Bank", returned):
         raise TypeError(f"{function.__qualname__} returns {returned}: a kernel that borrows returns numbers")
-    return _compiled(function, _nrt=False)
 
 
 def inlined(function: _F) -> _F:
@@ -186,29 +199,21 @@ class Companion:
             with suppress(subprocess.TimeoutExpired):
                 self.process.wait(_LONGEST_COMPILATION_S)
 
-    def give_way(self, function: Callable[..., Any]) -> None:
-        """Wait until it, or one that it has started, has compiled a kernel, unless each of the three has a core.
-
-        For what this process is about to compile itself: done at once, it would hold up what everybody waits for.
-        """
-        until = time.monotonic() + _LONGEST_COMPILATION_S
-        while self.process is not None and self.process.poll() is None and time.monotonic() < until:
-            if _cores() > _CORES_OF_TWO or is_compiled(function):
-                return
-            time.sleep(0.02)
-
 
 @contextmanager
-def compiled_beside(function: Callable[..., Any], module: str, *arguments: str) -> Iterator[Companion]:
+def compiled_beside(
+    kernels: Sequence[Callable[..., Any]], module: str, *arguments: str
+) -> Iterator[Companion]:
     """Run a module of the package beside this process where that saves time; yield the process.
 
-    The module calls the kernel ``function`` with arguments of the right types, so that its machine code is in the cache
-    when it is needed here. Nothing is started where the cache has the kernel or cannot be written, nor on one core. If
-    the process fails, the kernel is compiled here, as it would be without it. The process never outlives the block.
+    The module compiles the kernels for the right types, so that their machine code is in the cache when it is needed
+    here. Nothing is started where the cache has them all or cannot be written, nor on one core. If the process fails,
+    they are compiled here, as they would be without it. The process never outlives the block.
     """
-    process = _start(module, *arguments) if _is_missing(function) else None
+    missing = [kernel for kernel in kernels if not is_compiled(kernel)]
+    process = _start(module, *arguments) if any(map(_can_be_filled_in, missing)) else None
     with ExitStack() as stack:
-        if not is_compiled(function):
+        if missing:
             stack.enter_context(collecting_rarely())
         try:
             yield Companion(process)
@@ -232,11 +237,9 @@ def collecting_rarely() -> Iterator[None]:
         gc.set_threshold(*thresholds)
 
 
-def _is_missing(function: Callable[..., Any]) -> bool:
-    """Return whether a kernel will have to be compiled, into a cache that can be written, with a core to spare."""
-    if not sys.executable or _cores() < 2 or is_compiled(function):
-        return False
-    return _cache_folder(function).is_relative_to(_CACHE_DIR)
+def _can_be_filled_in(kernel: Callable[..., Any]) -> bool:
+    """Return whether another process can compile a kernel: the cache can be written, and there is a core to spare."""
+    return bool(sys.executable) and _cores() > 1 and _cache_folder(kernel).is_relative_to(_CACHE_DIR)
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
@@ -245,6 +248,13 @@ def is_compiled(function: Callable[..., Any]) -> bool:
         return True
     dispatcher: Any = function
     return bool(dispatcher.signatures) or any(_cache_folder(function).glob(f"*.{function.__name__}-*.nbi"))
+
+
+def compile_for(function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    """Compile a kernel for the types of some arguments, or load it from the cache, without calling it."""
+    dispatcher: Any = function
+    if getattr(function, "stats", None) is not None:
+        dispatcher.compile(tuple(map(numba.typeof, arguments)))
 
 
 def _cache_folder(function: Callable[..., Any]) -> Path:
@@ -273,21 +283,6 @@ def _start(module: str, *arguments: str) -> subprocess.Popen[bytes] | None:
         )
     except OSError:
         return None
-
-
-@contextmanager
-def only_linked() -> Iterator[None]:
-    """Compile a kernel that does little but call others, for a process of its own, hardly optimising it again.
-
-    Numba optimises all that a kernel calls once more with it. What has been optimised stays so; the kernel's own lines
-    run slower, which does not matter where they run once an epoch. (Without any optimising Numba does not cache.)
-    """
-    level = numba.config.OPT
-    numba.config.OPT = type(level)(1)
-    try:
-        yield
-    finally:
-        numba.config.OPT = level
 
 
 def end_with_parent() -> None:

@@ -26,8 +26,6 @@ from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
-from insgnss.fusion.epoch_update import update_epoch
-from insgnss.fusion.loop import run_epochs
 from insgnss.fusion.output import Output
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
@@ -181,14 +179,11 @@ def replay(
             key="smooth",
             advice="leave output, aiding, supervise and [attitude] out, or replay without smoothing",
         )
-    with compiled_beside(run_epochs, compile_loop.MODULE) as loop:
+    with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
         read = time.perf_counter()
-        told = (
-            "running the filter" if is_compiled(run_epochs) else "compiling the filter, once per installation"
-        )
-        tell(told)
-        loop.give_way(update_epoch)
+        ready = all(map(is_compiled, compile_loop.kernels()))
+        tell("running the filter" if ready else "compiling the filter, once per installation")
         wanted = _trace_wanted(aided, record.supervised)
         out, ledger, events = run_blocks(
             setup, *work, output, trace=wanted, before_loop=loop.wait, smooth=smooth
@@ -262,8 +257,8 @@ def _prepared(
     tell("reading the logs")
     with ThreadPoolExecutor(1) as beside:
         reading = beside.submit(flight.read)
-        if is_compiled(run_epochs):
-            compile_loop.compile_loop()  # fetched from the cache while the logs are parsed
+        if all(map(is_compiled, compile_loop.kernels())):
+            compile_loop.fetch_loop()  # from the cache, while the logs are parsed
         logs = reading.result()
         del reading  # it would keep the logs
     tell("computing the satellites")

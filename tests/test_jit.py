@@ -176,7 +176,7 @@ PARENT = """
 import os, pathlib, sys, time
 from insgnss.jit import compiled_beside
 from insgnss.callee import term
-with compiled_beside(term, "insgnss.child", "1") as beside:
+with compiled_beside([term], "insgnss.child", "1") as beside:
     {body}
 """
 
@@ -243,22 +243,6 @@ def test_nothing_is_started_for_plain_python(tiny_package: Path) -> None:
 
     assert shown == "2.0"
     assert not (tiny_package / "child").exists()
-
-
-@two_cores
-@pytest.mark.parametrize(
-    ("cores", "child", "found"),
-    [
-        ("2", "term(1.0); time.sleep(60.0)", "True"),
-        ("2", "raise SystemExit(3)", "False"),
-        ("3", "time.sleep(60.0)", "False"),
-    ],
-    ids=["until_it_is_compiled", "until_the_process_fails", "not_where_each_has_a_core"],
-)
-def test_process_gives_way_to_the_one_beside(tiny_package: Path, cores: str, child: str, found: str) -> None:
-    body = f"from insgnss import jit; jit._cores = lambda: {cores}; beside.give_way(term); print(jit.is_compiled(term))"
-
-    assert run_beside(tiny_package, child=child, parent=body) == found
 
 
 @two_cores

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from typing import Final
 
+from insgnss.apart import apart
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import inlined
 from insgnss.status import USED
 from insgnss.tables import Float64
 
@@ -51,7 +52,7 @@ def residual_ratio(P: Float64, lines: Lines, kind: int, correction: Float64, fac
     return factor * total / used if used >= _LEAST_ROWS else factor
 
 
-@borrowing
+@apart
 def adapt_noise(
     m: StateRecord,
     P: Float64,

@@ -14,6 +14,7 @@ epochs: millimetres per second at low elevation, in the noise model's elevation 
 
 from __future__ import annotations
 
+from insgnss.apart import apart
 from insgnss.fusion.lines import N_RANGE, Antenna, Epoch, Line
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import CLOCK, DR, N_CLONE, PSI, StateRecord
@@ -21,7 +22,7 @@ from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.gnss.range_model import Air
 from insgnss.gnss.troposphere import mapped
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import inlined
 from insgnss.tables import Float64
 
 
@@ -55,7 +56,7 @@ def carrier_row(m: StateRecord, rows: Rows, i: int, distance: float, s: Epoch, l
     return float(distance - before + clocks + troposphere)
 
 
-@borrowing
+@apart
 def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Air, t_ns: int) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.apart import apart
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE
@@ -48,6 +49,7 @@ def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, sprea
     return beyond
 
 
+@apart
 @kernel
 def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> int:
     """Mark the pseudoranges that the others contradict, ``most`` of them at most; return how many.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from insgnss.apart import apart
 from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.carrier import clone_epoch
 from insgnss.fusion.consistency import disagrees, refuse_inconsistent
@@ -15,7 +16,7 @@ from insgnss.fusion.faults import (
 )
 from insgnss.fusion.gating import absorb_clock_step, common_step, gate_between, gate_rows
 from insgnss.fusion.lines import CLONE_ROWS, Epoch, Lines
-from insgnss.fusion.masking import Masking, mask_hidden
+from insgnss.fusion.masking import OFF, Masking, mask_hidden
 from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
@@ -23,7 +24,7 @@ from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, N_CLONE, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, Rows
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
 from insgnss.tables import Float64, Int8
 
@@ -44,7 +45,7 @@ class Outcome(NamedTuple):
     strain: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
 
 
-@borrowing
+@apart
 def update_epoch(
     m: StateRecord,
     P: Float64,
@@ -74,7 +75,8 @@ def update_epoch(
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
-    mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking)
+    if par.visibility != OFF:
+        mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0)
     for kind in range(2):
         step, variance = common_step(
@@ -207,7 +209,7 @@ def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain
     return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst)
 
 
-@borrowing
+@apart
 def use_rows(P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float, spread: float) -> float:
     """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
 
@@ -250,7 +252,7 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     quaternion_to_matrix(m.q_eb, m.C_eb)
 
 
-@borrowing
+@apart
 def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> None:
     """Turn the attitude's part of the covariance about the vertical with the correction of the heading.
 

@@ -14,11 +14,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from insgnss.apart import apart
 from insgnss.fusion.lines import Line, Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import StateRecord
 from insgnss.gnss.observation_rows import PSEUDORANGE, Observations
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import inlined
 from insgnss.median import median_of
 from insgnss.status import DRIFTING, REFLECTED, USED
 from insgnss.tables import Float64
@@ -36,7 +37,7 @@ _LEVEL_UP_S, _LEVEL_DOWN_S = 20.0, 300.0  # the open sky's level follows strong 
 _REFLECTED_SIGMA: Final = 2.0  # a reflection is longer than the direct way
 
 
-@borrowing
+@apart
 def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
     """Widen the variance of rows that stand out of the prior, instead of only refusing the farthest.
 
@@ -57,7 +58,7 @@ def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
             line.variance[kind] *= max(1.0, (par.student_freedom + nu2) / (par.student_freedom + 1.0))
 
 
-@borrowing
+@apart
 def follow_innovations(
     memory: Float64, lines: Lines, observation: Observations, t_ns: int, values: Float64, par: Parameters
 ) -> None:
@@ -109,7 +110,7 @@ def tells_of_the_satellite(line: Line) -> bool:
     return bool(line.predicted[PSEUDORANGE] <= _TOO_WIDE * line.variance[PSEUDORANGE])
 
 
-@borrowing
+@apart
 def refuse_reflections(
     m: StateRecord, lines: Lines, observation: Observations, t_ns: int, par: Parameters
 ) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from insgnss.apart import apart
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import CARRIER
@@ -24,7 +25,7 @@ _BLUR = 1e-4
 STEP_FLOOR = (3.0, 0.1)  # least sigma of a step, of bias [m] and drift [m/s]
 
 
-@borrowing
+@apart
 def common_step(
     lines: Lines, kind: int, values: Float64, smallest: float, clock_variance: float
 ) -> tuple[float, float]:
@@ -91,7 +92,7 @@ def absorb_clock_step(
     P[column, column] = variance
 
 
-@borrowing
+@apart
 def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     """Mark the rows whose normalised innovation squared is above ``gate2``.
 
@@ -116,7 +117,7 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     return passed, refused, strain / max(passed + refused, 1)
 
 
-@borrowing
+@apart
 def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> None:
     """Mark the carrier differences whose difference from the row of the median innovation is above ``gate2``.
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import Limits
+from insgnss.apart import apart
 from insgnss.fusion.epoch_update import Outcome, update_epoch
 from insgnss.fusion.lines import Epoch, new_epoch
 from insgnss.fusion.masking import NO_LIMITS, Masking, new_masking
@@ -76,7 +77,7 @@ def new_workspace(
     return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
 
 
-@borrowing
+@apart
 def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
     """Carry the whole bank to ``stop_ns`` by way of the trace's times, writing the output times before it on the way.
 
@@ -134,6 +135,7 @@ def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output,
     write_row(bank, spare, nothing_used, t_ns, nothing_used, out, work)
 
 
+@apart
 @borrowing
 def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Output, work: Workspace) -> None:
     """Write a row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
@@ -227,6 +229,7 @@ def yaw_variance(m: StateRecord, P: Float64) -> float:
     return total / (r * r)
 
 
+@apart
 @borrowing
 def superfluous(bank: Bank, i: int, drop: float) -> bool:
     """Return whether hypothesis ``i`` can go: of negligible weight, or the same heading as a heavier one."""

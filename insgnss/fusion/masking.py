@@ -14,11 +14,11 @@ import numpy as np
 
 from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import Limits, attitude_covariance, look_at, variance_along
+from insgnss.apart import apart
 from insgnss.fusion.lines import Antenna, Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import PSI, StateRecord
 from insgnss.gnss.observation_rows import N_BANDS, N_KINDS, Observations
-from insgnss.jit import borrowing
 from insgnss.status import USED
 from insgnss.tables import Float64, Int8
 
@@ -43,7 +43,7 @@ def new_masking(installation: Installation | None = None, limits: Limits = NO_LI
     return Masking(no_antenna() if installation is None else installation, limits, np.zeros((3, 3)))
 
 
-@borrowing
+@apart
 def mask_hidden(
     m: StateRecord,
     P: Float64,
@@ -62,8 +62,6 @@ def mask_hidden(
     a : the place, its C_ne
     seen : (slots,) the decision on each satellite so far, carried on
     """
-    if par.visibility == OFF:
-        return
     P_b, limits = masking.P_b, masking.limits
     attitude_covariance(P, PSI, m.C_eb, P_b)
     C, C_ne = m.C_eb, a.C_ne

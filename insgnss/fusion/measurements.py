@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from insgnss.apart import apart
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.fusion.carrier import carrier_row
 from insgnss.fusion.lines import N_RANGE, Antenna, Epoch, Line
@@ -22,7 +23,7 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
 from insgnss.gnss.range_model import place_air, slant_delay
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import inlined
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 
@@ -94,7 +95,7 @@ def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
     h[12] = 1.0
 
 
-@borrowing
+@apart
 def observe(
     m: StateRecord,
     P: Float64,

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.apart import apart
 from insgnss.constants import C_MPS
 from insgnss.fusion.lines import Line, Lines
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, Bank, StateRecord
@@ -202,7 +203,7 @@ def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: f
     count.events = i + 1
 
 
-@borrowing
+@apart
 def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> None:
     """Write an epoch's entries, from ``first`` on, from its lines.
 
@@ -269,6 +270,7 @@ def attitude_deviations(P: Float64, C_ne: Float64, pitch: float, yaw: float, out
         out[to + i] = min(math.degrees(math.sqrt(max(total, 0.0))), 180.0)
 
 
+@apart
 @kernel
 def write_nav(
     nav: Table,
@@ -314,6 +316,7 @@ def write_nav(
         optional[count.nav - 1, i] = m.optional[i]
 
 
+@apart
 @kernel
 def mixture_covariance(bank: Bank, P: Float64) -> None:
     """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).

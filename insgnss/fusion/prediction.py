@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.apart import apart
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import (
     BA,
@@ -30,7 +31,7 @@ from insgnss.fusion.state import (
 from insgnss.inertial.error_dynamics import apply_transition, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import inlined
 from insgnss.tables import Float64, Int64
 
 RATES_DTYPE: Final = np.dtype(
@@ -85,7 +86,7 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
     clear_sums(m)
 
 
-@borrowing
+@apart
 def propagate_covariance(
     m: StateRecord, P: Float64, par: Parameters, scratch: Scratch
 ) -> tuple[float, float]:
@@ -111,8 +112,10 @@ def propagate_covariance(
         par.gyro_bias_time,
     )
     add_half_noise(m, P, par, dt, accel_q)
-    apply_transition(step, m.sum_C, P, B, True)  # B = (Phi P)^T
-    apply_transition(step, m.sum_C, B, A, False)  # A = (Phi B)^T = Phi P Phi^T
+    source, product = P, B
+    for whole in (True, False):  # B = (Phi P)^T, then A = (Phi B)^T = Phi P Phi^T
+        apply_transition(step, m.sum_C, source, product, whole)
+        source, product = B, A
     for i in range(n):
         for j in range(i, n):
             P[i, j] = A[i, j]
@@ -280,7 +283,7 @@ def load_rates(
     return 0.0
 
 
-@borrowing
+@apart
 def carry(
     m: StateRecord,
     P: Float64,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from insgnss.apart import apart
 from insgnss.fusion.output import mixture_covariance
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, propagate_covariance
@@ -11,7 +12,7 @@ from insgnss.jit import borrowing
 from insgnss.tables import Float64
 
 
-@borrowing
+@apart
 def write_trace(
     bank: Bank,
     t_ns: int,

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from insgnss.constants import C_MPS
+from insgnss.fusion import compile_loop
 from insgnss.fusion.carrier import clone_epoch
 from insgnss.fusion.lines import Epoch, new_epoch
 from insgnss.fusion.loop import new_workspace, run_epochs
@@ -29,6 +31,7 @@ from insgnss.fusion.state import (
 )
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import CARRIER, Rows
+from insgnss.jit import compile_for
 from insgnss.status import GATED, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 from tests.fusion.scene import START_NS, attitude, new_filter, parameters, place, rows_of, sky, steady_force
@@ -160,6 +163,18 @@ def run_epoch(bank: Bank, log: Rows, par: npt.NDArray[Any]) -> tuple[Any, Any]:
     bank.head["now_ns"], bank.head["next"] = START_NS, 2
     run_epochs(bank, 0, 1, log, Imu(t_ns, np.zeros((2, 3)), force), par, -1e9, out, work)
     return out, work
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the compiler is switched off")
+def test_clone_is_compiled_ahead_for_the_types_that_the_loop_calls_it_with() -> None:
+    rng = np.random.default_rng(2)
+    run_epoch(cloned_filter(rng), carrier_log(), numbers())
+    kernel: Any = clone_epoch
+    known = list(kernel.signatures)
+
+    compile_for(clone_epoch, compile_loop.calls()[clone_epoch])
+
+    assert known and list(kernel.signatures) == known
 
 
 def tight_filter() -> Bank:

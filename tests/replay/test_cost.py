@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numba
 import pytest
 
 from insgnss.fusion import compile_loop
-from insgnss.fusion.loop import run_epochs
+from insgnss.fusion.carrier import clone_epoch
+from insgnss.library import filter_config
 from insgnss.replay import replay
 from tests.benchmarks.bench_replay import SAMPLE, command, process
 from tests.benchmarks.long_log import LongLog, write_log
+from tests.test_jit import PACKAGE, python
 
 MIB = 2**20
 # An array of final size is filled in one place while another is read: what lives at once is about what is on the disk
@@ -18,20 +22,46 @@ MOST_PER_BYTE = 1.5
 MOST_OF_OURS_MIB = (
     100.0  # modules, machine code, tables in the making; beside what the libraries take by themselves
 )
+NEEDED = """
+import gc, sys
+from insgnss.apart import Apart
+from insgnss.fusion import compile_loop
+from insgnss.replay import replay
+compile_loop.fetch_loop = lambda: None
+replay(sys.argv[1])
+print(*(k.__qualname__ for k in gc.get_objects() if type(k) is Apart and k.signatures), sep="\\n")
+"""
 LIBRARIES = """
 import numba, numpy, pandas, pyarrow.csv, pyarrow.parquet, pydantic, rich.console, typer
 numba.njit(lambda x: x + 1.0)(1.0)
 """
 
 
-@pytest.mark.skipif(not hasattr(run_epochs, "signatures"), reason="the compiler is switched off")
-def test_loop_compiled_ahead_has_the_types_that_a_replay_needs() -> None:
-    replay(SAMPLE)
-    known = list(run_epochs.signatures)  # type: ignore[attr-defined]
+compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the compiler is switched off")
 
-    compile_loop.compile_loop()
 
-    assert list(run_epochs.signatures) == known  # type: ignore[attr-defined]
+@compiled
+def test_kernels_compiled_ahead_have_the_types_that_a_replay_needs() -> None:
+    config = filter_config("tight17")
+    suspicious = config.faults.model_copy(
+        update={"residual_sigma": 0.01}
+    )  # so that it looks for what to leave out
+    replay(SAMPLE, config.model_copy(update={"faults": suspicious}))
+    kernels: tuple[Any, ...] = compile_loop.kernels()
+    known = {kernel: list(kernel.signatures) for kernel in kernels if kernel is not clone_epoch}
+
+    compile_loop.fetch_loop()
+
+    assert {kernel: list(kernel.signatures) for kernel in known} == known
+
+
+@compiled
+def test_every_kernel_apart_that_a_replay_needs_is_compiled_ahead() -> None:
+    seen = python("-c", NEEDED, str(SAMPLE), folder=PACKAGE.parent).splitlines()
+
+    ahead = {kernel.__qualname__ for kernel in compile_loop.kernels()}
+    assert len(seen) > 10
+    assert set(seen) <= ahead
 
 
 def peak_and_files_mib(folder: Path, hours: float) -> tuple[float, float]:

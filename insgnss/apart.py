@@ -1,0 +1,180 @@
+"""Kernels that are called by their address: compiled once, apart from their callers, and only when they are needed.
+
+Numba links every kernel that another one calls into it, then optimises and translates all of it again: down the calls
+of the filter's loop most code would be translated four times. A kernel marked ``apart`` is reached through a pointer
+instead. Its callers need to know no more than the types it takes and returns, so they can be compiled before it, beside
+it in another process, or without it, where nobody ever calls it.
+
+A call holds a cell in the caller's machine code, zero at first. Where it finds a zero it asks ``_address_of``, back in
+Python, which compiles the kernel for the types of the call or fetches it from the cache; the cell keeps the answer. The
+types travel inside the machine code, so that a caller from the cache asks for the same.
+"""
+
+from __future__ import annotations
+
+import _thread
+import ctypes
+import functools
+import importlib
+import pickle
+import sys
+import typing
+from collections.abc import Callable
+from typing import Any, Final, TypeVar, cast
+
+import numba
+from llvmlite import binding, ir
+from numba.core import cgutils, errors, types
+from numba.core.typing import signature
+from numba.extending import lower_builtin, models, register_model, typeof_impl
+
+from insgnss.jit import borrowing, without_door
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+_kinds: Any = types  # whose members have no annotations
+_SYMBOL: Final = "insgnss_address_of_kernel"
+_NUMBERS: Final[dict[Any, Any]] = {
+    bool: types.boolean,
+    float: types.float64,
+    int: types.int64,
+    type(None): types.none,
+}
+
+
+class Apart:
+    """A kernel whose callers do not link it.
+
+    ``kernel`` is what other kernels call. Python calls ``from_python``: the same, or the same function compiled once
+    more, when somebody does.
+    """
+
+    def __init__(self, kernel: Any, from_python: Callable[..., Any]) -> None:
+        self.kernel = kernel
+        self.from_python = from_python
+        functools.update_wrapper(self, kernel.py_func)
+        lower_builtin(self, _kinds.VarArg(types.Any))(self._lower)
+
+    def __call__(self, *arguments: Any) -> Any:  # noqa: D102
+        return self.from_python(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.kernel, name)
+
+    def __reduce__(self) -> str:
+        return str(self.__qualname__)  # pickled by name, as functions are
+
+    @property
+    def return_type(self) -> Any:
+        """The compiler's type of what the kernel says it returns."""
+        return _type_of(typing.get_type_hints(self.kernel.py_func)["return"])
+
+    def address(self, argument_types: tuple[Any, ...]) -> int:
+        """Return where the machine code for some types begins, compiled or from the cache.
+
+        Raises
+        ------
+        TypeError : the kernel returns something else than its annotation says, on which its callers rely
+        """
+        self.kernel.compile(argument_types)
+        compiled = self.kernel.overloads[argument_types]
+        if compiled.signature.return_type != self.return_type:
+            raise TypeError(
+                f"{self.__qualname__} returns {compiled.signature.return_type}, not {self.return_type}"
+            )
+        return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+
+    def _lower(self, context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        """Write the call of a kernel into the caller's code."""
+        convention = context.call_conv
+        asked = pickle.dumps((self.__module__, self.__qualname__, sig.args))
+        word, text = ir.IntType(64), ir.IntType(8).as_pointer()
+        cell = cgutils.add_global_variable(builder.module, word, f"{self.__name__}.address")
+        cell.linkage, cell.initializer = "internal", word(0)
+        with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(cell))):
+            data = cgutils.global_constant(builder, f"{self.__name__}.types", cgutils.make_bytearray(asked))
+            ask = cgutils.get_or_insert_function(builder.module, ir.FunctionType(word, [text, word]), _SYMBOL)
+            found = builder.call(ask, [builder.bitcast(data, text), word(len(asked))])
+            with cgutils.if_unlikely(builder, cgutils.is_null(builder, found)):
+                convention.return_user_exc(
+                    builder, RuntimeError, (f"{self.__qualname__} cannot be compiled",)
+                )
+            builder.store(found, cell)
+        kind = convention.get_function_type(sig.return_type, sig.args).as_pointer()
+        code = builder.inttoptr(builder.load(cell), kind)
+        status, returned = convention.call_function(builder, code, sig.return_type, sig.args, arguments)
+        with cgutils.if_unlikely(builder, status.is_error):
+            convention.return_status_propagate(builder, status)
+        return returned
+
+
+class _ApartType(types.Callable, types.Opaque):
+    """The compiler's type of one such kernel."""
+
+    def __init__(self, apart: Apart) -> None:
+        self.apart = apart
+        super().__init__(f"Apart({apart.__module__}.{apart.__qualname__})")
+
+    def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:
+        if named:
+            raise errors.TypingError(f"{self.name} takes its arguments by place only")
+        return signature(self.apart.return_type, *(_kinds.unliteral(one) for one in arguments))
+
+    def get_call_signatures(self) -> tuple[list[Any], bool]:
+        return [], True
+
+    def get_impl_key(self, sig: Any) -> Apart:
+        return self.apart
+
+
+register_model(_ApartType)(models.OpaqueModel)
+typeof_impl.register(Apart)(lambda apart, context: _ApartType(apart))
+
+
+def _type_of(annotation: Any) -> Any:
+    """Return the compiler's type of numbers, a tuple of them, or a named tuple of them."""
+    if annotation in _NUMBERS:
+        return _NUMBERS[annotation]
+    fields = getattr(annotation, "_fields", None)
+    if fields is None:
+        return _kinds.Tuple([_type_of(part) for part in typing.get_args(annotation)])
+    hints = typing.get_type_hints(annotation)
+    parts = [_type_of(hints[field]) for field in fields]
+    if len(set(parts)) == 1:
+        return _kinds.NamedUniTuple(parts[0], len(parts), annotation)
+    return _kinds.NamedTuple(parts, annotation)
+
+
+def _address_of(data: int, length: int) -> int:
+    """Return the address of the kernel that the bytes at ``data`` name, with its argument types; 0 if there is none."""
+    try:
+        module, name, argument_types = pickle.loads(ctypes.string_at(data, length))
+        return cast(Apart, getattr(importlib.import_module(module), name)).address(argument_types)
+    except KeyboardInterrupt:
+        _thread.interrupt_main()  # comes again as soon as the caller has raised its own
+    except Exception:  # there is no way up through machine code: the 0 makes the caller raise
+        sys.excepthook(*sys.exc_info())
+    return 0
+
+
+_ask_python: Final = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(_address_of)
+binding.add_symbol(_SYMBOL, cast(int, ctypes.cast(_ask_python, ctypes.c_void_p).value))
+
+
+def apart(function: _F) -> _F:
+    """Let the kernels that call this one reach it by its address.
+
+    For a kernel of some length that is called seldom: a call costs a few nanoseconds, and the compiler cannot weave it
+    into its caller. It borrows its arrays; what it returns must be annotated with numbers or tuples of numbers. One
+    that Python calls in every run is marked ``borrowing`` below this.
+
+    Raises
+    ------
+    TypeError : the function does not stand at the top of a module, or does not say that it returns numbers
+    """
+    if "<locals>" in function.__qualname__:
+        raise TypeError(f"{function.__qualname__}: a kernel apart is found by its name in its module")
+    if numba.config.DISABLE_JIT:
+        return function
+    if hasattr(function, "py_func"):
+        return cast(_F, Apart(function, function))
+    return cast(_F, Apart(without_door(function), borrowing(function)))
