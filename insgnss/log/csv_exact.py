@@ -22,13 +22,13 @@ import pyarrow.csv
 from insgnss.errors import ColumnError
 from insgnss.log.csv_columns import EMPTY_CELLS, Wanted
 from insgnss.log.csv_dialect import DELIMITER_NAMES, Dialect, decoded
+from insgnss.log.first_events import first_events
 from insgnss.tables import Event, Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 
 MAX_BAD_SHARE: Final = 0.05  # more than this: the file is not what the flight file says it is
 MAX_BAD_ROWS_SMALL_FILE: Final = 3  # so that one bad row in a file of ten is still only a bad row
-MAX_EVENTS_EACH: Final = 20
 NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f_]\d{3})+(\.\d*)?")
@@ -209,14 +209,11 @@ class _ColumnReader:
 
 
 def _bad_events(kind: str, path: Path, complaints: list[_Complaint], outcome: str) -> list[Event]:
-    events = []
-    for complaint in complaints[:MAX_EVENTS_EACH]:
+    def event(complaint: _Complaint) -> Event:
         place = f"{path}:{complaint.line}" + (f", column '{complaint.column}'" if complaint.column else "")
-        events.append(Event(None, kind, f"{place}: {complaint.reason}; {outcome}"))
-    if len(complaints) > MAX_EVENTS_EACH:
-        rest = len(complaints) - MAX_EVENTS_EACH
-        events.append(Event(None, kind, f"{path}: {rest} more such, {len(complaints)} in all; {outcome}"))
-    return events
+        return Event(None, kind, f"{place}: {complaint.reason}; {outcome}")
+
+    return first_events(complaints, event, path, outcome)
 
 
 def _reason(cell: str) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.log.first_events import shortened
 from insgnss.tables import Event, Float64, Int64
 from insgnss.units import RAD_PER_DEG
 
@@ -21,7 +22,6 @@ PINNED_SHARE_OF_RANGE: Final = 0.999  # of the declared range, or of the largest
 LEVELS: Final = 100.0
 # Smaller magnitudes are no end of any sensor's range
 MIN_PINNED: Final = {"gyro": 100.0 * RAD_PER_DEG, "accel": 1.5 * STANDARD_GRAVITY_MPS2}
-MAX_EVENTS_EACH: Final = 20
 
 
 @dataclass(frozen=True)
@@ -58,15 +58,6 @@ def runs_of(same: npt.NDArray[np.bool_]) -> tuple[Int64, Int64]:
     return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
 
 
-def at_most(events: list[Event], file: str) -> list[Event]:
-    """Return the first events of one kind, and one more that counts them where there are too many to tell each."""
-    if len(events) <= MAX_EVENTS_EACH:
-        return events
-    last = events[MAX_EVENTS_EACH]
-    rest = Event(last.t_ns, last.kind, f"{file}: {len(events)} such stretches in all")
-    return [*events[:MAX_EVENTS_EACH], rest]
-
-
 def _stuck(t_ns: Int64, axes: Axes, axis: int, runs: tuple[Int64, Int64], file: str) -> list[Event]:
     first, last = runs
     long = np.flatnonzero(t_ns[last] - t_ns[first] > STUCK_S * NS_PER_S)
@@ -79,7 +70,7 @@ def _stuck(t_ns: Int64, axes: Axes, axis: int, runs: tuple[Int64, Int64], file: 
         seconds = (t_ns[b] - t_ns[a]) / NS_PER_S
         detail = f"{file}: column '{axes.names[axis]}' holds {axes.columns[axis][a]:g} for {seconds:.3g} s"
         events.append(Event(int(t_ns[a]), "imu_stuck_axis", detail))
-    return at_most(events, file)
+    return shortened(events, file)
 
 
 def _saturated(t_ns: Int64, axes: Axes, axis: int, file: str) -> list[Event]:

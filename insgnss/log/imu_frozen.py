@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.log.imu_faults import Axes, at_most, runs_of
+from insgnss.log.first_events import shortened
+from insgnss.log.imu_faults import Axes, runs_of
 from insgnss.tables import Event, Float64, Int64
 from insgnss.units import RAD_PER_DEG
 
@@ -124,7 +125,7 @@ def _events(t_ns: Int64, runs: list[tuple[int, int]], name: str, file: str) -> l
             Event(int(t_ns[runs[0][0]]), DEAD, f"{told} {total_s:.3g} s, {100.0 * share:.0f} % of the log")
         ]
     events = [Event(int(t_ns[a]), FROZEN, f"{told} {(t_ns[b] - t_ns[a]) / NS_PER_S:.3g} s") for a, b in runs]
-    return at_most(events, file)
+    return shortened(events, file)
 
 
 def _change_steps(sensor: Axes, outside: Bool) -> tuple[Float64, bool]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import TimeError
+from insgnss.log.first_events import shortened
 from insgnss.tables import Event, Int64
 
 GAP_STEPS: Final = 5.0  # a step of more than so many median steps is a gap ...
@@ -18,7 +19,6 @@ STRAY_SAMPLES: Final = 5  # so few wrong tags in a row are damage of their own; 
 STRAY_SHARE: Final = 0.1  # at an end, no more than this part of the log is taken for stray
 SET_BACK_S: Final = 1.0  # wrong by more than this, many in a row: somebody set the clock
 MIN_KEPT_SHARE: Final = 0.5  # with less left, the column is no time or lacks digits
-MAX_EVENTS_EACH: Final = 20
 
 
 def increasing_samples(t_ns: Int64, file: str) -> tuple[Int64 | None, list[Event]]:
@@ -47,7 +47,7 @@ def increasing_samples(t_ns: Int64, file: str) -> tuple[Int64 | None, list[Event
             file=file,
             advice="the time column repeats or falls: is it the right column, with enough digits?",
         )
-    return kept, _shorten(_refusals(t_ns, kept, file), file)
+    return kept, shortened(_refusals(t_ns, kept, file), file)
 
 
 def _increases(t_ns: Int64) -> bool:
@@ -144,18 +144,6 @@ def _refusal(t_ns: Int64, before: int | None, after: int | None, file: str) -> E
     return Event(at, kind, f"{file}: {detail}")
 
 
-def _shorten(events: list[Event], file: str) -> list[Event]:
-    """Return the first events of each kind and one that counts the rest."""
-    short: list[Event] = []
-    for kind in dict.fromkeys(event.kind for event in events):
-        same = [event for event in events if event.kind == kind]
-        short += same[:MAX_EVENTS_EACH]
-        if len(same) > MAX_EVENTS_EACH:
-            detail = f"{file}: {len(same) - MAX_EVENTS_EACH} more such, {len(same)} in all"
-            short.append(Event(same[MAX_EVENTS_EACH].t_ns, kind, detail))
-    return short
-
-
 def gap_events(t_ns: Int64, step: Int64, median_ns: float, file: str) -> list[Event]:
     """Return an event for each step longer than a gap's threshold, with its start and length."""
     limit = max(GAP_STEPS * median_ns, GAP_MIN_S * NS_PER_S)
@@ -163,4 +151,4 @@ def gap_events(t_ns: Int64, step: Int64, median_ns: float, file: str) -> list[Ev
         Event(int(t_ns[i]), "imu_gap", f"{file}: no sample for {step[i] / NS_PER_S:.6g} s")
         for i in np.flatnonzero(step > limit)
     ]
-    return _shorten(events, file)
+    return shortened(events, file)

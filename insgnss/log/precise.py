@@ -26,6 +26,7 @@ from insgnss.gnss.precise_orbit import CLOCK_PAIRS, WIDEST_STEP_NS
 from insgnss.gnss.signals import signal_of
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds, ns_to_datetime
 from insgnss.log.files import file_text
+from insgnss.log.first_events import first_events
 from insgnss.tables import Event, Float64, Int64, PreciseProducts
 
 _GPS_START_JD: Final = 2_444_244.5
@@ -180,10 +181,12 @@ def _parsed_sp3(text: str, path: Path, found: _Collected) -> Any:
             file=path,
             advice="SP3-c and SP3-d are read; older versions (#a, #b) have to be converted",
         ) from error
-    for line in damaged[:20]:
-        found.events.append(Event(None, "precise_damaged", f"{path}:{line}: not readable; left out"))
-    if len(damaged) > 20:
-        found.events.append(Event(None, "precise_damaged", f"{path}: {len(damaged)} damaged lines in all"))
+    found.events += first_events(
+        damaged,
+        lambda line: Event(None, "precise_damaged", f"{path}:{line}: not readable; left out"),
+        path,
+        "left out",
+    )
     return product
 
 

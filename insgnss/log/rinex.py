@@ -19,6 +19,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import NavigationDataError
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
 from insgnss.log.files import file_text
+from insgnss.log.first_events import first_events
 from insgnss.log.rinex_ionosphere import read_ionosphere
 from insgnss.log.rinex_states import (
     IMPOSSIBLE_DATE,
@@ -41,7 +42,6 @@ MESSAGES: Final = {
     "beidou_d2": "D2",
 }
 _READ_ELSEWHERE: Final = ("glonass", "sbas", "ionosphere")
-_MOST_TOLD: Final = 20
 _ELEMENTS: Final = (
     *("sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot"),
     *("cuc", "cus", "crc", "crs", "cic", "cis"),
@@ -153,11 +153,12 @@ def _read_records(text: str, path: Path, found: _Found) -> None:
 
 def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[Event]) -> None:
     """Add an event for each damaged message (line, satellite, reason) up to a number, then one with the total."""
-    for line, sv, why in sorted(damaged)[:_MOST_TOLD]:
-        events.append(Event(None, "navigation_damaged", f"{path}:{line}: {sv}: {why}; message refused"))
-    if len(damaged) > _MOST_TOLD:
-        detail = f"{path}: {len(damaged)} damaged messages in all"
-        events.append(Event(None, "navigation_damaged", detail))
+
+    def event(message: tuple[int, str, str]) -> Event:
+        line, sv, why = message
+        return Event(None, "navigation_damaged", f"{path}:{line}: {sv}: {why}; message refused")
+
+    events += first_events(sorted(damaged), event, path, "messages refused")
 
 
 def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:

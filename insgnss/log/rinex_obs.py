@@ -17,6 +17,7 @@ from insgnss.errors import InputError
 from insgnss.gnss.table_joining import joined
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
 from insgnss.log.files import file_text
+from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.hatanaka import sound_start
 from insgnss.log.rinex_damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
@@ -26,7 +27,6 @@ from insgnss.tables import Event, Float64, GnssTable
 
 # 1: after a power failure, the values are good; 2 to 6 carry no measurements
 OBSERVATION_FLAGS: Final = (0, 1)
-SHOWN: Final = 20  # damaged epochs and values told one by one
 _LINE_END: Final = re.compile(r"\r*\n|\r")
 
 
@@ -85,21 +85,18 @@ def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list
 
 def _damage_events(parsed: ParsedText, path: Path) -> list[Event]:
     """Return an event for each refused epoch and each lost value up to a number, then one with the total."""
-    epochs = [f"{path}:{line}: {why}; epoch refused" for line, why in parsed.refused]
-    values = [
-        f"{path}:{cell.line}: {cell.sv}: observation {cell.place + 1}, '{cell.text}', is no number; value refused"
-        for _, cells in parsed.stretches
-        for cell in cells
-    ]
-    events = []
-    for kind, details, what in (
-        ("rinex_epoch_damaged", epochs, "epochs"),
-        ("rinex_value_damaged", values, "values"),
-    ):
-        events += [Event(None, kind, detail) for detail in details[:SHOWN]]
-        if len(details) > SHOWN:
-            events.append(Event(None, kind, f"{path}: {len(details)} damaged {what} in all"))
-    return events
+
+    def epoch(refused: tuple[int, str]) -> Event:
+        line, why = refused
+        return Event(None, "rinex_epoch_damaged", f"{path}:{line}: {why}; epoch refused")
+
+    def value(cell: DamagedCell) -> Event:
+        detail = f"observation {cell.place + 1}, '{cell.text}', is no number; value refused"
+        return Event(None, "rinex_value_damaged", f"{path}:{cell.line}: {cell.sv}: {detail}")
+
+    cells = [cell for _, damaged in parsed.stretches for cell in damaged]
+    refused = first_events(parsed.refused, epoch, path, "epochs refused")
+    return refused + first_events(cells, value, path, "values refused")
 
 
 def _observation_text(path: Path) -> tuple[str, list[Event]]:

@@ -16,6 +16,7 @@ from insgnss.errors import TimeError
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import CsvTable
+from insgnss.log.first_events import first_events
 from insgnss.tables import Event, Int64
 
 NS_PER_UNIT: Final = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -26,7 +27,6 @@ MAX_WEEK_SECONDS_NS: Final = 10 * NS_PER_WEEK  # seconds may be counted on over 
 STRAY_NS: Final = (
     183 * 86_400 * NS_PER_S
 )  # from the middle of the log: no log lasts a year, an unset clock is years off
-MAX_EVENTS_EACH: Final = 20
 
 
 def is_exact(scale: TimeScale) -> bool:
@@ -120,13 +120,11 @@ def middle_ns(t_ns: Int64) -> int:
 
 
 def _refusals(table: CsvTable, column: str, bad: npt.NDArray[np.intp], reasons: Sequence[str]) -> list[Event]:
-    events = [
-        Event(None, "bad_row", f"{table.path}:{table.line[row]}, column '{column}': {why}; row refused")
-        for row, why in zip(bad[:MAX_EVENTS_EACH].tolist(), reasons, strict=False)
-    ]
-    if len(bad) > MAX_EVENTS_EACH:
-        events.append(Event(None, "bad_row", f"{table.path}: {len(bad)} such rows refused in all"))
-    return events
+    def event(k: int) -> Event:
+        place = f"{table.path}:{table.line[bad[k]]}, column '{column}'"
+        return Event(None, "bad_row", f"{place}: {reasons[k]}; row refused")
+
+    return first_events(range(len(bad)), event, table.path, "row refused")
 
 
 def _unwrap_week(t_ns: Int64, file: str, week: int) -> list[Event]:

@@ -22,12 +22,12 @@ from typing import Final
 import numpy as np
 
 from insgnss.log.files import file_buffer
+from insgnss.log.first_events import first_events
 from insgnss.tables import Event
 
 SYNC: Final = b"\xb5\x62"
 _HEAD: Final = 6
 _FRAMING: Final = 8  # bytes of a frame besides its payload
-MAX_EVENTS_EACH: Final = 20
 
 
 @dataclass
@@ -48,24 +48,25 @@ class UbxFrames:
 
     def events(self, known: set[int]) -> list[Event]:
         """Return what was damaged, foreign or of a kind that is not read."""
-        told = [
-            Event(None, "ubx_checksum", f"{self.path}: byte {offset}: wrong check sum; frame refused")
-            for offset in self.bad_checksums[:MAX_EVENTS_EACH]
-        ]
-        if len(self.bad_checksums) > MAX_EVENTS_EACH:
-            detail = f"{self.path}: {len(self.bad_checksums)} frames with a wrong check sum in all"
-            told.append(Event(None, "ubx_checksum", detail))
+        events = first_events(
+            self.bad_checksums,
+            lambda offset: Event(
+                None, "ubx_checksum", f"{self.path}: byte {offset}: wrong check sum; frame refused"
+            ),
+            self.path,
+            "frames refused",
+        )
         if self.cut_at is not None:
             detail = f"{self.path}: byte {self.cut_at}: the file ends within a frame"
-            told.append(Event(None, "ubx_cut", detail))
+            events.append(Event(None, "ubx_cut", detail))
         if self.foreign_bytes:
             detail = f"{self.path}: {self.foreign_bytes} of {len(self.data)} bytes are no UBX (NMEA, RTCM or damage)"
-            told.append(Event(None, "ubx_foreign_bytes", detail))
+            events.append(Event(None, "ubx_foreign_bytes", detail))
         others = Counter({kind: len(found) for kind, found in self.payloads.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind >> 8:02X} {kind & 255:02X}" for kind, n in others.most_common())
-            told.append(Event(None, "ubx_not_used", f"{self.path}: messages not used: {listed}"))
-        return told
+            events.append(Event(None, "ubx_not_used", f"{self.path}: messages not used: {listed}"))
+        return events
 
 
 def find_frames(path: Path) -> UbxFrames:

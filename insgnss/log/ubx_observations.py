@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
+from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.satellites import MAX_NUMBER
-from insgnss.log.ubx_frames import MAX_EVENTS_EACH, UbxFrames
+from insgnss.log.ubx_frames import UbxFrames
 from insgnss.tables import Event, Float64, GnssTable, Int64
 
 RAWX: Final = 0x0215
@@ -97,9 +98,14 @@ def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
     heads = np.frombuffer(b"".join([data[o : o + 16] for o, _ in good]), _EPOCH)
     dated = np.isfinite(heads["tow_s"]) & (heads["tow_s"] >= 0.0) & (heads["tow_s"] < S_PER_WEEK + 1.0)
     dated &= (heads["week"] > 0) & (heads["week"] <= LATEST_WEEK)
-    for index in np.flatnonzero(~dated)[:MAX_EVENTS_EACH]:
-        detail = f"{frames.path}: byte {good[index][0]}: RXM-RAWX without a date; refused"
-        events.append(Event(None, "ubx_damaged", detail))
+    events += first_events(
+        np.flatnonzero(~dated).tolist(),
+        lambda index: Event(
+            None, "ubx_damaged", f"{frames.path}: byte {good[index][0]}: RXM-RAWX without a date; refused"
+        ),
+        frames.path,
+        "epochs refused",
+    )
     kept = [place for place, has_date in zip(good, dated, strict=True) if has_date]
     heads = heads[dated]
     body = b"".join([data[o + 16 : o + n] for o, n in kept])

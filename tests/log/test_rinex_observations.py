@@ -389,7 +389,7 @@ def test_many_bad_numbers_are_told_shortly(tmp_path: Path) -> None:
     bad = "".join(epoch(f"{10 + k}.0000000").replace("1234.500", "12x4.500") for k in range(30))
     table, events = read_rinex_obs([write(tmp_path, HEADER + bad)])
     assert len(table.bad_cells) == 30 and len(events) == 21
-    assert "30 damaged values in all" in events[-1].detail
+    assert "30 in all; values refused" in events[-1].detail
 
 
 @pytest.mark.parametrize("text", ["", "x", "time_s,sv\n1,G05\n", HEADER, HEADER + "garbage\n", HEADER[:100]])

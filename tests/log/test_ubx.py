@@ -321,7 +321,14 @@ def test_many_wrong_check_sums_are_summed_up(tmp_path: Path) -> None:
     log = read_ubx([write(tmp_path, bytes(broken) * 50, rawx())])
     told = [event for event in log.events if event.kind == "ubx_checksum"]
 
-    assert len(told) == 21 and "50 frames" in told[-1].detail
+    assert len(told) == 21 and "50 in all; frames refused" in told[-1].detail
+
+
+def test_many_epochs_without_a_date_are_summed_up(tmp_path: Path) -> None:
+    log = read_ubx([write(tmp_path, rawx(-1.0) * 50, rawx())])
+    told = [event for event in log.events if event.kind == "ubx_damaged"]
+
+    assert len(told) == 21 and "50 in all; epochs refused" in told[-1].detail
 
 
 def test_messages_of_other_kinds_are_listed(tmp_path: Path) -> None:
