@@ -184,6 +184,9 @@ def replay(
         read = time.perf_counter()
         ready = all(map(is_compiled, compile_loop.kernels()))
         tell("running the filter" if ready else "compiling the filter, once per installation")
+        if not ready and setup.start is not None:
+            compile_loop.compile_rivals()
+            loop.wait()  # a given start itself calls a kernel that is compiled there
         wanted = _trace_wanted(aided, record.supervised)
         out, ledger, events = run_blocks(
             setup, *work, output, trace=wanted, before_loop=loop.wait, smooth=smooth

@@ -2,7 +2,7 @@
 
 ``replay`` starts the first where the cache is empty (``insgnss.jit.compiled_beside``), and this one the second. As the
 kernels do not link each other (``insgnss.apart``), their order is free: one process goes through them from the front,
-the other from the back, until they meet.
+the other from the back, until they meet. What a start needs is left to the process that waits for them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ from insgnss.fusion.parameters import PARAMETERS_DTYPE
 from insgnss.fusion.prediction import Imu, carry, propagate_covariance
 from insgnss.fusion.state import Layout, new_bank
 from insgnss.gnss.carrier_rows import no_carriers
+from insgnss.gnss.least_squares import RANGE, FitRows, workspace
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
+from insgnss.gnss.robust_fit import search
 from insgnss.jit import collecting_rarely, compile_for, compiled_beside, end_with_parent, is_compiled
 
 MODULE: Final = "insgnss.fusion.compile_loop"
@@ -95,6 +97,13 @@ def fetch_loop() -> None:
     """Load them from the cache, or compile what it lacks."""
     for kernel, arguments in calls().items():
         compile_for(kernel, arguments)
+
+
+def compile_rivals() -> None:
+    """Compile what finds the rivals of a given start: the fix of an epoch, and the search for what agrees in it."""
+    unknowns, used = np.zeros(4), np.zeros(1, np.bool_)
+    rows = FitRows(RANGE, np.zeros((1, 8)), np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.zeros(3))
+    compile_for(search, (rows, used, unknowns, workspace(4), unknowns, np.zeros((4, 4)), used))
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
 from insgnss.gnss.range_model import place_air, slant_delay
-from insgnss.jit import inlined
+from insgnss.jit import borrowing, inlined
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 
@@ -96,6 +96,7 @@ def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
 
 
 @apart
+@borrowing
 def observe(
     m: StateRecord,
     P: Float64,

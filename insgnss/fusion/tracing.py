@@ -13,6 +13,7 @@ from insgnss.tables import Float64
 
 
 @apart
+@borrowing
 def write_trace(
     bank: Bank,
     t_ns: int,

@@ -10,6 +10,7 @@ import pytest
 
 from insgnss.fusion import compile_loop
 from insgnss.fusion.carrier import clone_epoch
+from insgnss.gnss.least_squares import fit
 from insgnss.library import filter_config
 from insgnss.replay import replay
 from tests.benchmarks.bench_replay import SAMPLE, command, process
@@ -53,6 +54,17 @@ def test_kernels_compiled_ahead_have_the_types_that_a_replay_needs() -> None:
     compile_loop.fetch_loop()
 
     assert {kernel: list(kernel.signatures) for kernel in known} == known
+
+
+@compiled
+def test_rivals_of_a_given_start_are_compiled_ahead_for_the_types_of_a_fix() -> None:
+    replay(SAMPLE)
+    kernel: Any = fit
+    known = list(kernel.signatures)
+
+    compile_loop.compile_rivals()
+
+    assert known and list(kernel.signatures) == known
 
 
 @compiled
