@@ -5,14 +5,13 @@ of the filter's loop most code would be translated four times. A kernel marked `
 instead. Its callers need to know no more than the types it takes and returns, so they can be compiled before it, beside
 it in another process, or without it, where nobody ever calls it.
 
-A call holds a cell in the caller's machine code, zero at first. Where it finds a zero it asks ``_address_of``, back in
+A call holds a cell in the caller's machine code, zero at first. Where it finds a zero it asks ``_find``, back in
 Python, which compiles the kernel for the types of the call or fetches it from the cache; the cell keeps the answer. The
 types travel inside the machine code, so that a caller from the cache asks for the same.
 """
 
 from __future__ import annotations
 
-import _thread
 import ctypes
 import functools
 import importlib
@@ -32,7 +31,9 @@ from insgnss.jit import borrowing, without_door
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _kinds: Any = types  # whose members have no annotations
-_SYMBOL: Final = "insgnss_address_of_kernel"
+_SYMBOL: Final = "insgnss_find_kernel"
+_NOT_COMPILED: Final = 0  # answers that are no addresses
+_INTERRUPTED: Final = -1
 _NUMBERS: Final[dict[Any, Any]] = {
     bool: types.boolean,
     float: types.float64,
@@ -92,12 +93,16 @@ class Apart:
         cell.linkage, cell.initializer = "internal", word(0)
         with cgutils.if_unlikely(builder, cgutils.is_null(builder, builder.load(cell))):
             data = cgutils.global_constant(builder, f"{self.__name__}.types", cgutils.make_bytearray(asked))
-            ask = cgutils.get_or_insert_function(builder.module, ir.FunctionType(word, [text, word]), _SYMBOL)
-            found = builder.call(ask, [builder.bitcast(data, text), word(len(asked))])
-            with cgutils.if_unlikely(builder, cgutils.is_null(builder, found)):
-                convention.return_user_exc(
-                    builder, RuntimeError, (f"{self.__qualname__} cannot be compiled",)
-                )
+            kind = ir.FunctionType(ir.VoidType(), [text, word, word.as_pointer()])
+            ask = cgutils.get_or_insert_function(builder.module, kind, _SYMBOL)
+            answer = cgutils.alloca_once_value(builder, word(_INTERRUPTED))
+            builder.call(ask, [builder.bitcast(data, text), word(len(asked)), answer])
+            found = builder.load(answer)
+            with cgutils.if_unlikely(builder, builder.icmp_signed("==", found, word(_INTERRUPTED))):
+                convention.return_user_exc(builder, KeyboardInterrupt, ())
+            with cgutils.if_unlikely(builder, builder.icmp_signed("==", found, word(_NOT_COMPILED))):
+                why = f"{self.__qualname__} cannot be compiled"
+                convention.return_user_exc(builder, RuntimeError, (why,))
             builder.store(found, cell)
         kind = convention.get_function_type(sig.return_type, sig.args).as_pointer()
         code = builder.inttoptr(builder.load(cell), kind)
@@ -144,20 +149,27 @@ def _type_of(annotation: Any) -> Any:
     return _kinds.NamedTuple(parts, annotation)
 
 
-def _address_of(data: int, length: int) -> int:
-    """Return the address of the kernel that the bytes at ``data`` name, with its argument types; 0 if there is none."""
+def _find(data: int, length: int, answer: int) -> None:
+    """Write the address of the kernel that the bytes at ``data`` name, with its argument types, to ``answer``.
+
+    No exception finds its way up through machine code: one that is not caught here, which only an interrupt can be,
+    leaves the answer as it is.
+    """
+    found = ctypes.c_int64.from_address(answer)
     try:
         module, name, argument_types = pickle.loads(ctypes.string_at(data, length))
-        return cast(Apart, getattr(importlib.import_module(module), name)).address(argument_types)
-    except KeyboardInterrupt:
-        _thread.interrupt_main()  # comes again as soon as the caller has raised its own
-    except Exception:  # there is no way up through machine code: the 0 makes the caller raise
+        found.value = cast(Apart, getattr(importlib.import_module(module), name)).address(argument_types)
+    except Exception:
         sys.excepthook(*sys.exc_info())
-    return 0
+        found.value = _NOT_COMPILED
+    except KeyboardInterrupt:
+        found.value = _INTERRUPTED  # as it was: said for the reader, and so that ctypes prints nothing
 
 
-_ask_python: Final = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)(_address_of)
-binding.add_symbol(_SYMBOL, cast(int, ctypes.cast(_ask_python, ctypes.c_void_p).value))
+_find_for_machine_code: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p)(
+    _find
+)
+binding.add_symbol(_SYMBOL, cast(int, ctypes.cast(_find_for_machine_code, ctypes.c_void_p).value))
 
 
 def apart(function: _F) -> _F:

@@ -103,6 +103,24 @@ def never(x: float) -> float:
     return 2.0 * x
 
 
+@apart
+def late(x: float) -> float:
+    """Return twice the number."""
+    return 2.0 * x
+
+
+@borrowing
+def of_interrupted(x: float) -> float:
+    """Call one whose compilation is interrupted at first."""
+    return late(x)
+
+
+@borrowing
+def of_halted(x: float) -> float:
+    """Call one whose compilation is halted at first."""
+    return late(x)
+
+
 @borrowing
 def of_large(x: float) -> float:
     """Call one for large numbers."""
@@ -169,6 +187,35 @@ def test_kernel_that_returns_something_else_than_it_says_is_told(capsys: pytest.
         of_wrong(1.0)
 
     assert "wrongly_annotated returns float64, not int64" in capsys.readouterr().err
+
+
+@compiled
+def test_interrupted_compilation_is_an_interrupt_and_can_be_done_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(kernel: Apart, argument_types: object) -> int:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Apart, "address", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            of_interrupted(1.0)
+
+    assert of_interrupted(1.0) == 2.0
+
+
+@compiled
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_interrupt_before_the_search_has_begun_is_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(data: bytes) -> object:
+        raise SystemExit  # goes through what the search catches, as an interrupt at its first line does
+
+    with monkeypatch.context() as patched:
+        patched.setattr(pickle, "loads", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            of_halted(1.0)
+
+    assert of_halted(1.0) == 2.0
 
 
 @compiled
