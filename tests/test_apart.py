@@ -206,12 +206,12 @@ def test_interrupted_compilation_is_an_interrupt_and_can_be_done_later(
 
 @compiled
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_interrupt_before_the_search_has_begun_is_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(data: bytes) -> object:
-        raise SystemExit  # goes through what the search catches, as an interrupt at its first line does
+def test_interrupt_outside_what_the_search_catches_is_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(kernel: Apart, argument_types: object) -> int:
+        raise SystemExit  # not caught there, as an interrupt at its first line is not
 
     with monkeypatch.context() as patched:
-        patched.setattr(pickle, "loads", interrupted)
+        patched.setattr(Apart, "address", interrupted)
         with pytest.raises(KeyboardInterrupt):
             of_halted(1.0)
 
