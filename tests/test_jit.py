@@ -22,11 +22,14 @@ PACKAGE = Path(jit.__file__).parent
 
 
 def python(*arguments: str, folder: Path, **environment: str) -> str:
-    """Run Python in ``folder`` with a changed environment; return what it printed."""
+    """Run Python in ``folder`` with a changed environment; return what it printed.
+
+    No bytecode is kept: Python would take that of a file of the same length that was changed within the same second.
+    """
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder), **environment},
+        env={**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", **environment},
         capture_output=True,
         text=True,
         check=False,
