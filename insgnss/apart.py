@@ -176,8 +176,8 @@ def apart(function: _F) -> _F:
     """Let the kernels that call this one reach it by its address.
 
     For a kernel of some length that is called seldom: a call costs a few nanoseconds, and the compiler cannot weave it
-    into its caller. It borrows its arrays; what it returns must be annotated with numbers or tuples of numbers. One
-    that Python calls in every run is marked ``borrowing`` below this.
+    into its caller. What it returns must be annotated with numbers or tuples of numbers. It borrows its arrays; one
+    that Python calls in every run is marked ``borrowing`` below this, one that allocates ``kernel``.
 
     Raises
     ------

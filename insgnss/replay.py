@@ -34,7 +34,7 @@ from insgnss.fusion.whole_log import run_filter as run_filter
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.jit import compiled_beside, is_compiled
+from insgnss.jit import compiled_beside
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex import read_navigation
@@ -182,7 +182,7 @@ def replay(
     with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
         read = time.perf_counter()
-        ready = all(map(is_compiled, compile_loop.kernels()))
+        ready = compile_loop.is_ready()
         tell("running the filter" if ready else "compiling the filter, once per installation")
         if not ready and setup.start is not None:
             compile_loop.compile_rivals()
@@ -260,7 +260,7 @@ def _prepared(
     tell("reading the logs")
     with ThreadPoolExecutor(1) as beside:
         reading = beside.submit(flight.read)
-        if all(map(is_compiled, compile_loop.kernels())):
+        if compile_loop.is_ready():
             compile_loop.fetch_loop()  # from the cache, while the logs are parsed
         logs = reading.result()
         del reading  # it would keep the logs

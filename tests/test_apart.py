@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -190,32 +191,24 @@ def test_kernel_that_returns_something_else_than_it_says_is_told(capsys: pytest.
 
 
 @compiled
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize(
+    ("halt", "caller"),
+    [(KeyboardInterrupt, of_interrupted), (SystemExit, of_halted)],
+    ids=["where_it_is_caught", "where_it_is_not_as_at_the_first_line_of_the_search"],
+)
 def test_interrupted_compilation_is_an_interrupt_and_can_be_done_later(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, halt: type[BaseException], caller: Callable[[float], float]
 ) -> None:
     def interrupted(kernel: Apart, argument_types: object) -> int:
-        raise KeyboardInterrupt
+        raise halt
 
     with monkeypatch.context() as patched:
         patched.setattr(Apart, "address", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            of_interrupted(1.0)
+            caller(1.0)
 
-    assert of_interrupted(1.0) == 2.0
-
-
-@compiled
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_interrupt_outside_what_the_search_catches_is_no_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(kernel: Apart, argument_types: object) -> int:
-        raise SystemExit  # not caught there, as an interrupt at its first line is not
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Apart, "address", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            of_halted(1.0)
-
-    assert of_halted(1.0) == 2.0
+    assert caller(1.0) == 2.0
 
 
 @compiled

@@ -93,6 +93,11 @@ def kernels() -> tuple[Callable[..., Any], ...]:
     return tuple(calls())
 
 
+def is_ready() -> bool:
+    """Return whether all of them have machine code."""
+    return all(map(is_compiled, kernels()))
+
+
 def fetch_loop() -> None:
     """Load them from the cache, or compile what it lacks."""
     for kernel, arguments in calls().items():
@@ -112,9 +117,9 @@ def main() -> None:
     gc.freeze()  # the modules stay
     from_the_back = sys.argv[1:] == [FROM_THE_BACK]
     order = list(calls().items())
+    wanted = [] if from_the_back else [kernel for kernel, _ in order]
     if from_the_back:
         order.reverse()
-    wanted = () if from_the_back else kernels()
     with collecting_rarely(), compiled_beside(wanted, MODULE, FROM_THE_BACK) as other:
         for kernel, arguments in order:
             if not is_compiled(kernel):
