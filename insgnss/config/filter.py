@@ -185,6 +185,9 @@ class Start(StrictModel):
     rest_rate_degps: Positive = Field(1.0, description="gyro spread that still counts as rest")
     rest_accel_mps2: Positive = Field(0.6, description="accelerometer spread that still counts as rest")
     rest_speed_mps: Positive = Field(0.5, description="GNSS speed that still counts as rest")
+    rest_acceleration_mps2: Positive = Field(
+        0.3, description="change of the GNSS velocity, over the time between two fixes, that still does"
+    )
     sd_level_moving_deg: Positive = Field(
         3.0, description="roll and pitch sigma when levelled in motion, at least"
     )

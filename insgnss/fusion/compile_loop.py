@@ -20,7 +20,8 @@ from insgnss.fusion.consistency import refuse_inconsistent
 from insgnss.fusion.epoch_update import turn_attitude_errors, update_epoch, use_rows
 from insgnss.fusion.faults import follow_innovations, refuse_reflections, weigh_robustly
 from insgnss.fusion.gating import common_step, gate_between, gate_rows
-from insgnss.fusion.loop import advance, new_workspace, run_epochs, superfluous, write_row
+from insgnss.fusion.headings import is_prunable
+from insgnss.fusion.loop import advance, new_workspace, run_epochs, write_row
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.fusion.parameters import PARAMETERS_DTYPE
@@ -73,7 +74,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
         turn_attitude_errors: (m, P, values),
         common_step: (lines, _N, values, _X, _X),
-        superfluous: (bank, _N, _X),
+        is_prunable: (bank, _N, _X),
         write_ledger: (out.ledger, out.carrier, _N, lines),
         gate_rows: (lines, _N, _X),
         weigh_robustly: (lines, _N, par),
@@ -81,7 +82,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         follow_innovations: (memory, lines, rows.observation, _N, values, par),
         adapt_noise: (m, P, par, lines, values, _N, _X),
         gate_between: (P, lines, vectors, _X),
-        use_rows: (P, lines, vectors, _N, _X, _X),
+        use_rows: (P, lines, vectors, _N, _X, _X, values),
         refuse_inconsistent: (P, lines, _X, _N),
         observe: (m, P, par, rows, _N, w_ib_b, f_b, s),
         update_epoch: (m, P, par, rows, _N, w_ib_b, f_b, s, scratch, work.masking, seen, memory, _X),

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from insgnss.apart import apart
+from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.carrier import clone_epoch
 from insgnss.fusion.consistency import disagrees, refuse_inconsistent
@@ -22,6 +23,7 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, N_CLONE, OFFSETS, PSI, StateRecord
+from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
@@ -43,6 +45,7 @@ class Outcome(NamedTuple):
     clock_step: float  # [m], 0 when there was none
     drift_step: float  # [m/s]
     strain: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
+    motion_information: float  # squared sigmas by which the shown motion has moved the rows' predictions
 
 
 @apart
@@ -77,7 +80,8 @@ def update_epoch(
     correction, values = s.vectors[0], s.vectors[3]
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking)
-    done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0)
+    done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+    response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     for kind in range(2):
         step, variance = common_step(
             lines, kind, values, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind]
@@ -92,20 +96,21 @@ def update_epoch(
         weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
     gate_carriers(P, lines, s.vectors, par, done)
-    log_likelihood, excluded = use_epoch(
-        P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3
+    log_likelihood, information, excluded = use_epoch(
+        P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
     )
     if done.clock_step == 0.0 and done.drift_step == 0.0:
         adapt_noise(m, P, par, lines, correction, t_ns, drift_variance)
+    turn_attitude_errors(m, P, correction)
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
-    if par.motion_gate2 > 0.0:
-        turn_attitude_errors(m, P, correction)
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
         for i in range(N_CLONE):  # what a smoother needs of the epoch before, now that it goes
             for j in range(P.shape[0]):
                 s.vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
         clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
+        if response.shape[0] > 0:
+            clone_response(response, par.at_clone)
     return Outcome(
         log_likelihood,
         done.ranges_used - excluded,
@@ -115,14 +120,30 @@ def update_epoch(
         done.clock_step,
         done.drift_step,
         done.strain,
+        information,
     )
 
 
 @inlined
+def clone_response(response: Float64, at_clone: int) -> None:
+    """Let the clone's part of the motion's response begin where antenna and clock stand."""
+    for i in range(3):
+        response[at_clone + i] = response[DR + i]
+    response[at_clone + 3] = response[CLOCK]
+
+
+@inlined
 def use_epoch(
-    P: Float64, lines: Lines, vectors: Float64, par: Parameters, since_last: float, prior: Float64, most: int
-) -> tuple[float, int]:
-    """Update with all rows of an epoch; return the logarithm of their likelihood and how many were taken out again.
+    P: Float64,
+    lines: Lines,
+    vectors: Float64,
+    par: Parameters,
+    since_last: float,
+    prior: Float64,
+    most: int,
+    response: Float64,
+) -> tuple[float, float, int]:
+    """Update with all rows of an epoch; return what ``use_rows`` adds up, and how many rows were taken out again.
 
     Where pseudoranges contradict each other after the update, those that the others contradict (``most`` at most) are
     found and the update is done once more without them; an epoch that agrees costs nothing.
@@ -132,15 +153,19 @@ def use_epoch(
     for i in range(n):
         for j in range(n):
             prior[i, j] = P[i, j]
+    for i in range(response.shape[0]):
+        vectors[3, i] = response[i]
     excluded = 0
-    log_likelihood = 0.0
+    log_likelihood, information = 0.0, 0.0
     for turn in range(2):
         for i in range(n):
             correction[i] = 0.0
-        log_likelihood = 0.0
+        log_likelihood, information = 0.0, 0.0
         for kind in range(N_KINDS):
             spread = spread_of(par, kind, since_last)
-            log_likelihood += use_rows(P, lines, vectors, kind, gate2_of(par, kind), spread)
+            of_kind = use_rows(P, lines, vectors, kind, gate2_of(par, kind), spread, response)
+            log_likelihood += of_kind[0]
+            information += of_kind[1]
         if turn == 1 or par.residual_gate2 <= 0.0:
             break
         spread = spread_of(par, PSEUDORANGE, since_last)
@@ -152,7 +177,9 @@ def use_epoch(
         for i in range(n):
             for j in range(n):
                 P[i, j] = prior[i, j]
-    return log_likelihood, excluded
+        for i in range(response.shape[0]):
+            response[i] = vectors[3, i]
+    return log_likelihood, information, excluded
 
 
 @inlined
@@ -205,18 +232,29 @@ def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain
     """Return the outcome with the numbers of one kind in it; fewer than four rows do not count as strain."""
     worst = max(done.strain, strain) if used + refused >= 4 else done.strain
     if kind == 0:
-        return Outcome(0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step, worst)
-    return Outcome(0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst)
+        return Outcome(
+            0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step, worst, 0.0
+        )
+    return Outcome(
+        0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst, 0.0
+    )
 
 
 @apart
-def use_rows(P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float, spread: float) -> float:
+def use_rows(
+    P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float, spread: float, response: Float64
+) -> tuple[float, float]:
     """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
+
+    The second number is by how many squared sigmas the shown motion has moved what the rows are expected to be.
+    ``response`` (n,), or (0,) where only one heading is left, is corrected by each row as the state is:
+    q <- q - K h q.
 
     ``spread`` is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
     of n errors that are alike over n epochs has the variance of one, not of one n-th.
     """
     total = 0.0
+    information = 0.0
     for j in range(lines.shape[0]):
         line = lines[j]
         if line.status[kind] == USED:
@@ -224,10 +262,17 @@ def use_rows(P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float
             variance = spread * line.variance[kind]
             y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, vectors)
             total -= 0.5 * (y * y / S + math.log(S))
+            if response.shape[0] > 0:
+                moved = 0.0
+                for a in range(columns.shape[0]):
+                    moved += line.h[kind, a] * response[columns[a]]
+                for c in range(response.shape[0]):
+                    response[c] -= vectors[1, c] * moved  # the row's gain, as ``scalar_update`` leaves it
+                information += moved * moved / S
         elif line.status[kind] in (GATED, INCONSISTENT):
             # a hypothesis must not gain by leaving out what contradicts it
             total -= 0.5 * (gate2 + math.log(line.predicted[kind] + line.variance[kind]))
-    return total
+    return total, information
 
 
 @inlined
@@ -236,9 +281,15 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
 
     ``n`` leaves the clone out: its correction goes with it, the epoch just processed takes its place.
 
-    Equation: C_eb <- exp([delta psi x]) C_eb. Neglects: the turn of the covariance's attitude axes by half the
-    correction, second order in it.
+    Equation: C_eb <- exp([y u x]) exp([t x]) C_eb, u the vertical, y = u . delta psi, t = delta psi - y u: the tilt
+    belongs to the attitude as it was, so it is corrected before the heading. With a new heading the Earth's rate has
+    new components in body axes. The covariance moves the gyro bias against it to first order; the rest of
+    b_g + C_eb^T w_ie = const, what the gyros have shown, follows here.
     """
+    C, w = m.C_eb, WGS84_OMEGA_RADPS
+    x, y, z = correction[PSI], correction[PSI + 1], correction[PSI + 2]
+    for i in range(3):  # C^T (w_ie + w_ie x delta psi)
+        m.b_g[i] += w * (C[2, i] + C[1, i] * x - C[0, i] * y)
     for i in range(3):
         m.r_e[i] += correction[DR + i]
         m.v_e[i] += correction[DV + i]
@@ -248,8 +299,13 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     m.clock[1] += correction[DRIFT]
     for i in range(OFFSETS, n):
         m.optional[i - OFFSETS] += correction[i]
-    turn_left(m.q_eb, correction[PSI], correction[PSI + 1], correction[PSI + 2])
+    a, b, c = up_direction(m.r_e)
+    turn = a * x + b * y + c * z
+    turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
+    turn_left(m.q_eb, turn * a, turn * b, turn * c)
     quaternion_to_matrix(m.q_eb, m.C_eb)
+    for i in range(3):
+        m.b_g[i] -= w * C[2, i]
 
 
 @apart
@@ -258,17 +314,19 @@ def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> Non
 
     What tilts the attitude belongs to the body, the accelerometers' bias above all: with a new heading the axes of that
     tilt turn as well. Left where they were, the tilt and the bias would part, and roll and pitch seem better known.
+    The same holds for the gyro bias' part that hides the Earth's rate.
 
-    Equation: P_psi. <- R P_psi., R = exp([u (u . delta psi) x]), u the vertical
+    Equation: P_psi. <- R P_psi., R = exp([u (u . delta psi) x]), u the vertical;
+              P_bg. <- P_bg. + C_eb^T ((w_ie - R^T w_ie) x P_psi.), with C_eb and P_psi before the correction
+    Neglects: the turn of the tilt's own axes by half its correction, second order in it.
     """
     n = P.shape[0]
-    r2 = m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2
-    turn = (m.r_e[0] * correction[PSI] + m.r_e[1] * correction[PSI + 1] + m.r_e[2] * correction[PSI + 2]) / r2
-    angle = turn * math.sqrt(r2)
+    axis = up_direction(m.r_e)
+    angle = axis[0] * correction[PSI] + axis[1] * correction[PSI + 1] + axis[2] * correction[PSI + 2]
     if abs(angle) < _NO_TURN:
         return
-    axis = turn / angle * m.r_e[0], turn / angle * m.r_e[1], turn / angle * m.r_e[2]
     sine, rest = math.sin(angle), 1.0 - math.cos(angle)
+    keep_apparent_bias(m, P, turned(axis, -sine, rest, 0.0, 0.0, WGS84_OMEGA_RADPS))
     for j in range(n):
         x, y, z = turned(axis, sine, rest, P[PSI, j], P[PSI + 1, j], P[PSI + 2, j])
         P[PSI, j], P[PSI + 1, j], P[PSI + 2, j] = x, y, z
@@ -280,6 +338,29 @@ def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> Non
     for i in range(PSI, PSI + 3):
         for j in range(PSI, i):
             P[j, i] = P[i, j]
+
+
+@inlined
+def keep_apparent_bias(m: StateRecord, P: Float64, rate: tuple[float, float, float]) -> None:
+    """Move the gyro bias' part of the covariance so that bias plus Earth rate, what the gyros show, is as well known.
+
+    ``rate`` is the Earth's rate turned back by the correction of the heading, R^T w_ie [rad/s].
+    """
+    n, C = P.shape[0], m.C_eb
+    x, y, z = -rate[0], -rate[1], WGS84_OMEGA_RADPS - rate[2]
+    for j in range(n):
+        p, q, r = P[PSI, j], P[PSI + 1, j], P[PSI + 2, j]
+        a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
+        for i in range(3):
+            P[BG + i, j] += C[0, i] * a + C[1, i] * b + C[2, i] * c
+    for j in range(n):  # and the columns, of the matrix whose rows are moved
+        p, q, r = P[j, PSI], P[j, PSI + 1], P[j, PSI + 2]
+        a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
+        for i in range(3):
+            P[j, BG + i] += C[0, i] * a + C[1, i] * b + C[2, i] * c
+    for i in range(BG, BG + 3):
+        for j in range(BG, i):
+            P[i, j] = P[j, i]
 
 
 @inlined

@@ -14,6 +14,7 @@ from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import Limits
 from insgnss.apart import apart
 from insgnss.fusion.epoch_update import Outcome, update_epoch
+from insgnss.fusion.headings import heading_variance, is_wide, needs_pruning, weigh_headings
 from insgnss.fusion.lines import Epoch, new_epoch
 from insgnss.fusion.masking import NO_LIMITS, Masking, new_masking
 from insgnss.fusion.output import (
@@ -32,7 +33,7 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
-from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
+from insgnss.fusion.state import OFFSETS, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
 from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import borrowing, inlined
@@ -41,12 +42,11 @@ from insgnss.tables import Float64
 # why the loop stopped
 DONE: Final = 0  # all epochs processed
 LOCKOUT: Final = 1  # most rows of a kind refused for too long
-THIN_OUT: Final = 2  # a hypothesis has become negligible
+PRUNE: Final = 2  # a hypothesis is negligible, or has the heading of a heavier one
 COVARIANCE_LOST: Final = 3  # a variance is not positive any more
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
+HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
 
-_SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
-_SMALLEST_DIFFERENCE_RAD = 0.02
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 _SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
@@ -204,11 +204,12 @@ def run_epochs(
         strained = head.strained_ns != 0 and (t_ns - head.strained_ns) * 1e-9 >= par.strain_time
         if head.locked_out >= par.lockout_epochs or strained:
             return LOCKOUT, epoch + 1
-        if thins_out(bank, drop):
-            return THIN_OUT, epoch + 1
-        if head.heading_open == 1 and bank.state.shape[0] == 1:
-            if yaw_variance(bank.state[0], bank.P[0]) < par.heading_known_variance:
-                return HEADING_KNOWN, epoch + 1
+        if needs_pruning(bank, drop):
+            return PRUNE, epoch + 1
+        if is_wide(bank, par.widest_heading_variance):
+            return HEADING_WIDE, epoch + 1
+        if head.heading_open == 1 and heading_variance(bank) < par.heading_known_variance:
+            return HEADING_KNOWN, epoch + 1
     return DONE, last
 
 
@@ -216,50 +217,6 @@ def run_epochs(
 def mostly(used: int, refused: int, few: bool) -> bool:
     """Return whether most rows of a kind, and at least three unless an epoch has few, were refused by the gate."""
     return refused > used and (few or refused >= 3)
-
-
-@borrowing
-def yaw_variance(m: StateRecord, P: Float64) -> float:
-    """Return the variance of the rotation about the local vertical (taken through the Earth's centre) [rad^2]."""
-    r = math.sqrt(m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2)
-    total = 0.0
-    for i in range(3):
-        for j in range(3):
-            total += m.r_e[i] * P[PSI + i, PSI + j] * m.r_e[j]
-    return total / (r * r)
-
-
-@apart
-@borrowing
-def superfluous(bank: Bank, i: int, drop: float) -> bool:
-    """Return whether hypothesis ``i`` can go: of negligible weight, or the same heading as a heavier one."""
-    state = bank.state
-    if state[i].log_weight < drop:
-        return True
-    own = math.sqrt(yaw_variance(state[i], bank.P[i]))
-    for j in range(state.shape[0]):
-        heavier = state[j].log_weight > state[i].log_weight or (
-            state[j].log_weight == state[i].log_weight and j < i
-        )
-        if heavier:
-            c = 0.0
-            for k in range(4):
-                c += state[i].q_eb[k] * state[j].q_eb[k]
-            angle = 2.0 * math.acos(min(1.0, abs(c)))
-            if angle < max(_SMALLEST_DIFFERENCE_RAD, _SAME_HEADING * own):
-                return True
-    return False
-
-
-@inlined
-def thins_out(bank: Bank, drop: float) -> bool:
-    """Return whether the bank holds a hypothesis that can go."""
-    n = bank.state.shape[0]
-    if n > 1:
-        for i in range(n):
-            if superfluous(bank, i, drop):
-                return True
-    return False
 
 
 @borrowing
@@ -308,9 +265,10 @@ def update_bank(
             bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
             work.masking, bank.seen[i], bank.memory[i], since_last,
         )  # fmt: skip
-        if n > 1:
-            bank.state[i].log_weight += done.log_likelihood
-    normalise_weights(bank)
+        bank.state[i].log_likelihood = done.log_likelihood
+        bank.state[i].motion_information = done.motion_information
+    if n > 1:
+        weigh_headings(bank, par)
     t_ns = rows.epoch_ns[epoch]
     write_ledger(
         out.ledger,
@@ -349,20 +307,3 @@ def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
     if head.silent_ns != 0 and used > 0:
         log_event(out.events, out.counts[0], t_ns, MEASUREMENTS_BACK, (t_ns - head.silent_ns) * 1e-9)
         head.silent_ns = 0
-
-
-@inlined
-def normalise_weights(bank: Bank) -> None:
-    """Make the weights sum to one and name the heaviest hypothesis the leader."""
-    state = bank.state
-    lead = 0
-    for i in range(1, state.shape[0]):
-        if state[i].log_weight > state[lead].log_weight:
-            lead = i
-    top = state[lead].log_weight
-    total = 0.0
-    for i in range(state.shape[0]):
-        total += math.exp(state[i].log_weight - top)
-    for i in range(state.shape[0]):
-        state[i].log_weight -= top + math.log(total)
-    bank.head[0].leader = lead

@@ -16,28 +16,29 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.fix import Fix, fix_epoch
+from insgnss.fusion.heading_bank import heading_deg, pruned, split
+from insgnss.fusion.headings import heading_variance
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.fusion.loop import (
     COVARIANCE_LOST,
     DONE,
     HEADING_KNOWN,
+    HEADING_WIDE,
     LOCKOUT,
-    THIN_OUT,
+    PRUNE,
     Workspace,
     new_workspace,
     run_epochs,
-    superfluous,
     write_row,
-    yaw_variance,
 )
 from insgnss.fusion.output import N_USED, Output, event_in_words
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
-from insgnss.fusion.state import Bank, copy_bank, select_members
-from insgnss.fusion.trial import Trial, attitude, banks_of, refusal
+from insgnss.fusion.state import Bank, copy_bank
+from insgnss.fusion.trial import Trial, banks_of, refusal
 from insgnss.gnss.observation_rows import ABSENT, Rows
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
@@ -232,16 +233,15 @@ class Navigator:
 
     def _tell_heading(self) -> None:
         """Say that the heading is known when the start already knows it."""
-        bank = self.bank
-        if bank is not None and len(bank.state) == 1:
-            limit = self._parameters[0].heading_known_variance
-            if yaw_variance(bank.state[0], bank.P[0]) < limit:
-                self._heading_known()
+        if self.bank is not None and heading_variance(self.bank) < self._parameters[0].heading_known_variance:
+            self._heading_known()
 
     def _handle(self, code: int, epoch: int, rows: Rows, out: Output) -> None:
         """Act on what stopped the compiled loop after ``epoch``."""
-        if code == THIN_OUT:
-            self._thin_out()
+        if code == PRUNE:
+            self._prune()
+        elif code == HEADING_WIDE:
+            self._split()
         elif code == HEADING_KNOWN:
             self._heading_known()
         elif code == LOCKOUT:
@@ -252,28 +252,33 @@ class Navigator:
         elif code != DONE:
             raise AssertionError(f"unknown code {code} of the compiled loop")
 
-    def _thin_out(self) -> None:
-        """Drop the hypotheses of negligible weight and those that have become one with a heavier one."""
-        bank = self.bank
-        if bank is None:
+    def _prune(self) -> None:
+        """Drop the hypotheses of negligible weight and merge those that have become one."""
+        if self.bank is None:
             return
-        n = len(bank.state)
-        keep = np.array([i for i in range(n) if not superfluous(bank, i, self.setup.log_drop)], np.int64)
-        self.bank = select_members(bank, keep)
-        if len(keep) == 1:
-            t_ns = int(bank.head[0].now_ns)
-            yaw, sd = self.heading_deg()
+        self.bank = pruned(self.bank, self.setup.log_drop, self.setup.layout)
+        if len(self.bank.state) == 1:
+            t_ns = int(self.bank.head[0].now_ns)
+            yaw, sd = heading_deg(self.bank)
             self.events.append(
                 Event(t_ns, "heading_single", f"one heading is left: {yaw:.1f} deg, sigma {sd:.1f} deg")
             )
             self._tell_heading()
 
-    def heading_deg(self) -> tuple[float, float]:
-        """Return the leader's heading and its sigma [deg]."""
-        assert self.bank is not None
-        m, P = self.bank.state[self.bank.head[0].leader], self.bank.P[self.bank.head[0].leader]
-        _, _, yaw = attitude(m)
-        return math.degrees(yaw) % 360.0, math.degrees(math.sqrt(yaw_variance(m, P)))
+    def _split(self) -> None:
+        """Put hypotheses in the place of those that are too uncertain of their heading for one filter."""
+        bank = self.bank
+        if bank is None:
+            return
+        heading, par = self.setup.config.heading, self._parameters[0]
+        single, (_, sd) = len(bank.state) == 1, heading_deg(bank)
+        self.bank = split(bank, heading.hypotheses, self.setup.log_drop, par.lever_b, self.setup.layout)
+        if single:
+            self.bank.head["heading_open"] = 1
+            detail = (
+                f"the heading's sigma has grown to {sd:.0f} deg: {len(self.bank.state)} headings are open"
+            )
+            self.events.append(Event(int(bank.head[0].now_ns), "heading_open", detail))
 
     def _heading_known(self) -> None:
         bank = self.bank
@@ -281,7 +286,7 @@ class Navigator:
             return
         bank.head["heading_open"] = 0
         t_ns = int(bank.head[0].now_ns)
-        yaw, sd = self.heading_deg()
+        yaw, sd = heading_deg(bank)
         after = (t_ns - (self.started_ns or t_ns)) / NS_PER_S
         detail = f"heading {yaw:.1f} deg, sigma {sd:.1f} deg, {after:.1f} s after the start"
         self.events.append(Event(t_ns, "heading_known", detail))

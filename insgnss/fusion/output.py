@@ -321,7 +321,7 @@ def write_nav(
 def mixture_covariance(bank: Bank, P: Float64) -> None:
     """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).
 
-    d holds position, velocity and attitude of a hypothesis minus the leader's; its other states differ too little.
+    d is the state of a hypothesis minus the leader's; the clone's part of it is left out, which nobody asks for here.
     """
     lead = bank.state[bank.head[0].leader]
     n = P.shape[0]
@@ -335,6 +335,9 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
         for k in range(3):
             d[DR + k] = m.r_e[k] - lead.r_e[k]
             d[DV + k] = m.v_e[k] - lead.v_e[k]
+            d[BA + k] = m.b_a[k] - lead.b_a[k]
+            d[BG + k] = m.b_g[k] - lead.b_g[k]
+        d[CLOCK], d[DRIFT] = m.clock[0] - lead.clock[0], m.clock[1] - lead.clock[1]
         attitude_difference(m.q_eb, lead.q_eb, d)
         for a in range(n):
             for b in range(n):

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.filter import FilterConfig, Measurements, Noise
+from insgnss.config.filter import FilterConfig, Heading, Measurements, Noise
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.fusion.state import MAX_OPTIONAL, OFFSETS, Layout
 from insgnss.gnss.noise_model import thermal_factor
@@ -17,6 +17,7 @@ from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 
 _KELVIN = 273.15
+_WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
 _OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``Rows`` holds their delays
 
 PARAMETERS_DTYPE = np.dtype(
@@ -86,6 +87,10 @@ PARAMETERS_DTYPE = np.dtype(
             ("strain_limit", np.float64),
             ("strain_time", np.float64),  # [s]
             ("heading_known_variance", np.float64),  # [rad^2]
+            (
+                "widest_heading_variance",
+                np.float64,
+            ),  # [rad^2] of one hypothesis; above it several take its place
             ("adapt_gain", np.float64),  # 0: off
             ("adapt_least", np.float64),
             ("adapt_most", np.float64),
@@ -119,6 +124,18 @@ def _visibility(config: FilterConfig, with_antennas: bool) -> int:
     if not (config.visibility.on and with_antennas):
         return 0
     return 2 if config.visibility.use_masked else 1
+
+
+def widest_heading(heading: Heading) -> float:
+    """Return the sigma [rad] above which a hypothesis of the heading is split; infinite where only one is wanted.
+
+    Hypotheses a spacing apart have half of it as their sigma. Split at once they would be split again and again as
+    the gyros drift; a sigma of 25 deg, for twelve of them, is still linear: a filter that begins 30 deg off by one
+    sigma is consistent in a turn and an acceleration, one of 60 deg is not.
+    """
+    if heading.hypotheses == 1:
+        return math.inf
+    return _WIDEST * math.pi / heading.hypotheses
 
 
 def weather_of(use: Measurements) -> Weather:
@@ -188,6 +205,7 @@ def resolve_parameters(
         config.health.strain_nis,
         config.health.strain_s,
         math.radians(config.heading.known_below_deg) ** 2,
+        widest_heading(config.heading) ** 2,
         1.0 / config.adaptation.memory_s if config.adaptation.on else 0.0,
         config.adaptation.least_factor,
         config.adaptation.most_factor,

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.apart import apart
+from insgnss.fusion.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import (
     BA,
@@ -49,8 +50,6 @@ RATES_DTYPE: Final = np.dtype(
         ],
     )
 )
-SMOOTHING_S: Final = 0.25  # over which the specific force is smoothed to tell motion from noise
-MANOEUVRE_S: Final = 1.0  # for which a specific force that is not seen as motion stays alike
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
 Rates: TypeAlias = Any  # one element of RATES_DTYPE
 
@@ -79,6 +78,7 @@ def new_scratch(n: int) -> Scratch:
 @inlined
 def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
     """Carry the covariance over everything summed since the last call, let the biases decay, and clear the sums."""
+    follow_velocity(m, P, m.sum_dt)
     keep_a, keep_g = propagate_covariance(m, P, par, scratch)
     for i in range(3):
         m.b_a[i] *= keep_a
@@ -100,8 +100,8 @@ def propagate_covariance(
         return 1.0, 1.0
     n = P.shape[0]
     A, B = scratch.A, scratch.B
-    x, y, z, unseen = seen_force(m, P, par, scratch.rates[0].g_e, A[0])
-    accel_q = m.sum_accel_q + unseen * dt
+    x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, A[0])
+    accel_q = m.sum_accel_q + residual * dt
     step = transition_step(
         dt,
         x,
@@ -122,63 +122,6 @@ def propagate_covariance(
             P[j, i] = A[i, j]
     add_half_noise(m, P, par, dt, accel_q)
     return step.keep_a, step.keep_g
-
-
-@inlined
-def seen_force(
-    m: StateRecord, P: Float64, par: Parameters, g_e: Float64, row: Float64
-) -> tuple[float, float, float, float]:
-    """Return the velocity increment that the attitude's errors turn, and the density of what is left out [m^2/s^3].
-
-    Its horizontal part counts only as far as it is motion.
-
-    The transition takes the specific force for known. Without acceleration its horizontal part is noise and what bias
-    and tilt leave of each other; the same noise drives the velocity, so a filter that takes it for a manoeuvre finds
-    headings in it that are not there. The part is weighed by 1 - k N / |f_h|^2, with f_h that of the last moments and N
-    its variance without motion: nothing at rest and on a straight, all of it in a manoeuvre. What is left out turns
-    with the attitude's errors all the same: it comes in as noise.
-    """
-    dv = m.sum_dv
-    g2 = g_e[0] * g_e[0] + g_e[1] * g_e[1] + g_e[2] * g_e[2]
-    if par.motion_gate2 <= 0.0 or g2 < 1e-6:
-        return dv[0], dv[1], dv[2], 0.0
-    f = m.f_smooth
-    along = (f[0] * g_e[0] + f[1] * g_e[1] + f[2] * g_e[2]) / g2
-    hx, hy, hz = f[0] - along * g_e[0], f[1] - along * g_e[1], f[2] - along * g_e[2]
-    h2 = hx * hx + hy * hy + hz * hz
-    noise = par.accel_density / SMOOTHING_S
-    share = max(1.0 - par.motion_gate2 * noise / h2, 0.0) if h2 > 0.0 else 0.0
-    along = (1.0 - share) * (dv[0] * g_e[0] + dv[1] * g_e[1] + dv[2] * g_e[2]) / g2
-    attitude = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
-    unseen = ((1.0 - share) ** 2 * h2 + unknown_force(m.C_eb, P, g_e, g2, row)) * attitude * MANOEUVRE_S
-    return (
-        share * dv[0] + along * g_e[0],
-        share * dv[1] + along * g_e[1],
-        share * dv[2] + along * g_e[2],
-        unseen,
-    )
-
-
-@inlined
-def unknown_force(C: Float64, P: Float64, g_e: Float64, g2: float, down: Float64) -> float:
-    """Return the variance of the horizontal specific force, both axes, by the errors of attitude and bias.
-
-    Equation: df = g x psi - C b_a, of which the trace of (I - u u^T) cov(df), u = g/|g|, is
-
-        g^2 tr(P_psi) - g^T P_psi g + tr(P_b) - (C^T u)^T P_b (C^T u) - 2 sum_j (c_j x g) . P_psi,b_j
-
-    with c_j the columns of ``C`` (3, 3); ``down`` (3,) is scratch
-    """
-    for j in range(3):
-        down[j] = C[0, j] * g_e[0] + C[1, j] * g_e[1] + C[2, j] * g_e[2]
-    total = 0.0
-    for j in range(3):
-        total += g2 * P[PSI + j, PSI + j] + P[BA + j, BA + j]
-        for k in range(3):
-            a, b = (k + 1) % 3, (k + 2) % 3
-            total -= g_e[j] * g_e[k] * P[PSI + j, PSI + k] + down[j] * down[k] / g2 * P[BA + j, BA + k]
-            total -= 2.0 * (C[a, j] * g_e[b] - C[b, j] * g_e[a]) * P[PSI + k, BA + j]
-    return max(total, 0.0)
 
 
 @inlined
@@ -224,7 +167,7 @@ def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Ra
     mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.dv_e, rates.g_e)
     for i in range(3):
         m.sum_dv[i] += rates.dv_e[i]
-        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) / max(SMOOTHING_S, dt)
+        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) / max(FORCE_MEAN_TIME_S, dt)
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     m.clock[0] += m.clock[1] * dt

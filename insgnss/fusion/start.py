@@ -24,6 +24,7 @@ from insgnss.tables import Float64
 
 _COURSE_WEIGHT = 0.7  # prior probability that a moving vehicle points along its velocity
 _COURSE_SPEED_MPS = 3.0  # from here on the velocity has a direction worth that weight
+_COURSE_SIGMA = 4.0  # of the velocity: with less its direction is not known to the sigma of a hypothesis
 _FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond its own covariance
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
 _LEVEL_FLOOR_RAD = math.radians(0.2)
@@ -98,7 +99,7 @@ def attitudes_at_start(
     sd_a: float,
     config: FilterConfig,
     grade: ImuGrade,
-    headings: list[Heading] | None = None,
+    headings: list[Heading],
 ) -> list[Attitude]:
     """Return the attitude hypotheses of an automatic start.
 
@@ -108,7 +109,7 @@ def attitudes_at_start(
     r_e, v_e : position and velocity, ECEF
     a_e : mean acceleration over the window, ECEF [m/s^2]; None at rest
     sd_a : its sigma [m/s^2]
-    headings : those to level for; None: the whole circle, weights that sum to one
+    headings : those to level for
     """
     sensor = sensor_model(grade)
     lat, lon, _ = ecef_to_geodetic(r_e)
@@ -125,17 +126,27 @@ def attitudes_at_start(
         moving = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_a / STANDARD_GRAVITY_MPS2)
         sd_level = math.hypot(sd_level, moving)
     found = []
-    for yaw, sd_yaw, weight in headings or _headings(C_ne @ v_e, config):
+    for yaw, sd_yaw, weight in headings:
         roll, pitch = level(window.f_b, f_n, yaw)
         b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
         found.append(Attitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None))
     return found
 
 
-def _headings(v_n: Float64, config: FilterConfig) -> list[Heading]:
-    """Return the headings of a bank over the whole circle, the first along the velocity when there is one."""
+def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig) -> list[Heading]:
+    """Return the headings of a bank over the whole circle, the first along the velocity when there is one.
+
+    Parameters
+    ----------
+    r_e, v_e, P_v : (3,) position, (3,) velocity and its (3, 3) covariance, ECEF
+    """
+    lat, lon, _ = ecef_to_geodetic(r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    v_n = C_ne @ v_e
     n = config.heading.hypotheses
-    moving = math.hypot(v_n[0], v_n[1]) > _COURSE_SPEED_MPS
+    doubt = _COURSE_SIGMA * math.sqrt(float(np.linalg.eigvalsh(P_v[:3, :3])[-1]))
+    moving = math.hypot(v_n[0], v_n[1]) > max(_COURSE_SPEED_MPS, doubt)
     course = math.atan2(v_n[1], v_n[0]) if moving else 0.0
     if n == 1:
         return [Heading(course, math.pi / 3.0 if moving else math.pi / math.sqrt(3.0), 1.0)]

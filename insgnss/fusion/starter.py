@@ -23,6 +23,7 @@ from insgnss.fusion.start import (
     given_kinematics,
     kinematics_from_fix,
     open_bank,
+    open_headings,
 )
 from insgnss.fusion.state import Bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
@@ -33,6 +34,9 @@ from insgnss.tables import Event, Float64
 
 _LONGEST_HISTORY_NS = 5 * NS_PER_S
 _FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positions
+_LEAST_RATES = 4  # for a velocity and a clock drift
+# What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
+_REST_ALLOWANCE_MPS = 0.5
 _MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
 
 
@@ -69,6 +73,8 @@ class Starter:
             return None, fix, []
         window_ns = int(start.window_s * NS_PER_S)
         window = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, t_ns - window_ns, t_ns)
+        if patient and fix.v_a is None and np.sum(fix.tried[RANGE_RATE]) >= _LEAST_RATES:
+            return None, fix, []  # an epoch whose range rates agree tells far more of the motion
         motion = self._motion(fix)
         if window is None or motion is None:
             return None, fix, []
@@ -106,13 +112,13 @@ class Starter:
         """Open the bank from a fix: levelled at rest, or in motion with the acceleration of two velocities."""
         v_a, P_v = motion
         config, grade = self.setup.config, self.setup.grade
-        at_rest = self._at_rest(window, v_a, P_v)
+        earlier = self._earlier_fix(fix, with_velocity=True)
+        if earlier is None and patient and fix.v_a is not None:
+            return None, fix, []  # the acceleration, without which nothing says which way is up
+        at_rest = self._at_rest(window, fix, earlier)
         a_e, sd_a = None, 0.0
         if not at_rest:
             a_e, sd_a = np.zeros(3), 2.0
-            earlier = self._earlier_fix(fix, with_velocity=True)
-            if earlier is None and patient and fix.v_a is not None:
-                return None, fix, []  # the acceleration, without which nothing says which way is up
             if earlier is not None and earlier.v_a is not None:
                 dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
                 longer = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, earlier.t_ns, fix.t_ns)
@@ -121,7 +127,8 @@ class Starter:
                     a_e = (v_a - earlier.v_a) / dt
                     sd_a = math.sqrt(float(np.trace(P_v + earlier.P_v[:3, :3]))) / dt
         kin = kinematics_from_fix(fix, v_a, P_v)
-        attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, self.headings)
+        headings = self.headings or open_headings(fix.r_a, v_a, P_v, config)
+        attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, headings)
         w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
         bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns, self.setup.layout)
         speed = float(np.linalg.norm(v_a))
@@ -134,10 +141,19 @@ class Starter:
         detail = f"automatic, {how}; {fix.n_used} pseudoranges; {heading}"
         return bank, fix, [Event(fix.t_ns, "start", detail)]
 
-    def _at_rest(self, window: Window, v_a: Float64, P_v: Float64) -> bool:
-        """Return whether gyros, accelerometers and GNSS all say that the vehicle stands."""
+    def _at_rest(self, window: Window, fix: Fix, earlier: Fix | None) -> bool:
+        """Return whether gyros, accelerometers and GNSS all say that the vehicle stands.
+
+        GNSS says so by its range rates alone: slow now, and not braking since the ``earlier`` fix.
+        """
         start = self.setup.config.start
-        slow = float(np.linalg.norm(v_a)) < start.rest_speed_mps + 3.0 * math.sqrt(float(np.trace(P_v)))
+        if fix.v_a is None:
+            return False
+        slow = float(np.linalg.norm(fix.v_a)) < start.rest_speed_mps + _allowance(fix.P_v)
+        if earlier is not None and earlier.v_a is not None:
+            change = float(np.linalg.norm(fix.v_a - earlier.v_a))
+            most = start.rest_acceleration_mps2 * (fix.t_ns - earlier.t_ns) / NS_PER_S
+            slow = slow and change < most + _allowance(fix.P_v + earlier.P_v)
         steady = (
             window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
         )
@@ -198,6 +214,11 @@ class Starter:
         return open_bank(
             kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns, self.setup.layout
         )
+
+
+def _allowance(P_v: Float64) -> float:
+    """Return three sigmas of a velocity, at most what rest allows [m/s]."""
+    return min(3.0 * math.sqrt(float(np.trace(P_v[:3, :3]))), _REST_ALLOWANCE_MPS)
 
 
 class Seen(NamedTuple):

@@ -62,6 +62,8 @@ STATE_DTYPE: Final = np.dtype(
             ("clock_clone", np.float64),  # [m]
             ("air_clone", np.float64, (2,)),  # zenith delays, dry and wet [m]
             ("clone_ns", np.int64),  # its time tag; 0: there is none
+            ("v_mean", np.float64, (3,)),  # velocity of the last seconds, ECEF [m/s]
+            ("v_mean_variance", np.float64),  # mean variance of its errors, of a horizontal axis; 0: none yet
             # sums since the covariance was last carried on
             ("sum_dt", np.float64),  # time [s]
             ("f_smooth", np.float64, (3,)),  # specific force of the last moments, ECEF [m/s^2]
@@ -80,6 +82,10 @@ STATE_DTYPE: Final = np.dtype(
             ),  # strongest signal of late, as it would be at the zenith [dBHz]; 0: none yet
             ("cn0_level_ns", np.int64),
             ("log_weight", np.float64),  # natural logarithm of the hypothesis' probability
+            # how far the motion that was shown has moved the state, and what of it the updates have left
+            ("motion_response", np.float64, (OFFSETS + MAX_OPTIONAL,)),
+            ("log_likelihood", np.float64),  # of the epoch's rows
+            ("motion_information", np.float64),  # what the response could add to it at most
         ],
     )
 )
@@ -174,6 +180,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
         target.r_clone[i], target.f_smooth[i] = source.r_clone[i], source.f_smooth[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
+        target.v_mean[i] = source.v_mean[i]
         for j in range(3):
             target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
     for i in range(4):
@@ -192,6 +199,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     )
     target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
     target.mask_waits, target.log_weight = source.mask_waits, source.log_weight
+    target.v_mean_variance = source.v_mean_variance
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
 
 

@@ -25,16 +25,15 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs, yaw_variance
+from insgnss.fusion.heading_bank import attitude
+from insgnss.fusion.headings import yaw_variance
+from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
 from insgnss.fusion.output import new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.start import Heading, headings_around
 from insgnss.fusion.starter import Starter
-from insgnss.fusion.state import BG, DV, PSI, Bank, StateRecord, copy_bank, joined_banks, select_members
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.fusion.state import BG, DV, PSI, Bank, copy_bank, joined_banks, select_members
 from insgnss.gnss.observation_rows import Rows, one_epoch
 from insgnss.tables import Event, Float64
 
@@ -232,15 +231,6 @@ def refusal(t_ns: int, was: Bank, now: Bank) -> Event:
         f" {'one heading' if n == 1 else f'{n} headings'} open"
     )
     return Event(t_ns, "restart", detail)
-
-
-def attitude(m: StateRecord) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw of a hypothesis [rad]."""
-    lat, lon, _ = ecef_to_geodetic(m.r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    roll, pitch, yaw = matrix_to_euler(np.ascontiguousarray(C_ne @ m.C_eb))
-    return float(roll), float(pitch), float(yaw)
 
 
 def _heading_sigmas(bank: Bank) -> Float64:

@@ -4,8 +4,24 @@ from __future__ import annotations
 
 import math
 
+from insgnss.constants import WGS84_A_M, WGS84_E2
 from insgnss.jit import borrowing
 from insgnss.tables import Float64
+
+
+@borrowing
+def up_direction(r_e: Float64) -> tuple[float, float, float]:
+    """Return the unit vector up, against gravity, at an ECEF position (3,) [m]: that of the ellipsoid's normal.
+
+    Equation: (x, y, z / (1 - e^2 a / |r|)), of length one; the normal itself has N / (N + h) in the place of a / |r|
+    Neglects: 2e-5 rad by that, and the bend of the plumb line, 2e-6 rad at 10 km. The Earth's centre is up to 3e-3 rad
+    off, by which a turn about it would tilt.
+    """
+    x, y, z = r_e[0], r_e[1], r_e[2]
+    r = math.sqrt(x * x + y * y + z * z)
+    z /= 1.0 - WGS84_E2 * WGS84_A_M / r
+    length = math.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
 
 
 @borrowing

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from insgnss.fusion.epoch_update import turn_attitude_errors
-from insgnss.fusion.prediction import unknown_force
+from insgnss.fusion.motion import unknown_force
 from insgnss.fusion.state import BA, OFFSETS, PSI, new_bank
+from insgnss.geodesy.local_level import up_direction
 
 GRAVITY_E = np.array([-4.1, 3.2, -8.3])
 PLACE_E = np.array([2.7e6, -2.1e6, 5.4e6])
@@ -39,7 +40,7 @@ def test_attitude_errors_turn_about_the_vertical_with_the_correction_of_the_head
     m.r_e[:] = PLACE_E
     correction = np.zeros(n)
     correction[PSI : PSI + 3] = [0.4, 0.2, -0.5]
-    up = PLACE_E / np.linalg.norm(PLACE_E)
+    up = np.array(up_direction(PLACE_E))
     turn = np.eye(n)
     turn[PSI : PSI + 3, PSI : PSI + 3] = Rotation.from_rotvec(
         up * (up @ correction[PSI : PSI + 3])

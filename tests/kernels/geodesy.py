@@ -20,6 +20,7 @@ CASES = [
     KernelCase(f"{_ELLIPSOID}:ecef_to_geodetic", (_R_E,), rtol=1e-11),
     KernelCase("insgnss.geodesy.gravity:somigliana", (_LAT, 5000.0)),
     KernelCase("insgnss.geodesy.gravity:normal_gravity_ecef", (_R_E, np.zeros(3))),
+    KernelCase("insgnss.geodesy.local_level:up_direction", (_R_E,)),
     KernelCase("insgnss.geodesy.local_level:ecef_to_ned_matrix", (_LAT, _LON, np.zeros((3, 3)))),
     KernelCase(f"{_ROTATIONS}:quaternion_to_matrix", (_Q, np.zeros((3, 3)))),
     KernelCase(f"{_ROTATIONS}:matrix_to_quaternion", (_TURN, np.zeros(4))),
