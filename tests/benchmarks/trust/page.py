@@ -1,0 +1,253 @@
+"""The page of results: one file in Markdown, short tables first, the numbers behind them after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insgnss.version import __version__
+from tests.benchmarks.trust.measuring import Record
+from tests.benchmarks.trust.rows import ALL, BLOCKS, MOTION
+from tests.benchmarks.trust.scoring import (
+    CONFIDENCE,
+    EXPECTED,
+    FAILED,
+    MENDED,
+    OK,
+    Result,
+    Verdict,
+    nees_of,
+    rms_ratios,
+    worst_ratio,
+)
+
+_SHORT = {"accel_bias": "accel. bias", "gyro_bias": "gyro bias"}
+_ORDINARY = {"start", "heading_single", "heading_known"}
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All that the page says."""
+
+    verdicts: Sequence[Verdict]
+    lines: Sequence[Result]
+    records: Mapping[str, Sequence[Record]]
+    seeds: range
+    took_s: float
+    workers: int
+
+
+def page(campaign: Campaign) -> str:
+    """Return the page."""
+    rows = campaign.verdicts
+    situations = [v for v in rows if not v.row.fault]
+    faults = [v for v in rows if v.row.fault]
+    parts = [
+        "# Trust campaign",
+        _summary(campaign),
+        "## What must hold over several rows",
+        _table(("what", "value", "bounds", "verdict"), map(_line_cells, campaign.lines)),
+        "## Situations",
+        "Error over stated sigma (e/s, rms over runs and axes) at the row's last look; 1 is right.",
+        _table(_SITUATION_COLUMNS, (_situation_cells(v, campaign.records[v.row.name]) for v in situations)),
+        "## Faults",
+        "Largest error over stated sigma since the fault, over all runs; below 5 is honest.",
+        _table(_FAULT_COLUMNS, (_fault_cells(v, campaign.records[v.row.name]) for v in faults)),
+        "## Checks that do not hold",
+        _table(("row", "check", "value", "bounds", "why, and what mends it"), _failing(rows)),
+        *_mended(rows),
+        "## NEES",
+        _NEES_WORDS,
+        _table(("row", "at", "runs", *map(_title, ALL)), _nees_rows(situations, campaign.records)),
+        "## Cost",
+        _cost(campaign),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+_SITUATION_COLUMNS = (
+    "row",
+    "situation",
+    "grade",
+    "runs",
+    *("position", "velocity", "tilt", "yaw", "accel. bias", "gyro bias"),
+    "worst e/s",
+    "least sigma of yaw [deg]",
+    "heading known [s], median",
+    "false headings",
+    "events",
+    "verdict",
+)
+_FAULT_COLUMNS = (
+    "row",
+    "fault",
+    "runs",
+    *("position", "velocity", "tilt", "yaw"),
+    "told",
+    "false headings",
+    "events",
+    "verdict",
+)
+_NEES_WORDS = f"""\
+Mean over runs and axes of the squared error over sigma at one instant of each run; bounds of chi-square for so many
+independent runs ({100 * CONFIDENCE:g} %), axes taken as wholly correlated. A value beyond them is bold. The filter
+takes pseudorange errors to last 2.5 s where the simulated ones are white: the lower bound of position is divided by
+2.5, that of velocity by 1.25. Where the stated sigma of yaw is above 60 deg only the upper bound counts: an error on a
+circle cannot exceed 180 deg. Biases are judged against the sensor's whole error but for white noise."""
+
+
+def _summary(campaign: Campaign) -> str:
+    words = [v.word for v in campaign.verdicts] + [r.verdict for r in campaign.lines]
+    counts = ", ".join(f"{words.count(w)} {w}" for w in (OK, EXPECTED, FAILED, MENDED) if words.count(w))
+    runs = sum(v.runs for v in campaign.verdicts)
+    return (
+        f"insgnss {__version__}: {len(campaign.verdicts)} rows, {runs} runs, seeds from {campaign.seeds.start} on,"
+        f" at least {len(campaign.seeds)} each; {campaign.took_s / 60.0:.1f} minutes in {campaign.workers} process(es)."
+        f"\n\nOf the rows, and of the bounds over several rows: **{counts}**.\n\n"
+        + _table(("kind", OK, EXPECTED, FAILED, MENDED), _counts(campaign.verdicts))
+    )
+
+
+def _counts(verdicts: Sequence[Verdict]) -> Iterator[Sequence[str]]:
+    for kind, fault in (("situations", False), ("faults", True)):
+        words = [v.word for v in verdicts if v.row.fault is fault]
+        yield (kind, *(str(words.count(word)) for word in (OK, EXPECTED, FAILED, MENDED)))
+
+
+def _line_cells(result: Result) -> Sequence[str]:
+    return (result.name, _number(result.value), _bounds(result.low, result.high), _loud(result.verdict))
+
+
+def _situation_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[str]:
+    row = verdict.row
+    ratios = rms_ratios(row, records)
+    worst, block = worst_ratio(records, "all")
+    least = min((float(r.get("all.yaw.least_sigma", math.nan)) for r in records), default=math.nan)
+    known = [float(r.get("known_s", math.nan)) for r in records]
+    return (
+        f"`{row.name}`",
+        row.title,
+        row.grade,
+        str(verdict.runs),
+        *(_number(ratios.get(block, math.nan)) for block in ALL),
+        f"{_number(worst)} {_title(block)}" if block else "",
+        _number(least),
+        _seconds(float(np.median(known))) if known else "",
+        _count(records, "false_heading"),
+        _events(records),
+        _loud(verdict.word),
+    )
+
+
+def _fault_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[str]:
+    row = verdict.row
+    window = next(iter(row.windows), "all")
+    told = [float(r["told"]) for r in records if "told" in r]
+    return (
+        f"`{row.name}`",
+        row.title + ("" if window in ("all", "since") else f" ({window})"),
+        str(verdict.runs),
+        *(_number(_worst_of(records, window, block)) for block in MOTION),
+        f"{sum(told):.0f} of {len(told)}" if told else "",
+        _count(records, "false_heading"),
+        _events(records),
+        _loud(verdict.word),
+    )
+
+
+def _worst_of(records: Sequence[Record], window: str, block: str) -> float:
+    values = [float(record.get(f"{window}.{block}.worst", math.nan)) for record in records]
+    return float(np.max(values)) if values else math.nan
+
+
+def _failing(verdicts: Sequence[Verdict]) -> Iterator[Sequence[str]]:
+    for verdict in verdicts:
+        for text in dict.fromkeys(verdict.errors):
+            count = verdict.errors.count(text)
+            yield (f"`{verdict.row.name}`", f"{count} run(s) raised", "", "", text.replace("|", "/"))
+        for result in verdict.results:
+            if not result.holds:
+                why = result.reason or "**not expected**"
+                bounds = _bounds(result.low, result.high)
+                yield (f"`{verdict.row.name}`", result.name, _number(result.value), bounds, why)
+
+
+def _mended(verdicts: Sequence[Verdict]) -> Iterator[str]:
+    found = [(v.row.name, r) for v in verdicts for r in v.results if r.verdict == MENDED]
+    if found:
+        yield "## Checks that hold although they are expected to fail"
+        cells = ((f"`{name}`", r.name, _number(r.value), _bounds(r.low, r.high)) for name, r in found)
+        yield _table(("row", "check", "value", "bounds"), cells)
+
+
+def _nees_rows(
+    verdicts: Sequence[Verdict], records: Mapping[str, Sequence[Record]]
+) -> Iterator[Sequence[str]]:
+    for verdict in verdicts:
+        row = verdict.row
+        sound = [record for record in records[row.name] if not record.get("error")]
+        for look in row.looks:
+            cells = []
+            for block in BLOCKS:
+                check = next((c for c in row.checks if c.of == block and c.at == look), None)
+                value, low, high = nees_of(sound, block, look, check.modest if check else 1.0)
+                text = f"{_number(value)} [{_number(low)}, {_number(high)}]"
+                cells.append(text if low <= value <= high else f"**{text}**")
+            yield (f"`{row.name}`", look, str(len(sound)), *cells)
+
+
+def _cost(campaign: Campaign) -> str:
+    cells = []
+    for verdict in campaign.verdicts:
+        took = [float(record["took_s"]) for record in campaign.records[verdict.row.name]]
+        cells.append((f"`{verdict.row.name}`", str(len(took)), f"{sum(took):.1f}", f"{np.mean(took):.2f}"))
+    return _table(("row", "runs", "CPU [s]", "a run [s]"), cells)
+
+
+def _events(records: Sequence[Record]) -> str:
+    totals: dict[str, int] = {}
+    for record in records:
+        for key, value in record.items():
+            if key.startswith("events.") and key[7:] not in _ORDINARY:
+                totals[key[7:]] = totals.get(key[7:], 0) + int(float(value))
+    return ", ".join(f"{kind} {count}" for kind, count in sorted(totals.items()))
+
+
+def _count(records: Sequence[Record], key: str) -> str:
+    values = [float(record[key]) for record in records if key in record]
+    return f"{sum(values):.0f}" if values else ""
+
+
+def _table(columns: Sequence[str], rows: Iterator[Sequence[str]] | Sequence[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}"]
+    lines += [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join(lines)
+
+
+def _title(block: str) -> str:
+    return _SHORT.get(block, block)
+
+
+def _bounds(low: float, high: float) -> str:
+    if math.isinf(low):
+        return f"at most {_number(high)}"
+    return f"at least {_number(low)}" if math.isinf(high) else f"{_number(low)} to {_number(high)}"
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return "-"
+    if abs(value) >= 1e5:
+        return f"{value:.1g}"
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.2f}"
+
+
+def _seconds(value: float) -> str:
+    return "never" if math.isinf(value) else f"{value:.0f}"
+
+
+def _loud(word: str) -> str:
+    return word if word in (OK, EXPECTED) else f"**{word}**"

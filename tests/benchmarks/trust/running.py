@@ -1,0 +1,84 @@
+"""The campaign's runs, shared out among processes, and what they cost."""
+
+from __future__ import annotations
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+
+from tests.benchmarks.trust.flying import fly
+from tests.benchmarks.trust.live import stream
+from tests.benchmarks.trust.measuring import Record, record_of
+from tests.benchmarks.trust.rows import Row
+from tests.benchmarks.trust.table import all_rows
+
+SEEDS_AT_ONCE = 6  # the truth of a scenario is computed once for them
+
+
+@dataclass(frozen=True)
+class Share:
+    """Some seeds of one row: what goes to a process at once."""
+
+    row: str
+    seeds: tuple[int, ...]
+
+
+def one(row: Row, seed: int) -> Record:
+    """Return what is kept of one run; a run that raises is a record with its error."""
+    start: Record = {"row": row.name, "seed": float(seed), "error": ""}
+    began = time.process_time()
+    try:
+        found = stream(row, seed) if row.live else record_of(fly(row, seed))
+    except Exception as error:  # whatever a run does, the campaign goes on and says so
+        found = {"error": "".join(traceback.format_exception_only(error)).strip()[:300]}
+    return {**start, **found, "took_s": time.process_time() - began}
+
+
+def run_share(share: Share) -> list[Record]:
+    """Return the records of a share."""
+    row = all_rows()[share.row]
+    return [one(row, seed) for seed in share.seeds]
+
+
+def seeds_of(row: Row, first: int, count: int) -> range:
+    """Return the seeds of a row."""
+    return range(first, first + count * row.times)
+
+
+def shares(rows: Sequence[Row], first: int, count: int) -> list[Share]:
+    """Return what is to be done, the longest rows first."""
+    found = []
+    for row in rows:
+        seeds = tuple(seeds_of(row, first, count))
+        found += [Share(row.name, seeds[k : k + SEEDS_AT_ONCE]) for k in range(0, len(seeds), SEEDS_AT_ONCE)]
+    return found
+
+
+def run_rows(
+    rows: Sequence[Row], first: int, count: int, workers: int, tell: Callable[[str, int, int], None]
+) -> Mapping[str, list[Record]]:
+    """Return the records of each row, in the order of their seeds."""
+    found: dict[str, list[Record]] = {row.name: [] for row in rows}
+    todo = shares(rows, first, count)
+    if workers <= 1:
+        for number, share in enumerate(todo, 1):
+            found[share.row] += run_share(share)
+            tell(share.row, number, len(todo))
+    else:
+        run_share(Share(todo[0].row, todo[0].seeds[:1]))  # compiles, once for all
+        # each process is started anew: the compiled loop's threads do not survive a fork
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            futures = {pool.submit(run_share, share): share for share in todo}
+            for number, future in enumerate(as_completed(futures), 1):
+                found[futures[future].row] += future.result()
+                tell(futures[future].row, number, len(todo))
+    return {name: sorted(runs, key=lambda record: float(record["seed"])) for name, runs in found.items()}
+
+
+def cores() -> int:
+    """Return how many processes to use."""
+    return max(1, min(8, os.cpu_count() or 1))
