@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import insgnss
-from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuGrade
+from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuGrade, MountedAntenna
 from insgnss.config.flight import Imu as ImuEntry
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
@@ -42,6 +42,7 @@ class Prepared:
     simulator: Simulator
     silent: Simulator  # the same with sensors without white noise: their systematic errors
     reference: ReferenceTable
+    antennas: tuple[MountedAntenna, ...]
 
 
 @dataclass(frozen=True)
@@ -75,20 +76,24 @@ class Flown:
 @lru_cache(maxsize=2)
 def prepared(row_name: str, text: str, grade: str, rate: tuple[float | None, ...]) -> Prepared:
     """Return the scenario of a row with its truth; ``rate`` is (IMU, GNSS, duration)."""
-    made = _scenario(text, grade, rate)
+    made, antennas = _scenario(text, grade, rate)
     simulator = Simulator(made)
     silent = copy.copy(simulator)
     quiet = {"gyro_arw_deg_per_sqrt_h": 0.0, "accel_vrw_mps_per_sqrt_h": 0.0}
     silent.scenario = replace(made, grade=made.grade.model_copy(update=quiet))
     t_s = np.arange(int(made.duration_s * _REFERENCE_RATE_HZ + 1e-9) + 1) / _REFERENCE_RATE_HZ
-    return Prepared(simulator, silent, reference_table(made.trajectory.motion(t_s), made.start_ns))
+    reference = reference_table(made.trajectory.motion(t_s), made.start_ns)
+    return Prepared(simulator, silent, reference, antennas)
 
 
-def _scenario(text: str, grade: str, rate: tuple[float | None, ...]) -> Scenario:
+def _scenario(
+    text: str, grade: str, rate: tuple[float | None, ...]
+) -> tuple[Scenario, tuple[MountedAntenna, ...]]:
+    """Return the scenario, and the antennas that its flight file would describe."""
     imu_hz, gnss_hz, duration_s = rate
     if text == SAMPLE_FLIGHT:
         whole = sample_scenario(duration_s or 1200.0)
-        return whole if imu_hz is None else replace(whole, imu_rate_hz=imu_hz)
+        return whole if imu_hz is None else replace(whole, imu_rate_hz=imu_hz), ()
     folder = Path()
     if "\n" in text:
         data = json.dumps(tomllib.loads(text))
@@ -101,7 +106,7 @@ def _scenario(text: str, grade: str, rate: tuple[float | None, ...]) -> Scenario
     config = config.model_copy(
         update={"imu": config.imu.model_copy(update=imu), "gnss": config.gnss.model_copy(update=gnss)}
     )
-    return assemble(config, folder, duration_s=duration_s)
+    return assemble(config, folder, duration_s=duration_s), config.gnss.antenna
 
 
 def ready_and_drawn(row: Row, seed: int) -> tuple[Prepared, SimulatedLog]:
@@ -154,6 +159,7 @@ def _flight(row: Row, ready: Prepared, case: Case, seed: int) -> FlightInMemory:
             files=(Path("gnss.csv"),),
             lever_arm_m=tuple(map(float, made.receiver.lever_arm_b)),  # type: ignore[arg-type]
             oscillator=made.oscillator,
+            antenna=ready.antennas,
         ),
         start=start or "automatic",
     )

@@ -46,8 +46,9 @@ def record_of(flown: Flown) -> Record:
         for name in BLOCKS[block]
     }
     kept: Record = {}
+    ends_s = flown.ready.simulator.scenario.duration_s - flown.origin_s
     for look, at_s in flown.row.looks.items():
-        kept |= _looked(flown, errors, time_s, look, at_s)
+        kept |= _looked(flown, errors, time_s, look, at_s if at_s >= 0.0 else ends_s + at_s)
     for window, (from_s, to_s) in {"all": _WHOLE, **flown.row.windows}.items():
         inside = (time_s >= from_s - 1e-6) & (time_s <= to_s + 1e-6)
         kept |= _in_window(errors, z, inside, window)

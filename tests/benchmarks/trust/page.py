@@ -15,14 +15,15 @@ from tests.benchmarks.trust.scoring import (
     CONFIDENCE,
     EXPECTED,
     FAILED,
-    MENDED,
     OK,
     Result,
     Verdict,
+    needless,
     nees_of,
     rms_ratios,
     worst_ratio,
 )
+from tests.statistics_bounds import mean_chi_square_bounds
 
 _SHORT = {"accel_bias": "accel. bias", "gyro_bias": "gyro bias"}
 _ORDINARY = {"start", "heading_single", "heading_known"}
@@ -58,10 +59,10 @@ def page(campaign: Campaign) -> str:
         _table(_FAULT_COLUMNS, (_fault_cells(v, campaign.records[v.row.name]) for v in faults)),
         "## Checks that do not hold",
         _table(("row", "check", "value", "bounds", "why, and what mends it"), _failing(rows)),
-        *_mended(rows),
+        *_needless(rows),
         "## NEES",
         _NEES_WORDS,
-        _table(("row", "at", "runs", *map(_title, ALL)), _nees_rows(situations, campaign.records)),
+        _table(("row", "at", "runs", "bounds", *map(_title, ALL)), _nees_rows(situations, campaign.records)),
         "## Cost",
         _cost(campaign),
     ]
@@ -101,20 +102,20 @@ circle cannot exceed 180 deg. Biases are judged against the sensor's whole error
 
 def _summary(campaign: Campaign) -> str:
     words = [v.word for v in campaign.verdicts] + [r.verdict for r in campaign.lines]
-    counts = ", ".join(f"{words.count(w)} {w}" for w in (OK, EXPECTED, FAILED, MENDED) if words.count(w))
+    counts = ", ".join(f"{words.count(w)} {w}" for w in (OK, EXPECTED, FAILED) if words.count(w))
     runs = sum(v.runs for v in campaign.verdicts)
     return (
         f"insgnss {__version__}: {len(campaign.verdicts)} rows, {runs} runs, seeds from {campaign.seeds.start} on,"
         f" at least {len(campaign.seeds)} each; {campaign.took_s / 60.0:.1f} minutes in {campaign.workers} process(es)."
         f"\n\nOf the rows, and of the bounds over several rows: **{counts}**.\n\n"
-        + _table(("kind", OK, EXPECTED, FAILED, MENDED), _counts(campaign.verdicts))
+        + _table(("kind", OK, EXPECTED, FAILED), _counts(campaign.verdicts))
     )
 
 
 def _counts(verdicts: Sequence[Verdict]) -> Iterator[Sequence[str]]:
     for kind, fault in (("situations", False), ("faults", True)):
         words = [v.word for v in verdicts if v.row.fault is fault]
-        yield (kind, *(str(words.count(word)) for word in (OK, EXPECTED, FAILED, MENDED)))
+        yield (kind, *(str(words.count(word)) for word in (OK, EXPECTED, FAILED)))
 
 
 def _line_cells(result: Result) -> Sequence[str]:
@@ -123,7 +124,9 @@ def _line_cells(result: Result) -> Sequence[str]:
 
 def _situation_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[str]:
     row = verdict.row
-    ratios = rms_ratios(row, records)
+    last = list(row.looks)[-1] if row.looks else ""
+    judged_blocks = {c.of for c in row.checks if c.statistic == "nees" and c.at == last}
+    ratios = {b: r for b, r in rms_ratios(row, records).items() if b in judged_blocks}
     worst, block = worst_ratio(records, "all")
     least = min((float(r.get("all.yaw.least_sigma", math.nan)) for r in records), default=math.nan)
     known = [float(r.get("known_s", math.nan)) for r in records]
@@ -132,7 +135,7 @@ def _situation_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[st
         row.title,
         row.grade,
         str(verdict.runs),
-        *(_number(ratios.get(block, math.nan)) for block in ALL),
+        *(_number(ratios[block]) if block in ratios else "" for block in ALL),
         f"{_number(worst)} {_title(block)}" if block else "",
         _number(least),
         _seconds(float(np.median(known))) if known else "",
@@ -175,12 +178,11 @@ def _failing(verdicts: Sequence[Verdict]) -> Iterator[Sequence[str]]:
                 yield (f"`{verdict.row.name}`", result.name, _number(result.value), bounds, why)
 
 
-def _mended(verdicts: Sequence[Verdict]) -> Iterator[str]:
-    found = [(v.row.name, r) for v in verdicts for r in v.results if r.verdict == MENDED]
+def _needless(verdicts: Sequence[Verdict]) -> Iterator[str]:
+    found = needless(verdicts)
     if found:
-        yield "## Checks that hold although they are expected to fail"
-        cells = ((f"`{name}`", r.name, _number(r.value), _bounds(r.low, r.high)) for name, r in found)
-        yield _table(("row", "check", "value", "bounds"), cells)
+        yield "## Expected to fail, and holding: marks to be taken away"
+        yield _table(("rows", "checks", "reason"), ((m.rows, m.checks, m.reason) for m in found))
 
 
 def _nees_rows(
@@ -190,21 +192,25 @@ def _nees_rows(
         row = verdict.row
         sound = [record for record in records[row.name] if not record.get("error")]
         for look in row.looks:
+            own = {check.of: check for check in row.checks if check.statistic == "nees" and check.at == look}
+            if not own or not sound:
+                continue
+            low, high = mean_chi_square_bounds(1, len(sound), CONFIDENCE)
             cells = []
             for block in BLOCKS:
-                check = next((c for c in row.checks if c.of == block and c.at == look), None)
-                value, low, high = nees_of(sound, block, look, check.modest if check else 1.0)
-                text = f"{_number(value)} [{_number(low)}, {_number(high)}]"
-                cells.append(text if low <= value <= high else f"**{text}**")
-            yield (f"`{row.name}`", look, str(len(sound)), *cells)
+                if block not in own:
+                    cells.append("")
+                    continue
+                value, least, most = nees_of(sound, block, look, own[block].modest)
+                cells.append(_number(value) if least <= value <= most else f"**{_number(value)}**")
+            yield (f"`{row.name}`", look, str(len(sound)), f"{_number(low)} to {_number(high)}", *cells)
 
 
 def _cost(campaign: Campaign) -> str:
-    cells = []
-    for verdict in campaign.verdicts:
-        took = [float(record["took_s"]) for record in campaign.records[verdict.row.name]]
-        cells.append((f"`{verdict.row.name}`", str(len(took)), f"{sum(took):.1f}", f"{np.mean(took):.2f}"))
-    return _table(("row", "runs", "CPU [s]", "a run [s]"), cells)
+    took = {name: [float(r["took_s"]) for r in runs] for name, runs in campaign.records.items()}
+    dearest = sorted(took, key=lambda name: -sum(took[name]))[:5]
+    words = ", ".join(f"`{name}` {np.mean(took[name]):.1f} s a run" for name in dearest)
+    return f"{sum(map(sum, took.values())):.0f} s of CPU in all. The dearest rows: {words}."
 
 
 def _events(records: Sequence[Record]) -> str:

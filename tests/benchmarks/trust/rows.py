@@ -26,7 +26,9 @@ ALL: Final = tuple(BLOCKS)
 # The filter takes pseudorange errors to last 2.5 s (models/filters/tight17.toml) and weighs each epoch of 1 Hz down by
 # that. The simulated noise is white, so the variance of the position is up to 2.5 times too large, on purpose.
 MODEST: Final[Mapping[str, float]] = {"position": 2.5, "velocity": 1.25}
-SIGMAS: Final = 5.0  # one in two million for one value of a consistent filter
+SIGMAS: Final = 5.0  # what the faults of the table must stay within: one in two million for one value
+# A row of situations holds some 10^5 values: a consistent filter is beyond 6 sigma in one row of 5000, beyond 5 in 20
+SIGMAS_OF_MANY: Final = 6.0
 
 Statistic = Literal["nees", "most", "least", "mean", "median", "rms"]
 
@@ -69,6 +71,16 @@ Measure = Callable[["Flown"], float]
 
 
 @dataclass(frozen=True)
+class Mark:
+    """Checks that are expected to fail: of which rows, which ones, why, and what will mend them."""
+
+    rows: str  # pattern of names
+    checks: str
+    reason: str
+    in_tests: bool = True  # whether few seeds show the failure: then the tests ask for it
+
+
+@dataclass(frozen=True)
 class Row:
     """One row: a scenario of one grade, flown with several seeds."""
 
@@ -80,7 +92,9 @@ class Row:
     rate_hz: float | None = None  # of the IMU, in place of the scenario's
     gnss_rate_hz: float | None = None
     duration_s: float | None = None
-    looks: Mapping[str, float] = field(default_factory=dict)  # seconds after the origin
+    looks: Mapping[str, float] = field(
+        default_factory=dict
+    )  # seconds after the origin; negative: before the end of the scenario
     windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # seconds after the origin
     measures: Mapping[str, Measure] = field(default_factory=dict)
     spoil: Spoiler | None = None
@@ -131,7 +145,9 @@ def nees(*blocks: str, at: str = "end", modest: Mapping[str, float] = MODEST) ->
     )
 
 
-def honest(window: str = "all", limit: float = SIGMAS, blocks: tuple[str, ...] = MOTION) -> tuple[Check, ...]:
+def honest(
+    window: str = "all", limit: float = SIGMAS_OF_MANY, blocks: tuple[str, ...] = MOTION
+) -> tuple[Check, ...]:
     """Return the checks that no error of a window is beyond ``limit`` sigma, a check for each block."""
     return tuple(
         Check(f"worst {block} {window}", "most", f"{window}.{block}.worst", high=limit) for block in blocks

@@ -20,13 +20,13 @@ from typing import Final
 import numpy as np
 
 from tests.benchmarks.trust.measuring import Record
-from tests.benchmarks.trust.rows import BLOCKS, Check, Line, Row
+from tests.benchmarks.trust.rows import BLOCKS, Check, Line, Mark, Row
 from tests.statistics_bounds import mean_chi_square_bounds
 
 # A page has some 300 checks of NEES: one in thirty pages of a consistent filter shows one beyond its bounds.
 CONFIDENCE: Final = 0.9999
 WIDE_DEG: Final = 60.0
-OK, EXPECTED, FAILED, MENDED = "ok", "expected to fail", "FAILED", "PASSES, expected to fail"
+OK, EXPECTED, FAILED = "ok", "expected to fail", "FAILED"
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        """Ok, expected to fail, failed, or passing against what is expected."""
-        if not self.reason:
-            return OK if self.holds else FAILED
-        return MENDED if self.holds else EXPECTED
+        """Ok, expected to fail, or failed."""
+        if self.holds:
+            return OK
+        return EXPECTED if self.reason else FAILED
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Verdict:
         words = {result.verdict for result in self.results}
         if self.errors or FAILED in words:
             return FAILED
-        return next((word for word in (MENDED, EXPECTED) if word in words), OK)
+        return EXPECTED if EXPECTED in words else OK
 
 
 def judged(row: Row, records: Sequence[Record]) -> Verdict:
@@ -79,7 +79,7 @@ def judged(row: Row, records: Sequence[Record]) -> Verdict:
 
 
 def _result(row: Row, check: Check, records: Sequence[Record]) -> Result:
-    reason = next((why for pattern, why in row.expected.items() if fnmatch(check.name, pattern)), "")
+    reason = next((mark.reason for mark in row.expected if fnmatch(check.name, mark.checks)), "")
     if check.statistic == "nees":
         value, low, high = nees_of(records, check.of, check.at, check.modest)
         low, high = (
@@ -120,6 +120,20 @@ def nees_of(
     if block == "yaw" and float(np.median(sigma)) > WIDE_DEG:
         low = 0.0
     return float(np.mean((error / sigma) ** 2)), low, high
+
+
+def needless(verdicts: Sequence[Verdict]) -> list[Mark]:
+    """Return the marks whose checks all hold: what they waited for is mended, and they are to be taken away."""
+    marks = list(dict.fromkeys(mark for verdict in verdicts for mark in verdict.row.expected))
+    return [
+        mark
+        for mark in marks
+        if not any(
+            fnmatch(verdict.row.name, mark.rows) and fnmatch(result.name, mark.checks) and not result.holds
+            for verdict in verdicts
+            for result in verdict.results
+        )
+    ]
 
 
 def line_result(line: Line, records: Mapping[str, Sequence[Record]]) -> Result | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from tests.benchmarks.trust.flying import Flown
@@ -33,13 +34,6 @@ from tests.benchmarks.trust.spoiling import without_carrier
 
 GRADES: Final = ("mems_consumer", "industrial", "tactical_low")
 UNHURT: Final = no_event("clock_jump", "reset", "restart")
-LASTING: Final = (
-    "multipath that lasts has no state; it comes with the issue 'What lasts, and what the vehicle knows'"
-)
-SCALE: Final = (
-    "scale factors and misalignments are white noise in the filter; their states come with the issue 'What lasts, and"
-    " what the vehicle knows'"
-)
 
 
 def _word(carrier: bool) -> str:
@@ -54,7 +48,14 @@ def _rest(grade: str, carrier: bool) -> Row:
         name,
         f"rest 30 min, {_word(carrier)}",
         scenario(name, straight(1800.0), grade=grade, rate_hz=25.0, carrier=carrier),
-        (wide, *no_event("heading_single"), *nees(*ALL), *honest(), *UNHURT, NO_FALSE_HEADING),
+        (
+            wide,
+            *no_event("heading_single", "heading_known"),
+            *nees(*ALL),
+            *honest(),
+            *UNHURT,
+            NO_FALSE_HEADING,
+        ),
         grade,
         looks={"end": 1798.0},
         in_tests=grade == "industrial",
@@ -128,7 +129,6 @@ def _loiter(grade: str) -> Row:
         (*nees(*MOTION), *honest(), *UNHURT, NO_FALSE_HEADING),
         grade,
         looks={"end": LOITER_S + 60.0},
-        expected={"nees tilt*": SCALE},
         in_tests=grade == "industrial",
     )
 
@@ -148,11 +148,10 @@ def _city(grade: str, lasting: bool) -> Row:
         name,
         f"city drive with stops, {'multipath that lasts 60 s' if lasting else 'white noise'}",
         scenario(name, *CITY, grade=grade, gnss=gnss),
-        (*nees(*MOTION), *honest("settled", limit=6.0), *UNHURT, NO_FALSE_HEADING),
+        (*nees(*MOTION), *honest("settled"), *UNHURT, NO_FALSE_HEADING),
         grade,
         looks={"end": CITY_S - 2.0},
         windows={"settled": (90.0, CITY_S)},
-        expected={"nees position*": LASTING, "worst position*": LASTING} if lasting else {},
         in_tests=lasting and grade == "mems_consumer",
     )
 
@@ -164,10 +163,10 @@ def _city_starts() -> Row:
         "city_starts",
         "start at a drawn place of a city drive with multipath",
         scenario("city_starts", *CITY, grade="mems_consumer", gnss=gnss),
-        (NO_FALSE_HEADING, *honest("all", 6.0, ("tilt", "yaw"))),
+        (NO_FALSE_HEADING, *honest(blocks=("tilt", "yaw"))),
         "mems_consumer",
         cut=True,
-        times=4,
+        times=8,
     )
 
 
@@ -190,7 +189,6 @@ def _outage(grade: str, length_s: float) -> Row:
         grade,
         looks={"before its end": from_s + length_s - 1.0, "end": TO_KNOWN_S + 3 * CORNERS_S - 2.0},
         output=1.0,
-        expected={"nees*before its end": SCALE} if length_s >= 60.0 else {},
         in_tests=length_s == 30.0 and grade == "industrial",
     )
 
@@ -286,21 +284,28 @@ def _hour_without_gnss(given: bool) -> Row:
         text,
         (*nees(*MOTION, at="before its end"), *nees(*MOTION), *honest(), NO_FALSE_HEADING),
         "navigation",
-        looks={"before its end": begin_s + 3599.0, "end": begin_s + 3630.0},
+        looks={"before its end": begin_s + 3598.0, "end": begin_s + 3630.0},
         start="given" if given else "automatic",
-        output=0.2,
+        output=1.0,
     )
 
 
-def _shipped(name: str, title: str, today_s: float, **more: object) -> Row:
+def _shipped(name: str, title: str, today_s: float) -> Row:
     """A scenario of models/scenarios: the heading is known at most 30 s later than in version 87510aa."""
+    # at 90 deg of pitch, in a loop, roll and yaw are not defined apart
+    blocks = ("position", "velocity") if name == "aerobatics" else MOTION
     known = Check("heading known (median) [s]", "median", "known_s", high=today_s + 30.0)
     return Row(
         name,
         title,
         name,
-        (*nees(*MOTION), *honest(limit=6.0), NO_FALSE_HEADING, *((known,) if today_s < 1e6 else ())),
-        **more,  # type: ignore[arg-type]
+        (
+            *nees(*MOTION),
+            *honest(blocks=blocks),
+            NO_FALSE_HEADING,
+            *((known,) if math.isfinite(today_s) else ()),
+        ),
+        looks={"end": -5.0},
     )
 
 
@@ -319,30 +324,12 @@ def situation_rows() -> tuple[Row, ...]:
         _carrier_air(),
         *(_air_errors(carrier) for carrier in both),
         *(_hour_without_gnss(given) for given in both),
-        _shipped("turning_flight", "small aircraft, turns that hide satellites", 62.0, looks={"end": 330.0}),
-        _shipped("over_the_pole", "airliner over the pole", 101.0, rate_hz=50.0, looks={"end": 520.0}),
-        _shipped(
-            "fast_jet",
-            "jet, 250 to 400 m/s, turns of 60 to 75 deg",
-            40.0,
-            rate_hz=100.0,
-            gnss_rate_hz=2.0,
-            looks={"end": 300.0},
-        ),
-        _shipped(
-            "city_car",
-            "car with multipath of 15 s",
-            30.0,
-            looks={"end": 135.0},
-            expected={"nees position*": LASTING, "worst position*": LASTING},
-        ),
-        _shipped("small_drone", "drone, vibration, jitter, lost samples", 44.0, looks={"end": 150.0}),
-        _shipped(
-            "ship_in_waves",
-            "ship of 60 m in waves",
-            1e9,
-            rate_hz=50.0,
-            looks={"end": 590.0},
-            expected={"nees position*": LASTING, "worst position*": LASTING},
-        ),
+        _shipped("turning_flight", "small aircraft, turns that hide satellites", 62.0),
+        _shipped("over_the_pole", "airliner over the pole", 101.0),
+        _shipped("fast_jet", "jet, 250 to 400 m/s, turns of 60 to 75 deg", 40.0),
+        _shipped("city_car", "car with multipath of 15 s", 30.0),
+        _shipped("small_drone", "drone, vibration, jitter, lost samples", 44.0),
+        _shipped("aerobatics", "loop, rolls, no satellite while inverted", math.inf),
+        _shipped("sounding_rocket", "rocket, 10 g, spin", math.inf),
+        _shipped("ship_in_waves", "ship of 60 m in waves", math.inf),
     )
