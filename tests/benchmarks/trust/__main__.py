@@ -9,8 +9,6 @@ import time
 from fnmatch import fnmatch
 from pathlib import Path
 
-import pandas as pd
-
 from tests.benchmarks.trust.lines import LINES
 from tests.benchmarks.trust.measuring import Record
 from tests.benchmarks.trust.page import Campaign, page
@@ -19,13 +17,13 @@ from tests.benchmarks.trust.running import cores, run_rows
 from tests.benchmarks.trust.scoring import FAILED, judged, line_result, needless
 from tests.benchmarks.trust.table import all_rows
 
-PAGE, RUNS, CHECKS = "trust.md", "trust_runs.csv", "trust_checks.json"
+PAGE, RUNS, CHECKS = "trust.md", "trust_runs.jsonl", "trust_checks.json"
 
 
 def asked(arguments: list[str] | None = None) -> argparse.Namespace:
     """Return the options."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.trust", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=16, help="of each row; some rows fly more")
+    parser.add_argument("--seeds", type=int, default=12, help="of each row; some rows fly more")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--rows", default="*", help="names or patterns, parted by commas")
     parser.add_argument("--workers", type=int, default=cores())
@@ -50,10 +48,15 @@ def main(arguments: list[str] | None = None) -> int:
         return 0 if options.list else 2
     began = time.perf_counter()
 
-    def tell(name: str, done: int, total: int) -> None:
+    options.output.mkdir(parents=True, exist_ok=True)
+
+    def tell(name: str, found: list[Record], done: int, total: int) -> None:
         print(f"{time.perf_counter() - began:6.0f} s  {done} of {total}  {name}", file=sys.stderr, flush=True)
+        with (options.output / RUNS).open("a", encoding="utf-8") as kept:
+            kept.writelines(json.dumps(record) + "\n" for record in found)
 
     if options.read is None:
+        (options.output / RUNS).unlink(missing_ok=True)
         records = run_rows(rows, options.first_seed, options.seeds, options.workers, tell)
     else:
         records = read_runs(options.read / RUNS)
@@ -63,11 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     took_s = time.perf_counter() - began
     text = page(Campaign(verdicts, lines, records, seeds, took_s, options.workers))
-    options.output.mkdir(parents=True, exist_ok=True)
     (options.output / PAGE).write_text(text, encoding="utf-8")
-    if options.read is None:
-        table = pd.DataFrame([record for runs in records.values() for record in runs])
-        table.to_csv(options.output / RUNS, index=False)
     checks = [
         {
             "row": v.row.name,
@@ -90,12 +89,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def read_runs(path: Path) -> dict[str, list[Record]]:
-    """Return the runs of an earlier campaign by their rows; a cell without a number is a number that was not kept."""
-    table = pd.read_csv(path, low_memory=False, keep_default_na=False, na_values=[""])
+    """Return the runs of an earlier campaign, or of a part of one, by their rows."""
     found: dict[str, list[Record]] = {}
-    for record in table.to_dict("records"):
-        kept = {str(name): value for name, value in record.items() if value == value}
-        found.setdefault(str(kept["row"]), []).append({"error": "", **kept})
+    for line in path.read_text(encoding="utf-8").splitlines():
+        record: Record = json.loads(line)
+        found.setdefault(str(record["row"]), []).append(record)
     return found
 
 

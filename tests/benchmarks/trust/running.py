@@ -16,7 +16,8 @@ from tests.benchmarks.trust.measuring import Record, record_of
 from tests.benchmarks.trust.rows import Row
 from tests.benchmarks.trust.table import all_rows
 
-SEEDS_AT_ONCE = 6  # the truth of a scenario is computed once for them
+Tell = Callable[[str, list[Record], int, int], None]
+SEEDS_AT_ONCE = 4  # the truth of a scenario is computed once for them
 
 
 @dataclass(frozen=True)
@@ -50,32 +51,35 @@ def seeds_of(row: Row, first: int, count: int) -> range:
 
 
 def shares(rows: Sequence[Row], first: int, count: int) -> list[Share]:
-    """Return what is to be done, the longest rows first."""
+    """Return what is to be done: some seeds of every row, then further ones, so that a part of a campaign says much."""
     found = []
     for row in rows:
         seeds = tuple(seeds_of(row, first, count))
-        found += [Share(row.name, seeds[k : k + SEEDS_AT_ONCE]) for k in range(0, len(seeds), SEEDS_AT_ONCE)]
-    return found
+        parts = [seeds[k : k + SEEDS_AT_ONCE] for k in range(0, len(seeds), SEEDS_AT_ONCE)]
+        found += [(number, Share(row.name, part)) for number, part in enumerate(parts)]
+    return [share for _, share in sorted(found, key=lambda numbered: numbered[0])]
 
 
 def run_rows(
-    rows: Sequence[Row], first: int, count: int, workers: int, tell: Callable[[str, int, int], None]
+    rows: Sequence[Row], first: int, count: int, workers: int, tell: Tell
 ) -> Mapping[str, list[Record]]:
     """Return the records of each row, in the order of their seeds."""
     found: dict[str, list[Record]] = {row.name: [] for row in rows}
     todo = shares(rows, first, count)
     if workers <= 1:
         for number, share in enumerate(todo, 1):
-            found[share.row] += run_share(share)
-            tell(share.row, number, len(todo))
+            done = run_share(share)
+            found[share.row] += done
+            tell(share.row, done, number, len(todo))
     else:
         run_share(Share(todo[0].row, todo[0].seeds[:1]))  # compiles, once for all
         # each process is started anew: the compiled loop's threads do not survive a fork
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             futures = {pool.submit(run_share, share): share for share in todo}
             for number, future in enumerate(as_completed(futures), 1):
-                found[futures[future].row] += future.result()
-                tell(futures[future].row, number, len(todo))
+                name, done = futures[future].row, future.result()
+                found[name] += done
+                tell(name, done, number, len(todo))
     return {name: sorted(runs, key=lambda record: float(record["seed"])) for name, runs in found.items()}
 
 
