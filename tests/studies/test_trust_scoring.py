@@ -16,6 +16,7 @@ from tests.benchmarks.trust.scoring import (
     FAILED,
     OK,
     judged,
+    judged_lines,
     line_result,
     needless,
     nees_of,
@@ -106,7 +107,7 @@ def test_number_that_a_run_has_not_fails_and_an_event_that_it_has_not_is_none() 
 def test_number_that_is_none_fails() -> None:
     runs = [{**kept, "number": math.nan} for kept in records(1.0)]
     for statistic in ("most", "least", "mean", "median", "rms"):
-        check = Check("number", statistic, "number", high=2.0)  # type: ignore[arg-type]
+        check = Check("number", statistic, "number", high=2.0)
         assert judged(row(check), runs).word == FAILED
 
 
@@ -133,11 +134,15 @@ def test_line_takes_the_runs_of_its_rows_as_one_sample(ratio: float, word: str) 
     found = line_result(line, {"a1": records(ratio), "b": records(ratio, seed=2), "c": records(9.0)})
     assert found is not None and found.verdict == word
     assert line_result(line, {"c": records(1.0), "b": records(1.0)}) is None
+    marked = judged_lines([line], {"a1": records(ratio), "b": records(ratio)}, (Mark("lines", "l*", "why"),))
+    assert marked.word == (EXPECTED if word == FAILED else OK)
 
 
 def test_page_names_each_row_and_what_does_not_hold() -> None:
     marked = row(*nees("yaw"), expected=(Mark("row", "*", "mended another day"),))
     verdict = judged(marked, records(3.0))
-    text = page(Campaign([verdict], [], {"row": records(3.0)}, range(1, 1 + RUNS), 60.0, 2))
+    text = page(
+        Campaign([verdict], judged_lines([], {}, ()), {"row": records(3.0)}, range(1, 1 + RUNS), 60.0, 2)
+    )
     assert "`row`" in text and EXPECTED in text and "mended another day" in text
     assert FAILED not in text.replace(f"| {FAILED} |", "")

@@ -9,12 +9,14 @@ import time
 from fnmatch import fnmatch
 from pathlib import Path
 
+from tests.benchmarks.trust.expected import marks_of
 from tests.benchmarks.trust.lines import LINES
 from tests.benchmarks.trust.measuring import Record
 from tests.benchmarks.trust.page import Campaign, page
 from tests.benchmarks.trust.rows import Row
 from tests.benchmarks.trust.running import cores, run_rows
-from tests.benchmarks.trust.scoring import FAILED, judged, line_result, needless
+from tests.benchmarks.trust.scoring import FAILED, judged, judged_lines, needless
+from tests.benchmarks.trust.scoring import LINES as LINES_ROW
 from tests.benchmarks.trust.table import all_rows
 
 PAGE, RUNS, CHECKS = "trust.md", "trust_runs.jsonl", "trust_checks.json"
@@ -62,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         records = read_runs(options.read / RUNS)
         rows = [row for row in rows if row.name in records]
     verdicts = [judged(row, records[row.name]) for row in rows]
-    lines = [result for line in LINES if (result := line_result(line, records)) is not None]
+    lines = judged_lines(LINES, records, marks_of(LINES_ROW))
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     took_s = time.perf_counter() - began
     text = page(Campaign(verdicts, lines, records, seeds, took_s, options.workers))
@@ -76,16 +78,16 @@ def main(arguments: list[str] | None = None) -> int:
             "high": r.high,
             "verdict": r.verdict,
         }
-        for v in verdicts
+        for v in (*verdicts, lines)
         for r in v.results
     ]
     (options.output / CHECKS).write_text(json.dumps(checks, indent=1), encoding="utf-8")
-    words = [v.word for v in verdicts] + [result.verdict for result in lines]
+    words = [v.word for v in (*verdicts, lines)]
     for verdict in verdicts:
         took = sum(float(record["took_s"]) for record in records[verdict.row.name])
         print(f"{verdict.row.name:32} {verdict.runs:4} runs {took:6.1f} s CPU  {verdict.word}")
     print(f"{took_s:.0f} s; {options.output / PAGE}")
-    return 1 if FAILED in words or needless(verdicts) else 0
+    return 1 if FAILED in words or needless([*verdicts, lines]) else 0
 
 
 def read_runs(path: Path) -> dict[str, list[Record]]:

@@ -157,7 +157,7 @@ def _flight(row: Row, ready: Prepared, case: Case, seed: int) -> FlightInMemory:
         imu=ImuEntry(files=(Path("imu.csv"),), grade=made.grade),
         gnss=Gnss(
             files=(Path("gnss.csv"),),
-            lever_arm_m=tuple(map(float, made.receiver.lever_arm_b)),  # type: ignore[arg-type]
+            lever_arm_m=tuple(map(float, made.receiver.lever_arm_b)),
             oscillator=made.oscillator,
             antenna=ready.antennas,
         ),

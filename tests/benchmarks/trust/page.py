@@ -34,7 +34,7 @@ class Campaign:
     """All that the page says."""
 
     verdicts: Sequence[Verdict]
-    lines: Sequence[Result]
+    lines: Verdict
     records: Mapping[str, Sequence[Record]]
     seeds: range
     took_s: float
@@ -50,7 +50,7 @@ def page(campaign: Campaign) -> str:
         "# Trust campaign",
         _summary(campaign),
         "## What must hold over several rows",
-        _table(("what", "value", "bounds", "verdict"), map(_line_cells, campaign.lines)),
+        _table(("what", "value", "bounds", "verdict"), map(_line_cells, campaign.lines.results)),
         "## Situations",
         "Error over stated sigma (e/s, rms over runs and axes) at the row's last look; 1 is right.",
         _table(_SITUATION_COLUMNS, (_situation_cells(v, campaign.records[v.row.name]) for v in situations)),
@@ -58,8 +58,10 @@ def page(campaign: Campaign) -> str:
         "Largest error over stated sigma since the fault, over all runs; below 5 is honest.",
         _table(_FAULT_COLUMNS, (_fault_cells(v, campaign.records[v.row.name]) for v in faults)),
         "## Checks that do not hold",
-        _table(("row", "check", "value", "bounds", "why, and what mends it"), _failing(rows)),
-        *_needless(rows),
+        _table(
+            ("row", "check", "value", "bounds", "why, and what mends it"), _failing([*rows, campaign.lines])
+        ),
+        *_needless([*rows, campaign.lines]),
         "## NEES",
         _NEES_WORDS,
         _table(("row", "at", "runs", "bounds", *map(_title, ALL)), _nees_rows(situations, campaign.records)),
@@ -101,7 +103,7 @@ circle cannot exceed 180 deg. Biases are judged against the sensor's whole error
 
 
 def _summary(campaign: Campaign) -> str:
-    words = [v.word for v in campaign.verdicts] + [r.verdict for r in campaign.lines]
+    words = [v.word for v in campaign.verdicts] + [r.verdict for r in campaign.lines.results]
     counts = ", ".join(f"{words.count(w)} {w}" for w in (OK, EXPECTED, FAILED) if words.count(w))
     runs = sum(v.runs for v in campaign.verdicts)
     return (

@@ -106,7 +106,7 @@ def _gap(length_s: float, turning: bool) -> Row:
         measures={"bias_ratio": _bias_ratio(length_s)},
         spoil=without_samples(length_s),
         origin_s=GAP_AT_S,
-        in_tests=length_s == 2.0,
+        in_tests=length_s == 2.0 or (length_s == 5.0 and not turning),
     )
 
 
@@ -133,6 +133,7 @@ def _parked() -> Row:
         measures={"bias_ratio": _bias_ratio(length_s)},
         spoil=without_samples(length_s),
         origin_s=TO_KNOWN_S + 40.0,
+        in_tests=True,
     )
 
 

@@ -109,9 +109,7 @@ class Row:
     live: bool = False  # through the streaming engine
     times: int = 1  # as many runs as the campaign's seeds, times that
     fault: bool = False
-    expected: Mapping[str, str] = field(
-        default_factory=dict
-    )  # pattern of a check's name: why it fails, what mends it
+    expected: tuple[Mark, ...] = ()  # given by the module of that name
     in_tests: bool = False
 
     def origin(self, seed: int) -> float:
@@ -135,7 +133,6 @@ class Line:
     statistic: Literal["nees", "rms", "ratio"]
     low: float
     high: float
-    expected: str = ""
 
 
 def nees(*blocks: str, at: str = "end", modest: Mapping[str, float] = MODEST) -> tuple[Check, ...]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 
@@ -33,7 +35,10 @@ def one(row: Row, seed: int) -> Record:
     start: Record = {"row": row.name, "seed": float(seed), "error": ""}
     began = time.process_time()
     try:
-        found = stream(row, seed) if row.live else record_of(fly(row, seed))
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            found = stream(row, seed) if row.live else record_of(fly(row, seed))
+        found["warnings"] = float(len(told))
     except Exception as error:  # whatever a run does, the campaign goes on and says so
         found = {"error": "".join(traceback.format_exception_only(error)).strip()[:300]}
     return {**start, **found, "took_s": time.process_time() - began}
@@ -66,21 +71,43 @@ def run_rows(
     """Return the records of each row, in the order of their seeds."""
     found: dict[str, list[Record]] = {row.name: [] for row in rows}
     todo = shares(rows, first, count)
-    if workers <= 1:
-        for number, share in enumerate(todo, 1):
-            done = run_share(share)
-            found[share.row] += done
-            tell(share.row, done, number, len(todo))
-    else:
-        run_share(Share(todo[0].row, todo[0].seeds[:1]))  # compiles, once for all
-        # each process is started anew: the compiled loop's threads do not survive a fork
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            futures = {pool.submit(run_share, share): share for share in todo}
-            for number, future in enumerate(as_completed(futures), 1):
-                name, done = futures[future].row, future.result()
-                found[name] += done
-                tell(name, done, number, len(todo))
+    for number, (share, records) in enumerate(_done(todo, workers), 1):
+        found[share.row] += records
+        tell(share.row, records, number, len(todo))
     return {name: sorted(runs, key=lambda record: float(record["seed"])) for name, runs in found.items()}
+
+
+def _done(todo: Sequence[Share], workers: int) -> Iterator[tuple[Share, list[Record]]]:
+    if workers <= 1:
+        yield from ((share, run_share(share)) for share in todo)
+        return
+    run_share(Share(todo[0].row, todo[0].seeds[:1]))  # compiles, once for all
+    left = list(todo)
+    while left:
+        for share, records in _in_pool(left, workers):
+            left.remove(share)
+            yield share, records
+        # a process died, which none may: the runs of then are among the first, and each share gets a pool of its own
+        for share in left[: 2 * workers]:
+            left.remove(share)
+            records = next(iter(_in_pool([share], 1)), (share, []))[1]
+            yield share, records or [_died(share.row, seed) for seed in share.seeds]
+
+
+def _in_pool(todo: Sequence[Share], workers: int) -> Iterator[tuple[Share, list[Record]]]:
+    """Yield what gets done until all is done or a process dies."""
+    # each process is started anew: the compiled loop's threads do not survive a fork
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        futures = {pool.submit(run_share, share): share for share in todo}
+        for future in as_completed(futures):
+            try:
+                yield futures[future], future.result()
+            except BrokenProcessPool:
+                return
+
+
+def _died(row: str, seed: int) -> Record:
+    return {"row": row, "seed": float(seed), "error": "the process died", "took_s": 0.0}
 
 
 def cores() -> int:

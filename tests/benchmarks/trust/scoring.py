@@ -12,19 +12,21 @@ judged from one side alone: the mean must not be above its upper bound. (An unkn
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from insgnss.tables import Float64
 from tests.benchmarks.trust.measuring import Record
 from tests.benchmarks.trust.rows import BLOCKS, Check, Line, Mark, Row
 from tests.statistics_bounds import mean_chi_square_bounds
 
 # A page has some 300 checks of NEES: one in thirty pages of a consistent filter shows one beyond its bounds.
 CONFIDENCE: Final = 0.9999
+LINES: Final = "lines"  # the name of the row that the bounds over several rows make
 WIDE_DEG: Final = 60.0
 OK, EXPECTED, FAILED = "ok", "expected to fail", "FAILED"
 
@@ -99,8 +101,13 @@ def _statistic(check: Check, records: Sequence[Record]) -> float:
     if check.statistic == "rms":
         return float(np.sqrt(np.mean(values)))
     # a run that has not the number makes the whole unknown, and the check fails
-    take = {"most": np.max, "least": np.min, "mean": np.mean, "median": np.median}[check.statistic]
-    return float(take(values))
+    take: dict[str, Callable[[Float64], Any]] = {
+        "most": np.max,
+        "least": np.min,
+        "mean": np.mean,
+        "median": np.median,
+    }
+    return float(take[check.statistic](values))
 
 
 def nees_of(
@@ -136,8 +143,19 @@ def needless(verdicts: Sequence[Verdict]) -> list[Mark]:
     ]
 
 
-def line_result(line: Line, records: Mapping[str, Sequence[Record]]) -> Result | None:
+def judged_lines(
+    lines: Sequence[Line], records: Mapping[str, Sequence[Record]], marks: tuple[Mark, ...]
+) -> Verdict:
+    """Return the verdict of the bounds over several rows, as that of a row of their own."""
+    results = tuple(r for line in lines if (r := line_result(line, records, marks)) is not None)
+    return Verdict(Row(LINES, "bounds over several rows", "", (), expected=marks), results, 0, ())
+
+
+def line_result(
+    line: Line, records: Mapping[str, Sequence[Record]], marks: tuple[Mark, ...] = ()
+) -> Result | None:
     """Return what the runs of several rows together say; nothing where none of them was flown."""
+    reason = next((mark.reason for mark in marks if fnmatch(line.name, mark.checks)), "")
     groups = [
         [
             record
@@ -152,14 +170,14 @@ def line_result(line: Line, records: Mapping[str, Sequence[Record]]) -> Result |
         return None
     if line.statistic == "ratio":
         above, below = (np.mean([float(r.get(line.of[0], math.nan)) for r in group]) for group in groups)
-        return Result(line.name, math.sqrt(above / below), line.low, line.high, line.expected)
+        return Result(line.name, math.sqrt(above / below), line.low, line.high, reason)
     taken = [record for group in groups for record in group]
     if line.statistic == "nees":
         value = float(np.mean([nees_of(taken, block, line.at)[0] for block in line.of]))
     else:
         keys = [f"{line.at}.{block}.square" for block in line.of]
         value = math.sqrt(np.mean([[float(record.get(key, math.nan)) for key in keys] for record in taken]))
-    return Result(line.name, value, line.low, line.high, line.expected)
+    return Result(line.name, value, line.low, line.high, reason)
 
 
 def rms_ratios(row: Row, records: Sequence[Record]) -> dict[str, float]:

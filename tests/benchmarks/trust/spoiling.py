@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,6 @@ from tests.benchmarks.trust.rows import Case, Spoiler
 L1_HZ: Final = 1575.42e6
 WAVELENGTH_M: Final = C_MPS / L1_HZ
 Sensor = Literal["gyro", "accel"]
-_FIELD: Final = {"gyro": "w_ib_b", "accel": "f_b"}
-_HIGH_DEG: Final = 25.0
 Rows = npt.NDArray[np.bool_]
 
 
@@ -25,13 +23,15 @@ def _seconds(t_ns: npt.NDArray[np.int64], case: Case) -> Float64:
 
 
 def _with_imu(case: Case, sensor: Sensor, values: Float64) -> Case:
-    return replace(case, imu=replace(case.imu, **{_FIELD[sensor]: values}))
+    imu = replace(case.imu, w_ib_b=values) if sensor == "gyro" else replace(case.imu, f_b=values)
+    return replace(case, imu=imu)
 
 
 def _changed_imu(case: Case, sensor: Sensor, at_s: float, for_s: float) -> tuple[Float64, Rows]:
     """Return a copy of a sensor's values and the rows from ``at_s`` on."""
     t_s = _seconds(case.imu.t_ns, case)
-    return getattr(case.imu, _FIELD[sensor]).copy(), (t_s > at_s) & (t_s <= at_s + for_s)
+    values = case.imu.w_ib_b if sensor == "gyro" else case.imu.f_b
+    return values.copy(), (t_s > at_s) & (t_s <= at_s + for_s)
 
 
 def bias_step(sensor: Sensor, size: float) -> Spoiler:
@@ -148,8 +148,8 @@ def reversed_doppler(for_s: float) -> Spoiler:
     def spoil(case: Case, at_s: float, rng: np.random.Generator) -> Case:
         gnss = case.gnss
         sign = np.where(_inside(gnss, case, at_s, for_s), -1.0, 1.0)
-        changed = {"doppler_hz": sign * gnss.doppler_hz, "range_rate_mps": sign * gnss.range_rate_mps}
-        return replace(case, gnss=replace(gnss, **changed))
+        turned = replace(gnss, doppler_hz=sign * gnss.doppler_hz, range_rate_mps=sign * gnss.range_rate_mps)
+        return replace(case, gnss=turned)
 
     return spoil
 
@@ -228,7 +228,8 @@ def corrupt_ephemeris(case: Case, at_s: float, rng: np.random.Generator) -> Case
     row = np.array(table.sv_names) == victims[0]
     name, value = (("delta_n", -1e30), ("sqrt_a", 5e9), ("e", 1e20), ("m0", 1e35))[int(rng.integers(4))]
     column = np.where(row, value, getattr(table, name))
-    navigation = replace(case.navigation, ephemerides=replace(table, **{name: column}))
+    changed: dict[str, Any] = {name: column}
+    navigation = replace(case.navigation, ephemerides=replace(table, **changed))
     return replace(case, navigation=navigation, victims=victims)
 
 
