@@ -112,7 +112,10 @@ def test_number_that_is_none_fails() -> None:
 
 
 def test_run_that_raises_fails_its_row() -> None:
-    runs = [*records(1.0), {"row": "row", "seed": 99.0, "error": "ValueError: no", "took_s": 0.1}]
+    runs: list[Record] = [
+        *records(1.0),
+        {"row": "row", "seed": 99.0, "error": "ValueError: no", "took_s": 0.1},
+    ]
     found = judged(row(*nees("yaw")), runs)
     assert found.word == FAILED and found.errors == ("ValueError: no",)
 

@@ -15,6 +15,7 @@ from tests.benchmarks.trust.rows import (
     NO_FALSE_HEADING,
     SIGMAS,
     TOLD,
+    VICTIM,
     Case,
     Check,
     Row,
@@ -30,6 +31,7 @@ DURATION_S: Final = 640.0
 RATE_HZ: Final = 50.0
 NUMBERS: Final = Check("every number is one", "most", "bad_numbers", high=0.0)
 QUIET: Final = Check("no Python warning", "most", "warnings", high=0.0)
+_OFFSET_WORDS: Final = r"(?i)\b(time[ _]offset|late|delay(ed)?|time[ _]tags?|synchron)"
 _LIMITS: Final = {
     "gyro": 0.02,
     "accel": 9.9,
@@ -96,7 +98,7 @@ def _ramp(count: int, rate_mps: float) -> Row:
         spoiling.ramps(count, rate_mps),
         (*((found,) if count < 3 else ()), *honest("from 60 s on", limit=SIGMAS), TOLD),
         windows={"from 60 s on": (60.0, np.inf)},
-        told=r"G\d\d",
+        told=VICTIM,
         in_tests=count == 2 or rate_mps == 0.3,
     )
 
@@ -188,7 +190,7 @@ def _times() -> tuple[Row, ...]:
             spoiling.tags_late(0.05, LASTS_S),
             (*honest("since", limit=SIGMAS), TOLD),
             windows={"since": (0.0, np.inf)},
-            told=r"(?i)time|offset|tag|late",
+            told=_OFFSET_WORDS,
         ),
         _row(
             "fault_imu_50ms",
@@ -197,7 +199,7 @@ def _times() -> tuple[Row, ...]:
             (*honest(limit=SIGMAS), TOLD),
             origin_s=0.0,
             spread_s=0.0,
-            told=r"(?i)time|offset|\btag|late",
+            told=_OFFSET_WORDS,
         ),
     )
 

@@ -73,9 +73,9 @@ class Flown:
         return np.asarray(time_s, dtype=np.float64) - self.start_s - self.origin_s
 
 
-@lru_cache(maxsize=2)
-def prepared(row_name: str, text: str, grade: str, rate: tuple[float | None, ...]) -> Prepared:
-    """Return the scenario of a row with its truth; ``rate`` is (IMU, GNSS, duration)."""
+@lru_cache(maxsize=8)
+def prepared(text: str, grade: str, rate: tuple[float | None, ...]) -> Prepared:
+    """Return a scenario with its truth, which rows of the same one share; ``rate`` is (IMU, GNSS, duration)."""
     made, antennas = _scenario(text, grade, rate)
     simulator = Simulator(made)
     silent = copy.copy(simulator)
@@ -112,7 +112,7 @@ def _scenario(
 def ready_and_drawn(row: Row, seed: int) -> tuple[Prepared, SimulatedLog]:
     """Return a row's scenario and one realisation of its logs."""
     rate = (row.rate_hz, row.gnss_rate_hz, row.duration_s)
-    ready = prepared(row.name, row.scenario, row.grade, rate)
+    ready = prepared(row.scenario, row.grade, rate)
     return ready, ready.simulator.draw(np.random.default_rng(seed))
 
 

@@ -24,7 +24,7 @@ import pandas as pd
 
 from insgnss.tables import Float64
 from tests.benchmarks.trust.flying import Flown
-from tests.benchmarks.trust.rows import BLOCKS, MOTION, SIGMAS, Measure
+from tests.benchmarks.trust.rows import BLOCKS, MOTION, SIGMAS, VICTIM, Measure
 
 KNOWN_BELOW_DEG: Final = 5.0
 _FOUND_AFTER_S: Final = 60.0
@@ -139,11 +139,11 @@ def _events(flown: Flown) -> Record:
     events = flown.run.events
     found: Record = {f"events.{kind}": float(n) for kind, n in events["kind"].value_counts().items()}
     if flown.row.told:
+        pattern = flown.row.told.replace(VICTIM, "|".join(flown.case.victims))
         since_s = flown.since(events["time_s"].fillna(np.inf).to_numpy())
         words = (events["kind"].astype(str) + ": " + events["detail"].astype(str)).to_numpy()
         matches = [
-            bool(re.search(flown.row.told, text)) and s >= -2.0
-            for s, text in zip(since_s, words, strict=True)
+            bool(re.search(pattern, text)) and s >= -2.0 for s, text in zip(since_s, words, strict=True)
         ]
         found["told"] = float(any(matches))
         found["told_s"] = float(min((s for s, m in zip(since_s, matches, strict=True) if m), default=np.inf))

@@ -74,7 +74,8 @@ def _gap(length_s: float, turning: bool) -> Row:
     middle = (steer(30.0 * _TURN_S, _TURN_S),) if turning else (straight(_TURN_S),)
     # the gap begins at GAP_AT_S, in the middle of the turn but for that of 30 s, which hides nearly all of it
     before_s = GAP_AT_S - TO_KNOWN_S - (3.0 if length_s > 10.0 else 15.0)
-    text = scenario(name, *TO_KNOWN, straight(before_s), *middle, straight(30.0), *CORNERS, straight(20.0))
+    # rows of the same motion have the same text, and share its truth
+    text = scenario("gaps", *TO_KNOWN, straight(before_s), *middle, straight(30.0), *CORNERS, straight(20.0))
     after = "after.yaw"
     checks: tuple[Check, ...] = (*nees(*MOTION), *honest("from the gap on"), NO_FALSE_HEADING)
     checks += no_event("clock_jump", "reset")

@@ -30,6 +30,8 @@ SIGMAS: Final = 5.0  # what the faults of the table must stay within: one in two
 # A row of situations holds some 10^5 values: a consistent filter is beyond 6 sigma in one row of 5000, beyond 5 in 20
 SIGMAS_OF_MANY: Final = 6.0
 
+VICTIM: Final = "(victim)"  # in the pattern of ``told``: the satellites that lie
+
 Statistic = Literal["nees", "most", "least", "mean", "median", "rms"]
 
 
