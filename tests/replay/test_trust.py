@@ -32,10 +32,10 @@ def verdict(name: str) -> Verdict:
 @pytest.mark.parametrize("name", REDUCED)
 def test_row_is_inside_its_bounds_or_fails_as_expected(name: str) -> None:
     found = verdict(name)
-    told = [
+    outside = [
         f"{r.name}: {r.value:.3g}, not in [{r.low:.3g}, {r.high:.3g}]" for r in found.results if not r.holds
     ]
-    assert found.word != FAILED, (found.errors, told)
+    assert found.word != FAILED, (found.errors, outside)
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ from tests.benchmarks.trust.flying import SAMPLE_FLIGHT
 from tests.benchmarks.trust.measuring import position_m
 from tests.benchmarks.trust.rows import (
     NO_FALSE_HEADING,
+    REPORTED,
     SIGMAS,
-    TOLD,
     VICTIM,
     Case,
     Check,
@@ -65,9 +65,9 @@ def _step(sensor: spoiling.Sensor, size: float, words: str) -> Row:
         f"fault_{sensor}_step",
         f"{words} on one axis, for good",
         spoiling.bias_step(sensor, size),
-        (*honest("from 30 s on", limit=SIGMAS), TOLD),
+        (*honest("from 30 s on", limit=SIGMAS), REPORTED),
         windows={"from 30 s on": (30.0, np.inf)},
-        told=sensor,
+        event=sensor,
         in_tests=True,
     )
 
@@ -80,11 +80,11 @@ def _doppler(name: str, title: str, spoil: Spoiler) -> Row:
         (
             Check("position within 10 m", "most", "position_m", high=10.0),
             *honest("since", limit=SIGMAS),
-            TOLD,
+            REPORTED,
         ),
         windows={"since": (0.0, np.inf)},
         measures={"position_m": position_m(0.0, np.inf)},
-        told=r"(?i)doppler|range.rate",
+        event=r"(?i)doppler|range.rate",
         in_tests=True,
     )
 
@@ -96,9 +96,9 @@ def _ramp(count: int, rate_mps: float) -> Row:
         f"fault_ramp_{count}sv_{rate_mps:g}mps",
         f"code and Doppler of {count} of 11 satellites run away by {rate_mps:g} m/s",
         spoiling.ramps(count, rate_mps),
-        (*((found,) if count < 3 else ()), *honest("from 60 s on", limit=SIGMAS), TOLD),
+        (*((found,) if count < 3 else ()), *honest("from 60 s on", limit=SIGMAS), REPORTED),
         windows={"from 60 s on": (60.0, np.inf)},
-        told=VICTIM,
+        event=VICTIM,
         in_tests=count == 2 or rate_mps == 0.3,
     )
 
@@ -116,12 +116,12 @@ def _sensor(kind: str, sensor: spoiling.Sensor, spoil: Spoiler) -> Row:
         spoil,
         (
             *honest("since", limit=SIGMAS),
-            TOLD,
+            REPORTED,
             Check("back within 60 s: position [m]", "most", "back_m", high=10.0),
         ),
         windows={"since": (0.0, np.inf)},
         measures={"back_m": position_m(LASTS_S + 60.0, np.inf)},
-        told=r"(?i)imu|gyro|accel|sample",
+        event=r"(?i)imu|gyro|accel|sample",
         in_tests=(sensor, kind) in (("gyro", "zero"), ("accel", "stuck"), ("gyro", "spikes")),
     )
 
@@ -162,9 +162,13 @@ def _measurements() -> tuple[Row, ...]:
             "fault_gnss_ends",
             "no epoch comes any more",
             spoiling.gnss_ends,
-            (*honest("since", limit=SIGMAS), TOLD, Check("told after 10 s", "most", "told_s", high=15.0)),
+            (
+                *honest("since", limit=SIGMAS),
+                REPORTED,
+                Check("reported within 15 s", "most", "reported_s", high=15.0),
+            ),
             windows=since,
-            told="no_measurements|gnss|GNSS",
+            event="no_measurements|gnss|GNSS",
             output=1.0,
             in_tests=True,
         ),
@@ -172,10 +176,14 @@ def _measurements() -> tuple[Row, ...]:
             "fault_ephemeris",
             "one satellite's message holds an impossible number",
             spoiling.corrupt_ephemeris,
-            (*honest(limit=SIGMAS), TOLD, Check("its rows are refused (share)", "least", "found", low=1.0)),
+            (
+                *honest(limit=SIGMAS),
+                REPORTED,
+                Check("its rows are refused (share)", "least", "found", low=1.0),
+            ),
             origin_s=0.0,
             spread_s=0.0,
-            told=r"(?i)ephemeris|message",
+            event=f"(?i)ephemeris|{VICTIM}",
             duration_s=300.0,
             in_tests=True,
         ),
@@ -188,18 +196,18 @@ def _times() -> tuple[Row, ...]:
             "fault_gnss_50ms",
             "GNSS tags 50 ms late for 60 s",
             spoiling.tags_late(0.05, LASTS_S),
-            (*honest("since", limit=SIGMAS), TOLD),
+            (*honest("since", limit=SIGMAS), REPORTED),
             windows={"since": (0.0, np.inf)},
-            told=_OFFSET_WORDS,
+            event=_OFFSET_WORDS,
         ),
         _row(
             "fault_imu_50ms",
             "IMU tags 50 ms late from the start",
             spoiling.imu_late(0.05),
-            (*honest(limit=SIGMAS), TOLD),
+            (*honest(limit=SIGMAS), REPORTED),
             origin_s=0.0,
             spread_s=0.0,
-            told=_OFFSET_WORDS,
+            event=_OFFSET_WORDS,
         ),
     )
 
@@ -211,13 +219,13 @@ def _wild() -> Row:
         spoiling.wild_value,
         (
             *honest("since", limit=SIGMAS),
-            TOLD,
+            REPORTED,
             Check("position within 10 m", "most", "position_m", high=10.0),
             *no_event("restart", "reset"),
         ),
         windows={"since": (0.0, np.inf)},
         measures={"position_m": position_m(0.0, np.inf)},
-        told=r"(?i)imu|sample",
+        event=r"(?i)imu|sample",
         times=2,
         in_tests=True,
     )
@@ -232,10 +240,10 @@ def _future_tag() -> Row:
         (
             Check("later samples are taken", "least", "taken", low=1.0),
             Check("position within 10 m", "most", "position_m", high=10.0),
-            TOLD,
-            Check("told once", "most", "told_times", high=1.0),
+            REPORTED,
+            Check("reported once", "most", "reports", high=1.0),
         ),
-        told=r"(?i)imu|sample|tag",
+        event=r"(?i)imu|sample|tag",
         live=True,
         duration_s=180.0,
         origin_s=120.0,

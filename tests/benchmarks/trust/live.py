@@ -42,11 +42,13 @@ def stream(row: Row, seed: int) -> Record:
             engine.gnss(epochs[waiting])
             waiting += 1
     state = engine.state
-    told = [e for e in engine.events if re.search(row.told, f"{e.kind}: {e.detail}") and e.kind != "start"]
+    reports = [
+        e for e in engine.events if re.search(row.event, f"{e.kind}: {e.detail}") and e.kind != "start"
+    ]
     found: Record = {
         "taken": float(state.t_ns == imu.t_ns[-1]),
-        "told": float(bool(told)),
-        "told_times": float(len(told)),
+        "reported": float(bool(reports)),
+        "reports": float(len(reports)),
         "bad_numbers": float(sum(not np.isfinite(value) for value in state.values.values())),
         "false_heading": 0.0,
         "position_m": np.inf,

@@ -9,7 +9,7 @@
 | known_s, single_s | when the heading was called known, and when one heading was left [s]; infinite: never |
 | false_heading | 1 where an error was beyond five sigma once the heading was called known or the only one |
 | events.KIND | how many of a kind |
-| told | 1 where an event after the fault names it |
+| reported, reported_s | 1 where an event after the fault names it, and when [s] |
 | found | share of the lying satellites' pseudoranges that was not used, from 60 s after the fault on |
 | bad_numbers | cells of the tables that are no number |
 """
@@ -138,15 +138,17 @@ def _headings(flown: Flown, errors: pd.DataFrame, time_s: Float64, z: Float64) -
 def _events(flown: Flown) -> Record:
     events = flown.run.events
     found: Record = {f"events.{kind}": float(n) for kind, n in events["kind"].value_counts().items()}
-    if flown.row.told:
-        pattern = flown.row.told.replace(VICTIM, "|".join(flown.case.victims))
+    if flown.row.event:
+        pattern = flown.row.event.replace(VICTIM, "|".join(flown.case.victims))
         since_s = flown.since(events["time_s"].fillna(np.inf).to_numpy())
         words = (events["kind"].astype(str) + ": " + events["detail"].astype(str)).to_numpy()
         matches = [
             bool(re.search(pattern, text)) and s >= -2.0 for s, text in zip(since_s, words, strict=True)
         ]
-        found["told"] = float(any(matches))
-        found["told_s"] = float(min((s for s, m in zip(since_s, matches, strict=True) if m), default=np.inf))
+        found["reported"] = float(any(matches))
+        found["reported_s"] = float(
+            min((s for s, m in zip(since_s, matches, strict=True) if m), default=np.inf)
+        )
     return found
 
 

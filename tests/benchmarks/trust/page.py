@@ -49,18 +49,16 @@ def page(campaign: Campaign) -> str:
     parts = [
         "# Trust campaign",
         _summary(campaign),
-        "## What must hold over several rows",
+        "## Bounds over several rows",
         _table(("what", "value", "bounds", "verdict"), map(_line_cells, campaign.lines.results)),
         "## Situations",
-        "Error over stated sigma (e/s, rms over runs and axes) at the row's last look; 1 is right.",
+        "Error over stated sigma (rms over runs and axes) at the last instant that the row looks at. 1 is right.",
         _table(_SITUATION_COLUMNS, (_situation_cells(v, campaign.records[v.row.name]) for v in situations)),
         "## Faults",
-        "Largest error over stated sigma since the fault, over all runs; below 5 is honest.",
+        "Largest error over stated sigma from the fault on, over all runs. Above 5 the filter does not know its error.",
         _table(_FAULT_COLUMNS, (_fault_cells(v, campaign.records[v.row.name]) for v in faults)),
-        "## Checks that do not hold",
-        _table(
-            ("row", "check", "value", "bounds", "why, and what mends it"), _failing([*rows, campaign.lines])
-        ),
+        "## Checks outside their bounds",
+        _table(("row", "check", "value", "bounds", "expected, because"), _failing([*rows, campaign.lines])),
         *_needless([*rows, campaign.lines]),
         "## NEES",
         _NEES_WORDS,
@@ -78,8 +76,8 @@ _SITUATION_COLUMNS = (
     "runs",
     *("position", "velocity", "tilt", "yaw", "accel. bias", "gyro bias"),
     "worst e/s",
-    "least sigma of yaw [deg]",
-    "heading known [s], median",
+    "smallest sigma of yaw [deg]",
+    "heading known after [s]",
     "false headings",
     "events",
     "verdict",
@@ -89,17 +87,18 @@ _FAULT_COLUMNS = (
     "fault",
     "runs",
     *("position", "velocity", "tilt", "yaw"),
-    "told",
+    "reported",
     "false headings",
     "events",
     "verdict",
 )
 _NEES_WORDS = f"""\
-Mean over runs and axes of the squared error over sigma at one instant of each run; bounds of chi-square for so many
-independent runs ({100 * CONFIDENCE:g} %), axes taken as wholly correlated. A value beyond them is bold. The filter
-takes pseudorange errors to last 2.5 s where the simulated ones are white: the lower bound of position is divided by
-2.5, that of velocity by 1.25. Where the stated sigma of yaw is above 60 deg only the upper bound counts: an error on a
-circle cannot exceed 180 deg. Biases are judged against the sensor's whole error but for white noise."""
+Mean over runs and axes of the squared error over sigma, at one instant of each run. The bounds are those of chi-square
+for that many independent runs ({100 * CONFIDENCE:g} %), with the axes taken as fully correlated. Values outside are
+bold. The filter assumes that pseudorange errors last 2.5 s; the simulated errors are white. The lower bound of position
+is therefore divided by 2.5, that of velocity by 1.25. Where the stated sigma of yaw exceeds 60 deg only the upper bound
+counts, because an error on a circle cannot exceed 180 deg. Biases are compared with the sensor's whole error except for
+its white noise."""
 
 
 def _summary(campaign: Campaign) -> str:
@@ -150,13 +149,13 @@ def _situation_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[st
 def _fault_cells(verdict: Verdict, records: Sequence[Record]) -> Sequence[str]:
     row = verdict.row
     window = next(iter(row.windows), "all")
-    told = [float(r["told"]) for r in records if "told" in r]
+    reported = [float(r["reported"]) for r in records if "reported" in r]
     return (
         f"`{row.name}`",
         row.title + ("" if window in ("all", "since") else f" ({window})"),
         str(verdict.runs),
         *(_number(_worst_of(records, window, block)) for block in MOTION),
-        f"{sum(told):.0f} of {len(told)}" if told else "",
+        f"{sum(reported):.0f} of {len(reported)}" if reported else "",
         _count(records, "false_heading"),
         _events(records),
         _loud(verdict.word),
@@ -175,7 +174,7 @@ def _failing(verdicts: Sequence[Verdict]) -> Iterator[Sequence[str]]:
             yield (f"`{verdict.row.name}`", f"{count} run(s) raised", "", "", text.replace("|", "/"))
         for result in verdict.results:
             if not result.holds:
-                why = result.reason or "**not expected**"
+                why = result.reason or "**no**"
                 bounds = _bounds(result.low, result.high)
                 yield (f"`{verdict.row.name}`", result.name, _number(result.value), bounds, why)
 
@@ -183,7 +182,7 @@ def _failing(verdicts: Sequence[Verdict]) -> Iterator[Sequence[str]]:
 def _needless(verdicts: Sequence[Verdict]) -> Iterator[str]:
     found = needless(verdicts)
     if found:
-        yield "## Expected to fail, and holding: marks to be taken away"
+        yield "## Expected to fail, but passing: remove these marks"
         yield _table(("rows", "checks", "reason"), ((m.rows, m.checks, m.reason) for m in found))
 
 
@@ -212,7 +211,7 @@ def _cost(campaign: Campaign) -> str:
     took = {name: [float(r["took_s"]) for r in runs] for name, runs in campaign.records.items()}
     dearest = sorted(took, key=lambda name: -sum(took[name]))[:5]
     words = ", ".join(f"`{name}` {np.mean(took[name]):.1f} s a run" for name in dearest)
-    return f"{sum(map(sum, took.values())):.0f} s of CPU in all. The dearest rows: {words}."
+    return f"{sum(map(sum, took.values())):.0f} s of CPU in all. The most expensive rows: {words}."
 
 
 def _events(records: Sequence[Record]) -> str:

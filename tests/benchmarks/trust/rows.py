@@ -30,7 +30,7 @@ SIGMAS: Final = 5.0  # what the faults of the table must stay within: one in two
 # A row of situations holds some 10^5 values: a consistent filter is beyond 6 sigma in one row of 5000, beyond 5 in 20
 SIGMAS_OF_MANY: Final = 6.0
 
-VICTIM: Final = "(victim)"  # in the pattern of ``told``: the satellites that lie
+VICTIM: Final = "(victim)"  # in the pattern of ``event``: the satellites that lie
 
 Statistic = Literal["nees", "most", "least", "mean", "median", "rms"]
 
@@ -104,7 +104,7 @@ class Row:
         0.0  # of looks and windows: where the fault begins; it moves by ``spread_s`` from seed to seed
     )
     spread_s: float = 0.0
-    told: str = ""  # pattern that an event's "kind: detail" must match after the origin
+    event: str = ""  # pattern that an event's "kind: detail" must match after the origin
     start: Literal["automatic", "given"] = "automatic"
     cut: bool = False  # the log begins at a place drawn by the seed
     output: float | None = None  # rate of navigation rows; None: one for each epoch
@@ -159,4 +159,4 @@ def no_event(*kinds: str) -> tuple[Check, ...]:
 
 
 NO_FALSE_HEADING: Final = Check("no false heading", "most", "false_heading", high=0.0)
-TOLD: Final = Check("told", "least", "told", low=1.0)
+REPORTED: Final = Check("reported by an event", "least", "reported", low=1.0)

@@ -35,10 +35,10 @@ def one(row: Row, seed: int) -> Record:
     start: Record = {"row": row.name, "seed": float(seed), "error": ""}
     began = time.process_time()
     try:
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
             found = stream(row, seed) if row.live else record_of(fly(row, seed))
-        found["warnings"] = float(len(told))
+        found["warnings"] = float(len(raised))
     except Exception as error:  # whatever a run does, the campaign goes on and says so
         found = {"error": "".join(traceback.format_exception_only(error)).strip()[:300]}
     return {**start, **found, "took_s": time.process_time() - began}

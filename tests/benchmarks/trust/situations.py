@@ -184,7 +184,7 @@ def _outage(grade: str, length_s: float) -> Row:
             *honest(),
             *UNHURT,
             NO_FALSE_HEADING,
-            Check("told", "least", "events.no_measurements", low=1.0),
+            Check("reported by an event", "least", "events.no_measurements", low=1.0),
         ),
         grade,
         looks={"before its end": from_s + length_s - 1.0, "end": TO_KNOWN_S + 3 * CORNERS_S - 2.0},
