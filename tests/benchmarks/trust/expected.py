@@ -33,7 +33,9 @@ A5: Final = "recoveries that make it worse"
 A6: Final = "a fault that nobody notices"
 A7: Final = "sigmas leave out that the local level is taken at the estimated place"
 
-FAR: Final = "the first epochs after an hour without satellites are linearised 40 km from the truth, and not iterated"
+FAR: Final = (
+    "the first epochs after an hour without satellites are linearised 40 km from the truth, and not iterated"
+)
 
 # what is mended now, finding by finding
 NOW: Final = (
