@@ -5,7 +5,7 @@
 | LOOK.COMPONENT.error, .sigma | at the navigation row nearest to a look, in the component's unit |
 | WINDOW.BLOCK.square | mean of the squared error over sigma, over the rows of a window and the axes |
 | WINDOW.BLOCK.worst | largest error over sigma |
-| WINDOW.yaw.least_sigma, .most_sigma, .most_error | of the heading [deg] |
+| WINDOW.yaw.least_sigma, .most_sigma, .error_square | of the heading [deg], [deg^2] |
 | known_s, single_s | when the heading was called known, and when one heading was left [s]; infinite: never |
 | false_heading | 1 where an error was beyond five sigma once the heading was called known or the only one |
 | events.KIND | how many of a kind |
@@ -113,7 +113,7 @@ def _in_window(errors: pd.DataFrame, z: dict[str, Float64], inside: np.ndarray, 
     sigma = errors["sd_yaw_deg"].to_numpy()[inside]
     found[f"{window}.yaw.least_sigma"] = float(sigma.min())
     found[f"{window}.yaw.most_sigma"] = float(sigma.max())
-    found[f"{window}.yaw.most_error"] = float(errors["d_yaw_deg"].abs().to_numpy()[inside].max())
+    found[f"{window}.yaw.error_square"] = float(np.mean(errors["d_yaw_deg"].to_numpy()[inside] ** 2))
     return found
 
 

@@ -81,7 +81,7 @@ def _gap(length_s: float, turning: bool) -> Row:
     checks += no_event("clock_jump", "reset")
     if not turning and length_s <= 2.0:
         checks += (
-            Check("yaw error <= 1 deg after it", "most", f"{after}.most_error", high=1.0),
+            Check("yaw error (rms) <= 1 deg after it", "rms", f"{after}.error_square", high=1.0),
             Check("sigma of yaw <= 5 deg after it", "most", f"{after}.most_sigma", high=5.0),
         )
     if not turning and length_s == 5.0:
@@ -120,7 +120,7 @@ def _parked() -> Row:
         "inertial samples missing for 30 s while parked",
         scenario("gap_30s_parked", *moves),
         (
-            Check("yaw error <= 1 deg after it", "most", "after.yaw.most_error", high=1.0),
+            Check("yaw error (rms) <= 1 deg after it", "rms", "after.yaw.error_square", high=1.0),
             Check("sigma of yaw <= 5 deg after it", "most", "after.yaw.most_sigma", high=5.0),
             _BIAS_KEPT,
             *nees(*MOTION),
