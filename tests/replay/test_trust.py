@@ -1,0 +1,58 @@
+"""The reduced trust campaign: rows that show much for little time, few seeds; ``tests.benchmarks.trust`` flies them all.
+
+A row holds, or fails where ``tests/benchmarks/trust/expected.py`` says so. Once what a mark waits for is mended, the test
+of the marks fails until the mark is taken away.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+from fnmatch import fnmatch
+from functools import cache
+
+import pytest
+
+from tests.benchmarks.trust.expected import LATER, NOW
+from tests.benchmarks.trust.lines import LINES
+from tests.benchmarks.trust.running import one
+from tests.benchmarks.trust.scoring import FAILED, Verdict, judged, needless
+from tests.benchmarks.trust.scoring import LINES as LINES_ROW
+from tests.benchmarks.trust.table import all_rows
+
+SEEDS = range(101, 105)
+REDUCED = sorted(name for name, row in all_rows().items() if row.in_tests)
+
+
+@cache
+def verdict(name: str) -> Verdict:
+    row = all_rows()[name]
+    return judged(row, [one(row, seed) for seed in SEEDS])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", REDUCED)
+def test_row_is_inside_its_bounds_or_fails_as_expected(name: str) -> None:
+    found = verdict(name)
+    outside = [
+        f"{r.name}: {r.value:.3g}, not in [{r.low:.3g}, {r.high:.3g}]" for r in found.results if not r.holds
+    ]
+    assert found.word != FAILED, (found.errors, outside)
+
+
+@pytest.mark.slow
+def test_marks_of_expected_failures_are_still_needed() -> None:
+    """A mark that covers a row of this test must cover a check that fails."""
+    gone = [mark for mark in needless([verdict(name) for name in REDUCED]) if mark.in_tests]
+    assert not gone, f"mended: take these marks away: {gone}"
+
+
+def test_every_mark_names_checks_that_there_are() -> None:
+    names = {name: [check.name for check in row.checks] for name, row in all_rows().items()}
+    names[LINES_ROW] = [line.name for line in LINES]
+    for mark in (*LATER, *NOW):
+        rows = [name for name in names if fnmatch(name, mark.rows)]
+        assert any(fnmatch(check, mark.checks) for name in rows for check in names[name]), mark
+
+
+def test_marks_of_expected_failures_have_no_equal() -> None:
+    marks = [(mark.rows, mark.checks) for mark in (*LATER, *NOW)]
+    assert len(set(marks)) == len(marks)
