@@ -87,6 +87,8 @@ def antenna_data(
         separate_clocks=attitude.clocks == "separate",
         phase_sigma_m=attitude.phase_sigma_m,
         multipath_sigma_m=attitude.multipath_sigma_m,
+        phase_floor_m=attitude.phase_floor_m,
+        phase_elevation_m=attitude.phase_elevation_m,
     )
     hiding = None
     stage = setup.config.visibility

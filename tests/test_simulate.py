@@ -50,6 +50,39 @@ def test_same_seed_gives_the_same_files_and_another_seed_others(tmp_path: Path) 
         assert not filecmp.cmp(tmp_path / "one" / name, tmp_path / "three" / name, shallow=False)
 
 
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        (
+            "carrier_noise_m = { floor = 0.001, elevation = 0.0005, cn0_at_45_dbhz = 0.002 }",
+            (0.002, 0.001, 0.0005, 0.0, 60.0),
+        ),
+        # B / (C/N0) = 15 / 31623 rad^2 and 1 + 1 / (2 T C/N0) = 1.0008, times the wavelength over 2 pi
+        (
+            "carrier_noise_m = { floor = 0.001 }\n[gnss.loops]",
+            (0.19029 / (2.0 * np.pi) * np.sqrt(15.0 / 10.0**4.5 * 1.00079), 0.0, 0.0, 0.0, 60.0),
+        ),
+        # 0.1 m at every elevation, 0.02 of it on the carrier
+        (
+            "carrier_noise_m = { floor = 0.001 }\n[gnss.multipath]\nfloor_m = 0.1\nhorizon_m = 0.0\n"
+            "carrier_ratio = 0.02\ncorrelation_time_s = 20.0",
+            (1e-5, 0.001, 0.0, 0.002, 20.0),
+        ),
+    ],
+)
+def test_flight_file_declares_the_phase_noise_of_several_antennas(
+    lines: str, told: tuple[float, ...], tmp_path: Path
+) -> None:
+    antenna = '[attitude]\n[[attitude.antenna]]\nname = "ahead"\nlever_arm_m = [1.0, 0.0, 0.0]\n'
+    path = scenario(tmp_path, f"{MOVING}[gnss]\n{lines}\n{antenna}")
+    simulate(path).save(tmp_path / "out")
+    attitude = insgnss.Flight.load(tmp_path / "out" / "flight.toml").config.attitude
+
+    assert attitude is not None
+    found = (attitude.phase_sigma_m, attitude.phase_floor_m, attitude.phase_elevation_m)
+    assert (*found, attitude.multipath_sigma_m, attitude.multipath_time_s) == pytest.approx(told, rel=2e-4)
+
+
 def test_log_on_disk_is_the_log_in_memory(tmp_path: Path) -> None:
     made = simulate("ship_in_waves", duration_s=30.0)  # increments, carriers, an ocean below
     made.save(tmp_path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -12,13 +13,15 @@ from insgnss.antenna.gain_pattern import pattern_of
 from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.obstruction import clearance_raster, read_obstruction
 from insgnss.antenna.pattern_file import read_pattern
-from insgnss.antenna.visibility import Limits
+from insgnss.antenna.visibility import DEWEIGHT, HIDE, KEEP, Limits
 from insgnss.config.filter import Visibility
 from insgnss.config.flight import MountedAntenna, Vector3
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.library import antenna_file
 from insgnss.tables import Event, Float64
 from insgnss.units import deg_to_rad
+
+_UNCERTAIN: Final = {"keep": KEEP, "hide": HIDE, "deweight": DEWEIGHT}
 
 
 def installation(
@@ -76,4 +79,12 @@ def limits_of(settings: Visibility) -> Limits:
     if settings.threshold == "cn0":
         threshold = settings.threshold_cn0_dbhz - settings.nominal_cn0_dbhz
     heading = math.radians(settings.heading_sigma_limit_deg)
-    return Limits(threshold, settings.hysteresis_db, settings.margin_sigma, heading**2)
+    return Limits(
+        threshold,
+        settings.hysteresis_db,
+        settings.margin_sigma,
+        heading**2,
+        _UNCERTAIN[settings.uncertain],
+        settings.false_range_m**2,
+        settings.false_rate_mps**2,
+    )

@@ -4,6 +4,9 @@ The line of sight is turned into the body, then into each antenna's frame; the g
 A decision changes only when the gain is beyond the threshold by ``margin_sigma`` of what the attitude's uncertainty
 makes of it, and a hidden satellite needs ``hysteresis_db`` more to return, so nothing flickers. The airframe's edges
 are treated alike: within ``margin_sigma`` of an edge the decision stays. Of several antennas the best one counts.
+
+What is to happen within the margin is a setting: a satellite that was visible before stays so (KEEP), stays so with the
+more noise the likelier it is hidden (DEWEIGHT), or is hidden (HIDE). One that was hidden stays hidden in all three.
 """
 
 from __future__ import annotations
@@ -27,6 +30,10 @@ UNCERTAIN_VISIBLE: Final = 3
 UNDECIDED: Final = -1  # nothing was decided yet; it counts as visible (bit 0 is set)
 IS_VISIBLE: Final = 1  # the bit: ``decision & IS_VISIBLE``
 IS_UNCERTAIN: Final = 2
+# What becomes of a satellite within the margin, ``Limits.uncertain``
+KEEP: Final = 0
+HIDE: Final = 1
+DEWEIGHT: Final = 2
 DECISIONS: Final = ("hidden", "visible", "uncertain_hidden", "uncertain_visible")
 
 
@@ -37,6 +44,9 @@ class Limits(NamedTuple):
     hysteresis_db: float  # more than that, for a hidden satellite to return
     margin_sigma: float  # of the gain's sigma: nearer to the threshold is uncertain
     heading_variance: float  # of a heading that is too uncertain to mask by [rad^2]
+    uncertain: int = KEEP  # KEEP, HIDE or DEWEIGHT
+    false_range2: float = 0.0  # mean square error of a hidden satellite's pseudorange [m^2]
+    false_rate2: float = 0.0  # and of its range rate [m^2/s^2]
 
 
 class Look(NamedTuple):
@@ -47,6 +57,7 @@ class Look(NamedTuple):
     sigma_db: float  # of the gain, by the attitude's uncertainty
     reason: int  # USED, MASKED_GAIN or MASKED_OBSTRUCTION
     antenna: int  # the one that decided, -1 without any
+    doubt: float  # probability that it is hidden, where that is uncertain; else 0
 
 
 @inlined
@@ -85,6 +96,14 @@ def compare(excess: float, margin: float) -> int:
 
 
 @inlined
+def sigmas_above(excess: float, sigma: float) -> float:
+    """Return by how many sigmas an excess is above zero; without uncertainty it is endless or nothing."""
+    if sigma > 0.0:
+        return excess / sigma
+    return math.inf if excess >= 0.0 else -math.inf
+
+
+@inlined
 def gain_of_antenna(
     antennas: Installation, k: int, x: float, y: float, z: float, P_b: Float64
 ) -> tuple[float, float]:
@@ -114,7 +133,8 @@ def look_at(
     """Return whether a satellite is seen, by which antenna, and with what gain.
 
     Equation: u_a = C_ab u_b; a rotation error phi of the body turns u_b by u_b x phi, so
-    dg/dphi = grad_b g x u_b and sigma_g^2 = (dg/dphi) P_b (dg/dphi)^T    [first order]
+    dg/dphi = grad_b g x u_b and sigma_g^2 = (dg/dphi) P_b (dg/dphi)^T    [first order]; within the margin it is hidden
+    with the probability Phi(-z), z = (g - threshold) / sigma_g, or the clearance of the frame over its sigma
     Neglects: the bend of the pattern over the attitude's uncertainty, so an edge in a pattern that is narrower than
     that has no margin (as an obstruction it has one); the parallax between antennas (1e-7 rad).
 
@@ -129,25 +149,30 @@ def look_at(
     needed = limits.threshold_dbic + (0.0 if before & IS_VISIBLE else limits.hysteresis_db)
     off2 = P_b[0, 0] + P_b[1, 1] + P_b[2, 2] - variance_along(P_b, x, y, z)
     off = math.sqrt(max(off2, 0.0))
-    best, best_gain, best_sigma, reason, chosen = -2, math.nan, 0.0, USED, -1
+    best, best_gain, best_sigma, reason, chosen, above = -2, math.nan, 0.0, USED, -1, 0.0
     for k in range(len(antennas.lever_b)):
         gain, sigma = gain_of_antenna(antennas, k, x, y, z, P_b)
         by_gain = compare(gain - needed, limits.margin_sigma * sigma)
-        by_frame = 1
+        by_frame, z_k = 1, sigmas_above(gain - needed, sigma)
         if antennas.is_obstructed[k]:
-            by_frame = compare(clearance_at(antennas.clearance_deg, k, x, y, z), limits.margin_sigma * off)
+            clearance = clearance_at(antennas.clearance_deg, k, x, y, z)
+            by_frame = compare(clearance, limits.margin_sigma * off)
+            z_k = min(z_k, sigmas_above(clearance, off))
         seen = min(by_gain, by_frame)
         if seen > best or (seen == best and gain > best_gain):
-            best, best_gain, best_sigma, chosen = seen, gain, sigma, k
+            best, best_gain, best_sigma, chosen, above = seen, gain, sigma, k, z_k
             reason = MASKED_OBSTRUCTION if by_frame < by_gain else MASKED_GAIN
-    decision = VISIBLE
+    decision, doubt = VISIBLE, 0.0
     if waits:
         decision = UNCERTAIN_VISIBLE
     elif best == 0:
-        decision = IS_UNCERTAIN | (before & IS_VISIBLE)
+        decision = IS_UNCERTAIN
+        if limits.uncertain != HIDE:
+            decision |= before & IS_VISIBLE
+        doubt = 0.5 * math.erfc(above * math.sqrt(0.5))
     elif best == -1:
         decision = HIDDEN
-    return Look(decision, best_gain, best_sigma, USED if decision & IS_VISIBLE else reason, chosen)
+    return Look(decision, best_gain, best_sigma, USED if decision & IS_VISIBLE else reason, chosen, doubt)
 
 
 @kernel
@@ -172,7 +197,7 @@ def look_at_all(
     P_b : (n, 3, 3) covariance of the attitude error, body axes [rad^2]
     u_n : (n, s, 3) unit lines of sight, north-east-down
     decision, reason, antenna : (n, s) outputs, as in ``Look``
-    gain : (n, s, 2) output: gain [dBic] and its sigma [dB]
+    gain : (n, s, 2) or (n, s, 3) output: gain [dBic], its sigma [dB] and, where there is room, the doubt
     """
     n, s = u_n.shape[0], u_n.shape[1]
     u_b = np.empty(3)
@@ -192,3 +217,5 @@ def look_at_all(
             look = look_at(u_b, P, waits, antennas, limits, before)
             decision[t, i], reason[t, i], antenna[t, i] = look.decision, look.reason, look.antenna
             gain[t, i, 0], gain[t, i, 1] = look.gain_dbic, look.sigma_db
+            if gain.shape[2] > 2:
+                gain[t, i, 2] = look.doubt

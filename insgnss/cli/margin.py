@@ -58,6 +58,16 @@ def margin(
         float | None,
         typer.Option("--cn0", help="C/N0 without interference [dBHz]; thermal noise counts then."),
     ] = None,
+    acceleration: Annotated[
+        float | None,
+        typer.Option(
+            "--acceleration",
+            help="One sigma in m/s^2 along the line of sight: what a loop without INS stands.",
+        ),
+    ] = None,
+    lasting: Annotated[
+        float, typer.Option("--lasting", help="Correlation time of that acceleration in seconds.")
+    ] = 5.0,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Find the thresholds of the discriminators by simulation too.")
     ] = False,
@@ -88,11 +98,14 @@ def margin(
         else:
             loops, carrier = _loops(signal, discriminator, threshold, bandwidth, accumulation)
             drifts = _drifts(oscillator, imu, interval, carrier)
-            console.print(_margin_table(loops, drifts, cn0))
+            rows = _margins(loops, drifts, cn0)
+            if acceleration is not None:
+                _add_unaided(rows, loops, next(iter(drifts.values())), (acceleration, lasting, carrier), cn0)
+            console.print(_margin_table(loops, drifts, cn0, rows))
             found = _simulated(console, seed) if simulate else []
             draw = output is not None and pictures
             written = _pictures(output, loops, drifts, carrier, cn0, found) if draw and output else []
-            told = {"drift_rad2_per_s3": drifts, "loops": _margins(loops, drifts, cn0)}
+            told = {"drift_rad2_per_s3": drifts, "loops": rows}
             told |= {"simulated": [{"discriminator": f.discriminator.name, "c_a": f.ratio()} for f in found]}
     if as_json:
         print_json({**told, "wrote": [str(path) for path in written]})
@@ -146,7 +159,9 @@ def _drifts(oscillator: str, imu: str, interval: float, carrier: float) -> dict[
     return dict(zip(names, (of_oscillator, of_imu), strict=True))
 
 
-def _margin_table(loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: float | None) -> Table:
+def _margin_table(
+    loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: float | None, rows: list[dict[str, Any]]
+) -> Table:
     """Return the margin of each discriminator, and what an oscillator or an INS without drift would add."""
     from rich.table import Table
 
@@ -159,9 +174,12 @@ def _margin_table(loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: fl
     )
     table = Table(title=title)
     alone = [f"J/S, {name} alone, dB" for name in drifts]
-    for name in ("discriminator", "C_A", "J/S, dB", "bandwidth, Hz", "least C/N0, dBHz", *alone):
+    names = ["discriminator", "C_A", "J/S, dB", "bandwidth, Hz", "least C/N0, dBHz", *alone]
+    if "unaided_db" in rows[0]:
+        names += ["J/S without INS, dB", "order"]
+    for name in names:
         table.add_column(name, justify="left" if name == "discriminator" else "right")
-    for row in _margins(loops, drifts, cn0):
+    for row in rows:
         cells = [
             f"{row['c_a']:.3f}",
             f"{row['margin_db']:.2f}",
@@ -169,6 +187,8 @@ def _margin_table(loops: dict[str, PhaseLoop], drifts: dict[str, float], cn0: fl
             f"{row['least_cn0_dbhz']:.2f}",
             *(f"{value:.2f}" for value in row["margin_alone_db"].values()),
         ]
+        if "unaided_db" in row:
+            cells += [f"{row['unaided_db']:.2f}", str(row["unaided_order"])]
         table.add_row(row["discriminator"], *cells)
     return table
 
@@ -191,6 +211,26 @@ def _margins(
         }
         for name, loop in loops.items()
     ]
+
+
+def _add_unaided(
+    rows: list[dict[str, Any]],
+    loops: dict[str, PhaseLoop],
+    oscillator: float,
+    motion: tuple[float, float, float],
+    cn0: float | None,
+) -> None:
+    """Add what each loop stands that has to follow a lasting acceleration alone, and of which order it is.
+
+    ``motion`` is one sigma [m/s^2], the correlation time [s] and the carrier [Hz].
+    """
+    from insgnss.interference.lasting_acceleration import threshold_in_motion
+    from insgnss.interference.margin import margin_in_motion_db
+
+    for row, loop in zip(rows, loops.values(), strict=True):
+        found = threshold_in_motion(oscillator, *motion, loop.discriminator.threshold_rms_rad)
+        row["unaided_db"] = float(margin_in_motion_db(oscillator, *motion, loop, cn0))
+        row["unaided_order"] = int(found.order)
 
 
 def _simulated(console: Console, seed: int) -> list[LockThreshold]:
@@ -295,7 +335,7 @@ def _flown_table(study: FlownMargin) -> Table:
         "reserve_aided_min_db": "least reserve with aiding, dB",
         "lock_aided_share": "in lock",
     }
-    table = Table(title="phase loops along the path")
+    table = Table(title="phase loops along the path, each the better of second and third order")
     table.add_column("satellite")
     for name in names.values():
         table.add_column(name, justify="right")

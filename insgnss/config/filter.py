@@ -232,6 +232,17 @@ class Visibility(StrictModel):
         3.0,
         description="of what the attitude's uncertainty makes of the gain: nearer, nothing is decided anew",
     )
+    uncertain: Literal["keep", "hide", "deweight"] = Field(
+        "deweight",
+        description="what becomes of a satellite within that margin: it stays in use if it was, is hidden, or stays in "
+        "use with more noise",
+    )
+    # A steady reflection is tens of metres too long, at most some 60; what is far larger the gate refuses. A path that
+    # changes while the vehicle turns, or a loop that runs on without a signal, is off by 0.3 to 6 m/s
+    false_range_m: NotNegative = Field(
+        60.0, description="rms error of a hidden satellite's pseudorange: reflection or false lock"
+    )
+    false_rate_mps: NotNegative = Field(3.0, description="and of its range rate")
     heading_sigma_limit_deg: Positive = Field(
         5.0, description="masking waits while the heading is less certain"
     )

@@ -351,6 +351,12 @@ class Attitude(StrictModel):
     )
     main_antenna: str | None = Field(None, description="the vehicle's antenna that the log of [gnss] is from")
     phase_sigma_m: PositiveFloat = Field(0.002, description="of one antenna's phase at 45 dBHz")
+    phase_floor_m: NonNegativeFloat = Field(
+        0.0, description="white noise of one antenna's phase whatever its C/N0, beside that"
+    )
+    phase_elevation_m: NonNegativeFloat = Field(
+        0.0, description="and white noise that grows as one over the sine of the elevation"
+    )
     multipath_sigma_m: NonNegativeFloat = Field(0.003, description="of one antenna's phase, beside that")
     multipath_time_s: NonNegativeFloat = Field(60.0, description="how long reflections stay alike")
     ratio: Annotated[float, Field(gt=1.0)] = Field(

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.interference import Emitter, InterferenceConfig, LoopReceiver
 from insgnss.errors import ConfigError, ModelError
 from insgnss.gnss.signals import L1_HZ, carrier_hz, signal_of
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.interference.discriminators import Discriminator, discriminator
+from insgnss.interference.discriminators import Discriminator, discriminator, inverse_cn0
 from insgnss.interference.drift import density_of_walk, per_mps, phase_walk_of
-from insgnss.interference.lasting_acceleration import density_at_threshold
-from insgnss.interference.margin import PhaseLoop, threshold_inverse_cn0
+from insgnss.interference.lasting_acceleration import threshold_in_motion
+from insgnss.interference.margin import PhaseLoop
 from insgnss.interference.spectra import (
     Modulation,
     broadband_separation,
@@ -124,29 +125,39 @@ def separation(modulation: Modulation, front_end_hz: float, carrier: float, emit
     return broadband_separation(modulation, front_end_hz, offset, emitter.bandwidth_hz)
 
 
+class LoopThreshold(NamedTuple):
+    """Where a loop loses lock, (n,): the better of second and third order."""
+
+    drift: Float64  # S of the Wiener drift of the same threshold, one-sided [rad^2/s^3]
+    inverse_cn0: Float64  # 1/q [1/Hz]
+    order: npt.NDArray[np.int64]
+
+
 def unaided_and_aided(
     loop: SignalLoop,
     found: Disturbances,
     motion_mps2: Float64,
     residual_mps2: Float64,
     config: InterferenceConfig,
-) -> tuple[Float64, Float64, Float64, Float64]:
-    """Return S without and with aiding [rad^2/s^3], and 1/q at which each loop loses lock [1/Hz].
+) -> tuple[LoopThreshold, LoopThreshold]:
+    """Return the thresholds without and with aiding.
 
     Equation: without: oscillator and the acceleration along the line of sight; with: oscillator, the inertial sensor's
-    white noise 2 (2 pi f0 / c)^2 N_a^2, and what the aiding's acceleration is off by. Both accelerations last.
+    white noise 2 (2 pi f0 / c)^2 N_a^2, and what the aiding's acceleration is off by. Both accelerations last, and
+    either loop may carry its acceleration as a third state (``threshold_in_motion``).
     """
     to_carrier = (loop.carrier_hz / L1_HZ) ** 2
     base = found.oscillator * to_carrier
     noise = per_mps(loop.carrier_hz) ** 2 * found.accel_noise
-    rms = loop.loop.discriminator.threshold_rms_rad
     times = config.dynamics
-    unaided = density_at_threshold(base, motion_mps2, times.manoeuvre_time_s, loop.carrier_hz, rms)
-    aided = density_at_threshold(base + noise, residual_mps2, times.aiding_time_s, loop.carrier_hz, rms)
-    walk = found.phase_walk * to_carrier
+
+    def of(density: float, sigma: Float64, time_s: float) -> LoopThreshold:
+        kind, walk = loop.loop.discriminator, found.phase_walk * to_carrier
+        found_at = threshold_in_motion(density, sigma, time_s, loop.carrier_hz, kind.threshold_rms_rad, walk)
+        inverse = inverse_cn0(kind, found_at.noise, loop.loop.accumulation_s)
+        return LoopThreshold(found_at.density, inverse, found_at.order)
+
     return (
-        unaided,
-        aided,
-        threshold_inverse_cn0(unaided, loop.loop, walk),
-        threshold_inverse_cn0(aided, loop.loop, walk),
+        of(base, motion_mps2, times.manoeuvre_time_s),
+        of(base + noise, residual_mps2, times.aiding_time_s),
     )

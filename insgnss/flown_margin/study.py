@@ -2,7 +2,7 @@
 
 | table      | one row per        | columns |
 |------------|--------------------|---------|
-| satellites | satellite and time | time_s sv el_deg gain_dbic js_db cn0_dbhz cn0_effective_dbhz, and for the loop without (_unaided) and with aiding (_aided): drift_*_rad2ps3 threshold_*_dbhz reserve_*_db js_limit_*_db lock_* |
+| satellites | satellite and time | time_s sv el_deg gain_dbic js_db cn0_dbhz cn0_effective_dbhz, and for the loop without (_unaided) and with aiding (_aided): order_* drift_*_rad2ps3 threshold_*_dbhz reserve_*_db js_limit_*_db lock_* |
 | emitters   | emitter and time   | time_s emitter distance_m az_deg el_deg body_az_deg body_el_deg gain_dbic received_dbw in_sight |
 | events     | event              | time_s kind detail |
 
@@ -10,8 +10,11 @@
 same mixture at which the loop would lose lock; ``reserve`` the effective C/N0 above the loop's threshold. The filter
 itself is not run anew: the aiding's sigma are those of the run as it was, so a long spell without any lock is worse,
 and a loop that lost lock counts as in lock again as soon as it could keep it.
-Both loops are optimal for what they face at that time. In straight flight with a very good oscillator the loop without
-aiding can come out ahead: it faces no acceleration then, while the aiding's own error stays.
+Both loops are optimal for what they face at that time: of the best loops of second and third order the better one
+counts, ``order`` says which. The third order carries the acceleration as a state, which a second-order loop can only
+widen its band for: in a turn it is worth up to 3 dB. ``drift`` is the Wiener drift that has the same threshold by (18).
+In straight flight with a very good oscillator the loop without aiding can come out ahead: it faces no acceleration
+then, while the aiding's own error stays.
 """  # noqa: E501 - the table is the documentation
 
 from __future__ import annotations
@@ -94,7 +97,8 @@ def flown_margin(
     """Return what emitters do to the phase loops of every satellite along a run's path.
 
     Equation: 1/q = N_0 / C + sum over emitters of (J/S) kappa; lock while 1/q is below that of the threshold, which is
-    (18) with (19) or (20) for the drift that the loop has to follow at that time.
+    (18) of the second order or the Riccati equation of the third, the larger, with (19) or (20), for the drift and the
+    acceleration that the loop has to follow at that time.
 
     Parameters
     ----------
@@ -170,18 +174,19 @@ def _satellite_table(
         "js_db": db(js.sum(axis=1)),
         "cn0_dbhz": cn0,
     }
-    inverse, kappa, numbers = np.empty(len(rows)), np.full(len(rows), np.nan), np.empty((4, len(rows)))
+    inverse, kappa, numbers = np.empty(len(rows)), np.full(len(rows), np.nan), np.empty((2, 3, len(rows)))
     for sv, loop in _loops(run, rows, config).items():
         mine = (rows["sv"].astype("str") == sv).to_numpy()
         added = js[mine] @ loop.separation
         inverse[mine] = ratio(-cn0[mine]) + added
         with np.errstate(divide="ignore", invalid="ignore"):
             kappa[mine] = added / js[mine].sum(axis=1)
-        numbers[:, mine] = unaided_and_aided(loop, disturbed, motion[mine], residual[mine], config)
+        numbers[:, :, mine] = unaided_and_aided(loop, disturbed, motion[mine], residual[mine], config)
     columns["cn0_effective_dbhz"] = -db(inverse)
     for k, name in enumerate(LOOPS):
-        threshold = numbers[2 + k]
-        columns[f"drift_{name}_rad2ps3"] = numbers[k]
+        drift, threshold, order = numbers[k]
+        columns[f"order_{name}"] = order.astype(np.int64)
+        columns[f"drift_{name}_rad2ps3"] = drift
         columns[f"threshold_{name}_dbhz"] = -db(threshold)
         columns[f"reserve_{name}_db"] = db(threshold) - db(inverse)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -39,7 +39,8 @@ def residual_ratio(P: Float64, lines: Lines, kind: int, correction: Float64, fac
     used = 0
     for j in range(lines.shape[0]):
         line = lines[j]
-        if line.status[kind] != USED:
+        # a row with more noise than its own tells nothing of the noise
+        if line.status[kind] != USED or line.doubt > 0.0:
             continue
         h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
         residual = line.innovation[kind]
@@ -111,7 +112,7 @@ def common_ratio(lines: Lines) -> float:
     predicted = 0.0
     used = 0
     for j in range(lines.shape[0]):
-        if lines[j].status[CARRIER] == USED:
+        if lines[j].status[CARRIER] == USED and not lines[j].doubt > 0.0:
             total += lines[j].innovation[CARRIER]
             predicted += lines[j].predicted[CARRIER]
             used += 1

@@ -118,8 +118,8 @@ class AttitudeAid:
             return bank, 0
         rows = np.arange(phases.first[epoch], phases.first[epoch + 1])
         m, P = bank.state[bank.head[0].leader], bank.P[bank.head[0].leader]
-        kept = self._usable(rows, m, P, par)
-        d = form_differences(phases, kept, data.antennas, m.r_e, m.v_e)
+        kept, doubt = self._usable(rows, m, P, par)
+        d = form_differences(phases, kept, data.antennas, m.r_e, m.v_e, doubt)
         self._forget(d, rows, t_ns)
         if not len(d.b):
             return bank, 0
@@ -144,8 +144,10 @@ class AttitudeAid:
         step_s = max(float(bank.head[0].epoch_step_ns) / NS_PER_S, 1e-3)
         return max(1.0, self.data.multipath_time_s / step_s)
 
-    def _usable(self, rows: Int64, m: StateRecord, P: Float64, par: Parameters) -> Int64:
-        """Return the rows of an epoch that pass every mask; the others' reason goes into the ledger."""
+    def _usable(
+        self, rows: Int64, m: StateRecord, P: Float64, par: Parameters
+    ) -> tuple[Int64, Float64 | None]:
+        """Return the rows of an epoch that pass every mask, and the doubt of each; others are told in the ledger."""
         phases = self.data.phases
         status = phases.status[rows].copy()
         C_ne = level_axes(m.r_e)
@@ -153,11 +155,14 @@ class AttitudeAid:
         good = status == USED
         status[good & ~(-u_n[:, 2] >= par.sine_mask)] = MASKED_ELEVATION
         status[(status == USED) & (phases.cn0_dbhz[rows] < par.cn0_mask)] = MASKED_CN0
+        doubt = None
         if self.data.hiding is not None:
-            reason = hidden_reasons(self.data.hiding, phases.antenna[rows], u_n, C_ne @ m.C_eb, m.C_eb, P)
+            reason, doubt = hidden_reasons(
+                self.data.hiding, phases.antenna[rows], u_n, C_ne @ m.C_eb, m.C_eb, P
+            )
             status = np.where(status == USED, reason, status).astype(np.int8)
         self.data.ledger.status[rows] = np.where(status == USED, NO_DIFFERENCE, status)
-        return np.asarray(rows[status == USED])
+        return np.asarray(rows[status == USED]), None if doubt is None else doubt[status == USED]
 
     def _forget(self, d: Differences, rows: Int64, t_ns: int) -> None:
         """Forget whole cycles that a slip or a gap may have changed."""

@@ -23,6 +23,9 @@ from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 _ASSUMED_CN0_DBHZ: Final = 42.0  # where the log gives none
+_LOWEST_SINE: Final = 0.05  # of an elevation, as for pseudoranges: ``gnss.noise_model``
+# A reflection without the direct signal has any phase: the variance of an even distribution over a cycle
+_HIDDEN_CYCLES2: Final = 1.0 / 12.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class Antennas:
     separate_clocks: bool
     phase_sigma_m: float
     multipath_sigma_m: float
+    phase_floor_m: float = 0.0
+    phase_elevation_m: float = 0.0
 
     @cached_property
     def winds_up(self) -> bool:
@@ -98,12 +103,22 @@ def directions(sat: Float64, r_e: Float64) -> Float64:
 
 
 def form_differences(
-    phases: AntennaPhases, kept: Int64, antennas: Antennas, r_e: Float64, v_e: Float64
+    phases: AntennaPhases,
+    kept: Int64,
+    antennas: Antennas,
+    r_e: Float64,
+    v_e: Float64,
+    doubt: Float64 | None = None,
 ) -> Differences:
     """Return the differences of the rows ``kept`` of one epoch, those of one antenna together, in its order.
 
     Clocks of their own shift the receivers' moments against each other: the difference is brought to one moment by the
     satellites' range rates, the shift taken from tags and pseudoranges (3 ns of it are 3 micrometres).
+
+    Parameters
+    ----------
+    kept : rows of the phases, in ascending order
+    doubt : of each of them the probability that its antenna does not see the satellite; zero when None
     """
     seen = kept[np.lexsort((phases.antenna[kept], phases.channel[kept]))]
     channel = phases.channel[seen]
@@ -118,7 +133,11 @@ def form_differences(
     value = phases.phase_m[row] - phases.phase_m[other] - (antennas.delay_m[b] - antennas.delay_m[a])
     rate = np.sum(u_e * (phases.sat[row, 3:6] - v_e), axis=1)
     value = value - rate * _moments_apart(phases, row, other, a, b, antennas.separate_clocks)
-    white, slow = _covariances(phases, row, other, antennas)
+    sine = np.maximum(u_e @ (r_e / np.linalg.norm(r_e)), _LOWEST_SINE)
+    doubts = [np.zeros(len(row))] * 2
+    if doubt is not None:
+        doubts = [doubt[np.searchsorted(kept, rows)] for rows in (row, other)]
+    white, slow = _covariances(phases, (row, other), antennas, sine, doubts)
     clock = (
         _clock_numbers(a, b, phases.wavelength_m[row]) if antennas.separate_clocks else np.full(len(row), -1)
     )
@@ -149,17 +168,27 @@ def _clock_numbers(a: Int64, b: Int64, wavelength_m: Float64) -> Int64:
 
 
 def _covariances(
-    phases: AntennaPhases, row: Int64, other: Int64, antennas: Antennas
+    phases: AntennaPhases,
+    pairs: tuple[Int64, Int64],
+    antennas: Antennas,
+    sine: Float64,
+    doubts: list[Float64],
 ) -> tuple[Float64, Float64]:
-    """Return the covariances of noise and reflections: differences that count from one phase share it."""
-    cn0 = phases.cn0_dbhz
-    shared = other[:, None] == other[None, :]
-    found = []
-    for sigma_m, is_thermal in ((antennas.phase_sigma_m, True), (antennas.multipath_sigma_m, False)):
-        at = [np.where(np.isfinite(cn0[rows]), cn0[rows], _ASSUMED_CN0_DBHZ) for rows in (row, other)]
-        own, common = (sigma_m**2 * (thermal_factor(c) if is_thermal else np.ones(len(c))) for c in at)
-        found.append(np.diag(own) + shared * common[:, None])
-    return found[0], found[1]
+    """Return the covariances of noise and reflections: differences that count from one phase share it.
+
+    Equation: of one phase sigma^2 10^((45 - C/N0) / 10) + floor^2 + (elevation / sin el)^2, and a share of what the
+    phase of a hidden satellite has
+    """
+    shared = pairs[1][:, None] == pairs[1][None, :]
+    plain = antennas.phase_floor_m**2 + (antennas.phase_elevation_m / sine) ** 2
+    white = []
+    for rows, doubt in zip(pairs, doubts, strict=True):
+        cn0 = phases.cn0_dbhz[rows]
+        thermal = thermal_factor(np.where(np.isfinite(cn0), cn0, _ASSUMED_CN0_DBHZ))
+        hidden = _HIDDEN_CYCLES2 * phases.wavelength_m[rows] ** 2
+        white.append(antennas.phase_sigma_m**2 * thermal + plain + doubt * hidden)
+    slow = antennas.multipath_sigma_m**2 * (np.eye(len(sine)) + shared)
+    return np.diag(white[0]) + shared * white[1][:, None], slow
 
 
 def baselines(

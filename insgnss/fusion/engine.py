@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.loop import write_between
+from insgnss.fusion.masking import still_uncertain
 from insgnss.fusion.navigator import Navigator, Snapshot
 from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_output
 from insgnss.fusion.prediction import carry_bank
@@ -181,8 +182,13 @@ class Engine:
     @property
     def events(self) -> list[Event]:
         """All events so far, in the order of their time."""
-        both = self._done + self._navigator.events
+        both = self._done + self._told()
         return sorted(both, key=lambda e: -1 if e.t_ns is None else e.t_ns)
+
+    def _told(self) -> list[Event]:
+        """Return what the filter of this stretch has told so far."""
+        open_now = still_uncertain(self._navigator.bank, self._setup.config.visibility)
+        return self._navigator.events + open_now
 
     def take_results(self, *, all_of_them: bool = False) -> list[EpochResult]:
         """Return the epochs that have become final (older than the latency), each once; or all, at the end of a log.
@@ -213,7 +219,7 @@ class Engine:
         gaps = self._setup.config.gaps
         if t_ns - last_ns > gaps.restart_s * NS_PER_S:
             self._started = self._started or self._navigator.started_ns is not None
-            self._done += self._navigator.events
+            self._done += self._told()
             self._done.append(restart_event(last_ns, t_ns))
             while self._waiting and _tag(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
                 self._insert(self._waiting.pop(0))

@@ -79,7 +79,7 @@ def update_epoch(
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
     if par.visibility != OFF:
-        mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking)
+        mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking, since_last)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     for kind in range(2):

@@ -31,9 +31,7 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
 from insgnss.geodesy.rotations import matrix_to_euler, matrix_to_quaternion
 from insgnss.tables import Float64
 
-_WIDE: Final = 1.2  # sigmas of a new member
-_FEW_NEIGHBOURS: Final = 0.8  # of the squared spacing: a second moment that three neighbours can have
-_LINEAR_RAD: Final = 0.6  # a heading moved by more takes nothing along but what is fixed in the body
+_WIDE: Final = 1.2  # sigmas of a window
 _MEANS: Final = ("noise_factor", "motion_response", "f_mean")
 
 
@@ -142,72 +140,55 @@ def rotation_vector(C: Float64) -> Float64:
 
 
 def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: Layout) -> Bank:
-    """Return the bank with wide members replaced by members of the headings of one grid.
+    """Return the bank with wide members replaced by members of ``n_headings`` around the circle.
 
-    The grid has ``n_headings`` around the circle, one of them the leader's; a new member's sigma sigma_0 is half their
-    spacing. A wide member i gives the grid's member k the weight w_i N(psi_k - psi_i; sigma_i^2 - sigma_0^2), and what
-    it says given that its heading is psi_k; what several give to one k is merged. So mean and variance of every state
-    stay, of the gyro bias above all, which has made the member wide. Members not much wider than new ones stay as they
-    are; what is of negligible weight (logarithm below ``drop``) is left out.
+    Gaussian windows a spacing apart, with half of it as their sigma s, add up to a constant (to 1.4 %). A wide member
+    times a window is a member again: the update by a heading psi_k of variance s^2. What all of them have in one window
+    is merged. So mean and variance of every state stay, of the gyro bias above all, which has made them wide, and of
+    members that lie beside each other none keeps a correlation of heading and bias that they do not have together.
+    Members not much wider than a window stay as they are; what is of negligible weight (logarithm below ``drop``) is
+    left out.
+    Equation: w_ik ~ w_i N(psi_k - psi_i; sigma_i^2 + s^2), sum_k w_ik = w_i, mean psi_i + (psi_k - psi_i) sigma_i^2 /
+              (sigma_i^2 + s^2), variance sigma_i^2 s^2 / (sigma_i^2 + s^2)
     """
     spacing = 2.0 * math.pi / n_headings
-    sigma_0 = 0.5 * spacing
     sigma = np.array([math.sqrt(yaw_variance(m, P)) for m, P in zip(bank.state, bank.P, strict=True)])
-    lead, grid = bank.state[bank.head[0].leader], spacing * np.arange(n_headings)
+    lead, centres = bank.state[bank.head[0].leader], spacing * np.arange(n_headings)
     made = []
-    for i in map(int, np.flatnonzero(sigma > _WIDE * sigma_0)):
-        away = np.remainder(grid - turn_about(lead, bank.state[i]) + math.pi, 2.0 * math.pi) - math.pi
-        share = shares(away, sigma[i] ** 2 - sigma_0**2, spacing) * math.exp(bank.state[i].log_weight)
+    for i in map(int, np.flatnonzero(sigma > _WIDE * 0.5 * spacing)):
+        away = np.remainder(centres - turn_about(lead, bank.state[i]) + math.pi, 2.0 * math.pi) - math.pi
+        both = sigma[i] ** 2 + (0.5 * spacing) ** 2
+        weight = -0.5 * away**2 / both
+        weight += bank.state[i].log_weight - np.logaddexp.reduce(weight)
+        gain, left = sigma[i] ** 2 / both, sigma[i] * 0.5 * spacing / math.sqrt(both)
         made += [
-            _Child(i, int(k), float(away[k]), math.log(share[k]))
-            for k in np.flatnonzero(share > math.exp(drop))
+            _Part(i, int(k), gain * float(away[k]), left, float(weight[k]))
+            for k in np.flatnonzero(weight > drop)
         ]
-    kept = np.flatnonzero(sigma <= _WIDE * sigma_0)
-    found = select_members(bank, np.array([*kept, *(child.parent for child in made)], np.int64))
-    for at, child in enumerate(made, start=len(kept)):
-        found.state[at].log_weight = child.log_weight
-        turn_member(found.state[at], found.P[at], child.turn, sigma_0, lever_b, layout)
+    kept = np.flatnonzero(sigma <= _WIDE * 0.5 * spacing)
+    found = select_members(bank, np.array([*kept, *(part.member for part in made)], np.int64))
     found.state["log_weight"][: len(kept)] = bank.state["log_weight"][kept]
-    return _merged_on_grid(found, len(kept), [child.at for child in made], layout)
+    for at, part in enumerate(made, start=len(kept)):
+        found.state[at].log_weight = part.log_weight
+        turn_member(found.state[at], found.P[at], part.turn, part.sigma, lever_b, layout)
+    return _merged_by_window(found, len(kept), [part.window for part in made], layout)
 
 
-def shares(away: Float64, variance: float, spacing: float) -> Float64:
-    """Return the weights (n,) of headings a ``spacing`` apart that have mean zero and a ``variance``.
+class _Part(NamedTuple):
+    """What a wide member has in a window."""
 
-    Three neighbours that have both exactly where the variance is small, samples of the Gaussian where it is large: from
-    a sigma of the spacing on these have its variance to 1e-5, at two thirds of it they lack ten percent.
-
-    Parameters
-    ----------
-    away : (n,) each heading from the mean [rad]
-    """
-    near = int(np.argmin(np.abs(away)))
-    off = -float(away[near])
-    second = variance + off * off
-    if second > _FEW_NEIGHBOURS * spacing**2:
-        share = np.exp(-0.5 * away**2 / variance)
-        return np.asarray(share / share.sum())
-    share = np.zeros(len(away))
-    for step in (-1, 1):
-        share[(near + step) % len(away)] += max(second + step * off * spacing, 0.0) / (2.0 * spacing**2)
-    share[near] += 1.0 - share.sum()
-    return share
-
-
-class _Child(NamedTuple):
-    """What a wide member gives to a heading of the grid."""
-
-    parent: int
-    at: int  # of the grid
-    turn: float  # from the parent's heading [rad]
+    member: int
+    window: int
+    turn: float  # from the member's heading [rad]
+    sigma: float  # [rad]
     log_weight: float
 
 
-def _merged_on_grid(bank: Bank, n_kept: int, at: list[int], layout: Layout) -> Bank:
-    """Return the bank with the members from ``n_kept`` on, which stand ``at`` headings of a grid, merged by these."""
+def _merged_by_window(bank: Bank, n_kept: int, window: list[int], layout: Layout) -> Bank:
+    """Return the bank with the members from ``n_kept`` on merged where they have the same window."""
     first: dict[int, int] = {}
     keep = list(range(n_kept))
-    for i, k in sorted(enumerate(at, start=n_kept), key=lambda pair: -bank.state[pair[0]].log_weight):
+    for i, k in sorted(enumerate(window, start=n_kept), key=lambda pair: -bank.state[pair[0]].log_weight):
         if k in first:
             merge_into(bank, first[k], i, layout)
         else:
@@ -223,9 +204,9 @@ def turn_member(
 
     Equation: g = P u / sigma_u^2 with sigma_u^2 = u^T P u, u the vertical among the attitude's errors; x <- x + g turn,
     P <- P - g g^T (sigma_u^2 - sigma^2), then P <- T P T^T for the axes of the new heading (``turned_axes``).
-    What the measurements know is the antenna, to millimetres from its clone: it is the antenna that moves by g. Beyond
-    0.6 rad it stays, and the rest turns with the body. A turning body's antenna velocity is not corrected likewise:
-    4 cm/s for 0.5 m and 30 deg/s.
+    What the measurements know is the antenna, to millimetres from its clone: it is the antenna that moves by g, and the
+    gyro bias plus the Earth's rate. Neglects: the same of a turning body's antenna velocity, 4 cm/s for half a radian,
+    0.5 m and 30 deg/s.
     """
     up = np.array(up_direction(m.r_e))
     u = np.zeros(len(P))
@@ -236,12 +217,11 @@ def turn_member(
     C_before, R = m.C_eb.copy(), rotation(turn * up)
     l_e, rate = C_before @ lever_b, np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
     antenna, apparent = m.r_e + l_e, m.b_g + C_before.T @ rate
-    if abs(turn) <= _LINEAR_RAD:
-        d = g * turn
-        antenna += d[DR : DR + 3] + np.cross(d[PSI : PSI + 3], l_e)
-        apparent += d[BG : BG + 3] + C_before.T @ np.cross(rate, turn * up)
-        d[PSI : PSI + 3] -= turn * up  # the tilt that goes with it
-        add_to_state(m, d, layout)
+    d = g * turn
+    antenna += d[DR : DR + 3] + np.cross(d[PSI : PSI + 3], l_e)
+    apparent += d[BG : BG + 3] + C_before.T @ np.cross(rate, turn * up)
+    d[PSI : PSI + 3] -= turn * up  # the tilt that goes with it
+    add_to_state(m, d, layout)
     set_attitude(m, R @ m.C_eb)
     m.r_e[:] = antenna - m.C_eb @ lever_b
     m.b_g[:] = apparent - m.C_eb.T @ rate

@@ -41,6 +41,7 @@ LINE_DTYPE: Final = np.dtype(
             ("u_n", np.float64, (3,)),  # line of sight, north-east-down
             ("u_b", np.float64, (3,)),  # line of sight in body axes
             ("gain", np.float64),  # of the best antenna towards it [dBic], NaN where no antenna is described
+            ("doubt", np.float64),  # probability that it is hidden, for which its variances were made larger
         ],
     )
 )

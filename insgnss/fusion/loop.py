@@ -21,6 +21,7 @@ from insgnss.fusion.output import (
     CLOCK_STEP,
     DRIFT_STEP,
     MASKING_ON,
+    MASKING_UNCERTAIN,
     MASKING_WAITS,
     MEASUREMENTS_BACK,
     NO_MEASUREMENTS,
@@ -48,6 +49,9 @@ HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
 
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
+_UNCERTAIN_APART_S = (
+    10.0  # satellites at an edge come and go: uncertainty that returns within it is one event
+)
 _SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
@@ -290,11 +294,22 @@ def update_bank(
 
 @inlined
 def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) -> None:
-    """Write an event when the visibility stage begins to wait for the heading, and when it begins to mask."""
+    """Write an event when the visibility stage begins to wait for the heading, and when it begins to mask.
+
+    Satellites whose visibility is uncertain are counted; the event has the time of the first and their number.
+    """
     now = 1 if lead.mask_waits == 1 else 2
     if now != head.masking:
         head.masking = now
         log_event(out.events, out.counts[0], t_ns, MASKING_WAITS if now == 1 else MASKING_ON, 0.0)
+    if lead.mask_uncertain > 0:
+        if head.uncertain == 0:
+            head.uncertain_ns = t_ns
+        head.uncertain += lead.mask_uncertain
+        head.uncertain_last_ns = t_ns
+    elif head.uncertain > 0 and (t_ns - head.uncertain_last_ns) * 1e-9 > _UNCERTAIN_APART_S:
+        log_event(out.events, out.counts[0], head.uncertain_ns, MASKING_UNCERTAIN, head.uncertain * 1.0)
+        head.uncertain = 0
 
 
 @inlined

@@ -16,6 +16,7 @@ from insgnss.tables import Float64
 
 FORCE_MEAN_TIME_S: Final = 0.25  # over which the specific force is smoothed to tell motion from noise
 VELOCITY_MEAN_TIME_S: Final = 10.0  # with which a velocity is compared to tell whether it has changed
+LEVEL_GATE2: Final = 4.0  # squared sigmas of tilt and bias errors, within which a lasting force is no motion
 MANOEUVRE_S: Final = 1.0  # correlation time of a horizontal specific force that is not credited as motion
 EARTH_RATE_SHARE: Final = 0.2  # of the horizontal Earth rate: gyros with smaller bias errors find north
 
@@ -29,10 +30,11 @@ def motion_specific_force(
     The error equation dv' = (I - E^T)(a - g) - C (n + db), E = C_hat C^T, holds the true acceleration a, not the
     measured one: without motion the attitude's errors turn gravity alone, and the horizontal specific force is noise
     and what tilt and bias leave of each other. A filter that takes it for motion finds headings in it that nothing
-    shows. So the horizontal force f_h of the last moments counts by s = 1 - k sigma^2 / |f_h|^2, sigma^2 its variance
-    without motion (sensor noise, tilt and bias errors): not at rest and on a straight, in full in a manoeuvre. While
-    the heading is open, it counts only where the velocity has changed too: a sensor may be noisier than its grade.
-    What does not count may still be a slow motion that the attitude's errors turn: it comes in as noise.
+    shows. So the horizontal force f_h of the last moments counts by s = 1 - (k^2 N + 2^2 E) / |f_h|^2, N the variance
+    of the sensor's noise in it, drawn anew all the time, and E that of what tilt and bias leave of each other, which
+    lasts. While the heading is open, it counts only where the velocity has changed too: a sensor may be noisier than
+    its grade. What does not count may still be a slow motion that the attitude's errors turn, and what counts holds
+    the error E: both come in as noise.
     Where the gyros see the Earth's rate, the Earth's turn is a motion that is shown, and everything counts.
     """
     dv = m.sum_dv
@@ -44,8 +46,9 @@ def motion_specific_force(
     hx, hy, hz = f[0] - along * g_e[0], f[1] - along * g_e[1], f[2] - along * g_e[2]
     h2 = hx * hx + hy * hy + hz * hz
     unknown = unknown_force(m.C_eb, P, g_e, g2, row)
-    variance = 0.5 * (par.accel_density / FORCE_MEAN_TIME_S + unknown)  # of an axis
-    share = max(1.0 - par.motion_gate2 * variance / h2, 0.0) if h2 > 0.0 else 0.0
+    noise = 0.5 * par.accel_density / FORCE_MEAN_TIME_S  # of an axis, as half of ``unknown`` is
+    least2 = par.motion_gate2 * noise + 0.5 * LEVEL_GATE2 * unknown
+    share = max(1.0 - least2 / h2, 0.0) if h2 > 0.0 else 0.0
     if sees_earth_rate(m, P):
         share = 1.0
     elif m.log_weight < 0.0 and not velocity_changed(m, P, par.motion_gate2):
@@ -56,7 +59,7 @@ def motion_specific_force(
     if m.log_weight < 0.0:  # one of several headings
         move_response(m, x, y, z)
     attitude = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
-    residual = ((1.0 - share) ** 2 * h2 + unknown) * attitude * MANOEUVRE_S
+    residual = ((1.0 - share) ** 2 * h2 + share * share * unknown) * attitude * MANOEUVRE_S
     return x + along * g_e[0], y + along * g_e[1], z + along * g_e[2], residual
 
 

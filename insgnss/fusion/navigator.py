@@ -32,7 +32,8 @@ from insgnss.fusion.loop import (
     run_epochs,
     write_row,
 )
-from insgnss.fusion.output import N_USED, Output, event_in_words
+from insgnss.fusion.masking import became_of_uncertain, still_uncertain
+from insgnss.fusion.output import MASKING_UNCERTAIN, N_USED, Output, event_in_words
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
@@ -358,6 +359,7 @@ class Navigator:
 
     def _restart(self, t_ns: int, reason: str) -> None:
         """Give the filter up and wait for a new automatic start."""
+        self.events += still_uncertain(self.bank, self.setup.config.visibility)
         self.bank = None
         self.resets_ns = []
         self.starter = Starter(self.setup, given=False)
@@ -367,7 +369,10 @@ class Navigator:
         """Turn the compiled loop's events into words."""
         count = out.counts[0]
         for row in out.events[: min(count.events, len(out.events))]:
-            self.events.append(event_in_words(int(row["t_ns"]), int(row["kind"]), float(row["a"])))
+            kind, became = int(row["kind"]), ""
+            if kind == MASKING_UNCERTAIN:
+                became = became_of_uncertain(self.setup.config.visibility)
+            self.events.append(event_in_words(int(row["t_ns"]), kind, float(row["a"]), became))
         if count.events > len(out.events):
             self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
         count.events = 0

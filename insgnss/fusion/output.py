@@ -55,6 +55,7 @@ NO_MEASUREMENTS: Final = np.int64(3)
 MEASUREMENTS_BACK: Final = np.int64(4)  # a: seconds without
 MASKING_WAITS: Final = np.int64(5)
 MASKING_ON: Final = np.int64(6)
+MASKING_UNCERTAIN: Final = np.int64(7)  # a: satellites over epochs
 
 
 NAV_DTYPE: Final = np.dtype(
@@ -173,7 +174,10 @@ def mark_without_imu(ledger: Table, carriers: Table) -> None:
 
 
 def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
-    """Return an event of the filter as users read it: ``a`` is its number, if any, ``why`` a step is believed."""
+    """Return an event of the filter as users read it: ``a`` is its number, if any.
+
+    ``why`` goes on: why a step is believed, or what became of the satellites.
+    """
     if kind == CLOCK_STEP:
         size = f"{a:.1f} m ({1e3 * a / C_MPS:.4f} ms)"
         return Event(t_ns, "clock_jump", f"the receiver clock stepped by {size}{why}; absorbed")
@@ -188,6 +192,11 @@ def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
         return Event(t_ns, "masking_waits", "the heading is too uncertain to tell what the airframe hides")
     if kind == MASKING_ON:
         return Event(t_ns, "masking_on", "the heading is known well enough: hidden satellites are masked")
+    if kind == MASKING_UNCERTAIN:
+        detail = (
+            f"{a:.0f} satellite-epochs too near to the edge of what the antennas see for this attitude{why}"
+        )
+        return Event(t_ns, "masking_uncertain", detail)
     return Event(t_ns, f"kind_{kind}", f"{a}")
 
 

@@ -76,6 +76,7 @@ STATE_DTYPE: Final = np.dtype(
             ("adapted_ns", np.int64),  # when they were last moved
             ("adapted_count", np.int64),
             ("mask_waits", np.int64),  # 1 while the heading is too uncertain for the visibility stage
+            ("mask_uncertain", np.int64),  # satellites of the last epoch whose visibility was uncertain
             (
                 "cn0_level",
                 np.float64,
@@ -106,6 +107,9 @@ HEAD_DTYPE: Final = np.dtype(
                 np.int64,
             ),  # time since when the innovations are far too large; 0 when they are not
             ("masking", np.int64),  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
+            ("uncertain", np.int64),  # satellites over epochs, whose visibility was uncertain, not told yet
+            ("uncertain_ns", np.int64),  # when that began ...
+            ("uncertain_last_ns", np.int64),  # ... and when it was so last
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
         ],
     )
@@ -198,8 +202,8 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         source.sum_accel_q,
     )
     target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
-    target.mask_waits, target.log_weight = source.mask_waits, source.log_weight
-    target.v_mean_variance = source.v_mean_variance
+    target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
+    target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, StartError
 from insgnss.fusion.loop import run_to
+from insgnss.fusion.masking import still_uncertain
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, Table, mark_without_imu, new_ledger, new_output
 from insgnss.fusion.prediction import Imu
@@ -112,7 +113,8 @@ def run_blocks(
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             work = navigator.workspace(no_rows)
             run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
-        events += navigator.events + gap_events(part.t_ns, setup.config.gaps.longest_step_s)
+        events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
+        events += gap_events(part.t_ns, setup.config.gaps.longest_step_s)
         if first > 0:
             events.append(restart_event(int(imu.t_ns[first - 1]), int(imu.t_ns[first])))
         started = started or navigator.started_ns is not None

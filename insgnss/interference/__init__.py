@@ -2,11 +2,12 @@
 
 ::
 
-    from insgnss.interference import PhaseLoop, discriminator, margin_db, greatest_drift
+    from insgnss.interference import PhaseLoop, discriminator, greatest_drift, margin_db, margin_in_motion_db
 
     loop = PhaseLoop(discriminator("IQ"), bandwidth_hz=1.022e6, accumulation_s=0.01)
     margin_db(3167.0, loop)           # J/S in dB for a drift of 3167 rad^2/s^3, one-sided
     greatest_drift(40.0, loop)        # the drift that allows 40 dB
+    margin_in_motion_db(100.0, 49.0, 3.3, 1.6e9, loop)    # of a loop without aiding that turns with 5 g
 
 All spectral densities of phase, frequency and their rates are one-sided in this room unless a name says otherwise:
 twice the two-sided intensities that the filter's models use (``optimal_loop.one_sided``, ``two_sided``).
@@ -36,9 +37,11 @@ from insgnss.interference.margin import (
     bandwidth_at_margin_hz,
     greatest_drift,
     margin_db,
+    margin_in_motion_db,
     threshold_cn0_dbhz,
 )
 from insgnss.interference.optimal_loop import discrete_gains, gains, noise_bandwidth, threshold_noise
+from insgnss.interference.third_order import third_order_gains
 from insgnss.interference.trade_off import diagram, trade_off
 
 __all__ = [
@@ -61,8 +64,10 @@ __all__ = [
     "ins_density",
     "lock_threshold",
     "margin_db",
+    "margin_in_motion_db",
     "noise_bandwidth",
     "oscillator_density",
+    "third_order_gains",
     "threshold_cn0_dbhz",
     "threshold_noise",
     "total_density",

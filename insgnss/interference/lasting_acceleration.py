@@ -1,12 +1,14 @@
 """Acceleration that lasts: what a loop at its threshold makes of a manoeuvre, or of an aiding error that stays.
 
 A Wiener frequency is pushed anew at every instant. A turn, a tilt or an accelerometer's bias push the same way for
-seconds, longer than a loop remembers. Its equivalent is the density S that makes the same error in the same loop.
+seconds, longer than a loop remembers. For a loop of second order its equivalent is the density S that makes the same
+error in the same loop; a loop of third order (``third_order``) follows it. ``threshold_in_motion`` computes both and
+takes the better.
 """
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +16,48 @@ import numpy.typing as npt
 from insgnss.interference.checks import not_negative, positive
 from insgnss.interference.drift import per_mps
 from insgnss.interference.optimal_loop import Gains, gains, threshold_noise
+from insgnss.interference.third_order import third_order_threshold_noise
 from insgnss.tables import Float64
 
 _BISECTIONS: Final = 50  # of a bracket of at most 15 decades: to 1e-12
+# by which the third order has to be better to be taken: below it is rounding, without acceleration both are one loop
+_BETTER: Final = 1e-9
+
+
+class MotionThreshold(NamedTuple):
+    """Where the better of the loops of second and third order loses lock."""
+
+    noise: Float64  # S_n,thr [rad^2/Hz]
+    density: Float64  # S of the Wiener drift that has this threshold by (18), one-sided [rad^2/s^3]
+    order: npt.NDArray[np.int64]  # 2 or 3
+
+
+def threshold_in_motion(
+    base: npt.ArrayLike,
+    sigma_mps2: npt.ArrayLike,
+    time_s: float,
+    carrier_hz: float,
+    threshold_rms_rad: float,
+    phase_walk: npt.ArrayLike = 0.0,
+) -> MotionThreshold:
+    """Return the noise at which the phase loop loses lock under a lasting acceleration, and of which order it is.
+
+    Equation: second order: (18) at ``density_at_threshold``; third order: ``third_order_threshold_noise``; the larger.
+    S of equal threshold: (2 rms^4 / S_n - S_f / 2)^2 / S_n         [``error_variance`` solved for S]
+
+    Parameters
+    ----------
+    base : S_0 of oscillator and white accelerations, one-sided [rad^2/s^3]
+    sigma_mps2, time_s : one sigma and correlation time of the acceleration along the line of sight; arrays broadcast
+    phase_walk : S_f, one-sided density of white frequency noise [rad^2/s]
+    """
+    S = density_at_threshold(base, sigma_mps2, time_s, carrier_hz, threshold_rms_rad)
+    second = threshold_noise(S, threshold_rms_rad, phase_walk)
+    third = third_order_threshold_noise(base, threshold_rms_rad, sigma_mps2, time_s, carrier_hz, phase_walk)
+    better = third > second * (1.0 + _BETTER)
+    noise = np.where(better, third, second)
+    root = 2.0 * threshold_rms_rad**4 / noise - 0.5 * np.asarray(phase_walk)
+    return MotionThreshold(noise, np.where(better, root * root / noise, S), np.where(better, 3, 2))
 
 
 def equivalent_density(

@@ -8,6 +8,8 @@ aiding leaves of it and on the oscillator: S = S_INS + S_osc.
 the correlator as much. The paper takes the band between the first zeros of the spectrum; for a given emitter it is the
 inverse of the spectral separation coefficient (``spectra``).
 
+A loop without aiding has to follow the vehicle's acceleration too: ``margin_in_motion_db``.
+
 One-sided densities throughout: S of the frequency's rate [rad^2/s^3].
 """
 
@@ -21,6 +23,7 @@ import numpy.typing as npt
 
 from insgnss.interference.checks import finite, positive
 from insgnss.interference.discriminators import Discriminator, equivalent_noise, inverse_cn0
+from insgnss.interference.lasting_acceleration import threshold_in_motion
 from insgnss.interference.optimal_loop import noise_bandwidth, threshold_noise
 from insgnss.tables import Float64
 
@@ -88,7 +91,34 @@ def margin_db(
     cn0_dbhz : C/N0 without interference; None leaves thermal noise out, as the paper does
     phase_walk : one-sided density of white frequency noise [rad^2/s], which the paper has not
     """
-    x = threshold_inverse_cn0(drift, loop, phase_walk)
+    return _margin_at(threshold_inverse_cn0(drift, loop, phase_walk), loop, cn0_dbhz)
+
+
+def margin_in_motion_db(
+    drift: npt.ArrayLike,
+    sigma_mps2: npt.ArrayLike,
+    time_s: float,
+    carrier_hz: float,
+    loop: PhaseLoop,
+    cn0_dbhz: npt.ArrayLike | None = None,
+    phase_walk: npt.ArrayLike = 0.0,
+) -> Float64:
+    """Return the greatest J/S that a loop without aiding stands [dB], the better of second and third order.
+
+    Equation: as ``margin_db``, with S_n,thr of ``threshold_in_motion``
+
+    Parameters
+    ----------
+    drift : S of the oscillator alone, one-sided [rad^2/s^3]
+    sigma_mps2, time_s : one sigma and correlation time of the vehicle's acceleration along the line of sight
+    """
+    rms = loop.discriminator.threshold_rms_rad
+    noise = threshold_in_motion(drift, sigma_mps2, time_s, carrier_hz, rms, phase_walk).noise
+    return _margin_at(inverse_cn0(loop.discriminator, noise, loop.accumulation_s), loop, cn0_dbhz)
+
+
+def _margin_at(x: Float64, loop: PhaseLoop, cn0_dbhz: npt.ArrayLike | None) -> Float64:
+    """Return the margin of a threshold x = 1 / q [dB]."""
     if cn0_dbhz is not None:
         x = x - ratio(-finite("cn0_dbhz", cn0_dbhz, _DB_ADVICE))
     return db(loop.bandwidth_hz * np.maximum(x, 0.0))

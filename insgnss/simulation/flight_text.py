@@ -7,8 +7,13 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
+
 from insgnss.config.flight import ImuGrade, MountedAntenna, Oscillator
-from insgnss.config.simulation import SimulationConfig
+from insgnss.config.simulation import SimulatedGnss, SimulationConfig
+from insgnss.gnss.signals import wavelength_m
+from insgnss.simulation.loop_noise import CarrierLoopNoise
+from insgnss.simulation.observations import REFERENCE_CN0_DBHZ
 from insgnss.simulation.simulated_log import Scenario
 
 IMU_FILE = "imu.csv"
@@ -16,6 +21,8 @@ GNSS_FILE = "gnss.csv"
 NAVIGATION_FILE = "nav.rnx"
 REFERENCE_FILE = "reference.csv"
 FLIGHT_FILE = "flight.toml"
+_LEAST_PHASE_SIGMA_M = 1e-5  # a flight file has no phases without thermal noise
+_SKY_POINTS = 201
 
 
 def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
@@ -48,11 +55,39 @@ def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
     for antenna in config.gnss.antenna:
         lines += ["", "[[gnss.antenna]]", *_antenna_lines(antenna)]
     if config.attitude is not None:
-        lines += ["", "[attitude]", f'clocks = "{config.attitude.clocks}"']
+        lines += ["", "[attitude]", f'clocks = "{config.attitude.clocks}"', *_phase_noise_lines(config.gnss)]
         for antenna in config.attitude.antenna:
             lines += ["", "[[attitude.antenna]]", f'files = ["{antenna_file_name(antenna.name)}"]']
             lines += _antenna_lines(antenna)
     return "\n".join([*lines, "", "[reference]", f'file = "{REFERENCE_FILE}"', 'point = "imu"', ""])
+
+
+def _phase_noise_lines(gnss: SimulatedGnss) -> list[str]:
+    """Return what the phases of the antennas were drawn with, as a user would declare it.
+
+    Equation: reflections vary with elevation, the file has one sigma for them: the rms over an even sky above the mask.
+    Neglects: the mirror below the antennas (``specular``), which is alike in all of them and falls out.
+    """
+    noise, echo = gnss.carrier_noise_m, gnss.multipath
+    assert noise is not None  # as the scenario's schema demands
+    floor, elevation, thermal = noise.floor, noise.elevation, noise.cn0_at_45_dbhz
+    if gnss.loops is not None:
+        waves = np.array([wavelength_m("G", code) for code in gnss.signals])
+        loop = CarrierLoopNoise(gnss.loops.carrier_bandwidth_hz, gnss.loops.integration_s, waves)
+        sigmas = loop.sigma(np.zeros(len(waves)), np.full(len(waves), REFERENCE_CN0_DBHZ))
+        floor, elevation, thermal = 0.0, 0.0, float(np.sqrt(np.mean(sigmas**2)))
+    values = {
+        "phase_sigma_m": max(thermal, _LEAST_PHASE_SIGMA_M),
+        "phase_floor_m": floor,
+        "phase_elevation_m": elevation,
+        "multipath_sigma_m": 0.0,
+    }
+    if echo is not None:
+        sine = np.linspace(np.sin(np.radians(gnss.horizon_mask_deg)), 1.0, _SKY_POINTS)
+        sigma = echo.floor_m + echo.horizon_m * np.exp(-np.degrees(np.arcsin(sine)) / echo.scale_deg)
+        values["multipath_sigma_m"] = echo.carrier_ratio * float(np.sqrt(np.mean(sigma**2)))
+        values["multipath_time_s"] = echo.correlation_time_s
+    return [f"{key} = {value:.6g}" for key, value in values.items()]
 
 
 def antenna_file_name(name: str) -> str:

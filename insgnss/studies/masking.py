@@ -5,16 +5,19 @@ measurements, (b) an elevation mask, (c) attitude-aware masking in the filter, (
 
 | table         | one row for each | columns |
 |---------------|------------------|---------|
-| cases         | case             | case words rms_before_m rms_during_m max_during_m rms_after_m max_after_m false_rows believed refused true_refused delay_mean_s delay_max_s search_s in_vain_s false_lock_s |
+| cases         | case             | case words rms_before_m rms_during_m max_during_m rms_after_m max_after_m false_rows believed refused true_refused kept_hidden hidden_visible delay_mean_s delay_max_s search_s in_vain_s false_lock_s |
 | false_locks   | case, false lock, kind | case lock kind rows believed refused statuses |
 | reacquisition | hidden satellite, case and flight | run case sv lock how lost_s returned_s tracked_s delay_s search_s in_vain_s false_lock_s |
 | errors        | epoch, case and flight | run case time_s error_m sd_m d_n_m d_e_m d_d_m |
 | rows          | row of a hidden satellite in the first flight, and case | case time_s sv kind innovation status lock believed |
 | sweeps        | sensitivity of the unsupervised search | cn0_dbhz sweep_s mean_delay_s |
+| decisions     | setting of ``visibility.uncertain`` | as in ``masking_decisions``: what the stage decides in attitudes that are not certain |
 
 ``before`` is the half minute up to the first satellite's loss, ``during`` from there to the last one's return,
 ``after`` the half minute that follows.
 ``believed`` counts rows behind a false lock that corrected the state, ``true_refused`` rows without one that did not.
+``kept_hidden`` are pseudoranges of hidden satellites that the stage let pass, ``hidden_visible`` those of visible ones
+that it did not.
 Seconds of search are those of a hidden satellite in one flight, on average; ``in_vain_s`` of it before it was back.
 """  # noqa: E501 - the table is the documentation
 
@@ -38,6 +41,7 @@ from insgnss.library import filter_config, scenario_config
 from insgnss.studies import study_pictures
 from insgnss.studies.banked_flight import BankedFlight, Spell
 from insgnss.studies.masking_cases import CASES, CaseResult, fly
+from insgnss.studies.masking_decisions import decision_table
 from insgnss.studies.receiver_channels import ChannelSpell
 from insgnss.studies.result_files import write_figures, write_tables
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
@@ -45,7 +49,7 @@ from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
-TABLES: Final = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps")
+TABLES: Final = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps", "decisions")
 SEED: Final = 2015
 _AROUND_S: Final = 30.0
 _SENSITIVITIES_DBHZ: Final = (35.0, 30.0, 25.0, 20.0)  # the paper's table 1
@@ -61,6 +65,7 @@ class MaskingStudy:
     errors: pd.DataFrame
     rows: pd.DataFrame
     sweeps: pd.DataFrame
+    decisions: pd.DataFrame
     scenario: ScenarioConfig
     asked: dict[str, Any]  # imu, oscillator, runs, seed, fault_tests
 
@@ -173,6 +178,7 @@ def _study(
     ledger = _stacked(
         [(run, r.case.name, r.measurements) for run, results in enumerate(flown) for r in results]
     )
+    ledger["hidden"] = _is_hidden(ledger, spells)
     window = min(s.from_s for s in spells), max(s.until_s for s in spells)
     hidden = ledger[(ledger["run"] == 0) & ledger["sv"].isin({s.sv for s in spells})]
     shown = ["case", "time_s", "sv", "kind", "innovation", "status", "lock", "believed"]
@@ -183,6 +189,7 @@ def _study(
         errors,
         hidden[shown].reset_index(drop=True),
         sweep_table(scenario),
+        decision_table(scenario),
         scenario,
         asked,
     )
@@ -227,12 +234,28 @@ def _case_table(
                 "believed": int((false & m["believed"]).sum()),
                 "refused": int((false & ~m["believed"]).sum()),
                 "true_refused": int((~false & ~m["believed"]).sum()),
+                "kept_hidden": int((m["hidden"] & ~_is_masked(m)).sum()),
+                "hidden_visible": int((~m["hidden"] & _is_masked(m)).sum()),
                 "delay_mean_s": r["delay_s"].mean(),
                 "delay_max_s": r["delay_s"].max(),
                 **{name: r[name].mean() for name in ("search_s", "in_vain_s", "false_lock_s")},
             }
         )
     return pd.DataFrame(rows)
+
+
+def _is_hidden(ledger: pd.DataFrame, spells: tuple[Spell, ...]) -> pd.Series[bool]:
+    """Return which pseudoranges are of satellites that the airframe truly hides."""
+    hidden = pd.Series(False, index=ledger.index)
+    for spell in spells:
+        within = (ledger["time_s"] >= spell.from_s) & (ledger["time_s"] < spell.until_s)
+        hidden |= within & (ledger["sv"] == spell.sv) & (ledger["kind"] == "pseudorange")
+    return hidden
+
+
+def _is_masked(ledger: pd.DataFrame) -> pd.Series[bool]:
+    """Return which pseudoranges the visibility stage refused."""
+    return (ledger["kind"] == "pseudorange") & ledger["status"].isin(["masked_gain", "masked_obstruction"])
 
 
 def _rms(values: pd.Series[float]) -> float:

@@ -30,7 +30,14 @@ from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.search_window import SignalScale
 from insgnss.antenna.supervisor import Predictions
-from insgnss.antenna.visibility import HIDDEN, UNDECIDED, VISIBLE, look_at_all
+from insgnss.antenna.visibility import (
+    HIDDEN,
+    HIDE,
+    UNCERTAIN_HIDDEN,
+    UNDECIDED,
+    VISIBLE,
+    look_at_all,
+)
 from insgnss.config.filter import Visibility
 from insgnss.config.search import Grid, Search
 from insgnss.constants import C_MPS, NS_PER_S
@@ -201,7 +208,10 @@ def _sight(
 
 
 def _decisions(setup: SupervisionSetup, u_n: Float64, C_nb: Float64, P_b: Float64) -> tuple[Int8, Float64]:
-    """Return what antennas and mask decide of every satellite (n, m), and the gain (n, m, 2)."""
+    """Return what antennas and mask decide of every satellite (n, m), and the gain (n, m, 2).
+
+    Where the filter hides what is uncertain (``visibility.uncertain``), that counts as hidden here too.
+    """
     shape = u_n.shape[:2]
     known = np.isfinite(u_n[..., 0])
     antennas = no_antenna() if setup.antennas is None else setup.antennas
@@ -210,6 +220,9 @@ def _decisions(setup: SupervisionSetup, u_n: Float64, C_nb: Float64, P_b: Float6
     if len(antennas.lever_b):
         limits = limits_of(setup.visibility)
         look_at_all(C_nb, P_b, u_n, antennas, limits, decision, reason, antenna, gain)
+        if limits.uncertain == HIDE:
+            # a receiver that goes on measuring a hidden satellite is no witness against its being hidden
+            decision[decision == UNCERTAIN_HIDDEN] = HIDDEN
     else:
         gain[~known] = np.nan
     if not len(antennas.lever_b) or not setup.visibility.on:

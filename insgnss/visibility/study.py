@@ -20,7 +20,7 @@ import pandas as pd
 
 from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import DECISIONS, IS_VISIBLE, look_at_all
+from insgnss.antenna.visibility import DECISIONS, IS_UNCERTAIN, IS_VISIBLE, look_at_all
 from insgnss.config.filter import Visibility
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ResultError
@@ -105,6 +105,8 @@ def visibility(
     names = _Names(attitude.t_ns, week, sky)
     table = _satellite_table(names, attitude, u_n, decision, reason, antenna, gain, settings)
     found = [*events, *_waiting(attitude, settings), *_blind_spells(attitude.t_ns, above, seen)]
+    if settings.on:
+        found += _uncertain(attitude, above, above & ((decision & IS_UNCERTAIN) != 0), settings)
     return VisibilityStudy(
         table,
         dop_table(names.t_ns, week, u_n, sky.sv_names, above, seen),
@@ -201,11 +203,32 @@ def dilutions(u_n: Float64, sv_names: Sequence[str], use: Bool) -> Float64:
     return values
 
 
-def _waiting(attitude: AttitudeHistory, settings: Visibility) -> list[Event]:
-    """Tell where masking waits for the heading."""
+def _waits(attitude: AttitudeHistory, settings: Visibility) -> Bool:
+    """Return where masking waits for the heading, (n,)."""
     down = attitude.C_nb[:, 2, :]
     variance = np.einsum("ni,nij,nj->n", down, attitude.P_b, down)
-    waits = variance > np.radians(settings.heading_sigma_limit_deg) ** 2
+    return np.asarray(variance > np.radians(settings.heading_sigma_limit_deg) ** 2)
+
+
+def _uncertain(
+    attitude: AttitudeHistory, above: Bool, is_uncertain: Bool, settings: Visibility
+) -> list[Event]:
+    """Tell once how many decisions were uncertain, those not counted that wait for the heading."""
+    counted = is_uncertain & ~_waits(attitude, settings)[:, None]
+    if not counted.any():
+        return []
+    t_ns = int(attitude.t_ns[counted.any(axis=1).argmax()])
+    words = {"keep": "kept where seen before", "hide": "hidden", "deweight": "kept where seen before"}
+    detail = (
+        f"{counted.sum()} of {above.sum()} decisions too near to the edge of what the antennas see:"
+        f" {words[settings.uncertain]}"
+    )
+    return [Event(t_ns, "masking_uncertain", detail)]
+
+
+def _waiting(attitude: AttitudeHistory, settings: Visibility) -> list[Event]:
+    """Tell where masking waits for the heading."""
+    waits = _waits(attitude, settings)
     return [
         Event(
             begin,

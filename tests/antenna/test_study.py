@@ -119,6 +119,26 @@ def test_satellite_under_the_horizons_mask_counts_in_neither_dilution() -> None:
     assert (study.satellites.loc[low, "reason"] == "masked_elevation").all()
 
 
+def test_uncertain_decisions_are_counted_and_hidden_where_that_is_asked_for() -> None:
+    history = attitudes(np.tile([-25.0, 0.0, 0.0], (10, 1)), sd_deg=3.0, step_s=1.0)
+    sky = sky_of_table(history, paper_table(), WEEK)
+    studies = {
+        name: visibility(
+            history, sky, vehicle("cardioid"), SEED_SETTINGS.model_copy(update={"uncertain": name})
+        )
+        for name in ("keep", "hide", "deweight")
+    }
+    for name, study in studies.items():
+        undecided = study.satellites["decision"].astype("str").str.startswith("uncertain")
+        assert study.events["kind"].tolist() == ["masking_uncertain"]
+        assert study.events["detail"].iloc[0].startswith(f"{undecided.sum()} of 110 decisions")
+        assert undecided.sum() > 0 and ("hidden" in study.events["detail"].iloc[0]) == (name == "hide")
+    lost = studies["keep"].dop["n_seen"].sum() - studies["hide"].dop["n_seen"].sum()
+    undecided = studies["hide"].satellites["decision"].astype("str") == "uncertain_hidden"
+    assert lost == undecided.sum()
+    pd.testing.assert_frame_equal(studies["keep"].dop, studies["deweight"].dop)
+
+
 def test_heading_not_yet_known_is_told() -> None:
     history = attitudes(np.tile([-60.0, 0.0, 0.0], (10, 1)), sd_deg=10.0, step_s=1.0)
     study = visibility(history, sky_of_table(history, paper_table(), WEEK), vehicle("cardioid"))

@@ -6,13 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from insgnss.antenna.equipment import limits_of, mounting
 from insgnss.antenna.obstruction import directions
 from insgnss.antenna.visibility import (
+    DEWEIGHT,
     HIDDEN,
+    HIDE,
     IS_UNCERTAIN,
+    KEEP,
     UNCERTAIN_HIDDEN,
     UNCERTAIN_VISIBLE,
     VISIBLE,
@@ -143,6 +147,31 @@ def test_satellite_near_the_threshold_keeps_its_decision() -> None:
         *(UNCERTAIN_HIDDEN, UNCERTAIN_HIDDEN, VISIBLE),
     ]
     assert found.reason[:, 0].tolist() == [0, 0, 0, *[MASKED_GAIN] * 3, 0]
+
+
+def test_satellite_near_the_threshold_is_hidden_where_that_is_asked_for() -> None:
+    limits = Limits(-5.2948, 0.0, 3.0, NO_LIMIT, HIDE)
+    rolls = [4.0, 2.0, -2.0, -4.0, -2.0, 2.0, 4.0]
+    found = roll_through(rolls, limits, sd_deg=1.0)
+
+    assert found.decision[:, 0].tolist() == [
+        *(VISIBLE, UNCERTAIN_HIDDEN, UNCERTAIN_HIDDEN, HIDDEN),
+        *(UNCERTAIN_HIDDEN, UNCERTAIN_HIDDEN, VISIBLE),
+    ]
+    assert found.reason[:, 0].tolist() == [0, *[MASKED_GAIN] * 5, 0]
+
+
+def test_doubt_is_the_probability_that_the_satellite_is_hidden() -> None:
+    # 5 deg of body elevation are the threshold; sigma of the gain is that of the elevation times the slope
+    rolls = [4.0, 2.0, 0.5, -1.0, -2.0, -4.0]
+    keep, deweight = (Limits(-5.2948, 0.0, 3.0, NO_LIMIT, what) for what in (KEEP, DEWEIGHT))
+    found = roll_through(rolls, deweight, sd_deg=1.0)
+    expected = [0.0, *stats.norm.sf([2.0, 0.5, -1.0, -2.0]), 0.0]
+
+    # the slope bends by a twentieth over two degrees
+    assert found.gain[:, 0, 2].tolist() == pytest.approx(expected, abs=0.02)
+    assert found.decision.tolist() == roll_through(rolls, keep, sd_deg=1.0).decision.tolist()
+    assert roll_through([4.0, 2.0], SHARP, sd_deg=1.0).gain[:, 0, 2].tolist() == [0.0, 0.0]
 
 
 def test_satellite_never_seen_and_uncertain_counts_as_visible() -> None:

@@ -55,7 +55,7 @@ class Decisions:
         u = np.atleast_2d(directions(azimuth_deg, elevation_deg))
         n, s = len(history.t_ns), len(u)
         self.decision, self.reason, self.antenna = (np.zeros((n, s), np.int8) for _ in range(3))
-        self.gain = np.zeros((n, s, 2))
+        self.gain = np.zeros((n, s, 3))
         u_n = np.repeat(u[None], n, axis=0)
         look_at_all(
             *(history.C_nb, history.P_b, u_n, antennas, limits),

@@ -14,7 +14,6 @@ from insgnss.simulate import Simulation, simulate
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import GnssTable
 
-PHASE_SIGMA_M = 0.0014  # what the scenario puts into each phase at 45 dBHz
 TRIANGLE = (("ahead", (1.4, 0.1, -1.3)), ("right", (0.9, 0.966025, -1.3)))
 PLACE = "place = { lat_deg = 59.97, lon_deg = 30.37, h_m = 40.0, heading_deg = 127.0 }"
 AT_REST = '[[manoeuvre]]\nkind = "straight"\nduration_s = {duration}\n'
@@ -74,7 +73,7 @@ clocks = "{clocks}"
 def write_flight(
     folder: Path, scenario: str, *, seed: int = 1, change: Change | None = None, keys: str = ""
 ) -> Path:
-    """Write a drawn flight and return its flight file; its phase sigma is the simulation's, without reflections."""
+    """Write a drawn flight and return its flight file; its phase noise is the simulation's, without reflections."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
     drawn: Simulation = simulate(folder / "scenario.toml", seed)
@@ -82,8 +81,7 @@ def write_flight(
     drawn.save(folder / "logs")
     path = folder / "logs" / "flight.toml"
     text = path.read_text(encoding="utf-8")
-    told = f"[attitude]\nphase_sigma_m = {PHASE_SIGMA_M}\nmultipath_sigma_m = 0.0\n{keys}"
-    path.write_text(text.replace("[attitude]\n", told), encoding="utf-8")
+    path.write_text(text.replace("[attitude]\n", f"[attitude]\n{keys}"), encoding="utf-8")
     return path
 
 

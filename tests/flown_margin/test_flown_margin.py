@@ -18,10 +18,12 @@ from insgnss.errors import ConfigError, InputError, ModelError
 from insgnss.flown_margin import FlownMargin, flown_margin, picture
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gnss.signals import L1_HZ
-from insgnss.interference.discriminators import discriminator
+from insgnss.interference.discriminators import discriminator, inverse_cn0
 from insgnss.interference.drift import density_of_walk
-from insgnss.interference.margin import PhaseLoop, margin_db
+from insgnss.interference.lasting_acceleration import density_at_threshold
+from insgnss.interference.margin import PhaseLoop, margin_db, threshold_cn0_dbhz
 from insgnss.interference.spectra import broadband_separation, modulation_of, signal_named
+from insgnss.interference.third_order import third_order_threshold_noise
 from tests.flown_margin.scene import EMITTER, SETTINGS, TURN_MPS2, N, flown, interference
 
 
@@ -93,6 +95,26 @@ def test_turn_takes_lock_from_the_unaided_loop_alone_and_along_the_line_of_sight
     assert np.allclose(zenith["threshold_unaided_dbhz"], zenith["threshold_unaided_dbhz"][10], atol=1e-6)
     assert np.allclose(east["threshold_aided_dbhz"], east["threshold_aided_dbhz"][10], atol=1e-6)
     assert TURN_MPS2 == 5.0
+
+
+def test_loop_without_aiding_is_the_better_of_second_and_third_order() -> None:
+    study = flown_margin(flown(), interference(dynamics={"window_s": 1.0, "oscillator_density": 77.0}))
+    east = of(study, "G05")
+    straight, turning = east.iloc[5], east.iloc[75]
+    sigma = math.cos(math.radians(30.0)) * TURN_MPS2
+    loop = PhaseLoop(discriminator("atan(Q/I)"), 1.0, 0.020)
+    rms = loop.discriminator.threshold_rms_rad
+    by_second = threshold_cn0_dbhz(density_at_threshold(77.0, sigma, 5.0, L1_HZ, rms), loop)
+    noise = third_order_threshold_noise(77.0, rms, sigma, 5.0, L1_HZ)
+    by_third = -10.0 * math.log10(float(inverse_cn0(loop.discriminator, noise, 0.020)))
+
+    assert (straight["order_unaided"], turning["order_unaided"]) == (2, 3)
+    assert turning["threshold_unaided_dbhz"] == pytest.approx(by_third, abs=1e-3)
+    assert by_third < float(by_second) - 1.0
+    # the drift of the table is that of the same threshold, by (18)
+    drift = east[["drift_unaided_rad2ps3", "drift_aided_rad2ps3"]].to_numpy()
+    limits = east[["threshold_unaided_dbhz", "threshold_aided_dbhz"]].to_numpy()
+    assert threshold_cn0_dbhz(drift, loop) == pytest.approx(limits, abs=1e-6)
 
 
 def test_aiding_table_tells_the_residual_acceleration() -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from insgnss.antenna.equipment import limits_of
 from insgnss.attitude.baselines import attitude_matrices
 from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.fusion.antenna_rows import (
@@ -20,10 +23,14 @@ from insgnss.fusion.antenna_rows import (
     whitened,
     without_clocks,
 )
+from insgnss.fusion.antenna_visibility import Hiding, hidden_reasons
+from insgnss.fusion.state import PSI
 from insgnss.gnss.antenna_phases import AntennaPhases
 from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.status import USED
+from insgnss.status import MASKED_GAIN, USED
+from tests.antenna.vehicle import vehicle
 from tests.jacobian import finite_difference_jacobian
+from tests.supervision.banking import MASK
 
 LEVER_B = np.array([[0.4, 0.1, -1.3], [1.4, 0.1, -1.3], [0.9, 1.0, -1.2]])
 R_E = np.array([2_762_000.0, 1_618_000.0, 5_498_000.0])
@@ -140,6 +147,48 @@ def test_differences_that_count_from_one_phase_share_its_noise() -> None:
     assert d.white[0, 2] == pytest.approx(shared)
     assert d.white[0, 1] == 0.0
     assert d.white[0, 0] == pytest.approx(shared * (1.0 + 10.0**-0.3))  # and 48 dBHz at the other
+
+
+def test_noise_of_a_phase_is_thermal_and_plain_and_grows_towards_the_horizon() -> None:
+    d = differences()
+    array = replace(antennas(), phase_floor_m=0.003, phase_elevation_m=0.001)
+    more = form_differences(phases(), np.arange(len(SEEN)), array, R_E, np.zeros(3))
+
+    sine = d.u_e @ (R_E / np.linalg.norm(R_E))
+    of_one = 0.003**2 + (0.001 / sine) ** 2
+    assert np.diag(more.white) - np.diag(d.white) == pytest.approx(2.0 * of_one, rel=1e-9)
+    assert more.white[0, 2] - d.white[0, 2] == pytest.approx(of_one[0], rel=1e-9)
+    assert more.slow == pytest.approx(d.slow)
+
+
+def test_phase_of_a_satellite_that_may_be_hidden_has_a_share_of_a_cycles_spread() -> None:
+    d, doubt = differences(), np.zeros(len(SEEN))
+    doubt[SEEN.index((1, 0))] = 0.3  # of antenna 1 alone; antenna 2 has its own view
+    more = form_differences(phases(), np.arange(len(SEEN)), antennas(), R_E, np.zeros(3), doubt)
+
+    expected = np.zeros_like(d.white)
+    expected[0, 0] = 0.3 * 0.19**2 / 12.0
+    assert more.white - d.white == pytest.approx(expected, abs=1e-15)
+    doubt[:] = 0.0
+    doubt[SEEN.index((0, 0))] = 1.0  # the one that two differences count from
+    shared = form_differences(phases(), np.arange(len(SEEN)), antennas(), R_E, np.zeros(3), doubt)
+    assert (shared.white - d.white)[np.ix_([0, 2], [0, 2])] == pytest.approx(0.19**2 / 12.0)
+
+
+@pytest.mark.parametrize("name", ["keep", "hide", "deweight"])
+def test_antenna_that_may_not_see_a_satellite_hides_it_or_doubts_it(name: str) -> None:
+    hiding = Hiding((vehicle("cardioid"),), limits_of(MASK.model_copy(update={"uncertain": name})))
+    # 1 deg above the edge at 5 deg, 1 deg below it, and far above
+    elevation = np.radians([6.0, 4.0, 60.0])
+    u_n = np.column_stack([np.cos(elevation), np.zeros(3), -np.sin(elevation)])
+    P = np.zeros((15, 15))
+    P[PSI : PSI + 3, PSI : PSI + 3] = np.radians(1.0) ** 2 * np.eye(3)
+    reasons, doubt = hidden_reasons(hiding, np.zeros(3, np.int8), u_n, np.eye(3), np.eye(3), P)
+
+    hidden = [MASKED_GAIN, MASKED_GAIN, USED] if name == "hide" else [USED] * 3
+    assert reasons.tolist() == hidden
+    expected = stats.norm.sf([1.0, -1.0, math.inf]) if name == "deweight" else np.zeros(3)
+    assert doubt == pytest.approx(expected, abs=0.02)
 
 
 def test_clocks_of_their_own_fall_out_even_a_millisecond_apart() -> None:

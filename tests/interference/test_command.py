@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,21 @@ def test_margin_of_the_paper_is_printed_and_drawn(tmp_path: Path) -> None:
     assert "33.40" in result.stdout and "41.87" in result.stdout
     names = {"margin_drift.png", "margin_diagram.png", "margin_type_1.png", "margin_type_2.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_loop_without_inertial_system_follows_the_acceleration_with_the_better_order() -> None:
+    options = ["--oscillator", "100", "--imu", "1", "--threshold", "0.076", "--accumulation", "0.001"]
+    motion = ["--acceleration", "49.03325", "--lasting", "3.3333333", "--bandwidth", "1.022e6"]
+    result = CliRunner().invoke(app, ["margin", *options, *motion, "--json"])
+
+    assert result.exit_code == 0, result.output
+    first = json.loads(result.stdout)["loops"][0]
+    # the field trial's number is for 1600 MHz; at L1 the same turn is 0.02 dB less
+    assert (first["discriminator"], first["unaided_order"]) == ("IQ", 3)
+    assert first["unaided_db"] == pytest.approx(30.33, abs=0.01)
+    told = CliRunner().invoke(app, ["margin", *options, *motion])
+    assert "30.33" in told.stdout
+    assert CliRunner().invoke(app, ["margin", *options, "--acceleration", "-1"]).exit_code != 0
 
 
 def test_library_names_stand_for_sensors() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from insgnss.antenna.gain_pattern import GainTable, gain_at, pattern_of
 from insgnss.antenna.installation import Installation, clearance_at
 from insgnss.antenna.visibility import (
+    HIDE,
     Limits,
     attitude_covariance,
     look_at_all,
@@ -72,7 +73,11 @@ def decisions() -> list[np.ndarray]:
     out = [np.zeros((n, 4), np.int8) for _ in range(3)] + [np.zeros((n, 4, 2))]
     limits = Limits(-2.0, 1.0, 3.0, 0.01)
     look_at_all(C_nb, P_b, np.repeat(u_n[None], n, axis=0), installation(), limits, *out)
-    return out
+    hide = [np.zeros((n, 4), np.int8) for _ in range(3)] + [np.zeros((n, 4, 3))]
+    look_at_all(
+        C_nb, P_b, np.repeat(u_n[None], n, axis=0), installation(), limits._replace(uncertain=HIDE), *hide
+    )
+    return out + hide
 
 
 CASES = [

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 import insgnss
 from insgnss.config.flight import GivenStart, ImuGrade
-from insgnss.simulation.journeys import AIRFIELD, car, static
-from tests.replay.scenes import even_sky, flight, simulator, true_start
+from insgnss.library import imu_grade
+from insgnss.run import Run
+from insgnss.simulation.journeys import AIRFIELD, car, circle, static
+from tests.replay.scenes import even_sky, flight, kinds, simulator, true_start
 
 CONSUMER = ImuGrade(
     gyro_bias_deg_per_h=300.0,
@@ -63,3 +67,54 @@ def test_accelerations_show_the_heading_as_before() -> None:
     run = insgnss.replay(flight(base))
     assert run.heading_known_s() is not None
     assert run.nav["sd_yaw_deg"].iloc[-1] < 5.0
+
+
+# ------------------------------------------------------------------------------------------------ automatic start
+
+UNIFORM_DEG = 90.0  # of 104 for a heading that may be anything
+
+
+def assert_heading_open(run: Run) -> None:
+    """Fail where the run claims to know anything of its heading."""
+    assert run.nav["sd_yaw_deg"].min() > UNIFORM_DEG
+    assert not {"heading_single", "heading_known"} & set(kinds(run))
+
+
+@pytest.mark.parametrize("grade", ["mems_consumer", "industrial", "tactical_low"])
+def test_no_heading_is_found_at_rest(grade: str) -> None:
+    """Ten minutes; in each of them the likelihood of twelve headings is a random walk that says nothing."""
+    base = simulator(static(600.0, *AIRFIELD), 600.0, grade=imu_grade(grade), imu_rate_hz=20.0)
+    for seed in (11, 12):
+        assert_heading_open(insgnss.replay(flight(base, seed=seed)))
+
+
+def test_no_heading_is_found_at_rest_by_a_sensor_five_times_noisier_than_its_grade() -> None:
+    base = simulator(static(400.0, *AIRFIELD), 400.0, grade=imu_grade("mems_consumer"), imu_rate_hz=20.0)
+    assert_heading_open(insgnss.replay(flight(base, grade=imu_grade("industrial"), seed=13)))
+
+
+def test_no_heading_is_found_on_a_straight_beyond_the_course() -> None:
+    """The start gives the course 70 %, sigma 15 deg; ten minutes of straight flight add nothing to that."""
+    straight = circle(400.0, *AIRFIELD[:2], 1500.0, radius_m=1e7, speed_mps=30.0, bank_deg=0.0)
+    base = simulator(straight, 400.0, grade=imu_grade("mems_consumer"), imu_rate_hz=20.0)
+    for seed in (21, 22):
+        run = insgnss.replay(flight(base, seed=seed))
+        assert run.nav["sd_yaw_deg"].min() > 50.0
+        assert not {"heading_single", "heading_known"} & set(kinds(run))
+
+
+# ------------------------------------------------------------------------------------------------ what is rest
+
+
+def start_of(run: Run) -> str:
+    return str(run.events["detail"][run.events["kind"] == "start"].iloc[0])
+
+
+def test_rest_needs_range_rates() -> None:
+    """Positions alone know a velocity to metres a second: a car may be driving."""
+    base = simulator(static(60.0, *AIRFIELD), 60.0, imu_rate_hz=50.0)
+    log = base.draw(np.random.default_rng(2))
+    silent = np.full(len(log.gnss.t_ns), np.nan)
+    without = replace(log.gnss, doppler_hz=silent, range_rate_mps=silent)
+    assert "in motion" in start_of(insgnss.replay(flight(base, log, gnss=without)))
+    assert "at rest" in start_of(insgnss.replay(flight(base, log)))

@@ -86,6 +86,17 @@ def test_attitude_and_innovations_are_consistent_over_runs(tmp_path: Path) -> No
     assert low < np.mean(nis) < high
 
 
+def test_innovations_agree_with_the_phase_noise_that_simulate_writes(tmp_path: Path) -> None:
+    """Noise of all three kinds: with C/N0, whatever C/N0, and towards the horizon; nothing declared by hand."""
+    noise = "{ floor = 0.001, elevation = 0.0005, cn0_at_45_dbhz = 0.001 }"
+    text = scenario_text().replace("{ floor = 0.0, cn0_at_45_dbhz = 0.0014 }", noise)
+    nis = [fly(tmp_path, text, seed=seed).nis_summary().loc[KIND, "mean_nis"] for seed in range(301, 307)]
+
+    # 6 runs of some 570 innovations; those of one phase share half their noise
+    low, high = mean_chi_square_bounds(1, 6 * 570, effective_share=0.5)
+    assert low < np.mean(nis) < high
+
+
 @pytest.mark.parametrize("clocks", ["common", "separate"])
 def test_moving_vehicle_has_its_attitude_within_its_sigma(tmp_path: Path, clocks: str) -> None:
     text = scenario_text(clocks=clocks, manoeuvres=SLALOM, speed_mps=60.0, clock_bias_m=60_000.0)

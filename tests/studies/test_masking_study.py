@@ -154,7 +154,7 @@ def test_filter_without_fault_tests_believes_what_no_mask_refuses() -> None:
 def test_study_is_saved_with_tables_settings_and_three_pictures(tmp_path: Path) -> None:
     study().save(tmp_path)
 
-    tables = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps")
+    tables = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps", "decisions")
     expected = {f"masking_{name}.csv" for name in tables} | {"masking_settings.json"}
     expected |= {f"masking_{name}.png" for name in ("errors", "rows", "reacquisition")}
     assert {path.name for path in tmp_path.iterdir()} == expected

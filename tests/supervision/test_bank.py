@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from insgnss.aiding.trace import Covariances, Samples, Traced, trace_rows
 from insgnss.antenna.receiver_events import LOCK, LOSS, SEARCHES, ReceiverEvents
 from insgnss.antenna.tracking_state import MISSING, NOT_KNOWN, PRESENT
+from insgnss.antenna.visibility import HIDDEN, IS_UNCERTAIN, IS_VISIBLE
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.errors import InputError
@@ -200,6 +202,24 @@ def test_heading_too_uncertain_to_mask_by_hides_nothing() -> None:
 
     assert (result.supervision["decision"] == "uncertain_visible").all()
     assert "hold" not in set(result.transitions["to_state"].astype("str"))
+
+
+def test_supervisor_takes_for_hidden_what_the_filter_hides_as_uncertain() -> None:
+    P = np.tile(usual_covariance(), (len(times_ns()), 1, 1))
+    P[:, PSI : PSI + 3, PSI : PSI + 3] = np.radians(4.5) ** 2 * np.eye(3)
+    sure = outlook(supervision_setup(), sky(), banking_run()).predicted.decision
+    found = {}
+    for name in ("keep", "hide", "deweight"):
+        setup = supervision_setup()
+        setup = replace(setup, visibility=setup.visibility.model_copy(update={"uncertain": name}))
+        found[name] = outlook(setup, sky(), banking_run(P)).predicted.decision
+
+    undecided = (found["keep"] & IS_UNCERTAIN) != 0
+    assert undecided.sum() > 100
+    np.testing.assert_array_equal(found["deweight"], found["keep"])
+    assert (found["hide"][undecided] == HIDDEN).all()
+    assert ((found["hide"] & IS_VISIBLE) <= (sure & IS_VISIBLE)).all()
+    assert ((found["keep"] & IS_VISIBLE) > (sure & IS_VISIBLE)).any()
 
 
 def test_covariance_of_the_attitude_is_that_of_the_body_axes() -> None:
