@@ -78,10 +78,13 @@ def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
 
 @inlined
 def compare(excess: float, margin: float) -> int:
-    """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between."""
+    """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between.
+
+    An excess that is no number falls short: what is not known to be seen is hidden, a false lock being the danger.
+    """
     if excess >= margin:
         return 1
-    return -1 if excess < -margin else 0
+    return 0 if excess >= -margin else -1
 
 
 @inlined
@@ -137,7 +140,7 @@ def look_at(
         if antennas.is_obstructed[k]:
             by_frame = compare(clearance_at(antennas.clearance_deg, k, x, y, z), limits.margin_sigma * off)
         seen = min(by_gain, by_frame)
-        if seen > best or (seen == best and gain > best_gain):
+        if seen > best or (seen == best and (gain > best_gain or math.isnan(best_gain))):
             best, best_gain, best_sigma, chosen = seen, gain, sigma, k
             reason = MASKED_OBSTRUCTION if by_frame < by_gain else MASKED_GAIN
     decision = VISIBLE

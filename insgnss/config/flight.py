@@ -14,8 +14,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from insgnss.config.strict import StrictModel
 
 Vector3 = tuple[float, float, float]
-PositiveFloat = Annotated[float, Field(gt=0.0)]
-NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+# No sensor, clock or time is larger in the units used here; squares of these are numbers still
+PositiveFloat = Annotated[float, Field(gt=0.0, le=1e9)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0, le=1e9)]
 # Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers
 _Arm = Annotated[float, Field(ge=-1e3, le=1e3)]
 _Speed = Annotated[float, Field(ge=-2e4, le=2e4)]
@@ -116,8 +117,8 @@ class ImuGrade(StrictModel):
 class Oscillator(StrictModel):
     """A two-state clock by its h-parameters (one-sided densities of fractional frequency)."""
 
-    h0_s: NonNegativeFloat
-    h_minus2_per_s: NonNegativeFloat
+    h0_s: NonNegativeFloat = Field(le=1.0)
+    h_minus2_per_s: NonNegativeFloat = Field(le=1.0)
     source: str = ""
 
 

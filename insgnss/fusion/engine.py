@@ -27,6 +27,7 @@ from insgnss.fusion.state import copy_bank
 from insgnss.fusion.whole_log import gap_events, restart_event
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.table_joining import joined
 from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
@@ -80,7 +81,8 @@ class Engine:
             )
         self._samples = SampleBuffer()
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
-        self._done: list[Event] = []  # events of stretches that have ended, and of refusals
+        # events of stretches that have ended, and of refusals
+        self._done: list[Event] = refused_messages(setup.navigation)
         self._final: list[EpochResult] = []
         self._waiting: list[GnssTable] = []  # epochs ahead of the samples, in the order of time
         self._recent: list[EpochResult] = []  # processed, but still within the latency
@@ -175,6 +177,8 @@ class Engine:
         work = self._navigator.workspace(rows)
         par = self._navigator.parameters[0]
         write_between(self._live, newest, self._samples.view(), par, out, work)
+        if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
+            return NavState(newest, False, {})
         values = out.nav["value"][0]
         return NavState(newest, True, {name: float(v) for name, v in zip(NAV_COLUMNS, values, strict=True)})
 

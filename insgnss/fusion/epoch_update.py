@@ -21,11 +21,12 @@ from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
 from insgnss.fusion.scalar_update import scalar_update
+from insgnss.fusion.soundness import is_sound
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, N_CLONE, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, Rows
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
-from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
+from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
 from insgnss.tables import Float64, Int8
 
 _NO_TURN = 1e-12  # [rad]
@@ -67,9 +68,13 @@ def update_epoch(
     visibility so far, ``memory`` (slots, 3) the innovations' means.
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
-    and the order of the rows matters only by rounding; the gates are all judged on the prior.
+    and the order of the rows matters only by rounding; the gates are all judged on the prior. A hypothesis that is lost
+    already (``soundness``) uses no row; its likelihood is none.
     """
     predict_covariance(m, P, par, scratch)
+    if not is_sound(m, P):
+        leave_out(rows, epoch, s.lines)
+        return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0)
     drift_variance = P[DRIFT, DRIFT]
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
@@ -116,6 +121,22 @@ def update_epoch(
         done.drift_step,
         done.strain,
     )
+
+
+@inlined
+def leave_out(rows: Rows, epoch: int, lines: Lines) -> None:
+    """Write into the lines of an epoch that there is no filter to use its rows."""
+    first = rows.first[epoch]
+    for j in range(rows.first[epoch + 1] - first):
+        line = lines[j]
+        line.u_n[0] = math.nan
+        for kind in range(2):
+            line.status[kind] = rows.observation[first + j].status[kind]
+        line.status[CARRIER] = rows.carrier[first + j].status if rows.carrier.shape[0] > 0 else ABSENT
+        for kind in range(N_KINDS):
+            line.innovation[kind] = math.nan
+            if line.status[kind] == USED:
+                line.status[kind] = NOT_STARTED
 
 
 @inlined
@@ -214,7 +235,8 @@ def use_rows(P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float
     """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
 
     ``spread`` is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
-    of n errors that are alike over n epochs has the variance of one, not of one n-th.
+    of n errors that are alike over n epochs has the variance of one, not of one n-th. A row whose innovation has no
+    positive, finite variance, as the covariance has lost its sign, is refused.
     """
     total = 0.0
     for j in range(lines.shape[0]):
@@ -223,10 +245,14 @@ def use_rows(P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float
             columns = line.columns[kind][: line.count[kind]]
             variance = spread * line.variance[kind]
             y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, vectors)
-            total -= 0.5 * (y * y / S + math.log(S))
-        elif line.status[kind] in (GATED, INCONSISTENT):
+            if 0.0 < S < math.inf and math.isfinite(y):
+                total -= 0.5 * (y * y / S + math.log(S))
+            else:
+                line.status[kind] = GATED
+        if line.status[kind] in (GATED, INCONSISTENT):
             # a hypothesis must not gain by leaving out what contradicts it
-            total -= 0.5 * (gate2 + math.log(line.predicted[kind] + line.variance[kind]))
+            S = line.predicted[kind] + line.variance[kind]
+            total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0))
     return total
 
 
@@ -265,7 +291,7 @@ def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> Non
     r2 = m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2
     turn = (m.r_e[0] * correction[PSI] + m.r_e[1] * correction[PSI + 1] + m.r_e[2] * correction[PSI + 2]) / r2
     angle = turn * math.sqrt(r2)
-    if abs(angle) < _NO_TURN:
+    if not abs(angle) >= _NO_TURN:  # nor one that is no number
         return
     axis = turn / angle * m.r_e[0], turn / angle * m.r_e[1], turn / angle * m.r_e[2]
     sine, rest = math.sin(angle), 1.0 - math.cos(angle)

@@ -32,6 +32,7 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
+from insgnss.fusion.soundness import is_sound
 from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
 from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
@@ -42,7 +43,7 @@ from insgnss.tables import Float64
 DONE: Final = 0  # all epochs processed
 LOCKOUT: Final = 1  # most rows of a kind refused for too long
 THIN_OUT: Final = 2  # a hypothesis has become negligible
-COVARIANCE_LOST: Final = 3  # a variance is not positive any more
+COVARIANCE_LOST: Final = 3  # the state is not finite any more, or a variance not positive
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 
 _SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
@@ -188,10 +189,10 @@ def run_epochs(
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
         if at_time:
             count.time += 1
+        if not is_sound(bank.state[head.leader], bank.P[head.leader]):
+            return COVARIANCE_LOST, epoch + 1
         if at_time or out.times_ns.shape[0] == 0:
             write_row(bank, bank, head.leader, t_ns, done.ranges_used, out, work)
-        if not positive(bank.state[head.leader], bank.P[head.leader]):
-            return COVARIANCE_LOST, epoch + 1
         n_ranges, n_rates = done.ranges_used + done.ranges_refused, done.rates_used + done.rates_refused
         few = max(n_ranges, n_rates) < _FEW
         locked = mostly(done.ranges_used, done.ranges_refused, few)
@@ -236,7 +237,7 @@ def superfluous(bank: Bank, i: int, drop: float) -> bool:
     state = bank.state
     if state[i].log_weight < drop:
         return True
-    own = math.sqrt(yaw_variance(state[i], bank.P[i]))
+    own = math.sqrt(max(yaw_variance(state[i], bank.P[i]), 0.0))
     for j in range(state.shape[0]):
         heavier = state[j].log_weight > state[i].log_weight or (
             state[j].log_weight == state[i].log_weight and j < i
@@ -274,15 +275,6 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
 
 
 @inlined
-def positive(m: StateRecord, P: Float64) -> bool:
-    """Return whether the state is finite and no variance is negative; zero is a state known exactly."""
-    for i in range(P.shape[0]):
-        if not (P[i, i] >= 0.0 and P[i, i] < 1e30):
-            return False
-    return math.isfinite(m.r_e[0] + m.r_e[1] + m.r_e[2] + m.v_e[0] + m.q_eb[0])
-
-
-@inlined
 def update_bank(
     bank: Bank,
     epoch: int,
@@ -309,7 +301,10 @@ def update_bank(
             work.masking, bank.seen[i], bank.memory[i], since_last,
         )  # fmt: skip
         if n > 1:
-            bank.state[i].log_weight += done.log_likelihood
+            if math.isfinite(done.log_likelihood) and is_sound(bank.state[i], bank.P[i]):
+                bank.state[i].log_weight += done.log_likelihood
+            else:
+                bank.state[i].log_weight = -math.inf  # it is lost: of no weight, whatever comes
     normalise_weights(bank)
     t_ns = rows.epoch_ns[epoch]
     write_ledger(
@@ -353,16 +348,18 @@ def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
 
 @inlined
 def normalise_weights(bank: Bank) -> None:
-    """Make the weights sum to one and name the heaviest hypothesis the leader."""
+    """Make the weights sum to one and name the heaviest hypothesis the leader; leave them where all are lost."""
     state = bank.state
     lead = 0
     for i in range(1, state.shape[0]):
         if state[i].log_weight > state[lead].log_weight:
             lead = i
     top = state[lead].log_weight
+    bank.head[0].leader = lead
+    if top == -math.inf:
+        return
     total = 0.0
     for i in range(state.shape[0]):
         total += math.exp(state[i].log_weight - top)
     for i in range(state.shape[0]):
         state[i].log_weight -= top + math.log(total)
-    bank.head[0].leader = lead

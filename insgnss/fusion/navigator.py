@@ -248,7 +248,7 @@ class Navigator:
             self._recover(epoch, rows, out)
         elif code == COVARIANCE_LOST:
             t_ns = int(rows.epoch_ns[epoch])
-            self._restart(t_ns, "a variance of the filter lost its sign")
+            self._restart(t_ns, "the state is not finite any more, or a variance not positive")
         elif code != DONE:
             raise AssertionError(f"unknown code {code} of the compiled loop")
 
@@ -273,7 +273,7 @@ class Navigator:
         assert self.bank is not None
         m, P = self.bank.state[self.bank.head[0].leader], self.bank.P[self.bank.head[0].leader]
         _, _, yaw = attitude(m)
-        return math.degrees(yaw) % 360.0, math.degrees(math.sqrt(yaw_variance(m, P)))
+        return math.degrees(yaw) % 360.0, math.degrees(math.sqrt(max(yaw_variance(m, P), 0.0)))
 
     def _heading_known(self) -> None:
         bank = self.bank
