@@ -97,7 +97,7 @@ def faults_of_ephemerides(table: EphemerisTable) -> dict[str, Bool]:
             size: Float64 = np.abs(getattr(table, name))
             if name == "group_delay_s":  # none is given where it is NaN
                 size, most = np.nan_to_num(size, nan=0.0, posinf=math.inf), most[:, None]
-            faults[name] = ~np.atleast_2d((size <= most).T).all(axis=0)
+            faults[name] = np.asarray(~np.atleast_2d((size <= most).T).all(axis=0))
     return faults
 
 
