@@ -301,8 +301,8 @@ class GivenStart(StrictModel):
     h_m: Height = Field(description="above the ellipsoid [m]")
     v_ned_mps: Velocity = Field(description="north, east, down [m/s]")
     rpy_deg: Angles = Field(description="roll, pitch, yaw [deg]")
-    sd_position_m: PositiveFloat = Field(30.0, le=1e7, description="one sigma per axis [m]")
-    sd_velocity_mps: PositiveFloat = Field(1.0, le=2e4, description="one sigma per axis [m/s]")
+    sd_position_m: float = Field(30.0, gt=0.0, le=1e7, description="one sigma per axis [m]")
+    sd_velocity_mps: float = Field(1.0, gt=0.0, le=2e4, description="one sigma per axis [m/s]")
     sd_roll_pitch_deg: AngleSigma = Field(2.0, description="one sigma; 180 deg say nothing is known")
     sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg say nothing is known")
 

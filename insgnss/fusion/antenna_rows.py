@@ -23,6 +23,7 @@ from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 _ASSUMED_CN0_DBHZ: Final = 42.0  # where the log gives none
+_MOST_CN0_DBHZ: Final = 100.0  # no antenna gives more: what lies beyond is no number to weigh by
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,10 @@ def _covariances(
     shared = other[:, None] == other[None, :]
     found = []
     for sigma_m, is_thermal in ((antennas.phase_sigma_m, True), (antennas.multipath_sigma_m, False)):
-        at = [np.where(np.isfinite(cn0[rows]), cn0[rows], _ASSUMED_CN0_DBHZ) for rows in (row, other)]
+        at = [
+            np.where(np.abs(cn0[rows]) <= _MOST_CN0_DBHZ, cn0[rows], _ASSUMED_CN0_DBHZ)
+            for rows in (row, other)
+        ]
         own, common = (sigma_m**2 * (thermal_factor(c) if is_thermal else np.ones(len(c))) for c in at)
         found.append(np.diag(own) + shared * common[:, None])
     return found[0], found[1]

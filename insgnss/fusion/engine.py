@@ -23,6 +23,7 @@ from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_out
 from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.soundness import is_finite
 from insgnss.fusion.state import copy_bank
 from insgnss.fusion.whole_log import gap_events, restart_event
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
@@ -273,6 +274,9 @@ class Engine:
             self._live = copy_bank(bank)
         work = self._navigator.workspace(self._rows_for_size())
         carry_bank(self._live, newest, self._samples.view(), self._navigator.parameters[0], work.scratch)
+        lead = self._live.head[0].leader
+        if not is_finite(self._live.state[lead], self._live.P[lead]):
+            self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
 
     def _rows_for_size(self) -> Rows:
         return self._recent[-1].rows if self._recent else self._rows(_empty_epoch())

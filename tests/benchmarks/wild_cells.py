@@ -43,11 +43,13 @@ from insgnss.run import Run
 from insgnss.tables import Float64, GnssTable, ImuTable, NavigationData
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
-FIRST_S, LENGTH_S = 60.0, 30.0
+FIRST_S, LENGTH_S = 60.0, 20.0
+_TELL_EVERY: Final = 1000
 OK, REFUSED, WRONG, CRASHED = "ok", "refused", "wrong", "crashed"
 Case = Callable[[np.random.Generator, "Job"], "Job"]
 
 # what a table may leave empty, as COLUMNS.md says; the rest holds a number in every row
+MAY_BE_ENDLESS: Final = ("accumulation_s", "search_s")
 MAY_BE_EMPTY: Final = {
     "nav": ("sd_slow_n_m", "sd_slow_e_m", "sd_slow_d_m"),
     "measurements": ("innovation", "sd_innovation", "nis"),
@@ -289,7 +291,7 @@ def wrong_cells(run: Run) -> Iterator[str]:
             continue
         for column in table.select_dtypes("number"):
             values = table[column].to_numpy(np.float64)
-            if np.isinf(values).any():
+            if np.isinf(values).any() and column not in MAY_BE_ENDLESS:
                 yield f"inf in {name}.{column}"
             if np.isnan(values).any() and column not in empty:
                 yield f"NaN in {name}.{column}"
@@ -374,6 +376,9 @@ def main() -> int:
                 outcomes.append(next(worker))
             except StopIteration:
                 workers.remove(worker)
+                continue
+            if len(outcomes) % _TELL_EVERY == 0:
+                print(f"after {len(outcomes)}: {summary(sorted(outcomes))}", flush=True)
     print(summary(sorted(outcomes)))
     print(f"{given.cases} replays in {time.perf_counter() - began:.0f} s, seed {given.seed}")
     return 1 if any(result in (WRONG, CRASHED) for _, result, _ in outcomes) else 0
