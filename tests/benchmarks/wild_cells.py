@@ -312,21 +312,19 @@ def run_beside(seed: int, first: int, last: int) -> Iterator[tuple[int, str, str
     """Yield case, outcome and detail, all run in processes of their own; one that dies is started after its case."""
     while first < last:
         command = [sys.executable, "-m", "tests.benchmarks.wild_cells", "--seed", str(seed)]
-        child = subprocess.Popen(
-            [*command, "--first", str(first), "--last", str(last)], stdout=subprocess.PIPE, text=True
-        )
-        assert child.stdout is not None
+        command += ["--first", str(first), "--last", str(last)]
         begun = first
-        for line in child.stdout:
-            word, number, *rest = line.split(" ", 3)
-            begun = int(number)
-            if word == "end":
-                yield begun, rest[0], rest[1].strip() if len(rest) > 1 else ""
-                first = begun + 1
-        code = child.wait()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+            assert child.stdout is not None
+            for line in child.stdout:
+                word, number, *rest = line.split(" ", 3)
+                begun = int(number)
+                if word == "end":
+                    yield begun, rest[0], rest[1].strip() if len(rest) > 1 else ""
+                    first = begun + 1
+        code = int(child.returncode)
         if first < last:
-            name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-            yield begun, CRASHED, name
+            yield begun, CRASHED, signal.Signals(-code).name if code < 0 else f"exit code {code}"
             first = begun + 1
 
 
