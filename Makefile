@@ -13,10 +13,10 @@ OUT ?= out/demo
 ARGS ?=
 NOTEBOOKS ?= notebooks/*.ipynb
 
-.PHONY: help setup demo test notebooks pair lint check-rules check-format check-types check-imports format bench clean
+.PHONY: help setup demo test test-bounds notebooks pair lint check-rules check-format check-types check-imports format bench clean
 
 help:  ## show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
 
 setup: $(STAMP)  ## make .venv and install the package with its test tools
 
@@ -25,6 +25,16 @@ demo: $(STAMP)  ## replay the sample flight, print the summary, write the run an
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+
+# What computes indices: kernels, filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has
+# a cache of its own (insgnss/jit.py). Every test of the suite may run so, but not in a few minutes.
+BOUNDS := tests/kernels/bounds.py tests/fusion/test_soundness.py tests/fusion/test_gating.py tests/fusion/test_faults.py \
+    tests/fusion/test_scalar_update.py tests/gnss/test_point_integrity.py tests/gnss/test_plausible_messages.py \
+    tests/gnss/test_glonass_orbit.py tests/gnss/test_troposphere.py tests/antenna/test_gain_pattern.py \
+    tests/antenna/test_visibility.py tests/replay/test_wild_cells.py
+
+test-bounds: $(STAMP)  ## run what computes indices with every index checked (NUMBA_BOUNDSCHECK=1)
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(BOUNDS) $(ARGS)
 
 notebooks: $(STAMP)  ## run every notebook, write them with their outputs to out/notebooks (NOTEBOOKS='notebooks/00*' to choose)
 	mkdir -p out/notebooks

@@ -36,13 +36,18 @@ UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has 
 _S_PER_DAY: Final = 86_400.0
 _LONGEST_COMPILATION_S: Final = 300.0  # then whoever waits compiles on their own
 _RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
+_WITH_BOUNDS: Final = ("checks bounds",) if numba.config.BOUNDSCHECK else ()
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
 def source_hash() -> str:
-    """Return 16 hexadecimal digits that change when any source file of the package or a compiler version does."""
+    """Return 16 hexadecimal digits that change when any source file of the package or a compiler version does.
+
+    So they do with ``NUMBA_BOUNDSCHECK``: code that checks every index is other code, which Numba's own cache does not
+    tell apart.
+    """
     digest = hashlib.sha256()
-    for text in (sys.version, np.__version__, numba.__version__):
+    for text in (sys.version, np.__version__, numba.__version__, *_WITH_BOUNDS):
         digest.update(text.encode())
     package = Path(__file__).parent
     for path in sorted(package.rglob("*.py")):

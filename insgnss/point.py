@@ -29,6 +29,7 @@ from insgnss.errors import ConfigError, ResultError
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.point_log import solve_epochs
 from insgnss.gnss.point_rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
 from insgnss.library import filter_config
@@ -225,7 +226,7 @@ def read_logs(flight: Flight) -> FlightLogs:
     """
     config = flight.config
     logs = read_gnss_logs(config.gnss, config.gps_week, flight.path)
-    events, reference = logs.events, None
+    events, reference = logs.events + refused_messages(logs.navigation), None
     if config.reference is not None:
         reference, found = read_reference(config.reference, config.gps_week)
         events += found

@@ -33,6 +33,7 @@ from insgnss.fusion.whole_log import LedgerPart, OutputRate, TraceWanted, run_bl
 from insgnss.fusion.whole_log import run_filter as run_filter
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.jit import compiled_beside
 from insgnss.library import filter_config
@@ -281,7 +282,7 @@ def _prepared(
     if supervise:
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
         found = found + told
-    events = logs.events + _installed(flight)[1] + found
+    events = logs.events + _installed(flight)[1] + refused_messages(logs.navigation) + found
     names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
     keys = row_keys(logs.gnss, blocks)
     record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger)

@@ -101,6 +101,15 @@ def test_source_hash_changes_with_any_source(package_copy: Path, change: str) ->
     assert jit.source_hash() != before
 
 
+def test_code_that_checks_its_indices_has_a_cache_of_its_own() -> None:
+    program = "from insgnss import jit; print(jit.source_hash())"
+    plain, checked = (
+        python("-c", program, folder=PACKAGE.parent, NUMBA_BOUNDSCHECK=flag) for flag in ("0", "1")
+    )
+
+    assert plain != checked
+
+
 def test_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("INSGNSS_CACHE", str(tmp_path / "named"))
     assert jit.cache_root() == tmp_path / "named"

@@ -24,6 +24,7 @@ from insgnss.gnss.broadcast_orbit import eccentric_anomaly, orbit_state
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, MessageIndex, choose_message
 from insgnss.gnss.ephemeris_rows import M0, E, N
 from insgnss.gnss.glonass_orbit import arc_state
+from insgnss.gnss.plausible_messages import is_satellite
 from insgnss.gnss.precise_orbit import clock_between, orbit_between
 from insgnss.gnss.satellite_clock import group_delay, satellite_clock
 from insgnss.gnss.signals import signal_of
@@ -91,6 +92,8 @@ def broadcast_arcs(
     begin_ns = start_ns + PIECE_NS * np.arange(count, dtype=np.int64)
     nodes = np.full((len(names), count, 2, _N_NODE), math.nan)
     message_nodes(messages.index, satellite, begin_ns, delay_factors(names, signals), nodes)
+    rows = nodes.reshape(-1, _N_NODE)
+    rows[~is_satellite(rows, rows[:, 9], rows[:, 10])] = math.nan
     return SatelliteArcs(names, Arcs(start_ns, hermite_pieces(nodes)))
 
 

@@ -12,6 +12,7 @@ from insgnss.config.aiding import AidingConfig
 from insgnss.errors import NavigationDataError
 from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.plausible_messages import plausible_klobuchar
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.tables import NavigationData, PreciseProducts
@@ -81,7 +82,9 @@ def aiding_sources(
         lever_arm_m=filter.lever_arm_m,
         clock_groups=filter.clock_groups,
         channels=dict(channels or {}) | known,
-        klobuchar=None if navigation is None or use.ionosphere == "none" else navigation.klobuchar,
+        klobuchar=None
+        if navigation is None or use.ionosphere == "none"
+        else plausible_klobuchar(navigation.klobuchar),
         troposphere=use.troposphere == "saastamoinen",
         weather=filter.weather,
     )

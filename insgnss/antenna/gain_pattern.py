@@ -90,6 +90,7 @@ def gain_at(pattern: Pattern, k: int, x: float, y: float, z: float) -> tuple[flo
     Equation: bilinear in elevation and azimuth; the last column is the first again, so there is no seam, and the row
     of a pole has one value, so there is no jump. grad = dg/d_el e_el + dg/d_az e_az / cos el.
     At a node the slope is that of one of the neighbouring cells; at a pole itself the one along azimuth zero.
+    A direction that is no number has no gain: NaN, which no comparison passes, and no slope.
 
     Parameters
     ----------
@@ -105,6 +106,8 @@ def gain_at(pattern: Pattern, k: int, x: float, y: float, z: float) -> tuple[flo
     per_row, per_column = pattern.per_rad[k, 0], pattern.per_rad[k, 1]
     row = (math.atan2(-z, level) + _HALF_PI) * per_row
     column = azimuth * per_column
+    if not (row >= 0.0 and column >= 0.0):
+        return math.nan, 0.0, 0.0, 0.0
     i, j = min(int(row), n_rows - 2), min(int(column), n_columns - 1)
     t, s = row - i, column - j
     at = first + i * (n_columns + 1) + j

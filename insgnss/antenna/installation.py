@@ -45,6 +45,8 @@ def no_antenna() -> Installation:
 def clearance_at(clearance_deg: Int8, k: int, x: float, y: float, z: float) -> float:
     """Return the angle from (x, y, z), body axes, to the edge of antenna ``k``'s free sky [rad], negative if hidden.
 
+    A direction that is no number counts as hidden altogether.
+
     Parameters
     ----------
     clearance_deg : (antennas, 180, 360) cells of one degree: elevation from -90 up, azimuth from forward to the right
@@ -53,6 +55,8 @@ def clearance_at(clearance_deg: Int8, k: int, x: float, y: float, z: float) -> f
     if azimuth < 0.0:
         azimuth += 2.0 * math.pi
     elevation = math.atan2(-z, math.sqrt(x * x + y * y))
+    if not (math.isfinite(elevation) and math.isfinite(azimuth)):
+        return -math.pi
     i = min(int((elevation + 0.5 * math.pi) * _CELLS_PER_RAD), N_ELEVATIONS - 1)
     j = min(int(azimuth * _CELLS_PER_RAD), N_AZIMUTHS - 1)
     return float(clearance_deg[k, i, j] / _CELLS_PER_RAD)

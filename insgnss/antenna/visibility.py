@@ -89,10 +89,13 @@ def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
 
 @inlined
 def compare(excess: float, margin: float) -> int:
-    """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between."""
+    """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between.
+
+    An excess that is no number falls short: what is not known to be seen is hidden, a false lock being the danger.
+    """
     if excess >= margin:
         return 1
-    return -1 if excess < -margin else 0
+    return 0 if excess >= -margin else -1
 
 
 @inlined
@@ -159,7 +162,7 @@ def look_at(
             by_frame = compare(clearance, limits.margin_sigma * off)
             z_k = min(z_k, sigmas_above(clearance, off))
         seen = min(by_gain, by_frame)
-        if seen > best or (seen == best and gain > best_gain):
+        if seen > best or (seen == best and (gain > best_gain or math.isnan(best_gain))):
             best, best_gain, best_sigma, chosen, above = seen, gain, sigma, k, z_k
             reason = MASKED_OBSTRUCTION if by_frame < by_gain else MASKED_GAIN
     decision, doubt = VISIBLE, 0.0

@@ -149,7 +149,7 @@ def nearest_integers(
         )
     L, D, Z = np.zeros((n, n)), np.zeros(n), np.eye(n)
     factorise(np.ascontiguousarray(0.5 * (Q + Q.T)), L, D)
-    if not (D > 0.0).all():
+    if not ((D > 0.0) & np.isfinite(D)).all():
         raise ConfigError(
             "the covariance of the ambiguities is not positive definite",
             key="Q",

@@ -28,7 +28,8 @@ offset_*_m: clock offset of each further constellation, and of each further band
 glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
 zenith_delay_m: residual tropospheric delay at the zenith, where estimated
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (orbits and clocks of the
-  messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m
+  messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
+  empty where no epoch of the log has used ranges enough to tell
 """
 _MEASUREMENTS = """
 time_s: receiver time tag, seconds of the GPS week
@@ -36,7 +37,8 @@ sv: satellite, as G05
 signal: RINEX code, as C1C
 kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference
 antenna: where there are several: which one an attitude difference is of
-innovation: measured minus predicted, at the prior; m, of a range rate m/s
+innovation: measured minus predicted, at the prior; m, of a range rate m/s; empty, and the next two, where
+  nothing was predicted: before the filter, without a satellite, below a mask, of a filter that is lost
 sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit
 nis: squared ratio of the two: 1 in the mean where filter and noise agree
 status: used, or why not: see the list at the end
@@ -49,7 +51,8 @@ body_az_deg body_el_deg: direction from the airframe: azimuth from forward to th
   the body's own horizon
 gain_dbi: gain of the best antenna towards it, circularly polarised; empty where no antenna is described
 state: tracked, or why not: see the list at the end; absent: no measurement in this epoch
-sd_range_m sd_range_rate_mps: how well range and range rate were predicted before the update: sqrt(h P h^T)
+sd_range_m sd_range_rate_mps: how well range and range rate were predicted before the update: sqrt(h P h^T);
+  empty where they were not
 """
 EVENTS: Final = Sheet(
     "events",
@@ -132,9 +135,9 @@ from_state to_state: of the channel
 reason: why: hidden, visible_again, signal_lost, detected, pulled_in, ...
 pseudorange_m doppler_hz: predicted at the transition, the receiver clock included
 sd_range_m sd_doppler_hz: how well
-accumulation_s: time of one accumulation
+accumulation_s: time of one accumulation; infinite where none suffices
 delay_cells doppler_bins: cells of the search window in delay and Doppler
-search_s: time of the whole search
+search_s: time of the whole search; infinite where none suffices
 """
 _SEARCH = """
 sv: satellite

@@ -10,8 +10,13 @@ from insgnss.config.aiding import AidingConfig
 from insgnss.config.search import Search
 from insgnss.config.strict import StrictModel
 
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
+# No setting is larger: the square of a number beyond, times a few others, leaves what single precision holds
+Positive = Annotated[float, Field(gt=0.0, le=1e9)]
+NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
+# One sigma of a measurement: below a micrometre there is none, beyond a million metres nothing is left of one
+Sigma = Annotated[float, Field(ge=1e-6, le=1e6)]
+SigmaOrNone = Annotated[float, Field(ge=0.0, le=1e6)]
+Share = Annotated[float, Field(ge=1e-6, le=1e6)]  # of a variance
 
 
 Constellation = Literal["G", "E", "J", "C", "R", "I", "S"]
@@ -64,7 +69,7 @@ class Measurements(StrictModel):
     )
     troposphere: Literal["saastamoinen", "none"] = "saastamoinen"
     weather: Weather = Weather()
-    variance_scale: dict[Constellation, Positive] = Field(
+    variance_scale: dict[Constellation, Share] = Field(
         {"R": 4.0}, description="of a constellation's pseudoranges: GLONASS chips are twice as long"
     )
     glonass_channel_bias: bool = Field(True, description="estimate a delay that grows with the channel")
@@ -79,13 +84,13 @@ class Measurements(StrictModel):
 class Noise(StrictModel):
     """One kind's variance: floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)."""
 
-    floor: Positive
-    elevation: NotNegative
-    cn0_at_45_dbhz: NotNegative
+    floor: Sigma
+    elevation: SigmaOrNone
+    cn0_at_45_dbhz: SigmaOrNone
     correlation_time_s: NotNegative = Field(
         0.0, description="epochs nearer than this share their errors: each weighs less by the ratio"
     )
-    missing_cn0_dbhz: Positive = Field(42.0, description="assumed where the log gives none")
+    missing_cn0_dbhz: Positive = Field(42.0, le=100.0, description="assumed where the log gives none")
 
 
 class Gates(StrictModel):
@@ -107,8 +112,8 @@ class Faults(StrictModel):
     weights: Literal["gate", "huber", "student"] = Field(
         "gate", description="of rows between good and refused: full up to the gate, or falling before"
     )
-    huber_k: Positive = Field(1.5, description="sigmas from which Huber's weight falls as k / |nu|")
-    student_freedom: Positive = Field(4.0, description="degrees of freedom of Student's t")
+    huber_k: Positive = Field(1.5, ge=0.1, description="sigmas from which Huber's weight falls as k / |nu|")
+    student_freedom: Positive = Field(4.0, ge=0.1, description="degrees of freedom of Student's t")
     residual_sigma: NotNegative = Field(
         5.0,
         description="a pseudorange's residual after the update beyond it: those the others contradict are left out",
@@ -126,7 +131,9 @@ class Faults(StrictModel):
 class Process(StrictModel):
     """Process noise that is not in the sensor's grade, and the rate of the covariance."""
 
-    covariance_step_s: Positive = Field(0.025, description="the covariance is carried on at least this often")
+    covariance_step_s: Positive = Field(
+        0.025, le=10.0, description="the covariance is carried on at least this often"
+    )
     scale_factor_time_s: NotNegative = Field(
         10.0, description="how long one manoeuvre keeps its scale-factor error"
     )
@@ -149,11 +156,14 @@ class Process(StrictModel):
 class Gaps(StrictModel):
     """What happens when inertial samples are missing."""
 
-    longest_step_s: Positive = Field(0.05, description="a longer step between inertial samples is a gap")
+    longest_step_s: Positive = Field(
+        0.05, ge=1e-4, le=60.0, description="a longer step between inertial samples is a gap"
+    )
     acceleration_sigma_mps2: Positive = Field(3.0, description="of the unknown motion inside a gap")
     rate_sigma_degps: Positive = Field(20.0, description="of the unknown rotation inside a gap")
     restart_s: Positive = Field(
         2.5,
+        le=600.0,
         description="after a longer gap the filter starts anew: by rate_sigma_degps its attitude is then unknown",
     )
 
@@ -211,12 +221,12 @@ class Adaptation(StrictModel):
     """How far the filter may correct its assumed noise levels by what it sees."""
 
     on: bool = True
-    memory_s: Positive = Field(30.0, description="over which the levels follow")
-    least_factor: Positive = Field(0.02, description="on a variance")
-    least_factor_at_rest: Positive = Field(
+    memory_s: Positive = Field(30.0, ge=1e-3, description="over which the levels follow")
+    least_factor: Share = Field(0.02, description="on a variance")
+    least_factor_at_rest: Share = Field(
         0.25, description="on a pseudorange's variance while the vehicle stands"
     )
-    most_factor: Positive = Field(100.0, description="on a variance")
+    most_factor: Share = Field(100.0, description="on a variance")
 
 
 class Visibility(StrictModel):

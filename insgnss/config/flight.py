@@ -14,8 +14,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from insgnss.config.strict import StrictModel
 
 Vector3 = tuple[float, float, float]
-PositiveFloat = Annotated[float, Field(gt=0.0)]
-NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+# No sensor, clock or time is larger in the units used here; squares of these are numbers still
+PositiveFloat = Annotated[float, Field(gt=0.0, le=1e9)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0, le=1e9)]
 # Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers
 _Arm = Annotated[float, Field(ge=-1e3, le=1e3)]
 _Speed = Annotated[float, Field(ge=-2e4, le=2e4)]
@@ -116,8 +117,8 @@ class ImuGrade(StrictModel):
 class Oscillator(StrictModel):
     """A two-state clock by its h-parameters (one-sided densities of fractional frequency)."""
 
-    h0_s: NonNegativeFloat
-    h_minus2_per_s: NonNegativeFloat
+    h0_s: NonNegativeFloat = Field(le=1.0)
+    h_minus2_per_s: NonNegativeFloat = Field(le=1.0)
     source: str = ""
 
 
@@ -300,8 +301,8 @@ class GivenStart(StrictModel):
     h_m: Height = Field(description="above the ellipsoid [m]")
     v_ned_mps: Velocity = Field(description="north, east, down [m/s]")
     rpy_deg: Angles = Field(description="roll, pitch, yaw [deg]")
-    sd_position_m: PositiveFloat = Field(30.0, le=1e7, description="one sigma per axis [m]")
-    sd_velocity_mps: PositiveFloat = Field(1.0, le=2e4, description="one sigma per axis [m/s]")
+    sd_position_m: float = Field(30.0, gt=0.0, le=1e7, description="one sigma per axis [m]")
+    sd_velocity_mps: float = Field(1.0, gt=0.0, le=2e4, description="one sigma per axis [m/s]")
     sd_roll_pitch_deg: AngleSigma = Field(2.0, description="one sigma; 180 deg say nothing is known")
     sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg say nothing is known")
 

@@ -6,12 +6,12 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Any, Final, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 from pydantic_core import ErrorDetails
 
 from insgnss.config.files import existing_file
@@ -38,10 +38,36 @@ _SCALAR_BRANCHES: Final = ("string_type", "literal_error")
 _TABLE_BRANCHES: Final = ("model_type", "model_attributes_type", "dict_type")
 
 
+# What no setting of any kind reaches, in SI units or those in its name: the square of a number beyond leaves the range
+# in which sums of squares still are numbers; a smaller one is zero with a slip of the keyboard
+_LARGEST_NUMBER: Final = 1e15
+_SMALLEST_NUMBER: Final = 1e-40  # a thousandth of a thousandth of the quietest clock's h_-2
+
+
 class StrictModel(BaseModel):
-    """A frozen model that refuses unknown keys and numbers that are not finite."""
+    """A frozen model that refuses unknown keys, numbers that are not finite, and numbers that nothing has."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=False, allow_inf_nan=False)
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _is_no_wild_number(cls, value: Any) -> Any:
+        for number in _numbers(value):
+            if abs(number) > _LARGEST_NUMBER or 0.0 < abs(number) < _SMALLEST_NUMBER:
+                raise ValueError(f"{number:g} is no size that any setting has")
+        return value
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """Yield the numbers of a value, those in arrays and tables too."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield value
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _numbers(part)
+    elif isinstance(value, tuple | list):
+        for part in value:
+            yield from _numbers(part)
 
 
 Model = TypeVar("Model", bound=StrictModel)

@@ -26,6 +26,7 @@ _ASSUMED_CN0_DBHZ: Final = 42.0  # where the log gives none
 _LOWEST_SINE: Final = 0.05  # of an elevation, as for pseudoranges: ``gnss.noise_model``
 # A reflection without the direct signal has any phase: the variance of an even distribution over a cycle
 _HIDDEN_CYCLES2: Final = 1.0 / 12.0
+_MOST_CN0_DBHZ: Final = 100.0  # no antenna gives more: what lies beyond is no number to weigh by
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def _covariances(
     white = []
     for rows, doubt in zip(pairs, doubts, strict=True):
         cn0 = phases.cn0_dbhz[rows]
-        thermal = thermal_factor(np.where(np.isfinite(cn0), cn0, _ASSUMED_CN0_DBHZ))
+        thermal = thermal_factor(np.where(np.abs(cn0) <= _MOST_CN0_DBHZ, cn0, _ASSUMED_CN0_DBHZ))
         hidden = _HIDDEN_CYCLES2 * phases.wavelength_m[rows] ** 2
         white.append(antennas.phase_sigma_m**2 * thermal + plain + doubt * hidden)
     slow = antennas.multipath_sigma_m**2 * (np.eye(len(sine)) + shared)

@@ -16,8 +16,9 @@ import numpy as np
 
 from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.carrier import clone_epoch
+from insgnss.fusion.closed_loop import turn_attitude_errors
 from insgnss.fusion.consistency import refuse_inconsistent
-from insgnss.fusion.epoch_update import turn_attitude_errors, update_epoch, use_rows
+from insgnss.fusion.epoch_update import update_epoch, use_rows
 from insgnss.fusion.faults import follow_innovations, refuse_reflections, weigh_robustly
 from insgnss.fusion.gating import common_step, gate_between, gate_rows
 from insgnss.fusion.headings import is_prunable

@@ -8,6 +8,7 @@ with those is taken back. Nothing is looked at beyond the epoch's innovations an
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,7 @@ _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell which of them is wrong
 _LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's: below, a residual says nothing
 _LARGEST_SET: Final = 3
 _MOST_CANDIDATES: Final = 20  # rows that stand out most: 1140 sets of three
+_NONE: Final = -1
 
 
 @inlined
@@ -57,7 +59,8 @@ def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> in
     Equation: with the innovations y of covariance S = H P H^T + R at the prior and W = S^-1, a row's distance from all
     others is w^2 = (W y)_j^2 / W_jj; a set's (W y)_J^T W_JJ^-1 (W y)_J is by how much y^T W y falls without it
                                                                                    [Baarda 1968; Teunissen 2000, ch. 4]
-    It allocates its work space: only an epoch that ``disagrees`` comes here.
+    It allocates its work space: only an epoch that ``disagrees`` comes here. Where a variance of S is not positive and
+    finite nothing can be told of any row, and none is marked.
     """
     index = np.empty(lines.shape[0], np.int64)
     n = 0
@@ -71,15 +74,18 @@ def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> in
     write_innovations(T, P, lines, index[:n])
     active = np.ones(n, np.int64)
     for j in range(n):
-        exchange(T, j)
+        if not exchange(T, j):
+            return 0
     removed = 0
     while removed < most and farthest(T, active, 1)[1] > gate2:
-        removed += remove_smallest_set(T, active, gate2, most - removed)
+        size = remove_smallest_set(T, active, gate2, most - removed)
+        if size == 0:
+            return 0
+        removed += size
     for _ in range(removed):
         nearest, distance2 = farthest(T, active, 0)
-        if distance2 > gate2:
+        if nearest == _NONE or distance2 > gate2 or not exchange(T, nearest):
             break
-        exchange(T, nearest)
         active[nearest] = 1
         removed -= 1
     for a in range(n):
@@ -106,14 +112,23 @@ def write_innovations(T: Float64, P: Float64, lines: Lines, index: Int64) -> Non
         T[a, n] = one.innovation[PSEUDORANGE]
 
 
+@inlined
+def is_variance(value: float) -> bool:
+    """Return whether a number can be divided by as a variance: positive and finite, which NaN is not."""
+    return 0.0 < value < math.inf
+
+
 @borrowing
-def exchange(T: Float64, j: int) -> None:
+def exchange(T: Float64, j: int) -> bool:
     """Take row ``j`` into the set A of active rows, or out of it again: a step of Gauss and Jordan, its own inverse.
 
-    Within A then stand S_AA^-1 and S_AA^-1 y_A; outside what is left of S and y given the rows of A.
+    Within A then stand S_AA^-1 and S_AA^-1 y_A; outside what is left of S and y given the rows of A. The pivot is a
+    variance, or the inverse of one; of any other nothing is changed, and the answer is no.
     """
     n, width = T.shape
     pivot = T[j, j]
+    if not is_variance(pivot):
+        return False
     for c in range(width):
         T[j, c] /= pivot
     T[j, j] = 1.0 / pivot
@@ -124,63 +139,83 @@ def exchange(T: Float64, j: int) -> None:
                 if c != j:
                     T[i, c] -= share * T[j, c]
             T[i, j] = -share / pivot
+    return True
 
 
 @borrowing
 def farthest(T: Float64, active: Int64, which: int) -> tuple[int, float]:
-    """Return the active row (``which`` 1) farthest from the others, or the inactive one (0) nearest, and w^2 of it."""
-    n = T.shape[0]
-    found, distance2 = -1, 0.0
-    for j in range(n):
+    """Return the active row (``which`` 1) farthest from the others, or the inactive one (0) nearest, and w^2 of it.
+
+    Where no row has a distance, -1 and 0.
+    """
+    found, distance2 = _NONE, 0.0
+    for j in range(T.shape[0]):
         if active[j] == which:
-            w2 = T[j, n] * T[j, n] / T[j, j]
+            w2 = own_distance2(T, j)
+            if w2 < 0.0:
+                continue
             if found < 0 or (w2 > distance2) == (which == 1):
                 found, distance2 = j, w2
     return found, distance2
+
+
+@inlined
+def own_distance2(T: Float64, j: int) -> float:
+    """Return w^2 of row ``j``, -1 where its numbers give none."""
+    n = T.shape[0]
+    w2 = T[j, n] * T[j, n] / T[j, j] if is_variance(T[j, j]) else -1.0
+    return w2 if w2 < math.inf else -1.0
 
 
 @kernel
 def remove_smallest_set(T: Float64, active: Int64, gate2: float, most: int) -> int:
     """Take out the smallest set of rows that leaves all others within the gate; return its size.
 
-    The largest set that may be tried goes in any case.
+    The largest set that may be tried goes in any case. Where the numbers of ``T`` tell of no set, the size is 0.
     """
-    candidates = np.empty(_MOST_CANDIDATES, np.int64)
+    candidates = np.zeros(_MOST_CANDIDATES, np.int64)
     n_candidates = stand_out_most(T, active, candidates)
-    chosen = np.empty(_LARGEST_SET, np.int64)
+    chosen = np.zeros(_LARGEST_SET, np.int64)
     largest = min(most, _LARGEST_SET)
     for size in range(1, largest + 1):
-        best_set(T, candidates[:n_candidates], size, chosen)
-        for i in range(size):
-            exchange(T, chosen[i])
-            active[chosen[i]] = 0
+        if not best_set(T, candidates[:n_candidates], size, chosen):
+            return 0
+        if not exchange_set(T, active, chosen, size, 0):
+            return 0
         if size == largest or farthest(T, active, 1)[1] <= gate2:
             return size
-        for i in range(size):
-            exchange(T, chosen[i])
-            active[chosen[i]] = 1
+        if not exchange_set(T, active, chosen, size, 1):
+            return 0
     return 0
+
+
+@inlined
+def exchange_set(T: Float64, active: Int64, chosen: Int64, size: int, now: int) -> bool:
+    """Take the first ``size`` rows of ``chosen`` out of the set of active rows (``now`` 0) or into it again (1)."""
+    done = True
+    for i in range(size):
+        done = done and exchange(T, chosen[i])
+        active[chosen[i]] = now
+    return done
 
 
 @borrowing
 def stand_out_most(T: Float64, active: Int64, candidates: Int64) -> int:
     """Write the active rows of the largest w^2, at most as many as there is room for; return how many."""
-    n = T.shape[0]
     count = 0
-    for j in range(n):
-        if active[j] == 0:
+    for j in range(T.shape[0]):
+        w2 = own_distance2(T, j)
+        if active[j] == 0 or w2 < 0.0:
             continue
-        w2 = T[j, n] * T[j, n] / T[j, j]
         place = min(count, candidates.shape[0] - 1)
         if count == candidates.shape[0]:
-            last = candidates[place]
-            if w2 <= T[last, n] * T[last, n] / T[last, last]:
+            if w2 <= own_distance2(T, candidates[place]):
                 continue
         else:
             count += 1
         while place > 0:
             above = candidates[place - 1]
-            if T[above, n] * T[above, n] / T[above, above] >= w2:
+            if own_distance2(T, above) >= w2:
                 break
             candidates[place] = above
             place -= 1
@@ -189,10 +224,11 @@ def stand_out_most(T: Float64, active: Int64, candidates: Int64) -> int:
 
 
 @borrowing
-def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> None:
-    """Write the set of ``size`` (1 to 3) candidates without which y^T W y is least.
+def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> bool:
+    """Write the set of ``size`` (1 to 3) candidates without which y^T W y is least; return whether there is one.
 
-    Equation: (W y)_J^T W_JJ^-1 (W y)_J, built up row by row: what the next row adds given those before
+    Equation: (W y)_J^T W_JJ^-1 (W y)_J, built up row by row: what the next row adds given those before. A set of
+    rows of which one is no more than a sum of the others has no such number, and is passed over.
     """
     n, m = T.shape[0], candidates.shape[0]
     largest = -1.0
@@ -209,6 +245,8 @@ def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> None:
             ba = T[b, a] / T[a, a]
             W_bb = T[b, b] - ba * T[a, b]
             u_b = T[b, n] - ba * T[a, n]
+            if not is_variance(W_bb):
+                continue
             of_b = of_a + u_b * u_b / W_bb
             if size == 2:
                 if of_b > largest:
@@ -221,6 +259,7 @@ def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> None:
                 cb = (T[c, b] - ca * T[a, b]) / W_bb
                 W_cc = T[c, c] - ca * T[a, c] - cb * (T[b, c] - ba * T[a, c])
                 u_c = T[c, n] - ca * T[a, n] - cb * u_b
-                if of_b + u_c * u_c / W_cc > largest:
+                if is_variance(W_cc) and of_b + u_c * u_c / W_cc > largest:
                     largest = of_b + u_c * u_c / W_cc
                     chosen[0], chosen[1], chosen[2] = a, b, c
+    return largest >= 0.0

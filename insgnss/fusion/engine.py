@@ -24,10 +24,12 @@ from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_out
 from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.soundness import is_finite
 from insgnss.fusion.state import copy_bank
 from insgnss.fusion.whole_log import gap_events, restart_event
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.table_joining import joined
 from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
@@ -81,7 +83,8 @@ class Engine:
             )
         self._samples = SampleBuffer()
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
-        self._done: list[Event] = []  # events of stretches that have ended, and of refusals
+        # events of stretches that have ended, and of refusals
+        self._done: list[Event] = refused_messages(setup.navigation)
         self._final: list[EpochResult] = []
         self._waiting: list[GnssTable] = []  # epochs ahead of the samples, in the order of time
         self._recent: list[EpochResult] = []  # processed, but still within the latency
@@ -176,6 +179,8 @@ class Engine:
         work = self._navigator.workspace(rows)
         par = self._navigator.parameters[0]
         write_between(self._live, newest, self._samples.view(), par, out, work)
+        if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
+            return NavState(newest, False, {})
         values = out.nav["value"][0]
         return NavState(newest, True, {name: float(v) for name, v in zip(NAV_COLUMNS, values, strict=True)})
 
@@ -275,6 +280,9 @@ class Engine:
             self._live = copy_bank(bank)
         work = self._navigator.workspace(self._rows_for_size())
         carry_bank(self._live, newest, self._samples.view(), self._navigator.parameters[0], work.scratch)
+        lead = self._live.head[0].leader
+        if not is_finite(self._live.state[lead], self._live.P[lead]):
+            self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
 
     def _rows_for_size(self) -> Rows:
         return self._recent[-1].rows if self._recent else self._rows(_empty_epoch())

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 from insgnss.apart import apart
-from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.carrier import clone_epoch
+from insgnss.fusion.closed_loop import close_loop, turn_attitude_errors
 from insgnss.fusion.consistency import disagrees, refuse_inconsistent
 from insgnss.fusion.faults import (
     follow_innovations,
@@ -16,21 +16,19 @@ from insgnss.fusion.faults import (
     weigh_robustly,
 )
 from insgnss.fusion.gating import absorb_clock_step, common_step, gate_between, gate_rows
-from insgnss.fusion.lines import CLONE_ROWS, Epoch, Lines
+from insgnss.fusion.lines import CLONE_ROWS, Epoch, Line, Lines
 from insgnss.fusion.masking import OFF, Masking, mask_hidden
 from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
 from insgnss.fusion.scalar_update import scalar_update
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, N_CLONE, OFFSETS, PSI, StateRecord
-from insgnss.geodesy.local_level import up_direction
-from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, Rows
+from insgnss.fusion.soundness import is_sound
+from insgnss.fusion.state import CLOCK, DR, DRIFT, N_CLONE, StateRecord
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
-from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, USED
+from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
 from insgnss.tables import Float64, Int8
 
-_NO_TURN = 1e-12  # [rad]
 _SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 
 
@@ -70,9 +68,13 @@ def update_epoch(
     visibility so far, ``memory`` (slots, 3) the innovations' means.
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
-    and the order of the rows matters only by rounding; the gates are all judged on the prior.
+    and the order of the rows matters only by rounding; the gates are all judged on the prior. A hypothesis that is lost
+    already (``soundness``) uses no row; its likelihood is none.
     """
     predict_covariance(m, P, par, scratch)
+    if not is_sound(m, P):
+        leave_out(rows, epoch, s.lines)
+        return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0)
     drift_variance = P[DRIFT, DRIFT]
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
@@ -130,6 +132,22 @@ def clone_response(response: Float64, at_clone: int) -> None:
     for i in range(3):
         response[at_clone + i] = response[DR + i]
     response[at_clone + 3] = response[CLOCK]
+
+
+@inlined
+def leave_out(rows: Rows, epoch: int, lines: Lines) -> None:
+    """Write into the lines of an epoch that there is no filter to use its rows."""
+    first = rows.first[epoch]
+    for j in range(rows.first[epoch + 1] - first):
+        line = lines[j]
+        line.u_n[0] = math.nan
+        for kind in range(2):
+            line.status[kind] = rows.observation[first + j].status[kind]
+        line.status[CARRIER] = rows.carrier[first + j].status if rows.carrier.shape[0] > 0 else ABSENT
+        for kind in range(N_KINDS):
+            line.innovation[kind] = math.nan
+            if line.status[kind] == USED:
+                line.status[kind] = NOT_STARTED
 
 
 @inlined
@@ -251,7 +269,8 @@ def use_rows(
     q <- q - K h q.
 
     ``spread`` is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
-    of n errors that are alike over n epochs has the variance of one, not of one n-th.
+    of n errors that are alike over n epochs has the variance of one, not of one n-th. A row whose innovation has no
+    positive, finite variance, as the covariance has lost its sign, is refused.
     """
     total = 0.0
     information = 0.0
@@ -261,120 +280,28 @@ def use_rows(
             columns = line.columns[kind][: line.count[kind]]
             variance = spread * line.variance[kind]
             y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, vectors)
-            total -= 0.5 * (y * y / S + math.log(S))
-            if response.shape[0] > 0:
-                moved = 0.0
-                for a in range(columns.shape[0]):
-                    moved += line.h[kind, a] * response[columns[a]]
-                for c in range(response.shape[0]):
-                    response[c] -= vectors[1, c] * moved  # the row's gain, as ``scalar_update`` leaves it
-                information += moved * moved / S
-        elif line.status[kind] in (GATED, INCONSISTENT):
+            if 0.0 < S < math.inf and math.isfinite(y):
+                total -= 0.5 * (y * y / S + math.log(S))
+                information += respond(line, kind, response, vectors) / S
+            else:
+                line.status[kind] = GATED
+        if line.status[kind] in (GATED, INCONSISTENT):
             # a hypothesis must not gain by leaving out what contradicts it
-            total -= 0.5 * (gate2 + math.log(line.predicted[kind] + line.variance[kind]))
+            S = line.predicted[kind] + line.variance[kind]
+            total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0))
     return total, information
 
 
 @inlined
-def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
-    """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
+def respond(line: Line, kind: int, response: Float64, vectors: Float64) -> float:
+    """Correct the response to the shown motion by a row used just now; return the square of what it moved the row by.
 
-    ``n`` leaves the clone out: its correction goes with it, the epoch just processed takes its place.
-
-    Equation: C_eb <- exp([y u x]) exp([t x]) C_eb, u the vertical, y = u . delta psi, t = delta psi - y u: the tilt
-    belongs to the attitude as it was, so it is corrected before the heading. With a new heading the Earth's rate has
-    new components in body axes. The covariance moves the gyro bias against it to first order; the rest of
-    b_g + C_eb^T w_ie = const, what the gyros have shown, follows here.
+    The row's gain still stands where ``scalar_update`` has left it.
     """
-    C, w = m.C_eb, WGS84_OMEGA_RADPS
-    x, y, z = correction[PSI], correction[PSI + 1], correction[PSI + 2]
-    for i in range(3):  # C^T (w_ie + w_ie x delta psi)
-        m.b_g[i] += w * (C[2, i] + C[1, i] * x - C[0, i] * y)
-    for i in range(3):
-        m.r_e[i] += correction[DR + i]
-        m.v_e[i] += correction[DV + i]
-        m.b_a[i] += correction[BA + i]
-        m.b_g[i] += correction[BG + i]
-    m.clock[0] += correction[CLOCK]
-    m.clock[1] += correction[DRIFT]
-    for i in range(OFFSETS, n):
-        m.optional[i - OFFSETS] += correction[i]
-    a, b, c = up_direction(m.r_e)
-    turn = a * x + b * y + c * z
-    turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
-    turn_left(m.q_eb, turn * a, turn * b, turn * c)
-    quaternion_to_matrix(m.q_eb, m.C_eb)
-    for i in range(3):
-        m.b_g[i] -= w * C[2, i]
-
-
-@apart
-def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> None:
-    """Turn the attitude's part of the covariance about the vertical with the correction of the heading.
-
-    What tilts the attitude belongs to the body, the accelerometers' bias above all: with a new heading the axes of that
-    tilt turn as well. Left where they were, the tilt and the bias would part, and roll and pitch seem better known.
-    The same holds for the gyro bias' part that hides the Earth's rate.
-
-    Equation: P_psi. <- R P_psi., R = exp([u (u . delta psi) x]), u the vertical;
-              P_bg. <- P_bg. + C_eb^T ((w_ie - R^T w_ie) x P_psi.), with C_eb and P_psi before the correction
-    Neglects: the turn of the tilt's own axes by half its correction, second order in it.
-    """
-    n = P.shape[0]
-    axis = up_direction(m.r_e)
-    angle = axis[0] * correction[PSI] + axis[1] * correction[PSI + 1] + axis[2] * correction[PSI + 2]
-    if abs(angle) < _NO_TURN:
-        return
-    sine, rest = math.sin(angle), 1.0 - math.cos(angle)
-    keep_apparent_bias(m, P, turned(axis, -sine, rest, 0.0, 0.0, WGS84_OMEGA_RADPS))
-    for j in range(n):
-        x, y, z = turned(axis, sine, rest, P[PSI, j], P[PSI + 1, j], P[PSI + 2, j])
-        P[PSI, j], P[PSI + 1, j], P[PSI + 2, j] = x, y, z
-        if j < PSI or j >= PSI + 3:
-            P[j, PSI], P[j, PSI + 1], P[j, PSI + 2] = x, y, z
-    for i in range(PSI, PSI + 3):
-        x, y, z = turned(axis, sine, rest, P[i, PSI], P[i, PSI + 1], P[i, PSI + 2])
-        P[i, PSI], P[i, PSI + 1], P[i, PSI + 2] = x, y, z
-    for i in range(PSI, PSI + 3):
-        for j in range(PSI, i):
-            P[j, i] = P[i, j]
-
-
-@inlined
-def keep_apparent_bias(m: StateRecord, P: Float64, rate: tuple[float, float, float]) -> None:
-    """Move the gyro bias' part of the covariance so that bias plus Earth rate, what the gyros show, is as well known.
-
-    ``rate`` is the Earth's rate turned back by the correction of the heading, R^T w_ie [rad/s].
-    """
-    n, C = P.shape[0], m.C_eb
-    x, y, z = -rate[0], -rate[1], WGS84_OMEGA_RADPS - rate[2]
-    for j in range(n):
-        p, q, r = P[PSI, j], P[PSI + 1, j], P[PSI + 2, j]
-        a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
-        for i in range(3):
-            P[BG + i, j] += C[0, i] * a + C[1, i] * b + C[2, i] * c
-    for j in range(n):  # and the columns, of the matrix whose rows are moved
-        p, q, r = P[j, PSI], P[j, PSI + 1], P[j, PSI + 2]
-        a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
-        for i in range(3):
-            P[j, BG + i] += C[0, i] * a + C[1, i] * b + C[2, i] * c
-    for i in range(BG, BG + 3):
-        for j in range(BG, i):
-            P[i, j] = P[j, i]
-
-
-@inlined
-def turned(
-    axis: tuple[float, float, float], sine: float, rest: float, x: float, y: float, z: float
-) -> tuple[float, float, float]:
-    """Return (x, y, z) = v turned about the unit vector ``axis`` a.
-
-    Equation: v + sin a x v + rest a x (a x v), rest = 1 - cos  [Rodrigues]
-    """
-    a, b, c = axis
-    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
-    return (
-        x + sine * u + rest * (b * w - c * v),
-        y + sine * v + rest * (c * u - a * w),
-        z + sine * w + rest * (a * v - b * u),
-    )
+    moved = 0.0
+    if response.shape[0] > 0:
+        for a in range(line.count[kind]):
+            moved += line.h[kind, a] * response[line.columns[kind, a]]
+        for c in range(response.shape[0]):
+            response[c] -= vectors[1, c] * moved
+    return moved * moved

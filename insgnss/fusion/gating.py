@@ -98,7 +98,7 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
 
     Return how many passed, how many not, and the mean of the normalised squares, none counting more than the gate.
 
-    The comparison is written so that a NaN fails.
+    The comparisons are written so that a NaN fails, and an innovation whose variance is not positive and finite.
     """
     passed = 0
     refused = 0
@@ -106,8 +106,9 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     for j in range(lines.shape[0]):
         if lines[j].status[kind] != USED:
             continue
-        nis = lines[j].innovation[kind] ** 2 / (lines[j].predicted[kind] + lines[j].variance[kind])
-        if nis <= gate2:
+        variance = lines[j].predicted[kind] + lines[j].variance[kind]
+        nis = lines[j].innovation[kind] ** 2 / variance
+        if nis <= gate2 and 0.0 < variance < math.inf:
             passed += 1
             strain += nis
         else:

@@ -70,7 +70,7 @@ def is_prunable(bank: Bank, i: int, drop: float) -> bool:
 def same_heading(bank: Bank, i: int) -> int:
     """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 where there is none."""
     state = bank.state
-    own = math.sqrt(yaw_variance(state[i], bank.P[i]))
+    own = math.sqrt(max(yaw_variance(state[i], bank.P[i]), 0.0))
     nearest = max(_SMALLEST_DIFFERENCE_RAD, min(_SAME_HEADING * own, _SAME_HEADING_RAD))
     for j in range(state.shape[0]):
         heavier = state[j].log_weight > state[i].log_weight or (
@@ -122,22 +122,25 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
     all_of_it = par.motion_gate2 <= 0.0 or sees_earth_rate(state[lead], bank.P[lead])
     share = 1.0 if all_of_it else min(carried, 1.0)
     for i in range(state.shape[0]):
-        state[i].log_weight += share * state[i].log_likelihood
+        lost = state[i].log_likelihood == -math.inf
+        state[i].log_weight += state[i].log_likelihood if lost else share * state[i].log_likelihood
     normalise_weights(bank)
 
 
 @inlined
 def normalise_weights(bank: Bank) -> None:
-    """Make the weights sum to one and name the heaviest hypothesis the leader."""
+    """Make the weights sum to one and name the heaviest hypothesis the leader; leave them where all are lost."""
     state = bank.state
     lead = 0
     for i in range(1, state.shape[0]):
         if state[i].log_weight > state[lead].log_weight:
             lead = i
     top = state[lead].log_weight
+    bank.head[0].leader = lead
+    if top == -math.inf:
+        return
     total = 0.0
     for i in range(state.shape[0]):
         total += math.exp(state[i].log_weight - top)
     for i in range(state.shape[0]):
         state[i].log_weight -= top + math.log(total)
-    bank.head[0].leader = lead

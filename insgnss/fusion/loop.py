@@ -34,6 +34,7 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
+from insgnss.fusion.soundness import is_sound
 from insgnss.fusion.state import OFFSETS, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
 from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
@@ -44,7 +45,7 @@ from insgnss.tables import Float64
 DONE: Final = 0  # all epochs processed
 LOCKOUT: Final = 1  # most rows of a kind refused for too long
 PRUNE: Final = 2  # a hypothesis is negligible, or has the heading of a heavier one
-COVARIANCE_LOST: Final = 3  # a variance is not positive any more
+COVARIANCE_LOST: Final = 3  # the state is not finite any more, or a variance not positive
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
 
@@ -192,10 +193,10 @@ def run_epochs(
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
         if at_time:
             count.time += 1
+        if not is_sound(bank.state[head.leader], bank.P[head.leader]):
+            return COVARIANCE_LOST, epoch + 1
         if at_time or out.times_ns.shape[0] == 0:
             write_row(bank, bank, head.leader, t_ns, done.ranges_used, out, work)
-        if not positive(bank.state[head.leader], bank.P[head.leader]):
-            return COVARIANCE_LOST, epoch + 1
         n_ranges, n_rates = done.ranges_used + done.ranges_refused, done.rates_used + done.rates_refused
         few = max(n_ranges, n_rates) < _FEW
         locked = mostly(done.ranges_used, done.ranges_refused, few)
@@ -235,15 +236,6 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
 
 
 @inlined
-def positive(m: StateRecord, P: Float64) -> bool:
-    """Return whether the state is finite and no variance is negative; zero is a state known exactly."""
-    for i in range(P.shape[0]):
-        if not (P[i, i] >= 0.0 and P[i, i] < 1e30):
-            return False
-    return math.isfinite(m.r_e[0] + m.r_e[1] + m.r_e[2] + m.v_e[0] + m.q_eb[0])
-
-
-@inlined
 def update_bank(
     bank: Bank,
     epoch: int,
@@ -269,8 +261,10 @@ def update_bank(
             bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
             work.masking, bank.seen[i], bank.memory[i], since_last,
         )  # fmt: skip
-        bank.state[i].log_likelihood = done.log_likelihood
-        bank.state[i].motion_information = done.motion_information
+        sound = math.isfinite(done.log_likelihood) and is_sound(bank.state[i], bank.P[i])
+        # one that is lost has no weight, whatever comes
+        bank.state[i].log_likelihood = done.log_likelihood if sound else -math.inf
+        bank.state[i].motion_information = done.motion_information if sound else 0.0
     if n > 1:
         weigh_headings(bank, par)
     t_ns = rows.epoch_ns[epoch]

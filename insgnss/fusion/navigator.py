@@ -249,7 +249,7 @@ class Navigator:
             self._recover(epoch, rows, out)
         elif code == COVARIANCE_LOST:
             t_ns = int(rows.epoch_ns[epoch])
-            self._restart(t_ns, "a variance of the filter lost its sign")
+            self._restart(t_ns, "the state is not finite any more, or a variance not positive")
         elif code != DONE:
             raise AssertionError(f"unknown code {code} of the compiled loop")
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from insgnss.apart import apart
 from insgnss.constants import C_MPS
 from insgnss.fusion.lines import Line, Lines
+from insgnss.fusion.soundness import is_finite
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, Bank, StateRecord
 from insgnss.fusion.trace_rows import TraceRoom, no_trace
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
@@ -47,6 +48,9 @@ N_USED: Final = NAV_COLUMNS.index("n_used")
 _SMALLEST_COSINE = (
     1e-3  # near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
 )
+
+_LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
+
 
 # kinds of event the compiled loop writes; the numbers a, b behind each
 CLOCK_STEP: Final = np.int64(1)  # a: step [m]
@@ -216,19 +220,20 @@ def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: f
 def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> None:
     """Write an epoch's entries, from ``first`` on, from its lines.
 
-    Where there is no satellite, the rest of a line is of another epoch: its entry keeps the NaN that it began with.
+    Where there is no satellite, the rest of a line is of another epoch: its entry keeps the NaN that it began with. So
+    does one whose numbers are not finite.
     """
     for j in range(lines.shape[0]):
         line = lines[j]
         entry = ledger[first + j]
-        if not math.isnan(line.u_n[0]):
+        if math.isfinite(line.u_n[0] + line.u_n[1] + line.u_n[2] + line.u_b[0] + line.u_b[1] + line.u_b[2]):
             entry.gain = line.gain
             for k in range(3):
                 entry.u_n[k] = line.u_n[k]
                 entry.u_b[k] = line.u_b[k]
         for kind in range(2):
             entry.status[kind] = line.status[kind]
-            if not math.isnan(line.innovation[kind]):
+            if is_entry(line, kind):
                 entry.innovation[kind] = line.innovation[kind]
                 entry.predicted[kind] = line.predicted[kind]
                 entry.variance[kind] = line.predicted[kind] + line.variance[kind]
@@ -237,10 +242,17 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
 
 
 @inlined
+def is_entry(line: Line, kind: int) -> bool:
+    """Return whether innovation and variances of one kind are numbers that the ledger's single precision holds."""
+    variance = line.predicted[kind] + line.variance[kind]
+    return math.isfinite(line.innovation[kind]) and _LEAST_VARIANCE < variance < _LARGEST_VARIANCE
+
+
+@inlined
 def write_carrier(entry: CarrierEntry, line: Line) -> None:
     """Write the entry of a carrier difference."""
     entry.status = line.status[CARRIER]
-    if not math.isnan(line.innovation[CARRIER]):
+    if is_entry(line, CARRIER):
         entry.innovation = line.innovation[CARRIER]
         entry.predicted = line.predicted[CARRIER]
         entry.variance = line.predicted[CARRIER] + line.variance[CARRIER]
@@ -291,8 +303,11 @@ def write_nav(
     n_used: int,
     n_hypotheses: int,
 ) -> None:
-    """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``."""
-    if count.nav >= nav.shape[0]:
+    """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``.
+
+    Of a state that is not finite there is no row.
+    """
+    if count.nav >= nav.shape[0] or not is_finite(m, P):
         return
     row = nav[count.nav]
     count.nav += 1
@@ -341,6 +356,8 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
     for i in range(bank.state.shape[0]):
         m = bank.state[i]
         weight = math.exp(m.log_weight)
+        if not weight > 0.0:  # lost, perhaps: nothing times what is no number is none
+            continue
         for k in range(3):
             d[DR + k] = m.r_e[k] - lead.r_e[k]
             d[DV + k] = m.v_e[k] - lead.v_e[k]

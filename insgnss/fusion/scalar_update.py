@@ -5,6 +5,8 @@ No matrix is inverted anywhere: a measurement is a number, its row ``h`` is non-
 
 from __future__ import annotations
 
+import math
+
 from insgnss.jit import borrowing
 from insgnss.tables import Float64, Int64
 
@@ -32,7 +34,8 @@ def scalar_update(
               x += K (z - h x)                                              [(7), (8), corrected: running estimate]
               P = (I - K h) P (I - K h)^T + K r K^T = P - K g^T - g K^T + S K K^T,  g = P h^T   [(10), Joseph form]
     The last form is Joseph's for any gain K, so an error of K enters squared. It is computed as
-    P -= K w^T + w K^T with w = g - S K / 2, whose products commute: P stays symmetric bit for bit.
+    P -= K w^T + w K^T with w = g - S K / 2, whose products commute: P stays symmetric bit for bit. Where S is not
+    positive and finite, or y no number, nothing is corrected: what is returned tells it.
 
     Parameters
     ----------
@@ -56,6 +59,8 @@ def scalar_update(
     for a in range(columns.shape[0]):
         S += h[a] * v[1, columns[a]]
         y -= h[a] * v[0, columns[a]]
+    if not (0.0 < S < math.inf and math.isfinite(y)):
+        return y, S
     inv_S = 1.0 / S
     for c in range(n):
         gain = v[1, c] * inv_S

@@ -20,6 +20,7 @@ from insgnss.fusion.state import Layout
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.gnss.phase_centre import SatelliteAntennas
+from insgnss.gnss.plausible_messages import plausible_klobuchar
 from insgnss.gnss.precise_orbit import precise_states
 from insgnss.gnss.satellite_state import SatelliteStates, satellite_states
 from insgnss.gnss.troposphere import Weather
@@ -50,7 +51,7 @@ class FilterSetup:
     @property
     def klobuchar(self) -> Float64 | None:
         """Coefficients of the ionosphere that the filter's loop evaluates, (8,)."""
-        return None if self.navigation is None else self.navigation.klobuchar
+        return None if self.navigation is None else plausible_klobuchar(self.navigation.klobuchar)
 
     @property
     def n_offsets(self) -> int:

@@ -23,7 +23,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.fusion.epoch_update import close_loop
+from insgnss.fusion.closed_loop import close_loop
 from insgnss.fusion.lines import CLONE_ROWS
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, write_nav

@@ -6,6 +6,7 @@ from insgnss.apart import apart
 from insgnss.fusion.output import mixture_covariance
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, propagate_covariance
+from insgnss.fusion.soundness import is_finite
 from insgnss.fusion.state import Bank
 from insgnss.fusion.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
 from insgnss.jit import borrowing
@@ -25,14 +26,16 @@ def write_trace(
 ) -> None:
     """Write the leader's state at the bank's time ``t_ns``, and the covariance there where it is due or asked for.
 
-    It is the leader's, or the bank's while the heading is open. The work space is handed over in its parts: handing
-    over all of it would cost more than the row.
+    It is the leader's, or the bank's while the heading is open; of a state that is not finite there is none. The work
+    space is handed over in its parts: handing over all of it would cost more than the row.
 
     Parameters
     ----------
     P_out : (n, n) scratch
     """
     head = bank.head[0]
+    if not is_finite(bank.state[head.leader], bank.P[head.leader]):
+        return
     write_state(room, t_ns, bank.state[head.leader])
     if not (with_covariance or covariance_due(head, room.counts[0].newest_ns, t_ns, room.interval_ns)):
         return

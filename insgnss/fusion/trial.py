@@ -236,7 +236,7 @@ def refusal(t_ns: int, was: Bank, now: Bank) -> Event:
 def _heading_sigmas(bank: Bank) -> Float64:
     """Return the sigma of each hypothesis' rotation about the vertical (m,) [rad]."""
     pairs = zip(bank.state, bank.P, strict=True)
-    return np.array([math.sqrt(yaw_variance(m, P)) for m, P in pairs])
+    return np.array([math.sqrt(max(yaw_variance(m, P), 0.0)) for m, P in pairs])
 
 
 def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:

@@ -60,6 +60,7 @@ _CODE_LIMIT_M: Final = (
 _GEOMETRY_FREE_LIMIT_M: Final = 0.05
 _GEOMETRY_FREE_LIMIT_MPS: Final = 0.01
 _WIDEST_SPREAD_S: Final = 0.1  # of flight times in an epoch: as ``satellite_state`` has it
+_FARTHEST_M: Final = 1.0e12  # a phase counts from anywhere, but beyond a double holds no millimetres
 _FASTEST_MPS: Final = 3.0e5  # a difference beyond is none to a satellite, whatever the clock's drift
 
 
@@ -100,7 +101,7 @@ def carrier_rows(
     epoch = np.repeat(np.arange(len(epoch_ns)), np.diff(first))
     interval = np.concatenate([[np.inf], np.diff(epoch_ns) / NS_PER_S])
     status = np.where(usable == USED, np.int8(USED if wanted else SWITCHED_OFF), usable)
-    _mark(status, ~np.isfinite(wavelength) | np.isinf(phase), BAD_VALUE)
+    _mark(status, ~np.isfinite(wavelength) | (np.abs(phase) > _FARTHEST_M), BAD_VALUE)
     if gnss.sat is None:
         _mark(status, ~_timed(gnss, epoch, len(epoch_ns)), NO_RANGE)
     before = _row_before(gnss, epoch, np.isfinite(phase) & (status == USED))

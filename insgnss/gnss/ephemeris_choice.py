@@ -7,8 +7,8 @@ its messages at hand (the age has a sign, so a user sees it). Of two messages wi
 table counts. When no preferred message is valid the next kind is tried (Galileo: I/NAV, then F/NAV, or the
 reverse); when none is valid at all the reason is UNHEALTHY if a message marked so is, STALE_EPHEMERIS if the
 satellite has any message, else NO_EPHEMERIS. Messages with a rate of the semi-major axis (CNAV, CNV1, CNV2) are not
-used: the table has no place for it. A message whose numbers describe no ellipse counts as absent.
-States to be integrated (GLONASS, SBAS) are chosen by the same rule; their rows count on after the ephemerides'.
+used: the table has no place for it. A message whose numbers are no satellite's (``plausible_messages``) counts as
+absent. States to be integrated (GLONASS, SBAS) are chosen by the same rule; their rows count on after the ephemerides'.
 """
 
 from __future__ import annotations
@@ -20,7 +20,13 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.gnss.ephemeris_rows import ephemeris_rows
-from insgnss.gnss.glonass_orbit import StateVectorArcs, sane_states, state_vector_arcs
+from insgnss.gnss.glonass_orbit import StateVectorArcs, state_vector_arcs
+from insgnss.gnss.plausible_messages import (
+    faults_of_ephemerides,
+    faults_of_states,
+    is_plausible,
+    stated_fit_s,
+)
 from insgnss.gnss.signals import CHANNELS
 from insgnss.jit import kernel
 from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, USED
@@ -82,19 +88,13 @@ def _class_of(system: str, message: str, health: float, galileo_message: str) ->
     return _OTHER if system == "E" and message not in (galileo_message, "") else _PREFERRED
 
 
-def _sane(table: EphemerisTable, rows: Float64) -> list[bool]:
-    """Return for each message whether its orbit is an ellipse of finite numbers."""
-    finite = np.isfinite(rows).all(axis=1)
-    return [bool(flag) for flag in finite & (table.sqrt_a > 0.0) & (table.e >= 0.0) & (table.e < 1.0)]
-
-
 def _validity_ns(table: EphemerisTable, max_age_s: float | None) -> Int64:
     """Return how far from toe each ephemeris may be used [ns]."""
     if max_age_s is not None:
         return np.full(len(table.sv_names), round(max_age_s * NS_PER_S), np.int64)
     limit = np.array([VALIDITY_S.get(name[0], 0.0) for name in table.sv_names], dtype=np.float64)
-    stated = np.isfinite(table.fit_interval_s) & (table.fit_interval_s > 0.0)
-    half_s: Float64 = np.where(stated, table.fit_interval_s / 2.0, limit)
+    stated = stated_fit_s(table)
+    half_s: Float64 = np.where(np.isnan(stated), limit, stated / 2.0)
     return np.asarray(np.rint(half_s * NS_PER_S), dtype=np.int64)
 
 
@@ -134,15 +134,17 @@ def _classified(
     table: EphemerisTable, rows: Float64, states: StateVectorTable, galileo_message: str
 ) -> list[tuple[str, int, int]]:
     """Return satellite, class and toe of every message, ephemerides first; _UNUSABLE also where its numbers are."""
+    sane = is_plausible(faults_of_ephemerides(table), len(rows)) & np.isfinite(rows).all(axis=1)
     classes = [
-        _class_of(name[0], message, float(health), galileo_message) if sane else _UNUSABLE
-        for name, message, health, sane in zip(
-            table.sv_names, table.message, table.health, _sane(table, rows), strict=True
+        _class_of(name[0], message, float(health), galileo_message) if of_satellite else _UNUSABLE
+        for name, message, health, of_satellite in zip(
+            table.sv_names, table.message, table.health, sane.tolist(), strict=True
         )
     ]
+    sane = is_plausible(faults_of_states(states), len(states.sv_names))
     classes += [
-        (_PREFERRED if health == 0.0 else _UNHEALTHY) if sane else _UNUSABLE
-        for health, sane in zip(states.health, sane_states(states), strict=True)
+        (_PREFERRED if health == 0.0 else _UNHEALTHY) if of_satellite else _UNUSABLE
+        for health, of_satellite in zip(states.health, sane.tolist(), strict=True)
     ]
     toe = [*table.toe_ns.tolist(), *states.t_ns.tolist()]
     return list(zip((*table.sv_names, *states.sv_names), classes, toe, strict=True))

@@ -9,7 +9,6 @@ the orbit, so a row of the log costs a polynomial.
 
 from __future__ import annotations
 
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,9 +27,6 @@ from insgnss.tables import Float64, Int64, StateVectorTable
 PIECE_S: Final = 60.0
 _STEPS: Final = 2  # of each piece
 _DEGREE: Final = 5
-# A state outside is no satellite's: from medium to geostationary orbit the distance is 2.5e7 to 4.3e7 m from the
-# Earth's centre, and no satellite there is faster than the escape velocity at 1e7 m
-_NEAREST_M, _FARTHEST_M, _FASTEST_MPS = 1.0e7, 1.0e8, 9.0e3
 
 
 class StateVectorArcs(NamedTuple):
@@ -51,7 +47,7 @@ def state_vector_arcs(table: StateVectorTable, validity_ns: Int64) -> StateVecto
     table : the messages as read
     validity_ns : (m,) largest distance from the reference time [ns]
     """
-    reach = np.ceil(validity_ns / (PIECE_S * NS_PER_S)).astype(np.int64)
+    reach = np.maximum(np.ceil(validity_ns / (PIECE_S * NS_PER_S)).astype(np.int64), 1)
     is_glonass = np.array([name[0] == "R" for name in table.sv_names], dtype=bool)
     count = np.where(is_glonass, 2 * reach, 1)
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
@@ -71,15 +67,6 @@ def state_vector_arcs(table: StateVectorTable, validity_ns: Int64) -> StateVecto
         pieces=pieces,
         clock=np.column_stack([table.clock_s, table.clock_rate, np.nan_to_num(table.group_delay_s, nan=0.0)]),
     )
-
-
-def sane_states(table: StateVectorTable) -> npt.NDArray[np.bool_]:
-    """Return for each message whether its numbers are finite and those of a satellite."""
-    numbers = np.column_stack([table.r_e, table.v_e, table.a_e, table.clock_s, table.clock_rate])
-    with np.errstate(over="ignore", invalid="ignore"):
-        distance, speed = np.sqrt((table.r_e**2).sum(axis=1)), np.sqrt((table.v_e**2).sum(axis=1))
-    placed = (distance > _NEAREST_M) & (distance < _FARTHEST_M) & (speed < _FASTEST_MPS)
-    return np.asarray(np.isfinite(numbers).all(axis=1) & placed)
 
 
 def equations_of_motion(r_e: Float64, v_e: Float64, a_e: Float64) -> Float64:
@@ -177,7 +164,10 @@ def arc_state(arcs: StateVectorArcs, m: int, t: float, out: Float64, j: int) -> 
     j : row of ``out``
     """
     since = t - arcs.start_s[m]
-    piece = min(max(math.floor(since / PIECE_S), 0), arcs.n_pieces[m] - 1)
+    piece = 0  # of a time that is no number, too
+    if since > 0.0:
+        last = arcs.n_pieces[m] - 1
+        piece = int(since / PIECE_S) if since < PIECE_S * last else last
     s = since - PIECE_S * piece
     k = arcs.first[m] + piece
     for axis in range(3):

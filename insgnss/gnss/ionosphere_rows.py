@@ -30,6 +30,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.ionosphere import beidou_delay, ionosphere_above, klobuchar_delay
 from insgnss.gnss.nequick import nequick_delay
+from insgnss.gnss.plausible_messages import is_ionosphere, plausible_klobuchar
 from insgnss.gnss.signals import B1I_HZ, L1_HZ
 from insgnss.gpstime import BDT_MINUS_GPST_S, leap_seconds, ns_to_datetime
 from insgnss.tables import Float64, GnssTable, Int64, NavigationData
@@ -110,9 +111,9 @@ def serving_models(navigation: NavigationData, model: str) -> dict[str, str]:
 def _known(navigation: NavigationData, name: str) -> bool:
     """Return whether a model's coefficients are there; all zero is how converters write that they are not."""
     if name == "klobuchar":
-        return navigation.klobuchar is not None
+        return plausible_klobuchar(navigation.klobuchar) is not None
     coefficients = navigation.ionosphere.get(_COEFFICIENTS.get(name, ""))
-    return coefficients is not None and bool(np.isfinite(coefficients).all() and np.any(coefficients))
+    return coefficients is not None and is_ionosphere(coefficients) and bool(np.any(coefficients))
 
 
 def _delays(

@@ -173,12 +173,12 @@ def fit(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> float:
         cholesky_solve(work.N, work.b)
         largest = 0.0
         for j in range(len(x)):
+            if not abs(work.b[j]) < _LOST:
+                return math.nan
             x[j] += work.b[j]
             largest = max(largest, abs(work.b[j]))
         if largest < _CONVERGED:
             return total
-        if not largest < _LOST:
-            return math.nan
     return math.nan
 
 

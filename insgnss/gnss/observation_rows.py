@@ -24,7 +24,7 @@ from insgnss.gnss.satellite_state import (
     glonass_channels,
     range_rates,
     satellite_states,
-    states_given,
+    status_of_given,
 )
 from insgnss.gnss.signals import L1_HZ, SIGNALS, carrier_hz, signal_of
 from insgnss.jit import kernel
@@ -54,6 +54,7 @@ _CLOSEST_M, _FARTHEST_M = 1.0e5, 1.0e9
 _FASTEST_MPS = 2.0e4
 # a stated sigma beyond is a filler for "not known", and its square would swamp the covariance
 _WIDEST_SIGMA: Final = (1.0e6, 1.0e5)  # [m], [m/s]
+_MOST_CN0_DBHZ: Final = 100.0  # no antenna and no simulator gives more: beyond, it counts as not logged
 
 
 Int8: TypeAlias = npt.NDArray[np.int8]
@@ -101,6 +102,7 @@ class Rows(NamedTuple):
     before_ns: Int64  # (m,) time tag of the epoch before each epoch; 0 for the first
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a wild cell is refused by its status
 def prepare_rows(
     gnss: GnssTable,
     navigation: EphemerisTable | NavigationData | BroadcastMessages | None,
@@ -158,8 +160,9 @@ def prepare_rows(
     scales = variance_scale or {}
     observation["variance_scale"] = _by_signal(gnss, lambda sv, _: scales.get(sv[0], 1.0))
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
-    observation["cn0"] = gnss.cn0_dbhz
-    observation["thermal"] = thermal_factor(gnss.cn0_dbhz)
+    cn0 = np.where(np.abs(gnss.cn0_dbhz) <= _MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
+    observation["cn0"] = cn0
+    observation["thermal"] = thermal_factor(cn0)
     factor = (L1_HZ / carrier_of) ** 2
     observation["ionosphere_factor"] = np.where(np.isnan(factor), 1.0, factor)
     rates = range_rates(gnss, channels)
@@ -171,6 +174,9 @@ def prepare_rows(
         if kind == RANGE_RATE:  # a Doppler whose wavelength nobody knows is a measurement all the same
             absent &= np.isnan(gnss.doppler_hz)
         status = _kind_status(kind, value, absent, usable, sigma, wanted)
+        if kind == RANGE_RATE:
+            moves = np.isfinite(sat[:, 3] + sat[:, 4] + sat[:, 5] + sat[:, 7])
+            status[(status == USED) & ~moves] = NO_EPHEMERIS
         bad = gnss.bad_cells
         status[bad] = np.where(np.isfinite(value[bad]), status[bad], BAD_VALUE)
         observation["value"][:, kind] = value
@@ -273,11 +279,12 @@ def _states(
         states = satellite_states(gnss, messages) if states is None else states
         sat = np.column_stack([states.position, states.velocity, states.clock_m, states.drift_mps])
         return sat, states.status.astype(np.int8), states.message
-    given = states_given(gnss.sat)
+    status = status_of_given(gnss.sat).astype(np.int8)
+    given = status == USED
     sat = np.require(gnss.sat, np.float64, ("C", "W"))
     if not given.all():
         sat = np.where(given[:, None], sat, math.nan)
-    return sat, np.where(given, np.int8(USED), np.int8(NO_EPHEMERIS)), None
+    return sat, status, None
 
 
 def _signal_choice(gnss: GnssTable, signals: Mapping[str, tuple[str, ...]]) -> Int64:

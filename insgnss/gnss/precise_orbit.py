@@ -26,7 +26,12 @@ import numpy.typing as npt
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.gnss.ephemeris_choice import BroadcastMessages
 from insgnss.gnss.phase_centre import SatelliteAntennas, phase_centre_offsets
-from insgnss.gnss.satellite_state import SatelliteStates, flight_times, satellite_states
+from insgnss.gnss.satellite_state import (
+    SatelliteStates,
+    flight_times,
+    leave_out_impossible,
+    satellite_states,
+)
 from insgnss.gnss.signals import signal_of
 from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64, PreciseProducts
@@ -101,6 +106,7 @@ def precise_states(
     if n and nav is not None:
         delay, states.message[:] = pair_delays(gnss, nav)
         states.clock_m[:] -= delay
+    leave_out_impossible(states)
     if n:
         states.status[~known[gnss.sv, gnss.signal]] = UNKNOWN_SIGNAL
     return states

@@ -25,11 +25,12 @@ from insgnss.gnss.ephemeris_choice import (
 )
 from insgnss.gnss.ephemeris_rows import M0, E, N
 from insgnss.gnss.glonass_orbit import StateVectorArcs, arc_state
+from insgnss.gnss.plausible_messages import is_inter_signal, is_satellite
 from insgnss.gnss.satellite_clock import group_delay, satellite_clock
 from insgnss.gnss.signals import inter_signal_index, signal_of, wavelength_m
 from insgnss.jit import inlined, kernel
 from insgnss.median import median_of
-from insgnss.status import NO_CHANNEL, NO_EPHEMERIS, UNKNOWN_SIGNAL, USED
+from insgnss.status import BAD_VALUE, NO_CHANNEL, NO_EPHEMERIS, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64, NavigationData
 
 UInt8 = npt.NDArray[np.uint8]
@@ -52,7 +53,7 @@ class SatelliteStates(NamedTuple):
     )
     drift_mps: Float64  # (n,) its rate: to be added to a range rate
     age_s: Float64  # (n,) time of transmission minus toe; negative when the message lies ahead
-    status: UInt8  # (n,) USED (0), NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, NO_CHANNEL
+    status: UInt8  # (n,) USED (0), NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, NO_CHANNEL, BAD_VALUE
     message: Int64  # (n,) row of the ephemeris table, then of the states' (counted on), -1 without
 
     @property
@@ -108,7 +109,21 @@ def satellite_states(
     sv, signal = np.require(gnss.sv, np.int16, ("C", "W")), np.require(gnss.signal, np.int16, ("C", "W"))
     flight_times(t_ns, np.require(gnss.pseudorange_m, np.float64, ("C", "W")), tau)
     _broadcast_states(t_ns, sv, signal, tau, of_sv, signals, nav.index, states)
+    leave_out_impossible(states)
     return states
+
+
+def leave_out_impossible(states: SatelliteStates) -> None:
+    """Make rows whose state is no satellite's ones without a state, by whatever numbers they came to it."""
+    possible = is_satellite(states.sat, states.clock_m, states.drift_mps)
+    stated = (states.status == USED) | (states.status == NO_CHANNEL) | np.isfinite(states.age_s)
+    wrong = stated & ~possible
+    if wrong.any():
+        states.sat[wrong] = math.nan
+        for column in (states.clock_m, states.drift_mps, states.age_s):
+            column[wrong] = math.nan
+        states.status[wrong] = NO_EPHEMERIS
+        states.message[wrong] = -1
 
 
 def glonass_channels(gnss: GnssTable, nav: BroadcastMessages | None = None) -> dict[str, int]:
@@ -148,7 +163,8 @@ def _no_states(n: int) -> SatelliteStates:
 def _passed_through(sat: Float64) -> SatelliteStates:
     """Return the states that stand in the log; the acceleration is that of a point-mass Earth (5e-5 m/s^2)."""
     states = _no_states(len(sat))
-    good = states_given(sat)
+    states.status[:] = status_of_given(sat)
+    good = states.status == USED
     r_e, v_e = sat[good, 0:3], sat[good, 3:6]
     states.position[good], states.velocity[good] = r_e, v_e
     distance = np.linalg.norm(r_e, axis=1)
@@ -158,15 +174,23 @@ def _passed_through(sat: Float64) -> SatelliteStates:
     centrifugal = WGS84_OMEGA_RADPS**2 * r_e * np.array([1.0, 1.0, 0.0])
     states.acceleration[good] = gravity + coriolis + centrifugal
     states.clock_m[good], states.drift_mps[good] = sat[good, 6], sat[good, 7]
-    states.status[good] = USED
     return states
 
 
-def states_given(sat: Float64) -> Bool:
-    """Return which rows of a log's own satellite states (n, 8) hold a satellite: a clock, and a place in orbit."""
-    with np.errstate(over="ignore"):
+def status_of_given(sat: Float64) -> UInt8:
+    """Return USED for each row of a log's own satellite states (n, 8) that holds a satellite.
+
+    NO_EPHEMERIS where cells are empty, position zero or inside the Earth; BAD_VALUE where what they hold is none.
+    Without a velocity or a drift the row has a satellite whose range rate nobody knows.
+    """
+    known = np.nan_to_num(sat[:, 3:8], nan=0.0, posinf=math.inf, neginf=-math.inf)
+    good = is_satellite(
+        np.column_stack([sat[:, :3], known[:, :3]]), sat[:, 6], known[:, 4], _NEAREST_SATELLITE_M
+    )
+    with np.errstate(over="ignore", invalid="ignore"):
         square = sat[:, 0] ** 2 + sat[:, 1] ** 2 + sat[:, 2] ** 2
-    return np.isfinite(sat[:, 6]) & (square > _NEAREST_SATELLITE_M**2) & np.isfinite(square)
+    empty = np.isnan(square) | np.isnan(sat[:, 6]) | (square <= _NEAREST_SATELLITE_M**2)
+    return np.where(good, USED, np.where(empty, NO_EPHEMERIS, BAD_VALUE)).astype(np.uint8)
 
 
 class _SignalFacts(NamedTuple):
@@ -193,7 +217,7 @@ def _signal_facts(gnss: GnssTable, nav: BroadcastMessages) -> _SignalFacts:
             facts.factors[i, j, 0] = signal.group_delay
             facts.factors[i, j, 1] = signal.group_delay_fnav or signal.group_delay
             place = inter_signal_index(name[0], code)
-            if corrections is not None and place >= 0 and math.isfinite(corrections[place]):
+            if corrections is not None and place >= 0 and is_inter_signal(float(corrections[place])):
                 # dt - TGD + ISC, on every frequency    [IS-GPS-200N, 30.3.3.3.1.1; IS-GPS-705J, 20.3.3.3.1.2]
                 facts.factors[i, j] = (1.0, 0.0)
                 facts.ahead_m[i, j] = C_MPS * corrections[place]

@@ -166,9 +166,10 @@ def mapping_coefficients(lat: float, h: float, m: Float64) -> None:
     """Write what the mapping needs of a place into ``m`` (9,): a, b, c hydrostatic, a, b, c wet, both numerators, km.
 
     Equation: Niell (1996), eq. 5, at the mean of the year, linear in latitude between the table's columns.
+    A latitude that is no number gives coefficients that are none.
     """
     place = min(max(abs(lat) * (12.0 / math.pi) - 1.0, 0.0), 4.0)  # 15 deg steps
-    i = min(int(place), 3)
+    i = int(place) if 0.0 <= place < 3.0 else 3  # NaN too: an index is never made of it
     w = place - i
     for k in range(3):
         m[k] = _HYDROSTATIC[k, i] + w * (_HYDROSTATIC[k, i + 1] - _HYDROSTATIC[k, i])

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.tables import Float64, Int64
+
+# No body with a navigation receiver turns faster (a shell in its spin: 2000 rad/s) or stands more than 10 000 g
+_FASTEST_TURN_RADPS: Final = 1e4
+_LARGEST_FORCE_MPS2: Final = 1e6
 
 
 @dataclass(frozen=True)
@@ -38,13 +43,21 @@ def _mean_in_last_axes(step_s: Float64, w: Float64, f: Float64) -> Float64:
 
 
 def inertial_window(t_ns: Int64, w_ib_b: Float64, f_b: Float64, from_ns: int, to_ns: int) -> Window | None:
-    """Return the window (from_ns, to_ns] of a log, None when the log does not reach back to its start."""
+    """Return the window (from_ns, to_ns] of a log, None when the log does not reach back to its start.
+
+    None, too, where a sample is no number, or so large that nothing is left of the others: no attitude is in that.
+    """
     first, last = np.searchsorted(t_ns, [from_ns, to_ns], side="right")
     first = max(int(first), 1)
     if last - first < 4 or t_ns[first - 1] > from_ns:
         return None
     w, f = w_ib_b[first:last], f_b[first:last]
-    mean_f = _mean_in_last_axes(np.diff(t_ns[first - 1 : last]) * 1e-9, w, f)
+    if not (np.abs(w).max() < _FASTEST_TURN_RADPS and np.abs(f).max() < _LARGEST_FORCE_MPS2):
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean_f = _mean_in_last_axes(np.diff(t_ns[first - 1 : last]) * 1e-9, w, f)
+    if not np.isfinite(mean_f).all():
+        return None
     return Window(
         length_s=(int(t_ns[last - 1]) - int(t_ns[first - 1])) * 1e-9,
         f_b=mean_f,

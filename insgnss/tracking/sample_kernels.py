@@ -8,10 +8,20 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.jit import kernel
+from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int8
 
+_LARGEST_PHASE: Final = 1e15  # [chips]; a double then tells an eighth of a chip
 _BLOCK: Final = 64  # a rotation repeated as often has lost 1e-14; a sine and cosine cost 20 of them
+
+
+@inlined
+def has_places(chip_phase: float, chip_step: float, n: int, length: int) -> bool:
+    """Return whether ``n`` samples' code phases [chips] are numbers that tell a chip of a code of some length.
+
+    A sample is no longer than a period of the code, runs forward, and no phase is so large that its chip is lost.
+    """
+    return 0.0 <= chip_step <= length and abs(chip_phase) + chip_step * n < _LARGEST_PHASE
 
 
 @kernel
@@ -28,6 +38,8 @@ def add_signal(
 ) -> None:
     """Add A d h cos(theta), and A d h sin(theta) where a quadrature is wanted, to a buffer.
 
+    Of code phases that ``has_places`` refuses nothing is added.
+
     Parameters
     ----------
     amplitude : A
@@ -39,6 +51,8 @@ def add_signal(
     quadrature : (n,) added to, or (0,) for real samples
     """
     n, length, is_complex = in_phase.size, chips.size, quadrature.size > 0
+    if not has_places(chip_phase, chip_step, n, length) or signs.size == 0:
+        return
     turn_c, turn_s = math.cos(2.0 * math.pi * cycle_step), math.sin(2.0 * math.pi * cycle_step)
     for first in range(0, n, _BLOCK):
         angle = 2.0 * math.pi * ((cycle_phase + cycle_step * first) % 1.0)
@@ -73,6 +87,8 @@ def correlate_samples(
 ) -> None:
     """Sum a buffer times the replicas: Z = sum x h exp(-j theta), real and imaginary part.
 
+    Of code phases that ``has_places`` refuses, and of a replica a period or more away, the sum is zero.
+
     Parameters
     ----------
     in_phase, quadrature : (n,) samples; quadrature (0,) for real ones
@@ -84,6 +100,8 @@ def correlate_samples(
     n, length, is_complex = in_phase.size, chips.size, quadrature.size > 0
     turn_c, turn_s = math.cos(2.0 * math.pi * cycle_step), math.sin(2.0 * math.pi * cycle_step)
     out[:] = 0.0
+    if not has_places(chip_phase, chip_step, n, length):
+        return
     for first in range(0, n, _BLOCK):
         angle = 2.0 * math.pi * ((cycle_phase + cycle_step * first) % 1.0)
         c, s = math.cos(angle), math.sin(angle)
@@ -95,6 +113,8 @@ def correlate_samples(
             i, q = x * c + y * s, y * c - x * s
             for r in range(offsets.size):
                 chip = phase - offsets[r]
+                if not abs(offsets[r]) < length:
+                    continue
                 if chip >= length:
                     chip -= length
                 elif chip < 0.0:

@@ -116,3 +116,17 @@ def test_slope_lies_in_the_tangent_plane_and_is_finite_at_a_pole() -> None:
 
         assert np.isfinite(slope).all()
         assert slope @ u == pytest.approx(0.0, abs=1e-9 * np.linalg.norm(slope) + 1e-12)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("axis", range(3))
+def test_direction_that_is_no_number_has_no_gain_and_no_slope(bad: float, axis: int) -> None:
+    """The file's last row is beside other memory: an index made of NaN once read from there."""
+    direction = [0.6, 0.0, -0.8]
+    direction[axis] = bad
+    found = gain_at(pattern_of([EVEN, UNEVEN]), 1, *direction)
+
+    azimuth_is_known = not np.isnan(bad)  # of an infinite component: a direction along it
+    assert np.isnan(found[0]) or azimuth_is_known
+    if np.isnan(bad):
+        assert found[1:] == (0.0, 0.0, 0.0)

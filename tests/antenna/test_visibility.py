@@ -10,6 +10,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from insgnss.antenna.equipment import limits_of, mounting
+from insgnss.antenna.installation import N_AZIMUTHS, N_ELEVATIONS, clearance_at
 from insgnss.antenna.obstruction import directions
 from insgnss.antenna.visibility import (
     DEWEIGHT,
@@ -22,6 +23,8 @@ from insgnss.antenna.visibility import (
     VISIBLE,
     Limits,
     attitude_covariance,
+    compare,
+    look_at,
 )
 from insgnss.config.filter import Visibility
 from insgnss.config.flight import MountedAntenna
@@ -352,3 +355,30 @@ def test_obstruction_file_that_is_wrong_is_refused_when_the_vehicle_is_equipped(
 
     with pytest.raises(ConfigError, match="azimuth_deg"):
         vehicle(antenna, folder=tmp_path)
+
+
+# --- what is no number ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("excess", "margin", "expected"), [(np.nan, 1.0, -1), (1.0, np.nan, -1), (0.0, np.inf, 0)]
+)
+def test_gain_that_is_no_number_falls_short(excess: float, margin: float, expected: int) -> None:
+    assert compare(excess, margin) == expected
+
+
+def test_direction_that_is_no_number_is_hidden_by_every_antenna() -> None:
+    antennas = vehicle("cardioid", "patch_l1")
+    look = look_at(np.full(3, np.nan), np.eye(3) * 1e-6, False, antennas, SHARP, VISIBLE)
+
+    assert look.decision == HIDDEN
+    assert look.reason == MASKED_GAIN
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_raster_of_what_is_hidden_hides_a_direction_that_is_no_number(axis: int) -> None:
+    direction = [0.6, 0.0, -0.8]
+    direction[axis] = np.nan
+    clearance = np.full((1, N_ELEVATIONS, N_AZIMUTHS), 100, np.int8)
+
+    assert clearance_at(clearance, 0, *direction) == -np.pi

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -90,3 +91,36 @@ def test_weather_measured_on_a_hill_is_brought_to_sea_level() -> None:
     """8.3 m a hectopascal: 1000 m up the pressure is 114 hPa lower in the standard atmosphere."""
     air = weather_of(Measurements.model_validate({"weather": {"pressure_hpa": 898.8, "h_m": 1000.0}}))
     assert air.pressure_hpa == pytest.approx(1013.25, abs=1.0)
+
+
+def leaves(table: dict[str, Any], path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Return the paths of all numbers of the settings."""
+    found = []
+    for key, value in table.items():
+        if isinstance(value, dict):
+            found += leaves(value, (*path, key))
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            found.append((*path, key))
+    return found
+
+
+@pytest.mark.parametrize("value", [1e300, -1e300, 1e16, 1e-300, 5e-324])
+def test_no_number_of_the_settings_may_be_wild(value: float) -> None:
+    """The square of each, times a few others, has to be a number."""
+    for path in leaves(filter_config("tight17").model_dump()):
+        settings = filter_config("tight17").model_dump()
+        table = settings
+        for key in path[:-1]:
+            table = table[key]
+        table[path[-1]] = round(value) if isinstance(table[path[-1]], int) else value
+        if table[path[-1]] == 0:
+            continue  # of a whole number nothing is left
+        with pytest.raises(ValidationError):
+            FilterConfig.model_validate(settings)
+
+
+def test_largest_settings_resolve_to_finite_numbers() -> None:
+    huge = {"floor": 1e6, "elevation": 1e6, "cn0_at_45_dbhz": 1e6}
+    par = resolved(pseudorange_noise_m=huge, range_rate_noise_mps=huge, process={"covariance_step_s": 10.0})
+
+    assert all(np.isfinite(par[name]).all() for name in par.dtype.names)

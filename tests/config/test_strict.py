@@ -231,3 +231,14 @@ def test_matrix_beside_the_usual_axes_and_leap_seconds_of_utc_are_no_error(tmp_p
     text = GOOD.replace("[gnss]", f'{matrix}[imu.time]\nscale = "utc"\nleap_seconds = 18\n[gnss]')
     config = load(tmp_path, text)
     assert FlightConfig.model_validate(config.model_dump(mode="json")) == config
+
+
+@pytest.mark.parametrize("number", ["1e16", "-1e300", "1e-45"])
+def test_number_that_nothing_has_names_key_and_line(tmp_path: Path, number: str) -> None:
+    error = failure(
+        tmp_path,
+        GOOD.replace("[gnss]", f"mounting_matrix = [[1, 0, 0], [0, {number}, 0], [0, 0, 1]]\n[gnss]"),
+    )
+
+    assert error.key == "imu.mounting_matrix"
+    assert "no size that any setting has" in error.message

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from insgnss.fusion.epoch_update import turn_attitude_errors
+from insgnss.fusion.closed_loop import turn_attitude_errors
 from insgnss.fusion.motion import unknown_force
 from insgnss.fusion.state import BA, OFFSETS, PSI, new_bank
 from insgnss.geodesy.local_level import up_direction

@@ -13,7 +13,7 @@ import sidereon
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.satellite_state import SatelliteStates, flight_times, range_rates, satellite_states
-from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, USED
+from insgnss.status import BAD_VALUE, NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, GnssTable, NavigationData
 from tests.gnss.broadcast_sample import (
     ORBITS,
@@ -187,7 +187,9 @@ def test_states_in_the_log_are_passed_through(table: EphemerisTable, log: GnssTa
     given[3, 6] = np.inf
     states = satellite_states(replace(log, sat=given), None)
     good = np.array([i not in (1, 2, 3) for i in range(len(given))])
-    assert list(states.status) == [USED if flag else NO_EPHEMERIS for flag in good]
+    # an empty cell is no satellite; a clock that is infinite is a value that nothing has
+    refused = {1: NO_EPHEMERIS, 2: NO_EPHEMERIS, 3: BAD_VALUE}
+    assert states.status.tolist() == [refused.get(i, USED) for i in range(len(given))]
     np.testing.assert_array_equal(states.sat[good, :6], given[good, :6])
     np.testing.assert_array_equal(states.clock_m[good], given[good, 6])
     np.testing.assert_array_equal(states.drift_mps[good], given[good, 7])

@@ -11,6 +11,7 @@ import sidereon
 from insgnss.errors import ConfigError
 from insgnss.gnss.troposphere import (
     STANDARD_WEATHER,
+    mapping_coefficients,
     mapping_factors,
     standard_atmosphere,
     tropospheric_delay,
@@ -154,3 +155,22 @@ def test_weather_in_another_unit_is_refused(
 ) -> None:
     with pytest.raises(ConfigError, match=key):
         weather_at_sea_level(pressure, temperature, humidity)
+
+
+def test_latitude_that_is_no_number_gives_no_coefficients() -> None:
+    m = np.zeros(9)
+    mapping_coefficients(math.nan, 100.0, m)
+
+    assert np.isnan(m[:8]).all()
+
+
+@pytest.mark.parametrize(
+    "lat_deg", [-90.0, -75.0, -74.9, -15.0, 0.0, 14.9, 15.0, 44.0, 60.0, 74.9, 75.0, 80.0, 90.0]
+)
+def test_coefficients_are_linear_between_the_columns_of_the_table(lat_deg: float) -> None:
+    """Of Niell's table 3 the first row, by an interpolation of its own."""
+    m = np.zeros(9)
+    mapping_coefficients(math.radians(lat_deg), 0.0, m)
+    table = [1.2769934e-3, 1.2683230e-3, 1.2465397e-3, 1.2196049e-3, 1.2045996e-3]
+
+    assert m[0] == pytest.approx(np.interp(abs(lat_deg), [15.0, 30.0, 45.0, 60.0, 75.0], table), rel=1e-12)

@@ -195,6 +195,19 @@ def short_log(
     return [ended, made, out]
 
 
+def lost_log() -> list[Any]:
+    """Return what the loop writes of a bank of which one hypothesis, then both, hold a number that is none."""
+    layout = Layout(n_offsets=1, clone=True)
+    made, log, par = bank(layout), rows(layout), parameters(layout)
+    out = new_output(log, 40, 20, np.zeros(0, np.int64), layout.n_values)
+    work = new_workspace(len(SKY), layout, None, limits_of(Visibility()))
+    made.P[1, PSI, BG] = math.nan
+    ended = [run_epochs(made, 0, EPOCHS, log, imu(), par, -math.inf, out, work)]
+    made.state["v_e"][0, 1] = math.nan
+    ended.append(run_epochs(made, 1, EPOCHS, log, imu(), par, -30.0, out, work))
+    return [ended, made.head, made.state["log_weight"], out]
+
+
 def wrong_rows() -> tuple[Float64, Lines]:
     """Return a wide covariance and ten pseudoranges at its prior, two of which the others contradict."""
     n = OFFSETS
@@ -217,6 +230,7 @@ CASES = [
     # differences of a prior of 1e4 m^2 and a clock of 1e5 m^2 against rows of 1 m^2
     KernelCase("insgnss.fusion.consistency:refuse_inconsistent", (*wrong_rows(), 9.0, 3), rtol=1e-9),
     KernelCase("tests.kernels.fusion:short_log", (False, True), rtol=1e-10, label="with carrier"),
+    KernelCase("tests.kernels.fusion:lost_log", (), rtol=1e-10),
     KernelCase("tests.kernels.fusion:short_log", (False, False, True), rtol=1e-10, label="with masking"),
     KernelCase(
         "tests.kernels.fusion:short_log", (False, False, False, 3.0), rtol=1e-10, label="with motion told"

@@ -200,3 +200,28 @@ def test_a_million_samples_are_made_and_correlated(
 
     # at most 0.1 s: 10 Msamples/s; about 40 were measured
     assert benchmark(work) is not None
+
+
+@pytest.mark.parametrize(
+    ("phase", "step"),
+    [(math.nan, 0.1), (math.inf, 0.1), (0.0, math.nan), (0.0, -1.0), (0.0, 1e300), (1e300, 0.1)],
+)
+def test_code_phase_that_tells_no_chip_adds_nothing_and_correlates_with_nothing(
+    phase: float, step: float
+) -> None:
+    x, out = np.ones(200), np.ones((1, 2))
+
+    add_signal(1.0, CODE.chips, np.ones(1, np.int8), phase, step, 0.0, 0.1, x, np.zeros(0))
+    correlate_samples(x, np.zeros(0), CODE.chips, np.zeros(1), phase, step, 0.0, 0.1, out)
+
+    np.testing.assert_array_equal(x, 1.0)
+    np.testing.assert_array_equal(out, 0.0)
+
+
+def test_replica_farther_away_than_a_period_correlates_with_nothing() -> None:
+    out = np.ones((3, 2))
+    offsets = np.array([0.0, math.nan, 2.0 * len(CODE.chips)])
+    correlate_samples(np.ones(200), np.zeros(0), CODE.chips, offsets, 0.0, 0.1, 0.0, 0.01, out)
+
+    assert out[0].any()
+    np.testing.assert_array_equal(out[1:], 0.0)
