@@ -35,7 +35,7 @@ from insgnss.fusion.antenna_rows import (
 )
 from insgnss.fusion.antenna_seeding import level_axes, priors_of, seeded, wound_up
 from insgnss.fusion.antenna_visibility import hidden_reasons
-from insgnss.fusion.epoch_update import close_loop
+from insgnss.fusion.closed_loop import close_loop
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import N_CLONE, PSI, Bank, StateRecord

@@ -74,7 +74,7 @@ def update_epoch(
     predict_covariance(m, P, par, scratch)
     if not is_sound(m, P):
         leave_out(rows, epoch, s.lines)
-        return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0)
+        return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     drift_variance = P[DRIFT, DRIFT]
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]

@@ -9,7 +9,7 @@ import pytest
 
 import insgnss
 from insgnss.errors import ConfigError
-from insgnss.fusion.epoch_update import close_loop
+from insgnss.fusion.closed_loop import close_loop
 from insgnss.fusion.loop import Imu
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, new_output
