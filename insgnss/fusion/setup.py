@@ -65,8 +65,15 @@ class FilterSetup:
             n_offsets=self.n_offsets,
             channel_bias="R" in self.clock_groups and use.glonass_channel_bias,
             zenith_delay=use.zenith_delay,
-            clone=self.with_carrier and use.carrier,
+            ionosphere=self._carrier_used
+            and self.config.process.ionosphere_sigma_m > 0.0
+            and use.ionosphere != "ionosphere_free",
+            clone=self._carrier_used,
         )
+
+    @property
+    def _carrier_used(self) -> bool:
+        return self.with_carrier and self.config.measurements.carrier
 
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""
@@ -102,7 +109,7 @@ class FilterSetup:
         gnss: GnssTable,
         navigation: NavigationData | BroadcastMessages | None,
         *,
-        ionosphere_m: Float64 | None = None,
+        ionosphere_l1: Float64 | None = None,
         correction_m: Float64 | None = None,
     ) -> Rows:
         """Return a log as the filter's rows; ``navigation`` is the setup's own, or its messages sorted once."""
@@ -121,7 +128,7 @@ class FilterSetup:
             ionosphere_free=use.ionosphere == "ionosphere_free",
             max_age_s=use.max_ephemeris_age_s,
             states=None if self.products is None or gnss.sat is not None else self.states(gnss, navigation),
-            ionosphere_m=ionosphere_m,
+            ionosphere_l1=ionosphere_l1,
             correction_m=correction_m,
             variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
         )

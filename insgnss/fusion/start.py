@@ -215,10 +215,11 @@ def _place_state(m: np.record, kin: Kinematics, attitude: Attitude, w_ib_b: Floa
 
 
 def _place_optional(P: Float64, layout: Layout, config: FilterConfig) -> None:
-    """Write the variances of channel bias and zenith delay where the filter has these states."""
+    """Write the variances of channel bias and delays at the zenith where the filter has these states."""
     for at, sigma in (
         (layout.at_channel_bias, config.process.channel_bias_sigma_m),
         (layout.at_zenith_delay, config.process.zenith_delay_sigma_m),
+        (layout.at_ionosphere, config.process.ionosphere_sigma_m),
     ):
         if at >= 0:
             P[at, at] = sigma**2
