@@ -146,8 +146,8 @@ class Process(StrictModel):
     zenith_delay_walk_m_per_sqrt_s: NotNegative = 0.0003
     ionosphere_sigma_m: NotNegative = Field(
         0.3,
-        description="initial sigma of what the ionosphere's model leaves at the zenith on L1, a state where carriers are"
-        " used, which the ionosphere advances as it delays the codes; 0: no such state",
+        description="initial sigma of what the ionosphere's model leaves at the zenith on L1: a state where carriers"
+        " are used, which the ionosphere advances as it delays the codes; 0: no such state",
     )
     ionosphere_walk_m_per_sqrt_s: NotNegative = 0.01
 

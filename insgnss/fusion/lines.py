@@ -59,6 +59,7 @@ ANTENNA_DTYPE: Final = np.dtype(
             ("dr", np.float64, (3,)),  # derivative of the range rate by position
             ("u_before", np.float64, (3,)),  # line of sight at the epoch before
             # a little earlier, as ``delays`` has it
+            ("look_back", np.float64),  # how much earlier [s]
             ("r_earlier", np.float64, (3,)),
             ("C_earlier", np.float64, (3, 3)),  # to its north-east-down
             ("u_earlier", np.float64, (3,)),  # line of sight, north-east-down

@@ -2,8 +2,8 @@
 
 Range row:       rho + clock + offset + k channel bias - satellite clock + the air's delay
 Range-rate row:  rho_dot + drift - satellite drift + the delay's growth
-both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l. The carrier's row is in ``carrier``, what the
-air adds to all three in ``delays``.
+both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l. The carrier's row is in ``carrier``, what
+the air adds to all three in ``delays``.
 """
 
 from __future__ import annotations
@@ -109,11 +109,11 @@ def observe(
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
     a = s.antenna[0]
     place_antenna(m, par, w_ib_b, f_b, a)
-    place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S)
     first = rows.first[epoch]
     with_carrier = rows.carrier.shape[0] > 0
     follows = with_carrier and epoch_follows(m, rows, epoch)
     interval = (rows.epoch_ns[epoch] - m.clone_ns) / NS_PER_S if follows else 0.0
+    place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
         row = rows.observation[i]
@@ -126,7 +126,7 @@ def observe(
             line.innovation[kind] = math.nan
         line.u_n[0] = math.nan
         if row.no_satellite == 0:
-            observe_row(m, par, rows, i, row, interval, s, line)
+            observe_row(m, par, rows, i, row, s, line)
             for kind in range(N_KINDS):
                 if line.status[kind] == USED:
                     columns = line.columns[kind][: line.count[kind]]
@@ -135,19 +135,9 @@ def observe(
 
 @inlined
 def observe_row(
-    m: StateRecord,
-    par: Parameters,
-    rows: Rows,
-    i: int,
-    row: Observation,
-    interval: float,
-    s: Epoch,
-    line: Line,
+    m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, s: Epoch, line: Line
 ) -> None:
-    """Write direction, masks, innovations, rows of H and measurement variances of one row.
-
-    ``interval`` [s] is what the carrier's difference spans.
-    """
+    """Write direction, masks, innovations, rows of H and measurement variances of one row."""
     a = s.antenna[0]
     distance, rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
     u, C_ne, C = a.u, a.C_ne, m.C_eb
@@ -175,7 +165,7 @@ def observe_row(
         )  # fmt: skip
         rate_row(m, par, a, line.h[1])
     if line.status[CARRIER] == USED:
-        predicted = carrier_row(m, rows, i, distance, s, line) + carrier_delay(m, par, row, s, line, interval)
+        predicted = carrier_row(m, rows, i, distance, s, line) + carrier_delay(m, par, row, s, line)
         line.innovation[CARRIER] = rows.carrier[i].value - predicted
         line.variance[CARRIER] = m.noise_factor[CARRIER] * measurement_variance(
             sine, row.thermal, par.carrier_floor2, par.carrier_elevation2, par.carrier_cn02,

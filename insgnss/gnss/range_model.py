@@ -225,7 +225,7 @@ def slant_changes(
     if air.dry <= 0.0:
         return ionosphere, grown, 0.0, 0.0
     air.dry_factor, air.wet_factor = mapped(air.mapping, -u_n[2])
-    earlier.dry_factor, earlier.wet_factor = mapped(air.mapping, -u_n_earlier[2])
+    earlier.dry_factor, earlier.wet_factor = mapped(earlier.mapping, -u_n_earlier[2])
     troposphere = air.dry * air.dry_factor + air.wet * air.wet_factor
     before = earlier.dry * earlier.dry_factor + earlier.wet * earlier.wet_factor
     return ionosphere, grown, troposphere, troposphere - before

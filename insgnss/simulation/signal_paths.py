@@ -39,7 +39,7 @@ class SignalPaths:
     antenna: Antenna
 
     def sky_at(self, step_s: float) -> tuple[Float64, Float64, Float64]:
-        """Return place, azimuth and elevation of the same signals ``step_s`` later, all moved on by their velocities."""
+        """Return place, azimuth and elevation of the same signals ``step_s`` later, all moved by their velocities."""
         r_e = self.antenna.r_e + step_s * self.antenna.v_e
         satellite_e = self.satellite.r_e + step_s * self.satellite.v_e
         towards = _turned(satellite_e, self.range_m / C_MPS) - r_e[:, None]
