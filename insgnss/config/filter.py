@@ -147,7 +147,7 @@ class Process(StrictModel):
     ionosphere_sigma_m: NotNegative = Field(
         0.5,
         description="initial sigma of what the ionosphere's model leaves at the zenith on L1: a state where carriers"
-        " are used, which the ionosphere advances as it delays the codes; 0: no such state",
+        " of one band are used, which the ionosphere advances as it delays the codes; 0: no such state",
     )
     ionosphere_walk_m_per_sqrt_s: NotNegative = Field(
         0.02, description="1.2 m in an hour, as a day's ionosphere strays from its model"

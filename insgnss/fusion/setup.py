@@ -65,15 +65,24 @@ class FilterSetup:
             n_offsets=self.n_offsets,
             channel_bias="R" in self.clock_groups and use.glonass_channel_bias,
             zenith_delay=use.zenith_delay,
-            ionosphere=self._carrier_used
-            and self.config.process.ionosphere_sigma_m > 0.0
-            and use.ionosphere != "ionosphere_free",
+            ionosphere=self._estimates_ionosphere,
             clone=self._carrier_used,
         )
 
     @property
     def _carrier_used(self) -> bool:
         return self.with_carrier and self.config.measurements.carrier
+
+    @property
+    def _estimates_ionosphere(self) -> bool:
+        """Whether what the ionosphere's model leaves is a state: where carriers of one band are used.
+
+        The codes of two bands differ by the biases of their receiver and satellites as well, metres that such a state
+        would take for ionosphere.
+        """
+        one_band = not any(":" in group for group in self.clock_groups)
+        modelled = self.config.measurements.ionosphere != "ionosphere_free"
+        return self._carrier_used and one_band and modelled and self.config.process.ionosphere_sigma_m > 0.0
 
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""
