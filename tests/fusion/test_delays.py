@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.fusion.delays import shell_mapping
 from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.measurements import observe
+from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import N_CLONE, OFFSETS, Bank, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
+from insgnss.gnss.ionosphere_rows import ionosphere_growth
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.range_model import path_delay
+from insgnss.library import filter_config
 from insgnss.tables import Float64
 from tests.fusion.scene import (
     START_NS,
+    TACTICAL,
+    TCXO,
     Place,
     attitude,
     new_filter,
@@ -197,3 +204,38 @@ def test_shell_stretches_the_zenith_delay_as_published() -> None:
     assert shell_mapping(1.0) == 1.0
     assert shell_mapping(np.sin(np.radians(30.0))) == pytest.approx(1.7514, abs=2e-4)
     assert shell_mapping(np.sin(np.radians(5.0))) == pytest.approx(3.041, abs=1e-3)
+
+
+def test_growth_of_delays_given_beforehand_is_their_slope_within_each_arc() -> None:
+    seconds = np.array([0, 0, 1, 2, 2, 3, 500, 501, 900])
+    sv = np.array([0, 1, 0, 0, 1, 0, 0, 0, 0])
+    delay = np.where(sv == 0, 5.0 + 2e-3 * seconds, 9.0 - 1e-3 * seconds)
+    delay[6:] += 40.0
+    gnss: Any = SimpleNamespace(t_ns=seconds * NS_PER_S, sv=sv)
+
+    found = ionosphere_growth(gnss, delay)
+
+    np.testing.assert_allclose(found[:8], np.where(sv == 0, 2e-3, -1e-3)[:8], rtol=1e-9)
+    assert np.isnan(found[8])  # alone: nothing tells how it grows
+
+
+@pytest.mark.parametrize(
+    ("groups", "carrier", "changes", "wanted"),
+    [
+        (("G", "E"), True, {}, True),
+        (("G", "E"), False, {}, False),
+        (("G", "G:L5"), True, {}, False),
+        (("G",), True, {"measurements": {"ionosphere": "ionosphere_free"}}, False),
+        (("G",), True, {"process": {"ionosphere_sigma_m": 0.0}}, False),
+    ],
+)
+def test_ionosphere_is_a_state_where_carriers_of_one_band_show_it(
+    groups: tuple[str, ...], carrier: bool, changes: dict[str, Any], wanted: bool
+) -> None:
+    config = FilterConfig.model_validate(filter_config("tight17").model_dump() | changes)
+
+    layout = FilterSetup(config, TACTICAL, TCXO, clock_groups=groups, with_carrier=carrier).layout
+
+    assert layout.ionosphere == wanted
+    assert layout.at_ionosphere == (OFFSETS + len(groups) - 1 if wanted else -1)
+    assert layout.n_values == len(groups) - 1 + wanted
