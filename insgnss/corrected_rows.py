@@ -20,7 +20,7 @@ from insgnss.fusion.fix import fix_epoch
 from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.differential import apply, differential_corrections
 from insgnss.gnss.ephemeris_choice import broadcast_messages
-from insgnss.gnss.ionosphere_rows import ionosphere_rows, serving_models
+from insgnss.gnss.ionosphere_rows import ionosphere_growth, ionosphere_rows, serving_models
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.satellite_state import glonass_channels
 from insgnss.log.flight import Flight, FlightLogs
@@ -57,7 +57,7 @@ def row_blocks(
     """
     gnss = logs.gnss
     cuts = block_cuts(gnss.t_ns, most_rows or len(gnss.t_ns))
-    ionosphere_m, correction_m, events = row_corrections(setup, logs, flight)
+    ionosphere_l1, correction_m, events = row_corrections(setup, logs, flight)
     messages = (
         None
         if setup.navigation is None
@@ -72,7 +72,7 @@ def row_blocks(
         rows = setup.rows(
             gnss.take(part),
             messages,
-            ionosphere_m=None if ionosphere_m is None else ionosphere_m[part],
+            ionosphere_l1=None if ionosphere_l1 is None else ionosphere_l1[part],
             correction_m=None if correction_m is None else correction_m[part],
         )
         blocks.append(from_epoch(rows, int(before < first)))
@@ -89,7 +89,9 @@ def block_cuts(t_ns: Int64, most_rows: int) -> list[int]:
 def row_corrections(
     setup: FilterSetup, logs: FlightLogs, flight: Flight
 ) -> tuple[Float64 | None, Float64 | None, list[Event]]:
-    """Return the delays on L1 and what a base station takes off the ranges, each (n,) [m] or None, and events.
+    """Return the delays on L1, what a base station takes off the ranges, each None where there is none, and events.
+
+    The delays are (n, 2) with their growth beside them [m, m/s], the others (n,) [m].
 
     Raises
     ------
@@ -98,7 +100,7 @@ def row_corrections(
     events: list[Event] = []
     model = setup.config.measurements.ionosphere
     navigation = setup.navigation
-    ionosphere_m: Float64 | None = None
+    ionosphere_l1: Float64 | None = None
     if model in PREPARED_MODELS:
         if navigation is None:
             raise _no_coefficients(model)
@@ -107,13 +109,14 @@ def row_corrections(
         events.append(Event(None, "ionosphere_models", told))
         place_ns, place_e = approximate_places(setup, setup.rows(logs.gnss, navigation))
         sat = setup.states(logs.gnss, navigation).sat
-        ionosphere_m = ionosphere_rows(logs.gnss, navigation, model, place_ns, place_e, sat)
+        delay = ionosphere_rows(logs.gnss, navigation, model, place_ns, place_e, sat)
+        ionosphere_l1 = np.column_stack([delay, ionosphere_growth(logs.gnss, delay)])
     correction_m: Float64 | None = None
     base = flight.config.gnss.base
     if base is not None and logs.base is not None:
         correction_m, found = base_corrections(setup, logs, base)
         events += found
-    return ionosphere_m, correction_m, events
+    return ionosphere_l1, correction_m, events
 
 
 def approximate_places(setup: FilterSetup, rows: Rows) -> tuple[Int64, Float64]:

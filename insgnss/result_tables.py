@@ -76,7 +76,8 @@ def optional_columns(setup: FilterSetup) -> list[str]:
     """Return the names of the optional states' columns, in the order of the state."""
     names = [f"offset_{group.replace(':', '_')}_m" for group in setup.clock_groups[1:]]
     names += ["glonass_bias_m_per_channel"] if setup.layout.channel_bias else []
-    return names + (["zenith_delay_m"] if setup.layout.zenith_delay else [])
+    names += ["zenith_delay_m"] if setup.layout.zenith_delay else []
+    return names + (["ionosphere_m"] if setup.layout.ionosphere else [])
 
 
 def ledger_tables(

@@ -27,7 +27,7 @@ from tests.conftest import REPOSITORY
 
 SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 # columns that only some runs have: of optional states, and of a log of the receiver's own
-SOMETIMES = {"offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "antenna"}
+SOMETIMES = {"offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m", "antenna"}
 
 
 def with_everything(folder: Path) -> Flight:
@@ -89,7 +89,10 @@ def test_log_has_the_columns_of_the_page(name: str, model: type[BaseModel]) -> N
 
 
 def test_schemas_of_navigation_and_aiding_are_described() -> None:
-    assert SHEETS["nav"].undescribed(("time_s", *NAV_COLUMNS, "offset_E_m", "zenith_delay_m")) == []
+    assert (
+        SHEETS["nav"].undescribed(("time_s", *NAV_COLUMNS, "offset_E_m", "zenith_delay_m", "ionosphere_m"))
+        == []
+    )
     assert SHEETS["aiding"].undescribed(aiding_table.COLUMNS) == []
 
 

@@ -151,6 +151,14 @@ class Process(StrictModel):
     )
     zenith_delay_sigma_m: Positive = Field(0.15, description="initial sigma of the residual zenith delay")
     zenith_delay_walk_m_per_sqrt_s: NotNegative = 0.0003
+    ionosphere_sigma_m: NotNegative = Field(
+        0.5,
+        description="initial sigma of what the ionosphere's model leaves at the zenith on L1: a state where carriers"
+        " of one band are used, which the ionosphere advances as it delays the codes; 0: no such state",
+    )
+    ionosphere_walk_m_per_sqrt_s: NotNegative = Field(
+        0.02, description="1.2 m in an hour, as a day's ionosphere strays from its model"
+    )
 
 
 class Gaps(StrictModel):

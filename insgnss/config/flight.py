@@ -101,8 +101,8 @@ class ImuGrade(StrictModel):
     accel_scale_factor_ppm: NonNegativeFloat = 0.0
     gyro_range_deg_per_s: PositiveFloat | None = None
     accel_range_g: PositiveFloat | None = None
-    # what the simulation puts into a sensor beyond what the filter models by itself; nothing by default
-    gyro_rate_random_walk_deg_per_h_per_sqrt_h: NonNegativeFloat = 0.0
+    # of data sheets or an Allan deviation that tell more; quantisation and bandwidth are the simulation's alone
+    gyro_rate_random_walk_deg_per_h_per_sqrt_h: NonNegativeFloat = Field(0.0, description="of the bias")
     gyro_misalignment_mrad: NonNegativeFloat = Field(0.0, description="of each axis against the other two")
     gyro_g_sensitivity_deg_per_h_per_g: NonNegativeFloat = 0.0
     gyro_quantisation_deg: NonNegativeFloat = Field(0.0, description="of an angle increment")

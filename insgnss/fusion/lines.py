@@ -21,10 +21,12 @@ RATE_COLUMNS: Final = np.array(
     ),
     np.int64,
 )
-N_RANGE: Final = len(RANGE_COLUMNS)  # and up to three optional ones: clock offset, channel bias, zenith delay
+N_RANGE: Final = len(
+    RANGE_COLUMNS
+)  # and up to four optional ones: clock offset, channel bias, both delays left
 N_RATE: Final = len(RATE_COLUMNS)
 N_CARRIER: Final = N_RANGE + N_CLONE
-WIDTH: Final = 14  # of the longest row, so that one compiled update serves all kinds
+WIDTH: Final = 15  # of the longest row, so that one compiled update serves all kinds
 
 LINE_DTYPE: Final = np.dtype(
     (
@@ -57,6 +59,18 @@ ANTENNA_DTYPE: Final = np.dtype(
             ("u", np.float64, (3,)),  # line of sight
             ("dr", np.float64, (3,)),  # derivative of the range rate by position
             ("u_before", np.float64, (3,)),  # line of sight at the epoch before
+            # a little earlier, as ``delays`` has it
+            ("look_back", np.float64),  # how much earlier [s]
+            ("r_earlier", np.float64, (3,)),
+            ("C_earlier", np.float64, (3, 3)),  # to its north-east-down
+            ("u_earlier", np.float64, (3,)),  # line of sight, north-east-down
+            # of the last row
+            ("ionosphere", np.float64),  # delay on L1 [m] ...
+            ("ionosphere_grown", np.float64),  # ... and by how much it has grown since
+            ("troposphere", np.float64),
+            ("troposphere_grown", np.float64),
+            ("shell", np.float64),  # mapping of the ionosphere's residual [-]
+            ("shell_grown", np.float64),
         ],
     )
 )
@@ -73,7 +87,7 @@ class Epoch(NamedTuple):
 
     lines: Lines  # room for the rows of the largest epoch
     antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
-    air: npt.NDArray[Any]  # (1,) of AIR_DTYPE
+    air: npt.NDArray[Any]  # (2,) of AIR_DTYPE: now, and a little earlier
     vectors: (
         Float64  # (4 + N_CLONE, n or k): correction, two of scratch, one to sort; the old clone's rows of P
     )
@@ -89,7 +103,7 @@ def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
     return Epoch(
         lines,
         np.zeros(1, ANTENNA_DTYPE),
-        np.zeros(1, AIR_DTYPE),
+        np.zeros(2, AIR_DTYPE),
         np.zeros((CLONE_ROWS + N_CLONE, max(k, n))),
     )
 

@@ -1,8 +1,9 @@
 """What the filter expects of each row of an epoch: innovation, row of H and variances at the prior, compiled.
 
-Range row:       rho + clock + offset + k channel bias - satellite clock + ionosphere + troposphere + zenith delay
-Range-rate row:  rho_dot + drift - satellite drift
-both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l. The carrier's row is in ``carrier``.
+Range row:       rho + clock + offset + k channel bias - satellite clock + the air's delay
+Range-rate row:  rho_dot + drift - satellite drift + the delay's growth
+both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l. The carrier's row is in ``carrier``, what
+the air adds to all three in ``delays``.
 """
 
 from __future__ import annotations
@@ -12,17 +13,15 @@ import math
 from insgnss.apart import apart
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.fusion.carrier import carrier_row
-from insgnss.fusion.lines import N_RANGE, Antenna, Epoch, Line
+from insgnss.fusion.delays import carrier_delay, place_airs, range_delay, rate_delay, row_delays
+from insgnss.fusion.lines import Antenna, Epoch, Line
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
-from insgnss.fusion.state import OFFSETS, StateRecord
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.fusion.state import StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
-from insgnss.gnss.range_model import place_air, slant_delay
 from insgnss.jit import borrowing, inlined
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
@@ -110,15 +109,11 @@ def observe(
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
     a = s.antenna[0]
     place_antenna(m, par, w_ib_b, f_b, a)
-    lat, lon, h = ecef_to_geodetic(a.r_a)
-    ecef_to_ned_matrix(lat, lon, a.C_ne)
-    week_s = (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S
-    place_air(
-        s.air[0], lat, lon, h, week_s, par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity
-    )
     first = rows.first[epoch]
     with_carrier = rows.carrier.shape[0] > 0
     follows = with_carrier and epoch_follows(m, rows, epoch)
+    interval = (rows.epoch_ns[epoch] - m.clone_ns) / NS_PER_S if follows else 0.0
+    place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
         row = rows.observation[i]
@@ -151,58 +146,31 @@ def observe_row(
         line.u_b[k] = C[0, k] * u[0] + C[1, k] * u[1] + C[2, k] * u[2]
     sine = -line.u_n[2]
     mask_row(par, sine, row.cn0, line)
+    if line.status[0] == USED or line.status[1] == USED or line.status[CARRIER] == USED:
+        row_delays(rows, par, row, s, line)
     if line.status[0] == USED:
-        delay = slant_delay(
-            s.air[0],
-            rows.klobuchar,
-            line.u_n,
-            row.ionosphere_factor * par.use_ionosphere,
-            row.ionosphere_m,
-        )
         range_row(a, line.h[0])
-        extra = add_optional_columns(m, par, row, s, line)
-        predicted = distance + m.clock[0] + extra - rows.sat[i, 6] + delay
+        predicted = distance + m.clock[0] - rows.sat[i, 6] + range_delay(m, par, row, s, line)
         line.innovation[0] = row.value[0] - predicted
         line.variance[0] = m.noise_factor[0] * row.variance_scale * kind_variance(
             row.sigma[0], sine, row.thermal, par.range_floor2, par.range_elevation2, par.range_cn02,
             par.range_missing_thermal,
         )  # fmt: skip
     if line.status[1] == USED:
-        line.innovation[1] = row.value[1] - (rate + m.clock[1] - rows.sat[i, 7])
+        predicted = rate + m.clock[1] - rows.sat[i, 7] + rate_delay(m, par, row, s, line)
+        line.innovation[1] = row.value[1] - predicted
         line.variance[1] = m.noise_factor[1] * kind_variance(
             row.sigma[1], sine, row.thermal, par.rate_floor2, par.rate_elevation2, par.rate_cn02,
             par.rate_missing_thermal,
         )  # fmt: skip
         rate_row(m, par, a, line.h[1])
     if line.status[CARRIER] == USED:
-        predicted = carrier_row(m, rows, i, distance, s, line)
+        predicted = carrier_row(m, rows, i, distance, s, line) + carrier_delay(m, par, row, s, line)
         line.innovation[CARRIER] = rows.carrier[i].value - predicted
         line.variance[CARRIER] = m.noise_factor[CARRIER] * measurement_variance(
             sine, row.thermal, par.carrier_floor2, par.carrier_elevation2, par.carrier_cn02,
             par.carrier_missing_thermal,
         )  # fmt: skip
-
-
-@inlined
-def add_optional_columns(m: StateRecord, par: Parameters, row: Observation, s: Epoch, line: Line) -> float:
-    """Write the optional columns of a range row; return what these states add to its prediction [m]."""
-    count = N_RANGE
-    total = 0.0
-    h, columns = line.h[0], line.columns[0]
-    if row.group > 0:
-        h[count], columns[count] = 1.0, OFFSETS + row.group - 1
-        total += m.optional[row.group - 1]
-        count += 1
-    if par.at_channel_bias >= 0 and row.channel != 0:
-        h[count], columns[count] = row.channel, par.at_channel_bias
-        total += row.channel * m.optional[par.at_channel_bias - OFFSETS]
-        count += 1
-    if par.at_zenith_delay >= 0:
-        h[count], columns[count] = s.air[0].wet_factor, par.at_zenith_delay
-        total += s.air[0].wet_factor * m.optional[par.at_zenith_delay - OFFSETS]
-        count += 1
-    line.count[0] = count
-    return total
 
 
 @inlined

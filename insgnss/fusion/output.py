@@ -11,6 +11,7 @@ import numpy.typing as npt
 from insgnss.apart import apart
 from insgnss.constants import C_MPS
 from insgnss.fusion.lines import Line, Lines
+from insgnss.fusion.nav_sigmas import attitude_deviations, level_turn, rotated_variances, velocity_deviations
 from insgnss.fusion.soundness import is_finite
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, Bank, StateRecord
 from insgnss.fusion.trace_rows import TraceRoom, no_trace
@@ -45,9 +46,6 @@ NAV_COLUMNS: Final = (
 )
 N_NAV: Final = len(NAV_COLUMNS)
 N_USED: Final = NAV_COLUMNS.index("n_used")
-_SMALLEST_COSINE = (
-    1e-3  # near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
-)
 
 _LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
 
@@ -258,39 +256,6 @@ def write_carrier(entry: CarrierEntry, line: Line) -> None:
         entry.variance = line.predicted[CARRIER] + line.variance[CARRIER]
 
 
-@inlined
-def rotated_variances(P: Float64, at: int, C: Float64, out: Float64, to: int) -> None:
-    """Write the three standard deviations of the block at ``at``, turned by ``C``, from ``to`` on."""
-    for i in range(3):
-        total = 0.0
-        for j in range(3):
-            for k in range(3):
-                total += C[i, j] * P[at + j, at + k] * C[i, k]
-        out[to + i] = math.sqrt(max(total, 0.0))
-
-
-@inlined
-def attitude_deviations(P: Float64, C_ne: Float64, pitch: float, yaw: float, out: Float64, to: int) -> None:
-    """Write the standard deviations of roll, pitch and yaw [deg] from ``to`` on.
-
-    Equation: psi_n = C_ne psi_e; d roll = (psi_N cos y + psi_E sin y)/cos p, d pitch = psi_E cos y - psi_N sin y,
-              d yaw = psi_D + tan p (psi_N cos y + psi_E sin y)
-    """
-    sy, cy = math.sin(yaw), math.cos(yaw)
-    cp = math.cos(pitch)
-    cp = math.copysign(max(abs(cp), _SMALLEST_COSINE), cp)
-    tp = math.sin(pitch) / cp
-    rows = ((cy / cp, sy / cp, 0.0), (-sy, cy, 0.0), (tp * cy, tp * sy, 1.0))
-    for i in range(3):
-        a, b, c = rows[i]
-        total = 0.0
-        for j in range(3):
-            x = a * C_ne[0, j] + b * C_ne[1, j] + c * C_ne[2, j]
-            for k in range(3):
-                total += x * P[PSI + j, PSI + k] * (a * C_ne[0, k] + b * C_ne[1, k] + c * C_ne[2, k])
-        out[to + i] = min(math.degrees(math.sqrt(max(total, 0.0))), 180.0)
-
-
 @apart
 @kernel
 def write_nav(
@@ -324,9 +289,11 @@ def write_nav(
     roll, pitch, yaw = matrix_to_euler(C_nb)
     v[0], v[1], v[2] = math.degrees(lat), math.degrees(lon), h
     v[6], v[7], v[8] = math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
-    for at in range(DR, DV + 3, 3):
-        rotated_variances(P, at, C_ne, v, 9 + at)
-    attitude_deviations(P, C_ne, pitch, yaw, v, 15)
+    T = np.empty((3, 3))
+    level_turn(lat, h, C_ne, T)
+    rotated_variances(P, DR, C_ne, v, 9)
+    velocity_deviations(P, C_ne, T, v, 12)
+    attitude_deviations(P, C_ne, T, pitch, yaw, v, 15)
     for i in range(3):
         v[18 + i] = m.b_a[i]
         v[21 + i] = m.b_g[i]

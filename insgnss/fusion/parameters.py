@@ -44,6 +44,7 @@ PARAMETERS_DTYPE = np.dtype(
             ),  # of each optional state [its unit^2 / s], zero of the clone
             ("at_channel_bias", np.int64),  # where these stand in the error state, -1 where there is none
             ("at_zenith_delay", np.int64),
+            ("at_ionosphere", np.int64),
             ("at_clone", np.int64),
             ("covariance_step", np.float64),  # [s]
             ("motion_gate2", np.float64),  # squared sigmas from which a horizontal force is motion; 0: any is
@@ -117,6 +118,8 @@ def _optional_densities(config: FilterConfig, layout: Layout) -> npt.NDArray[np.
     density[: layout.n_offsets] = config.process.inter_system_walk_m_per_sqrt_s**2
     if layout.zenith_delay:
         density[layout.at_zenith_delay - OFFSETS] = config.process.zenith_delay_walk_m_per_sqrt_s**2
+    if layout.ionosphere:
+        density[layout.at_ionosphere - OFFSETS] = config.process.ionosphere_walk_m_per_sqrt_s**2
     return density
 
 
@@ -173,6 +176,7 @@ def resolve_parameters(
         _optional_densities(config, layout),
         layout.at_channel_bias,
         layout.at_zenith_delay,
+        layout.at_ionosphere,
         layout.at_clone,
         config.process.covariance_step_s,
         config.process.motion_sigma**2,

@@ -50,7 +50,9 @@ def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
     P[:, biases] = 0.0
     m.b_a[:] = 0.0
     m.b_g[:] = 0.0
+    u = m.r_e / np.linalg.norm(m.r_e)  # up, to a fifth of a degree
+    accel = sensor.accel_bias_variances(m.C_eb.T @ u)
     for i in range(3):
-        P[BA + i, BA + i] = sensor.accel_bias.sigma**2
+        P[BA + i, BA + i] = accel[i]
         P[BG + i, BG + i] = sensor.gyro_bias.sigma**2
         P[PSI + i, PSI + i] += _DOUBTED_ATTITUDE_RAD**2

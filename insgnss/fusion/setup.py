@@ -66,8 +66,24 @@ class FilterSetup:
             n_offsets=self.n_offsets,
             channel_bias="R" in self.clock_groups and use.glonass_channel_bias,
             zenith_delay=use.zenith_delay,
-            clone=self.with_carrier and use.carrier,
+            ionosphere=self._estimates_ionosphere,
+            clone=self._carrier_used,
         )
+
+    @property
+    def _carrier_used(self) -> bool:
+        return self.with_carrier and self.config.measurements.carrier
+
+    @property
+    def _estimates_ionosphere(self) -> bool:
+        """Whether what the ionosphere's model leaves is a state: where carriers of one band are used.
+
+        The codes of two bands differ by the biases of their receiver and satellites as well, metres that such a state
+        would take for ionosphere.
+        """
+        one_band = not any(":" in group for group in self.clock_groups)
+        modelled = self.config.measurements.ionosphere != "ionosphere_free"
+        return self._carrier_used and one_band and modelled and self.config.process.ionosphere_sigma_m > 0.0
 
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""
@@ -103,7 +119,7 @@ class FilterSetup:
         gnss: GnssTable,
         navigation: NavigationData | BroadcastMessages | None,
         *,
-        ionosphere_m: Float64 | None = None,
+        ionosphere_l1: Float64 | None = None,
         correction_m: Float64 | None = None,
     ) -> Rows:
         """Return a log as the filter's rows; ``navigation`` is the setup's own, or its messages sorted once."""
@@ -122,7 +138,7 @@ class FilterSetup:
             ionosphere_free=use.ionosphere == "ionosphere_free",
             max_age_s=use.max_ephemeris_age_s,
             states=None if self.products is None or gnss.sat is not None else self.states(gnss, navigation),
-            ionosphere_m=ionosphere_m,
+            ionosphere_l1=ionosphere_l1,
             correction_m=correction_m,
             variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
         )

@@ -28,6 +28,7 @@ _COURSE_SIGMA = 4.0  # of the velocity: with less its direction is not known to 
 _FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond its own covariance
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
 _LEVEL_FLOOR_RAD = math.radians(0.2)
+_EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
 _DRIFT_SIGMA_UNKNOWN_MPS = 300.0  # of a clock without range rates: a 1 ppm oscillator
 
 
@@ -68,6 +69,7 @@ class Kinematics:
     sd_clock: float
     sd_drift: float
     offsets: Float64  # (g - 1,) NaN where not known
+    of_imu: bool = False  # the sigmas are the IMU's own: no lever arm stands between
 
 
 def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64) -> Kinematics:
@@ -199,6 +201,8 @@ def open_bank(
     for i, attitude in enumerate(attitudes):
         _place_state(bank.state[i], kin, attitude, w_ib_b, par)
         _place_covariance(bank.state[i], bank.P[i], kin, attitude, sensor, config)
+        if not kin.of_imu:
+            _hang_on_antenna(bank.state[i], bank.P[i], w_ib_b, par.lever_b)
         _place_optional(bank.P[i], layout, config)
     return bank
 
@@ -226,10 +230,11 @@ def _place_state(m: np.record, kin: Kinematics, attitude: Attitude, w_ib_b: Floa
 
 
 def _place_optional(P: Float64, layout: Layout, config: FilterConfig) -> None:
-    """Write the variances of channel bias and zenith delay where the filter has these states."""
+    """Write the variances of channel bias and delays at the zenith where the filter has these states."""
     for at, sigma in (
         (layout.at_channel_bias, config.process.channel_bias_sigma_m),
         (layout.at_zenith_delay, config.process.zenith_delay_sigma_m),
+        (layout.at_ionosphere, config.process.ionosphere_sigma_m),
     ):
         if at >= 0:
             P[at, at] = sigma**2
@@ -238,7 +243,7 @@ def _place_optional(P: Float64, layout: Layout, config: FilterConfig) -> None:
 def _place_covariance(
     m: np.record, P: Float64, kin: Kinematics, attitude: Attitude, sensor: SensorModel, config: FilterConfig
 ) -> None:
-    """Write the covariance of one hypothesis.
+    """Write the covariance of one hypothesis, position and velocity being the antenna's.
 
     When the accelerometers levelled it at rest, tilt and accelerometer bias are one error: with C f_b = (0, 0, -g),
     psi_N = db_E / g and psi_E = -db_N / g, db = estimated minus true bias in n.
@@ -246,9 +251,11 @@ def _place_covariance(
     lat, lon, _ = ecef_to_geodetic(m.r_e)
     C_ne = np.zeros((3, 3))
     ecef_to_ned_matrix(lat, lon, C_ne)
+    C_nb = C_ne @ m.C_eb
     P[DR : DR + 3, DR : DR + 3] = kin.P_r
     P[DV : DV + 3, DV : DV + 3] = kin.P_v
-    P[BA : BA + 3, BA : BA + 3] = sensor.accel_bias.sigma**2 * np.eye(3)
+    bias = np.diag(sensor.accel_bias_variances(C_nb[2]))
+    P[BA : BA + 3, BA : BA + 3] = bias
     P[BG : BG + 3, BG : BG + 3] = attitude.sd_b_g**2 * np.eye(3)
     P[CLOCK, CLOCK] = kin.sd_clock**2
     P[DRIFT, DRIFT] = kin.sd_drift**2
@@ -261,13 +268,42 @@ def _place_covariance(
     psi_n = np.diag([tilt**2, tilt**2, attitude.sd_yaw**2])
     if attitude.level_from_bias:
         lever = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
-        from_bias = lever * sensor.accel_bias.sigma**2
-        psi_n = from_bias @ lever.T + np.diag([_LEVEL_FLOOR_RAD**2, _LEVEL_FLOOR_RAD**2, attitude.sd_yaw**2])
-        cross = C_ne.T @ from_bias @ (C_ne @ m.C_eb)
+        from_bias = lever @ C_nb @ bias
+        psi_n = from_bias @ C_nb.T @ lever.T
+        psi_n += np.diag([_LEVEL_FLOOR_RAD**2, _LEVEL_FLOOR_RAD**2, attitude.sd_yaw**2])
+        cross = C_ne.T @ from_bias
         P[PSI : PSI + 3, BA : BA + 3] = cross
         P[BA : BA + 3, PSI : PSI + 3] = cross.T
     P[PSI : PSI + 3, PSI : PSI + 3] = C_ne.T @ psi_n @ C_ne
     P[:] = 0.5 * (P + P.T)
+
+
+def _hang_on_antenna(m: np.record, P: Float64, w_ib_b: Float64, lever_b: Float64) -> None:
+    """Turn the antenna's position and velocity errors in the covariance into the IMU's, which hangs on the lever arm.
+
+    Equation: r = r_a - C l, v = v_a - C (w x l) + w_ie x C l, so with a = C (w x l) and w = w_ib - b_g
+
+        d r = d r_a + l_e x psi,   d v = d v_a + a x psi - w_ie x (l_e x psi) - C (l x d b_g)
+
+    Parameters
+    ----------
+    m : the state, its biases taken off ``w_ib_b`` [rad/s]
+    lever_b : (3,) IMU to antenna [m]
+    """
+    C = m.C_eb
+    l_e = skew(C @ lever_b)
+    T = np.eye(len(P))
+    T[DR : DR + 3, PSI : PSI + 3] = l_e
+    T[DV : DV + 3, PSI : PSI + 3] = skew(C @ np.cross(w_ib_b - m.b_g, lever_b)) - _EARTH_TURN @ l_e
+    T[DV : DV + 3, BG : BG + 3] = -C @ skew(lever_b)
+    P[:] = T @ P @ T.T
+    P[:] = 0.5 * (P + P.T)
+
+
+def skew(v: Float64) -> Float64:
+    """Return the matrix (3, 3) of the cross product with ``v`` (3,)."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def given_kinematics(
@@ -303,6 +339,7 @@ def given_kinematics(
         sd_clock=2.0 * start.sd_position_m + 30.0,
         sd_drift=2.0 * start.sd_velocity_mps + 3.0,
         offsets=clocks[1:] - clock if from_reference else np.full(len(clocks) - 1, math.nan),
+        of_imu=True,
     )
 
 

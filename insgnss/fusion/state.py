@@ -137,6 +137,7 @@ class Layout:
     n_offsets: int = 0
     channel_bias: bool = False  # GLONASS: delay that grows with the frequency channel [m per channel]
     zenith_delay: bool = False  # what the model leaves of the wet zenith delay [m]
+    ionosphere: bool = False  # what the model leaves of the ionosphere at the zenith, on L1 [m]
     clone: bool = False  # antenna position and clock of the epoch before
 
     @property
@@ -150,9 +151,15 @@ class Layout:
         return OFFSETS + self.n_offsets + self.channel_bias if self.zenith_delay else ABSENT_STATE
 
     @property
+    def at_ionosphere(self) -> int:
+        """Index of the ionosphere's residual."""
+        before = self.n_offsets + self.channel_bias + self.zenith_delay
+        return OFFSETS + before if self.ionosphere else ABSENT_STATE
+
+    @property
     def n_values(self) -> int:
         """Number of optional states that have a value of their own."""
-        return self.n_offsets + self.channel_bias + self.zenith_delay
+        return self.n_offsets + self.channel_bias + self.zenith_delay + self.ionosphere
 
     @property
     def at_clone(self) -> int:

@@ -13,12 +13,13 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import C_MPS, S_PER_DAY
-from insgnss.jit import borrowing
+from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
 
 _NIGHT_DELAY_S: Final = 5.0e-9
 _SHORTEST_PERIOD_S: Final = 72_000.0
 _PEAK_LOCAL_TIME_S: Final = 50_400.0
+DAY_ENDS: Final = 1.57  # phase [rad] from which the night's constant stands alone
 _NORTHERNMOST_SC: Final = 0.416  # of the pierce point's latitude, either way
 _POLE_LATITUDE_SC: Final = 0.064  # tilt of the geomagnetic pole
 _POLE_LONGITUDE_SC: Final = 1.617
@@ -64,6 +65,21 @@ def klobuchar_towards(
     elevation : of the satellite [rad]
     week_s : GPS time, seconds of the week (or of the day) [s]
     """
+    slant, amplitude, x = klobuchar_wave(coefficients, lat, lon, cos_azimuth, sin_azimuth, elevation, week_s)
+    return klobuchar_delay_of(slant, amplitude, x, abs(x) < DAY_ENDS)
+
+
+@inlined
+def klobuchar_wave(
+    coefficients: Float64,
+    lat: float,
+    lon: float,
+    cos_azimuth: float,
+    sin_azimuth: float,
+    elevation: float,
+    week_s: float,
+) -> tuple[float, float, float]:
+    """Return slant factor F, amplitude A [s] and phase x [rad] of the day's wave; see ``klobuchar_towards``."""
     elevation_sc = max(elevation, 0.0) / math.pi
     # earth-centred angle to the pierce point, its latitude and longitude, its geomagnetic latitude [semicircles]
     psi = 0.0137 / (elevation_sc + 0.11) - 0.022
@@ -78,9 +94,17 @@ def klobuchar_towards(
     x = 2.0 * math.pi * (local_s - _PEAK_LOCAL_TIME_S) / period
     # slant factor F = 1 + 16 (0.53 - E)^3
     low = 0.53 - elevation_sc
-    slant = 1.0 + 16.0 * low * low * low
+    return 1.0 + 16.0 * low * low * low, amplitude, x
+
+
+@inlined
+def klobuchar_delay_of(slant: float, amplitude: float, x: float, day: bool) -> float:
+    """Return the delay [m] of a ``klobuchar_wave``, by day or by night.
+
+    The model jumps where the day ends, by 2 % of A: a difference of two delays takes ``day`` of one of them for both.
+    """
     vertical = _NIGHT_DELAY_S
-    if abs(x) < 1.57:
+    if day:
         vertical += amplitude * (1.0 - 0.5 * x * x * (1.0 - x * x / 12.0))
     return C_MPS * slant * vertical
 

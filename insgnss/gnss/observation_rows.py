@@ -67,8 +67,10 @@ OBSERVATION_DTYPE: Final = np.dtype(
                 ("sigma", np.float32, (2,)),  # stated by the log, NaN elsewhere
                 ("cn0", np.float32),  # [dBHz], NaN where not logged
                 ("thermal", np.float32),  # thermal variance relative to 45 dBHz
-                ("ionosphere_factor", np.float64),  # (f_L1 / f)^2
+                ("ionosphere_factor", np.float64),  # (f_L1 / f)^2 of the pseudorange
+                ("phase_factor", np.float64),  # of carrier and Doppler, which no combination touches
                 ("ionosphere_m", np.float32),  # delay on L1 at the antenna, NaN where the filter computes it
+                ("ionosphere_rate", np.float32),  # its growth [m/s], zero where the filter computes it
                 ("variance_scale", np.float32),  # of the pseudorange's variance
                 ("sv", np.int16),  # index into the log's satellite names
                 (
@@ -118,7 +120,7 @@ def prepare_rows(
     ionosphere_free: bool = False,
     max_age_s: float | None = None,
     states: SatelliteStates | None = None,
-    ionosphere_m: Float64 | None = None,
+    ionosphere_l1: Float64 | None = None,
     correction_m: Float64 | None = None,
     variance_scale: Mapping[str, float] | None = None,
 ) -> Rows:
@@ -138,7 +140,7 @@ def prepare_rows(
     ionosphere_free : the pseudoranges of two bands of a satellite become their ionosphere-free combination
     max_age_s : oldest ephemeris to use; the constellation's own validity when None
     states : of the satellites, where another source than the messages gives them
-    ionosphere_m : (n,) delays on L1 where they are computed beforehand, NaN elsewhere
+    ionosphere_l1 : (n, 2) delays on L1 [m] and their growth [m/s] where they are computed beforehand, NaN elsewhere
     correction_m : (n,) taken off the pseudoranges; a row with NaN is refused
     variance_scale : per constellation, of its pseudoranges' variance
     """
@@ -156,7 +158,8 @@ def prepare_rows(
     observation["slot"] = _by_signal(gnss, _slot)
     observation["group"] = np.maximum(group, 0)
     observation["channel"] = _by_signal(gnss, lambda sv, _: channels.get(sv, 0) if sv[0] == "R" else 0)
-    observation["ionosphere_m"] = math.nan if ionosphere_m is None else ionosphere_m
+    observation["ionosphere_m"] = math.nan if ionosphere_l1 is None else ionosphere_l1[:, 0]
+    observation["ionosphere_rate"] = 0.0 if ionosphere_l1 is None else np.nan_to_num(ionosphere_l1[:, 1])
     scales = variance_scale or {}
     observation["variance_scale"] = _by_signal(gnss, lambda sv, _: scales.get(sv[0], 1.0))
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
@@ -164,7 +167,7 @@ def prepare_rows(
     observation["cn0"] = cn0
     observation["thermal"] = thermal_factor(cn0)
     factor = (L1_HZ / carrier_of) ** 2
-    observation["ionosphere_factor"] = np.where(np.isnan(factor), 1.0, factor)
+    observation["ionosphere_factor"] = observation["phase_factor"] = np.where(np.isnan(factor), 1.0, factor)
     rates = range_rates(gnss, channels)
     for kind, value, sigma, wanted in (
         (PSEUDORANGE, gnss.pseudorange_m, gnss.sigma_pseudorange_m, pseudorange),

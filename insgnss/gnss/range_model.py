@@ -11,7 +11,13 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from insgnss.gnss.ionosphere import ionosphere_above, klobuchar_towards
+from insgnss.gnss.ionosphere import (
+    DAY_ENDS,
+    ionosphere_above,
+    klobuchar_delay_of,
+    klobuchar_towards,
+    klobuchar_wave,
+)
 from insgnss.gnss.troposphere import (
     STANDARD_WEATHER,
     mapped,
@@ -19,7 +25,7 @@ from insgnss.gnss.troposphere import (
     standard_atmosphere,
     zenith_delays,
 )
-from insgnss.jit import borrowing, kernel
+from insgnss.jit import borrowing, inlined, kernel
 from insgnss.tables import Float64
 
 
@@ -110,6 +116,7 @@ AIR_DTYPE: Final = np.dtype(
                 "wet_factor",
                 np.float64,
             ),  # of the last row: d delay / d (zenith delay left over), by ``slant_delay``
+            ("dry_factor", np.float64),  # of the last row, by ``slant_changes``
         ],
     )
 )
@@ -182,6 +189,72 @@ def slant_delay(
         delay += air.dry * dry_factor + air.wet * wet_factor
         air.wet_factor = wet_factor
     return delay
+
+
+@borrowing
+def slant_changes(
+    air: Air,
+    earlier: Air,
+    klobuchar: Float64,
+    u_n: Float64,
+    u_n_earlier: Float64,
+    with_ionosphere: bool,
+    ionosphere_m: float,
+) -> tuple[float, float, float, float]:
+    """Return a path's ionosphere on L1 and troposphere [m], and by how much each has grown since a little earlier [m].
+
+    Both are the models' own differences, so a rate from them is the model's to second order in the time between. The
+    factors of both airs are those of the path afterwards, as ``slant_delay`` leaves them.
+
+    Parameters
+    ----------
+    air, earlier : where and when the antenna is, and was
+    klobuchar : (8,) alpha 0..3, beta 0..3
+    u_n, u_n_earlier : (3,) unit lines of sight then, each in the north-east-down of its own place
+    with_ionosphere : whether there is one
+    ionosphere_m : the delay on L1 where another model gave it (its growth is that model's), NaN for Klobuchar's
+    """
+    ionosphere = grown = 0.0
+    if with_ionosphere:
+        if math.isnan(ionosphere_m):
+            ionosphere, before = klobuchar_pair(air, earlier, klobuchar, u_n, u_n_earlier)
+            grown = ionosphere - before
+        else:
+            ionosphere = ionosphere_m
+    air.wet_factor = air.dry_factor = earlier.wet_factor = earlier.dry_factor = 0.0
+    if air.dry <= 0.0:
+        return ionosphere, grown, 0.0, 0.0
+    air.dry_factor, air.wet_factor = mapped(air.mapping, -u_n[2])
+    earlier.dry_factor, earlier.wet_factor = mapped(earlier.mapping, -u_n_earlier[2])
+    troposphere = air.dry * air.dry_factor + air.wet * air.wet_factor
+    before = earlier.dry * earlier.dry_factor + earlier.wet * earlier.wet_factor
+    return ionosphere, grown, troposphere, troposphere - before
+
+
+@inlined
+def klobuchar_pair(
+    air: Air, earlier: Air, klobuchar: Float64, u_n: Float64, u_n_earlier: Float64
+) -> tuple[float, float]:
+    """Return Klobuchar's delays on L1 [m] of now and of a little earlier, both by the branch of now."""
+    sine = min(max(-u_n[2], -1.0), 1.0)
+    level = math.sqrt(max(1.0 - sine * sine, 1e-24))
+    slant, amplitude, x = klobuchar_wave(
+        klobuchar, air.lat, air.lon, u_n[0] / level, u_n[1] / level, math.asin(sine), air.week_s
+    )
+    day = abs(x) < DAY_ENDS
+    now = air.above * klobuchar_delay_of(slant, amplitude, x, day)
+    sine = min(max(-u_n_earlier[2], -1.0), 1.0)
+    level = math.sqrt(max(1.0 - sine * sine, 1e-24))
+    slant, amplitude, x = klobuchar_wave(
+        klobuchar,
+        earlier.lat,
+        earlier.lon,
+        u_n_earlier[0] / level,
+        u_n_earlier[1] / level,
+        math.asin(sine),
+        earlier.week_s,
+    )
+    return now, earlier.above * klobuchar_delay_of(slant, amplitude, x, day)
 
 
 @kernel

@@ -15,13 +15,17 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
-from insgnss.simulation.constellation import SatelliteStates, satellite_states
 from insgnss.simulation.disturbance import Disturbance, Noise, PathErrors, SkyGeometry
-from insgnss.simulation.local_level import geodetic, ned_axes
+from insgnss.simulation.local_level import ned_axes
 from insgnss.simulation.oscillator import ClockTruth
+from insgnss.simulation.signal_paths import Antenna as Antenna
+from insgnss.simulation.signal_paths import SignalPaths as SignalPaths
+from insgnss.simulation.signal_paths import antenna_motion as antenna_motion
+from insgnss.simulation.signal_paths import paths_to as paths_to
+from insgnss.simulation.signal_paths import signal_paths as signal_paths
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int8
 
@@ -29,8 +33,8 @@ SYSTEM = "G"  # all simulated satellites are GPS's
 SIGNAL = "C1C"
 WAVELENGTH_M = wavelength_m(SYSTEM, SIGNAL)
 MOST_AMBIGUITY_CYCLES = 1_000_000
-LIGHT_TIME_STEPS = 4  # each multiplies the error by (satellite velocity) / c = 1e-5, from 20 ms on
 REFERENCE_CN0_DBHZ = 45.0
+AIR_RATE_STEP_S = 0.5  # a delay's third derivative leaves 1e-8 m/s
 LOWEST_ANTENNA_GAIN = 1e-3  # of the field: -60 dB, straight below the antenna
 
 
@@ -89,28 +93,6 @@ class Receiver:
 
 
 @dataclass(frozen=True)
-class Antenna:
-    """The antenna at given times, in the axes of ECEF."""
-
-    r_e: Float64  # (m, 3) [m]
-    v_e: Float64  # (m, 3) relative to the Earth [m/s]
-    C_eb: Float64  # (m, 3, 3)
-
-
-@dataclass(frozen=True)
-class SignalPaths:
-    """The signals that arrive at given times, by satellite."""
-
-    range_m: Float64  # (m, n)
-    range_rate_mps: Float64  # (m, n) derivative by the time of reception
-    satellite: SatelliteStates  # at transmission
-    azimuth: Float64  # (m, n) [rad]
-    elevation: Float64  # (m, n) above the horizon [rad]
-    antenna_elevation: Float64  # (m, n) above the antenna's plane (body x-y) [rad]
-    geodetic: Float64  # (m, 3) of the antenna: latitude, longitude [rad], height [m]
-
-
-@dataclass(frozen=True)
 class Observations:
     """Observations of all signals at all tags, tracked or not: the form in which faults are put in."""
 
@@ -126,64 +108,6 @@ class Observations:
 
 
 Fault = Callable[[Observations], Observations]
-
-
-def antenna_motion(trajectory: Trajectory, t_s: Float64, lever_arm_b: Sequence[float]) -> Antenna:
-    """Return the antenna's motion: ``r_a = r + C_eb l``, ``v_a = v + C_eb (w_eb_b x l)``."""
-    motion = trajectory.motion(t_s)
-    lever = np.asarray(lever_arm_b, dtype=np.float64)
-    r_e = motion.r_e + motion.C_eb @ lever
-    v_e = motion.v_e + np.einsum("mij,mj->mi", motion.C_eb, np.cross(motion.w_eb_b, lever))
-    return Antenna(r_e, v_e, motion.C_eb)
-
-
-def signal_paths(antenna: Antenna, eph: EphemerisTable, start_ns: int, t_s: Float64) -> SignalPaths:
-    """Return the paths from the satellites of ephemerides; see ``paths_to``."""
-    return paths_to(antenna, lambda sent: satellite_states(eph, start_ns, sent), len(eph.sv_names), t_s)
-
-
-def paths_to(
-    antenna: Antenna, states: Callable[[Float64], SatelliteStates], count: int, t_s: Float64
-) -> SignalPaths:
-    """Return the straight paths in the inertial frame whose axes are those of ECEF at the moment of reception.
-
-    Equation: ``rho = |r_r - R3(w rho/c) r_s(t - rho/c)|``; differentiated with the transmission time's own change,
-    ``rho' = u.(v_r - v_s) / (1 - u.v_s / c)``, u from satellite to receiver, both velocities inertial.
-    Neglects: the bending and slowing of light by gravity, below 2 cm.
-
-    Parameters
-    ----------
-    states : where ``count`` satellites are at times (m, n) of their own
-    t_s : (m,) times of reception
-    """
-    tau = np.full((len(t_s), count), 0.07)
-    for _ in range(LIGHT_TIME_STEPS):
-        satellite = states(t_s[:, None] - tau)
-        path = antenna.r_e[:, None] - _turned(satellite.r_e, tau)
-        distance = np.linalg.norm(path, axis=-1)
-        tau = distance / C_MPS
-    u = path / distance[..., None]
-    v_s = _turned(satellite.v_e + np.cross(EARTH_RATE_E, satellite.r_e), tau)
-    v_r = (antenna.v_e + np.cross(EARTH_RATE_E, antenna.r_e))[:, None]
-    rate = np.sum(u * (v_r - v_s), axis=-1) / (1.0 - np.sum(u * v_s, axis=-1) / C_MPS)
-    geodetic, azimuth, elevation = _sky(antenna.r_e, -u)
-    # body z is down: the antenna looks along -z
-    up_b = -np.einsum("mi,mni->mn", antenna.C_eb[:, :, 2], -u)
-    return SignalPaths(distance, rate, satellite, azimuth, elevation, np.arcsin(up_b), geodetic)
-
-
-def _turned(vector: Float64, tau: Float64) -> Float64:
-    """Return R3(w tau) applied to ECEF vectors (m, n, 3) of the moment tau before reception."""
-    sine, cosine = np.sin(WGS84_OMEGA_RADPS * tau), np.cos(WGS84_OMEGA_RADPS * tau)
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=-1)
-
-
-def _sky(r_e: Float64, towards: Float64) -> tuple[Float64, Float64, Float64]:
-    """Return geodetic place (m, 3), azimuth and elevation (m, n) of unit vectors (m, n, 3) [rad, m]."""
-    place = geodetic(r_e)
-    north, east, down = np.moveaxis(np.einsum("mij,mnj->mni", ned_axes(place), towards), -1, 0)
-    return place, np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))
 
 
 def observe(
@@ -219,10 +143,10 @@ def observe_paths(
 ) -> Observations:
     """Return what the receiver observes at the tags of its clock; without a generator, free of noise.
 
-    Equation: ``P = rho + b - c (dt_s - k TGD) + T + I``; ``dP/dT = c - c (1 + dt_s') (1 - rho'/c) (1 - b'/c)``;
+    Equation: ``P = rho + b - c (dt_s - k TGD) + T + I``;
+    ``d Phi/dT = c - c (1 + dt_s') (1 - rho'/c) (1 - b'/c) + T' - I'``, the range rate, which is the carrier's;
     ``lambda Phi = rho + b - c dt_s + T - I + lambda N``. The columns are all satellites of the first signal, then of
     the next.
-    Neglects: the change of the atmosphere's delay in the rate, below 5 mm/s in a climb of 8 m/s.
 
     Parameters
     ----------
@@ -239,6 +163,7 @@ def observe_paths(
     elevation = np.tile(paths.elevation, len(codes))
     ticks = (1.0 + paths.satellite.clock_rate) * (1.0 - paths.range_rate_mps / C_MPS)
     range_rate = np.tile(C_MPS * (1.0 - ticks * (1.0 - clock.drift_mps[:, None] / C_MPS)), len(codes))
+    range_rate = range_rate + _air_rate_mps(paths, receiver, week_s)
     pseudorange = _code_m(paths, group_delay_s, clock, receiver, week_s)
     strength = cn0 = np.tile(_strength_dbhz(C_eb, paths, receiver), len(codes))
     if rng is not None:
@@ -334,6 +259,18 @@ def _carrier_m(paths: SignalPaths, clock: ClockTruth, receiver: Receiver, week_s
     return np.hstack(
         [path + receiver.atmosphere(*where, -ionosphere_factor(SYSTEM, code)) for code in receiver.signals]
     )
+
+
+def _air_rate_mps(paths: SignalPaths, receiver: Receiver, week_s: Float64) -> Float64:
+    """Return by how much the air lengthens the carriers of all signals per second: central differences of its delay."""
+    rates = []
+    for code in receiver.signals:
+        before, after = (
+            receiver.atmosphere(*paths.sky_at(step), week_s + step, -ionosphere_factor(SYSTEM, code))
+            for step in (-AIR_RATE_STEP_S, AIR_RATE_STEP_S)
+        )
+        rates.append((after - before) / (2.0 * AIR_RATE_STEP_S))
+    return np.hstack(rates)
 
 
 def _with_carrier(

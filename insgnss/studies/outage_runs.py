@@ -42,7 +42,7 @@ class OutageLog:
     logs: FlightLogs
     setup: FilterSetup
     messages: BroadcastMessages | None
-    ionosphere_m: Float64 | None
+    ionosphere_l1: Float64 | None
     correction_m: Float64 | None
     times_ns: Int64  # of the output
 
@@ -55,9 +55,9 @@ class OutageLog:
         if setup.navigation is not None:
             max_age_s = config.measurements.max_ephemeris_age_s
             messages = broadcast_messages(setup.navigation, max_age_s=max_age_s)
-        ionosphere_m, correction_m, _ = row_corrections(setup, logs, flight)
+        ionosphere_l1, correction_m, _ = row_corrections(setup, logs, flight)
         times_ns = output_times(logs.imu.t_ns, rate_hz)
-        return cls(flight, logs, setup, messages, ionosphere_m, correction_m, times_ns)
+        return cls(flight, logs, setup, messages, ionosphere_l1, correction_m, times_ns)
 
     @property
     def week_ns(self) -> int:
@@ -67,10 +67,10 @@ class OutageLog:
     def rows(self, taken: npt.NDArray[np.intp] | slice) -> Rows:
         """Return rows of the log as the filter's."""
         index = np.arange(len(self.logs.gnss.t_ns))[taken]
-        parts = (None if m is None else m[index] for m in (self.ionosphere_m, self.correction_m))
-        ionosphere_m, correction_m = parts
+        parts = (None if m is None else m[index] for m in (self.ionosphere_l1, self.correction_m))
+        ionosphere_l1, correction_m = parts
         return self.setup.rows(
-            self.logs.gnss.take(index), self.messages, ionosphere_m=ionosphere_m, correction_m=correction_m
+            self.logs.gnss.take(index), self.messages, ionosphere_l1=ionosphere_l1, correction_m=correction_m
         )
 
     def nav(self, out: Output) -> pd.DataFrame:

@@ -154,7 +154,7 @@ def rows_of(
     row["sigma"] = math.nan
     row["cn0"], row["ionosphere_factor"] = 45.0, 1.0
     first = np.arange(0, m * k + 1, max(k, 1), dtype=np.int64) if k else np.zeros(m + 1, np.int64)
-    row["variance_scale"], row["ionosphere_m"] = 1.0, math.nan
+    row["variance_scale"], row["ionosphere_m"], row["phase_factor"] = 1.0, math.nan, 1.0
     carrier, before = no_carriers()
     return Rows(
         np.array(epoch_ns, np.int64),

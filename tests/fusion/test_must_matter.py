@@ -150,7 +150,9 @@ def test_troposphere_moves_the_range_by_metres_and_more_near_the_horizon() -> No
     # dry zenith delay 2.307 m at 1013 hPa [Saastamoinen 1972], wet 0.05 to 0.25 m; at 10 deg 1 / sin is 3 % too much
     by_zenith = moved[:, PSEUDORANGE] * np.sin(np.radians([el for _, el in angles]))
     assert np.all((by_zenith > 2.2) & (by_zenith < 2.6))
-    assert not moved[:, RANGE_RATE].any()
+    # it grows as the satellite sinks, by 1 / sin: 24 m / tan(el) rad of elevation at most 1.4e-4 rad/s
+    slant_m = moved[:, PSEUDORANGE] / np.tan(np.radians([el for _, el in angles]))
+    assert np.all(np.abs(moved[:, RANGE_RATE]) < 1.5e-4 * slant_m) and np.abs(moved[2, RANGE_RATE]) > 1e-3
 
 
 @pytest.mark.parametrize("factor", [1.0, (1575.42 / 1176.45) ** 2], ids=["L1", "L5"])
@@ -159,14 +161,15 @@ def test_ionosphere_moves_the_range_by_klobuchars_night_and_the_square_of_the_fr
 ) -> None:
     at = place(45.0, 10.0, 0.0)
     bank, log = new_filter(at), rows_of([START_NS], sky(at, [(0, 90), (0, 20)]))
-    log.observation["ionosphere_factor"] = factor
+    log.observation["ionosphere_factor"] = log.observation["phase_factor"] = factor
 
     moved = innovations(bank, log) - innovations(bank, log, parameters(use_ionosphere=1.0))
 
     # without amplitudes: 5 ns times 1 + 16 (0.53 - el)^3, el in semicircles             [IS-GPS-200N, 20.3.3.5.2.5]
     slant = 1.0 + 16.0 * (0.53 - np.array([90.0, 20.0]) / 180.0) ** 3
     np.testing.assert_allclose(moved[:, PSEUDORANGE], factor * 5e-9 * C_MPS * slant, atol=1e-3)
-    assert not moved[:, RANGE_RATE].any()
+    # of the carrier, against the sign of the code: the satellite at 20 deg rises or sinks by 1.4e-4 rad/s at most
+    assert 1e-5 < np.abs(moved[1, RANGE_RATE]) < factor * 5e-9 * C_MPS * 48.0 * 0.42**2 / np.pi * 1.4e-4
 
 
 def test_lever_arm_moves_range_and_range_rate_by_its_shadow_on_the_line_of_sight() -> None:

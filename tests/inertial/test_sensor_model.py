@@ -98,3 +98,40 @@ def test_misalignment_counts_as_scale_factor_and_as_bias_under_gravity() -> None
     assert (without.gyro_scale, with_them.gyro_scale) == pytest.approx((300e-6, 500e-6))
     assert with_them.accel_bias.sigma / without.accel_bias.sigma == pytest.approx(5.0 / 3.0)
     assert with_them.gyro_bias.sigma / without.gyro_bias.sigma == pytest.approx(13.0 / 5.0)
+
+
+def test_random_walks_that_an_allan_deviation_finds_move_the_biases() -> None:
+    walking = GRADE.model_copy(
+        update={"gyro_rate_random_walk_deg_per_h_per_sqrt_h": 30.0, "accel_random_walk_mg_per_sqrt_h": 1.2}
+    )
+    plain, model = sensor_model(GRADE), sensor_model(walking)
+
+    # 1 deg/h/sqrt(h) = 4.848137e-6 rad/s / 60 sqrt(s); 1.2 mg/sqrt(h) = 0.02 mg/sqrt(s)
+    assert model.gyro_bias.density - plain.gyro_bias.density == pytest.approx(
+        (0.5 * 4.848137e-6) ** 2, rel=1e-6, abs=0.0
+    )
+    assert model.accel_bias.density - plain.accel_bias.density == pytest.approx(
+        (0.02 * 9.80665e-3) ** 2, rel=1e-9, abs=0.0
+    )
+    assert (model.gyro_bias.sigma, model.accel_bias.sigma) == (plain.gyro_bias.sigma, plain.accel_bias.sigma)
+
+
+@pytest.mark.parametrize(("constant", "instability"), [(8e-3, 1e-3), (0.0, 1e-3), (1e-3, 0.0), (0.0, 0.0)])
+def test_bias_that_walks_has_grown_by_its_walk_after_hours(constant: float, instability: float) -> None:
+    walk, hours = 2e-5, 4.0
+    model = bias_model(constant, instability, 400.0, walk)
+    t_s = 3600.0 * hours
+
+    # d var / dt = -2 var / time + density, integrated exactly
+    left = math.exp(-2.0 * t_s / model.time_s)
+    fed = model.density * (t_s if math.isinf(model.time_s) else 0.5 * model.time_s * (1.0 - left))
+    assert model.sigma**2 * left + fed == pytest.approx(
+        constant**2 + instability**2 + walk**2 * t_s, rel=1e-9, abs=0.0
+    )
+    assert model.density == pytest.approx(2.0 * instability**2 / 400.0 + walk**2, rel=1e-12, abs=0.0)
+
+
+def test_walk_too_small_to_matter_changes_nothing() -> None:
+    plain, model = bias_model(8e-3, 1e-3, 400.0), bias_model(8e-3, 1e-3, 400.0, 1e-12)
+
+    assert model.time_s == pytest.approx(plain.time_s, rel=1e-6)

@@ -162,6 +162,8 @@ def bank(layout: Layout) -> Bank:
     for at, value in ((DR, 5.0), (DV, 0.5), (PSI, 0.03), (BA, 0.01), (BG, 5e-6)):
         sigma[at : at + 3] = value
     sigma[[CLOCK, DRIFT, OFFSETS]] = 50.0, 5.0, 20.0
+    if layout.ionosphere:
+        sigma[layout.at_ionosphere] = 0.5
     for i, heading in enumerate(np.radians([-1.0, 1.0])):
         c, s = math.cos(heading), math.sin(heading)
         made.state["C_eb"][i] = C_ne.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -180,7 +182,7 @@ def short_log(
 
     The loop stops where a hypothesis has become negligible; it goes on with both.
     """
-    layout = Layout(n_offsets=1, clone=with_carrier)
+    layout = Layout(n_offsets=1, ionosphere=with_carrier, clone=with_carrier)
     made, log, par = bank(layout), rows(layout), parameters(layout)
     times = START_NS + np.arange(1, 22) * 50_000_000 + 3_000_000 if output_between else np.zeros(0)
     out = new_output(log, 40, 20, times.astype(np.int64), layout.n_values)

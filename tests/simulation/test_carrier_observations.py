@@ -168,3 +168,24 @@ def test_carriers_are_read_back_from_the_file(flight: Trajectory, tmp_path: Path
     assert read.carrier_cycles is not None and table.carrier_cycles is not None
     assert read.carrier_cycles == pytest.approx(table.carrier_cycles, abs=5.1e-4)
     assert np.array_equal(read.lli, table.lli)
+
+
+def test_range_rate_is_the_carriers_own_derivative_with_the_airs(flight: Trajectory) -> None:
+    """Ionosphere with the phase's sign and troposphere: millimetres per second even at 20 deg of elevation."""
+    tags = np.arange(10.0, 110.0, 5.0)
+    air = broadcast_atmosphere(np.array([1.1e-8, 1.5e-8, -6e-8, -1.2e-7, 9e4, 1.3e5, -6.5e4, -5.2e5]))
+    receiver = replace(WITH_CARRIER, atmosphere=air)
+    path_m = []
+    for step in (-0.01, 0.01):
+        clock = ClockTruth(tags + step, 9.0e4 + 50.0 * (tags + step), np.full_like(tags, 50.0))
+        seen = observe(flight, EPH, START_NS, clock, receiver, None)
+        assert seen.carrier_cycles is not None
+        path_m.append(seen.carrier_cycles * WAVELENGTH_M)
+    clock = ClockTruth(tags, 9.0e4 + 50.0 * tags, np.full_like(tags, 50.0))
+    rate = observe(flight, EPH, START_NS, clock, receiver, None).range_rate_mps
+    empty = observe(flight, EPH, START_NS, clock, WITH_CARRIER, None).range_rate_mps
+
+    slope = (path_m[1] - path_m[0]) / 0.02
+    # the flight's jerk over 0.01 s, the product of clock drift and range rate, and the rounding of 2e7 m
+    assert np.max(np.abs(rate - slope)) < 2e-4
+    assert np.max(np.abs(rate - empty)) > 2e-3

@@ -174,13 +174,14 @@ def test_level_flight_masks_by_elevation_alone() -> None:
     assert by_horizon.cn0_dbhz[0, 7] == pytest.approx(48.0, abs=0.1)  # G23 stands near the zenith
 
 
-def test_atmosphere_is_added_to_the_pseudorange_only(flight: Trajectory) -> None:
+def test_atmosphere_is_added_to_the_pseudorange_and_its_growth_to_the_rate(flight: Trajectory) -> None:
     clock = straight_clock(TAGS)
     bare = observed(flight, clock)
     delayed = observed(flight, clock, atmosphere=broadcast_atmosphere(NAVIGATION.klobuchar))
     dry = observed(flight, clock, atmosphere=broadcast_atmosphere(None))
     both, troposphere = delayed.pseudorange_m - bare.pseudorange_m, dry.pseudorange_m - bare.pseudorange_m
-    assert np.array_equal(delayed.range_rate_mps, bare.range_rate_mps)
+    added = np.abs(delayed.range_rate_mps - bare.range_rate_mps)
+    assert 1e-3 < added.max() < 2e-2  # that it is the carrier's derivative: test_carrier_observations
     assert (
         1.5 < troposphere.min() < 2.3 and 5.0 < troposphere.max() < 12.0
     )  # at 1500 m, from zenith to 13 deg
