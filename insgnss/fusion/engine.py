@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.fusion.carried_start import Carried, kept_over
+from insgnss.fusion.inertial_stream import Cut, Sample, SampleStream
 from insgnss.fusion.loop import write_between
 from insgnss.fusion.navigator import Navigator, Snapshot
 from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_output
@@ -24,7 +26,7 @@ from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import copy_bank
-from insgnss.fusion.whole_log import gap_events, restart_event
+from insgnss.fusion.tag_guard import TagGuard
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.table_joining import joined
@@ -79,6 +81,8 @@ class Engine:
                 setup.navigation, max_age_s=setup.config.measurements.max_ephemeris_age_s
             )
         self._samples = SampleBuffer()
+        self._stream = SampleStream(setup.config, setup.grade)
+        self._tags = TagGuard()
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
         self._done: list[Event] = []  # events of stretches that have ended, and of refusals
         self._final: list[EpochResult] = []
@@ -90,10 +94,11 @@ class Engine:
         self._started = False  # in a stretch that has ended
         self._begin()
 
-    def _begin(self) -> None:
+    def _begin(self, carried: Carried | None = None) -> None:
         """Start over with an empty filter: at first, and after a gap too long to bridge."""
         self._navigator = Navigator(self._setup)
-        self._navigator.starter.given = self._setup.start is not None and not self._started
+        given = self._setup.start is not None and not self._started
+        self._navigator.starter.begin(given=given, carried=carried)
         self._kept: list[_Kept] = []
         self._live: Any = None
         self._keep(_LONG_AGO_NS)
@@ -101,26 +106,33 @@ class Engine:
     def imu(self, t_ns: int, gyro_radps: npt.ArrayLike, accel_mps2: npt.ArrayLike) -> None:
         """Take one inertial sample: the mean over the interval since the sample before, body axes.
 
-        A sample that is not later than the one before, or not finite, is refused with an event.
+        A sample that is not later than the one before is refused with an event, and so is a tag far ahead of those that
+        follow. What the values say of a sample may have to wait for the next ones: the filter takes it then.
         """
         w, f = np.asarray(gyro_radps, np.float64), np.asarray(accel_mps2, np.float64)
-        if not (np.isfinite(w).all() and np.isfinite(f).all()):
-            self._done.append(Event(t_ns, "imu_refused", "an inertial sample is not finite"))
-            return
-        last_ns = self._samples.last_ns
-        if last_ns is not None and t_ns <= last_ns:
-            detail = f"an inertial sample {(last_ns - t_ns) / NS_PER_S:.6f} s behind the one before it"
-            self._done.append(Event(t_ns, "imu_refused", detail))
-            return
-        if last_ns is not None:
-            self._note_gap(last_ns, t_ns)
+        tagged = self._tags.take(int(t_ns), w, f)
+        self._done += tagged.events
+        if tagged.set_back:
+            self._set_back()
+        for sample in tagged.samples:
+            for found in self._stream.take(*sample):
+                if isinstance(found, Event):
+                    self._done.append(found)
+                elif isinstance(found, Cut):
+                    self._cut(found)
+                else:
+                    self._accept(found)
+
+    def _accept(self, sample: Sample) -> None:
+        """Take a sample that has been found sound."""
         if self._samples.last_ns is None:
-            self._first_ns = t_ns
-        self._samples.append(t_ns, w, f)
-        self._insert_waiting(t_ns - 1)
+            self._first_ns = sample.t_ns
+        self._samples.append(*sample[:4])
+        self._insert_waiting(sample.t_ns - 1)
         self._carry_live()
-        self._at_sample(t_ns)
-        if self._insert_waiting(t_ns):
+        if sample.logged:
+            self._at_sample(sample.t_ns)
+        if self._insert_waiting(sample.t_ns):
             self._carry_live()
         self._settle()
 
@@ -208,20 +220,26 @@ class Engine:
     def _output(self, rows: Rows) -> Output:
         return new_output(rows, 1, 32, np.zeros(0, np.int64), self._setup.layout.n_values)
 
-    def _note_gap(self, last_ns: int, t_ns: int) -> None:
-        """Tell a gap in the samples; begin anew after one too long to bridge."""
-        gaps = self._setup.config.gaps
-        if t_ns - last_ns > gaps.restart_s * NS_PER_S:
-            self._started = self._started or self._navigator.started_ns is not None
-            self._done += self._navigator.events
-            self._done.append(restart_event(last_ns, t_ns))
-            while self._waiting and _tag(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
-                self._insert(self._waiting.pop(0))
-            self._close(last_ns)
-            self._samples.clear()
-            self._begin()
-        elif t_ns - last_ns > gaps.longest_step_s * NS_PER_S:
-            self._done += gap_events(np.array([last_ns, t_ns]), gaps.longest_step_s)
+    def _cut(self, cut: Cut) -> None:
+        """Begin anew, with what the filter leaves behind."""
+        last_ns = self._samples.last_ns
+        assert last_ns is not None  # a cut has a sample before it
+        self._started = self._started or self._navigator.started_ns is not None
+        self._done += self._navigator.events
+        while self._waiting and _tag(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
+            self._insert(self._waiting.pop(0))
+        kept = self._navigator.leave(self._samples.view())
+        self._close(last_ns)
+        self._samples.clear()
+        self._begin(None if kept is None else kept_over(kept, cut))
+
+    def _set_back(self) -> None:
+        """Begin anew after tags that were wrong: what they made of the filter goes with them."""
+        self._done += self._navigator.events
+        self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
+        self._samples.clear()
+        self._stream = SampleStream(self._setup.config, self._setup.grade)
+        self._begin()
 
     def _close(self, t_ns: int) -> None:
         """Make all epochs that were processed final; none up to ``t_ns`` is taken any more."""

@@ -32,6 +32,7 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
+from insgnss.fusion.sideslip import note_sideslip
 from insgnss.fusion.state import OFFSETS, PSI, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
 from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
@@ -183,6 +184,8 @@ def run_epochs(
         advance(bank, t_ns, imu, par, out, work)
         k = current_sample(bank, imu)
         done = update_bank(bank, epoch, rows, imu.w_ib_b[k], imu.f_b[k], par, out, work)
+        if bank.state.shape[0] == 1:
+            note_sideslip(head, bank.state[0], bank.P[0], t_ns)
         head.epoch_step_ns = t_ns - head.epoch_ns
         head.epoch_ns = t_ns
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns

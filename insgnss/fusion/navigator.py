@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.fusion.carried_start import Carried, left_behind
 from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.lines import Lines
@@ -139,6 +140,12 @@ class Navigator:
                 self._try(self.trial, code, imu, rows, epoch - 1, out)
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
+
+    def leave(self, imu: Imu) -> Carried | None:
+        """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
+        if self.bank is None:
+            return self.starter.carried
+        return left_behind(self.bank, imu, self._parameters, self.setup.config)
 
     def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
         """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
