@@ -1,9 +1,9 @@
 """A start after a gap in the inertial samples: the fix says where the vehicle is, the filter before the gap the rest.
 
-A gap changes neither biases nor inter-system offsets nor noise levels. The heading that is left depends on what the
-vehicle can have turned in the meantime: nothing when it stood on both sides; else what the rates at both ends of the gap
-allow, and what the course says where the vehicle has shown that its nose keeps to it (``sideslip``). Roll and pitch come
-from the specific force, biases removed.
+A gap changes neither biases nor inter-system offsets nor noise levels. The heading that is left depends on how far the
+vehicle can have turned: not at all when it stood on both sides; else as far as the rates at both ends of the gap allow,
+and as the course tells where the vehicle has shown that its nose keeps to it (``sideslip``). Roll and pitch come from
+the specific force, biases removed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from insgnss.fusion.start import (
     kinematics_from_fix,
     open_bank,
 )
-from insgnss.fusion.state import BA, BG, OFFSETS, PSI, Bank, copy_bank, select_members
+from insgnss.fusion.state import BA, BG, N_CLONE, OFFSETS, PSI, Bank, copy_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
@@ -40,7 +40,7 @@ from insgnss.inertial.alignment import Window, inertial_window
 from insgnss.tables import Event, Float64
 
 _STILL_MPS: Final = 0.5  # GNSS speed of a vehicle that stands
-_STILL_M: Final = 2.0  # by which two fixes of a standing vehicle may differ beyond three sigma
+_STILL_M: Final = 5.0  # by which two fixes of a standing vehicle may differ beyond three sigma
 _STILL_TILT_RAD: Final = math.radians(1.0)  # passengers and the wind tilt a parked vehicle by less
 _PARKED_YAW_RAD: Final = math.radians(0.3)  # what a parked vehicle may turn
 _LEVEL_FLOOR_RAD: Final = math.radians(0.2)
@@ -59,7 +59,7 @@ _OFFSET_SIGMAS: Final = 5.0  # by which a fix contradicts an offset that was car
 class Carried:
     """What a filter knew when its samples ended."""
 
-    bank: Bank  # its one hypothesis, carried to the last sample
+    bank: Bank  # carried to the last sample
     w_b: Float64  # (3,) rate in the last sample, bias removed [rad/s]
     f_b: Float64  # (3,) mean specific force before the end, bias removed [m/s^2]
     parked: bool
@@ -67,28 +67,30 @@ class Carried:
 
     @property
     def state(self) -> Any:
-        """The state at the last sample."""
-        return self.bank.state[0]
+        """The leader's state at the last sample."""
+        return self.bank.state[int(self.bank.head[0].leader)]
+
+    @property
+    def P(self) -> Float64:
+        """Its covariance."""
+        covariance: Float64 = self.bank.P[int(self.bank.head[0].leader)]
+        return covariance
 
 
-def left_behind(bank: Bank, imu: Imu, parameters: npt.NDArray[Any], config: FilterConfig) -> Carried | None:
-    """Return what a filter leaves at the end of its samples ``imu``; nothing where several headings are open.
-
-    Their biases differ.
-    """
-    if len(bank.state) > 1:
-        return None
-    alone = select_members(copy_bank(bank), np.zeros(1, np.int64))
-    scratch = new_scratch(alone.P.shape[1])
-    carry_bank(alone, int(imu.t_ns[-1]), imu, parameters[0], scratch)
-    m, P = alone.state[0], alone.P[0]
-    predict_covariance(m, P, parameters[0], scratch)
+def left_behind(bank: Bank, imu: Imu, parameters: npt.NDArray[Any], config: FilterConfig) -> Carried:
+    """Return what a filter leaves at the end of its samples ``imu``."""
+    last = copy_bank(bank)
+    scratch = new_scratch(last.P.shape[1])
+    carry_bank(last, int(imu.t_ns[-1]), imu, parameters[0], scratch)
+    for state, P in zip(last.state, last.P, strict=True):
+        predict_covariance(state, P, parameters[0], scratch)
+    m = last.state[int(last.head[0].leader)]
     last_ns = int(imu.t_ns[-1])
     window = inertial_window(*imu[:3], last_ns - int(config.start.window_s * NS_PER_S), last_ns)
     f_b = imu.f_b[-1] if window is None else window.f_b
     parked = window is not None and np.linalg.norm(m.v_e) < _STILL_MPS and _steady(window, m.b_g, config)
     open_end = Cut(last_ns, last_ns, 0.0)
-    return Carried(alone, imu.w_ib_b[-1] - m.b_g, f_b - m.b_a, bool(parked), open_end)
+    return Carried(last, imu.w_ib_b[-1] - m.b_g, f_b - m.b_a, bool(parked), open_end)
 
 
 def kept_over(kept: Carried | None, cut: Cut) -> Carried | None:
@@ -117,8 +119,10 @@ def open_carried(
     motion: tuple[Float64, Float64],
     earlier: Fix | None,
     par: Parameters,
-) -> tuple[Bank, list[Event]]:
+) -> tuple[Bank, list[Event]] | None:
     """Return the bank that goes on after a gap, and the event that tells it.
+
+    None where several headings were open and the vehicle did not stay where it was: their biases differ.
 
     Parameters
     ----------
@@ -126,30 +130,52 @@ def open_carried(
     earlier : a fix with a velocity, at least a window older; None: the acceleration is not known
     """
     v_a, P_v = motion
-    m, config = kept.state, setup.config
-    own = Window(window.length_s, window.f_b - m.b_a, window.w_ib_b - m.b_g, window.spread_f, window.spread_w)
-    parked = kept.parked and _still_there(kept, own, fix, v_a, m.b_g * 0.0, config)
+    config, several = setup.config, len(kept.bank.state) > 1
+    parked = kept.parked and _still_there(kept, window, fix, v_a, config)
+    if several and not parked:
+        return None
     a_e, sd_a = (None, 0.0) if parked else (np.zeros(3), 2.0)
     if not parked and earlier is not None and earlier.v_a is not None:
         longer = inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
         if longer is not None:
             dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
-            own = replace(longer, f_b=longer.f_b - m.b_a, w_ib_b=longer.w_ib_b - m.b_g)
+            window = longer
             a_e, sd_a = (v_a - earlier.v_a) / dt, math.sqrt(np.trace(P_v + earlier.P_v[:3, :3])) / dt
-    lat, lon, _ = ecef_to_geodetic(fix.r_a)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    headings = _headings(kept, imu, fix, C_ne @ v_a, float(np.trace(P_v)) / 3.0, parked, config)
-    found = attitudes_at_start(own, fix.r_a, v_a, a_e, sd_a, config, setup.grade, headings)
-    attitudes = [_without_biases(one, m.b_g, parked) for one in found]
-    kin = kinematics_from_fix(fix, v_a, P_v)
+    C_ne = _local_level(fix.r_a)
+    attitudes: list[Attitude] = []
+    members: list[int] = []
+    for i, m in enumerate(kept.bank.state):
+        own = replace(window, f_b=window.f_b - m.b_a, w_ib_b=window.w_ib_b - m.b_g)
+        headings = _parked_heading(kept.bank, i)
+        if not parked:
+            headings = _headings(kept, imu, fix, C_ne @ v_a, float(np.trace(P_v)) / 3.0, config)
+        found = attitudes_at_start(own, fix.r_a, v_a, a_e, sd_a, config, setup.grade, headings)
+        attitudes += [_without_biases(one, m.b_g, parked) for one in found]
+        members += [i] * len(found)
     w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
+    kin = kinematics_from_fix(fix, v_a, P_v)
     bank = open_bank(kin, attitudes, w, par, config, setup.grade, imu.t_ns, setup.layout)
-    for state, P in zip(bank.state, bank.P, strict=True):
-        _carry_over(kept, state, P, par, fix, setup.n_offsets, C_ne)
+    for state, P, i in zip(bank.state, bank.P, members, strict=True):
+        _carry_biases(kept, i, state, P, par, fix, C_ne)
+        _carry_values(kept, i, state, P, par, fix, setup.n_offsets)
     for name in ("slip", "slip_variance", "slip_ns", "slip_walk", "slip_s"):
         bank.head[name] = kept.bank.head[name]
     return bank, [Event(fix.t_ns, "start", _in_words(kept, fix, attitudes, parked))]
+
+
+def _local_level(r_e: Float64) -> Float64:
+    """Return C_ne at a place (3, 3)."""
+    lat, lon, _ = ecef_to_geodetic(r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    return C_ne
+
+
+def _parked_heading(bank: Bank, i: int) -> list[Heading] | None:
+    """Return the heading of a hypothesis as it was before the gap."""
+    m = bank.state[i]
+    sigma = math.sqrt(yaw_variance(m, bank.P[i]) + _PARKED_YAW_RAD**2)
+    return [Heading(_yaw(m), sigma, math.exp(m.log_weight))]
 
 
 def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) -> str:
@@ -170,28 +196,23 @@ def _without_biases(attitude: Attitude, b_g: Float64, parked: bool) -> Attitude:
     return replace(attitude, b_g=b_g.copy(), sd_level=sd_level, level_from_bias=False)
 
 
-def _still_there(
-    kept: Carried, window: Window, fix: Fix, v_a: Float64, no_bias: Float64, config: FilterConfig
-) -> bool:
+def _still_there(kept: Carried, window: Window, fix: Fix, v_a: Float64, config: FilterConfig) -> bool:
     """Return whether a parked vehicle still stands as it stood: place, velocity, rates and the direction of gravity."""
-    m, P = kept.state, kept.bank.P[0]
-    if np.linalg.norm(v_a) > _STILL_MPS or not _steady(window, no_bias, config):
+    m, P = kept.state, kept.P
+    if np.linalg.norm(v_a) > _STILL_MPS or not _steady(window, m.b_g, config):
         return False
     away = float(np.linalg.norm(fix.r_a - m.r_e))
     sigma = math.sqrt(np.trace(P[:3, :3]) + np.trace(fix.P[:3, :3]))
-    across = np.cross(kept.f_b, window.f_b) / (np.linalg.norm(kept.f_b) * np.linalg.norm(window.f_b))
-    return bool(away < _STILL_M + 3.0 * sigma + 5.0 and np.linalg.norm(across) < _STILL_TILT_RAD)
+    f_b = window.f_b - m.b_a
+    across = np.cross(kept.f_b, f_b) / (np.linalg.norm(kept.f_b) * np.linalg.norm(f_b))
+    return bool(away < _STILL_M + 3.0 * sigma and np.linalg.norm(across) < _STILL_TILT_RAD)
 
 
 def _headings(
-    kept: Carried, imu: Imu, fix: Fix, v_n: Float64, variance_v: float, parked: bool, config: FilterConfig
+    kept: Carried, imu: Imu, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
 ) -> list[Heading] | None:
     """Return what is left of the heading; None: nothing, the whole circle is open."""
-    m, P = kept.state, kept.bank.P[0]
-    yaw, variance = _yaw(m), yaw_variance(m, P)
-    if parked:
-        return [Heading(yaw, math.hypot(math.sqrt(variance), _PARKED_YAW_RAD), 1.0)]
-    by_rates = _by_rates(kept, imu, fix, yaw, variance)
+    by_rates = _by_rates(kept, imu, fix, _yaw(kept.state), yaw_variance(kept.state, kept.P))
     by_course = _by_course(kept, fix, v_n, variance_v)
     n, unknown = config.heading.hypotheses, math.radians(config.heading.unknown_above_deg)
     gap_s = (fix.t_ns - kept.cut.last_ns) / NS_PER_S
@@ -216,10 +237,7 @@ def _headings(
 
 def _yaw(m: np.record) -> float:
     """Return the heading of a state [rad]."""
-    lat, lon, _ = ecef_to_geodetic(m.r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    return float(matrix_to_euler(np.ascontiguousarray(C_ne @ m.C_eb))[2])
+    return float(matrix_to_euler(np.ascontiguousarray(_local_level(m.r_e) @ m.C_eb))[2])
 
 
 def _by_rates(kept: Carried, imu: Imu, fix: Fix, yaw: float, variance: float) -> Heading:
@@ -243,7 +261,7 @@ def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Head
     if head.slip_s < _SEEN_S or speed < LEAST_SPEED_MPS:
         return None
     angle, variance, t_ns = head.slip, head.slip_variance, int(head.slip_ns)
-    now, variance_now = sideslip(kept.state, kept.bank.P[0])
+    now, variance_now = sideslip(kept.state, kept.P)
     if math.isfinite(variance_now):
         angle, variance, t_ns = now, variance_now, kept.cut.last_ns
     walk = max(float(head.slip_walk), _LEAST_SLIP_WALK) * (fix.t_ns - t_ns) / NS_PER_S
@@ -253,38 +271,43 @@ def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Head
     return Heading(math.remainder(math.atan2(v_n[1], v_n[0]) + angle, 2.0 * math.pi), sigma, 1.0)
 
 
-def _carry_over(
-    kept: Carried, m: np.record, P: Float64, par: Parameters, fix: Fix, n_offsets: int, C_ne: Float64
+def _carry_biases(
+    kept: Carried, i: int, m: np.record, P: Float64, par: Parameters, fix: Fix, C_ne: Float64
 ) -> None:
-    """Give a hypothesis the biases, offsets and noise levels of before, and the tilt its share of the bias' error.
+    """Give a hypothesis the biases of before, and the tilt its share of their error.
 
     Equation: psi_N = db_E / g, psi_E = -db_N / g, as in ``start``: the levelled tilt is off by what the bias is
     """
-    old, seconds = kept.state, (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
     biases = slice(BA, BG + 3)
     keep = np.repeat([math.exp(-seconds / par.accel_bias_time), math.exp(-seconds / par.gyro_bias_time)], 3)
     grown = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
-    cov = kept.bank.P[0][biases, biases] * np.outer(keep, keep) + np.diag(grown)
+    cov = kept.bank.P[i][biases, biases] * np.outer(keep, keep) + np.diag(grown)
     m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:] * old.b_g
     lever = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
     tilt = C_ne.T @ lever @ C_ne @ m.C_eb  # of an error of the accelerometer bias
     attitude = slice(PSI, PSI + 3)
-    P[attitude, attitude] += tilt @ cov[:3, :3] @ tilt.T
     P[biases, :] = 0.0
     P[:, biases] = 0.0
     P[biases, biases] = cov
+    P[attitude, attitude] += tilt @ cov[:3, :3] @ tilt.T
     P[attitude, biases] = tilt @ cov[:3, :]
     P[biases, attitude] = P[attitude, biases].T
-    for i in range(n_offsets):
-        at = OFFSETS + i
-        variance = kept.bank.P[0][at, at] + par.optional_density[i] * seconds
-        apart2 = (m.optional[i] - old.optional[i]) ** 2
-        if P[at, at] > variance and apart2 < _OFFSET_SIGMAS**2 * (P[at, at] + variance):
-            m.optional[i], P[at, at] = old.optional[i], variance
-    for i in range(n_offsets, len(P) - OFFSETS):
-        if kept.bank.P[0][OFFSETS + i, OFFSETS + i] < P[OFFSETS + i, OFFSETS + i]:
-            m.optional[i] = old.optional[i]
-            P[OFFSETS + i, OFFSETS + i] = kept.bank.P[0][OFFSETS + i, OFFSETS + i]
+
+
+def _carry_values(
+    kept: Carried, i: int, m: np.record, P: Float64, par: Parameters, fix: Fix, n_offsets: int
+) -> None:
+    """Give a hypothesis the clock offsets of before, unless the fix contradicts them, and the noise levels."""
+    old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    n_values = len(P) - OFFSETS - (N_CLONE if par.at_clone >= 0 else 0)
+    for value in range(n_values):
+        at = OFFSETS + value
+        variance = kept.bank.P[i][at, at] + par.optional_density[value] * seconds
+        apart2 = (m.optional[value] - old.optional[value]) ** 2
+        agrees = value >= n_offsets or apart2 < _OFFSET_SIGMAS**2 * (P[at, at] + variance)
+        if agrees and P[at, at] > variance:
+            m.optional[value], P[at, at] = old.optional[value], variance
     m.noise_factor[:] = old.noise_factor
     m.adapted_count, m.adapted_ns = old.adapted_count, old.adapted_ns
     m.cn0_level, m.cn0_level_ns = old.cn0_level, old.cn0_level_ns

@@ -81,7 +81,7 @@ class Engine:
                 setup.navigation, max_age_s=setup.config.measurements.max_ephemeris_age_s
             )
         self._samples = SampleBuffer()
-        self._stream = SampleStream(setup.config, setup.grade)
+        self._stream = SampleStream(setup)
         self._tags = TagGuard()
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
         self._done: list[Event] = []  # events of stretches that have ended, and of refusals
@@ -238,7 +238,7 @@ class Engine:
         self._done += self._navigator.events
         self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
         self._samples.clear()
-        self._stream = SampleStream(self._setup.config, self._setup.grade)
+        self._stream = SampleStream(self._setup)
         self._begin()
 
     def _close(self, t_ns: int) -> None:

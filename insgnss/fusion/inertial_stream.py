@@ -13,8 +13,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.filter import FilterConfig
-from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.screen_state import (
@@ -31,6 +29,7 @@ from insgnss.fusion.screen_state import (
     new_screen,
 )
 from insgnss.fusion.screening import ROOM, screen
+from insgnss.fusion.setup import FilterSetup
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
 _EACH: Final = (
@@ -131,10 +130,14 @@ class Screened:
         return [(self.imu.part(a, b), cut) for (a, b), cut in pairs]
 
 
-def screened(table: ImuTable, config: FilterConfig, grade: ImuGrade) -> Screened:
+def _new(setup: FilterSetup) -> npt.NDArray[Any]:
+    return new_screen(setup.config, setup.grade, setup.lever_arm_m)
+
+
+def screened(table: ImuTable, setup: FilterSetup) -> Screened:
     """Return a whole log screened."""
     w, f = np.ascontiguousarray(table.w_ib_b), np.ascontiguousarray(table.f_b)
-    state, edits, count = new_screen(config, grade), np.zeros(_FIRST_ROOM, EDIT_DTYPE), np.zeros(1, np.int64)
+    state, edits, count = _new(setup), np.zeros(_FIRST_ROOM, EDIT_DTYPE), np.zeros(1, np.int64)
     scratch, decided = np.zeros(6), 0
     while True:
         decided = screen(state[0], table.t_ns, w, f, decided, edits, count, scratch)
@@ -162,13 +165,11 @@ def _edited(imu: Imu, edits: Edits, events: list[Event]) -> Screened:
     bridge = edits[(kind == BRIDGE) | (kind == BRIDGE_TOLD)]
     before = place[bridge["sample"]]
     logged_ns = imu.t_ns[kept]
-    columns = (
-        (logged_ns, bridge["t_ns"]),
-        (w[kept], bridge["w"]),
-        (f[kept], bridge["f"]),
-        (unknown[kept], bridge["unknown"]),
-    )
-    made = Imu(*(np.ascontiguousarray(np.insert(own, before, put, axis=0)) for own, put in columns))
+
+    def bridged(own: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+        return np.ascontiguousarray(np.insert(own[kept], before, bridge[name], axis=0))
+
+    made = Imu(bridged(imu.t_ns, "t_ns"), bridged(w, "w"), bridged(f, "f"), bridged(unknown, "unknown"))
     cuts = []
     for edit in edits[kind == CUT]:
         first = int(place[edit["sample"]])
@@ -181,29 +182,29 @@ def _edited(imu: Imu, edits: Edits, events: list[Event]) -> Screened:
 class SampleStream:
     """A log screened sample by sample: those without a verdict yet wait."""
 
-    def __init__(self, config: FilterConfig, grade: ImuGrade) -> None:
+    def __init__(self, setup: FilterSetup) -> None:
         """Begin without a sample."""
         self.teller = Teller()
-        self._state = new_screen(config, grade)
+        self._state = _new(setup)
         self._edits = np.zeros(4 * ROOM, EDIT_DTYPE)
         self._scratch = np.zeros(6)
-        self._waiting = (np.zeros(64, np.int64), np.zeros((64, 3)), np.zeros((64, 3)))
+        self._waiting: list[npt.NDArray[Any]] = [np.zeros(64, np.int64), np.zeros((64, 3)), np.zeros((64, 3))]
         self._n = 0
         self._last_ns = 0
 
     def take(self, t_ns: int, w_ib_b: Float64, f_b: Float64) -> list[Sample | Cut | Event]:
         """Take a sample later than those before it; return what is certain now, in its order."""
         if self._n == len(self._waiting[0]):
-            self._waiting = tuple(np.concatenate([a, np.zeros_like(a)]) for a in self._waiting)  # type: ignore[assignment]
-        for column, value in zip(self._waiting, (t_ns, w_ib_b, f_b), strict=True):
-            column[self._n] = value
+            self._waiting = [np.concatenate([column, np.zeros_like(column)]) for column in self._waiting]
+        times, rates, forces = self._waiting
+        times[self._n], rates[self._n], forces[self._n] = t_ns, w_ib_b, f_b
         self._n += 1
         found: list[Sample | Cut | Event] = []
         done = 0
         while True:
             count = np.zeros(1, np.int64)
-            used = tuple(column[: self._n] for column in self._waiting)
-            begin, done = done, int(screen(self._state[0], *used, done, self._edits, count, self._scratch))
+            t, w, f = times[: self._n], rates[: self._n], forces[: self._n]
+            begin, done = done, int(screen(self._state[0], t, w, f, done, self._edits, count, self._scratch))
             for k in range(begin, done):
                 found += self._certain(k, self._edits[: count[0]][self._edits["sample"][: count[0]] == k])
             if done == begin or done == self._n:

@@ -67,7 +67,8 @@ class Imu(NamedTuple):
 
     def part(self, first: int, last: int) -> Imu:
         """Return the samples from ``first`` up to ``last``."""
-        return Imu(*(values[first:last] for values in self))
+        chosen = slice(first, last)
+        return Imu(self.t_ns[chosen], self.w_ib_b[chosen], self.f_b[chosen], self.unknown[chosen])
 
 
 class Scratch(NamedTuple):

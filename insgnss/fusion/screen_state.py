@@ -69,6 +69,10 @@ SCREEN_DTYPE: Final = np.dtype(
             ("longest_step", np.float64),  # a longer one is a gap [s]; 0: by the log's own step
             ("restart_s", np.float64),
             ("restart_variance", np.float64),  # of rotation, beyond which the filter starts anew [rad^2]
+            (
+                "lever2",
+                np.float64,
+            ),  # square of the lever arm, by which an unknown rate moves the antenna [m^2]
             ("spike_sigma", np.float64),  # 0: not tested
             ("test_outages", np.int64),
             ("n", np.int64),  # samples taken since the beginning or the last cut
@@ -111,7 +115,9 @@ ScreenRecord: TypeAlias = Any  # one element of SCREEN_DTYPE
 Edits: TypeAlias = npt.NDArray[Any]  # of EDIT_DTYPE
 
 
-def new_screen(config: FilterConfig, grade: ImuGrade) -> npt.NDArray[Any]:
+def new_screen(
+    config: FilterConfig, grade: ImuGrade, lever_arm_m: tuple[float, float, float]
+) -> npt.NDArray[Any]:
     """Return the memory of a log that has not begun, (1,) of ``SCREEN_DTYPE``."""
     made = np.zeros(1, SCREEN_DTYPE)
     s = made[0]
@@ -126,6 +132,7 @@ def new_screen(config: FilterConfig, grade: ImuGrade) -> npt.NDArray[Any]:
     s.longest_step = 0.0 if gaps.longest_step_s is None else gaps.longest_step_s
     s.restart_s = gaps.restart_s
     s.restart_variance = (gaps.restart_rotation_deg * RAD_PER_DEG) ** 2
+    s.lever2 = sum(arm * arm for arm in lever_arm_m)
     s.spike_sigma = samples.spike_sigma
     s.test_outages = int(samples.sensor_outages)
     s.finest[:] = math.inf

@@ -27,12 +27,14 @@ from insgnss.fusion.screen_state import (
     ScreenRecord,
 )
 from insgnss.fusion.sensor_outage import (
+    MOTION_TIME_S,
     is_saturated,
     needed_run,
     note_repeats,
     stand_in,
     stuck_kind,
     unknown_density,
+    unknown_variance,
 )
 from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64, Int64
@@ -160,7 +162,8 @@ def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> 
 @inlined
 def least_spike(s: ScreenRecord, sensor: int) -> float:
     """Return by how much a spike stands out at least, whatever the noise [rad/s] or [m/s^2]."""
-    return min(SLEW[sensor] * s.step, SLEW_MOST[sensor])
+    least: float = min(SLEW[sensor] * s.step, SLEW_MOST[sensor])
+    return least
 
 
 @inlined
@@ -227,10 +230,11 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
 @inlined
 def is_gap(s: ScreenRecord, dt: float) -> bool:
     """Return whether a step of ``dt`` [s] lacks samples."""
-    if s.n_steps == 0:  # nothing says yet what a step is
-        return dt > s.restart_s
-    limit = s.longest_step if s.longest_step > 0.0 and s.left_out == 0 else GAP_STEPS * s.step
-    return dt > limit and dt > 1.2 * s.step
+    limit: float = s.restart_s  # nothing says yet what a step is
+    if s.n_steps > 0:
+        limit = s.longest_step if s.longest_step > 0.0 and s.left_out == 0 else GAP_STEPS * s.step
+    longer: bool = dt > limit and dt > 1.2 * s.step
+    return longer
 
 
 @inlined
@@ -315,10 +319,13 @@ def judge_sensors(
                 if s.out[a] != 0:
                     missed += (s.run[a] + 1) ** 2 * (x[a] - s.fresh[a]) ** 2 * dt
         s.out_s[sensor] += dt
-        added = unknown_density(s, sensor) + missed
-        density = (added, density[1]) if sensor == GYRO else (density[0], added)
+        sigma2 = unknown_variance(s, sensor, saturated)
+        added = unknown_density(s, sensor, sigma2) + missed
         if sensor == GYRO:
             s.out_variance += added * dt
+            density = (added, sigma2 * s.lever2 / MOTION_TIME_S)
+        else:
+            density = (density[0], density[1] + added)
     if density[0] > 0.0 or density[1] > 0.0:
         write(edits, count, k, t_ns, REPLACED, 0.0)
         edit = edits[count[0] - 1]

@@ -24,6 +24,8 @@ QUIETER: Final = 0.3
 AT_RANGE: Final = 0.999  # of the declared range, or of the largest value seen, as in ``log.imu_faults``
 # How long a rate or a specific force stays alike: turns and manoeuvres of vehicles take seconds
 MOTION_TIME_S: Final = 2.0
+OUT_S: Final = 4.0  # seconds of change that a sensor which is out may hide at least: 10 deg/s, 2 m/s^2
+SATURATED_S: Final = 16.0  # 20 deg/s, 4 m/s^2 beyond its range
 
 
 @inlined
@@ -96,13 +98,23 @@ def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
 
 
 @inlined
-def unknown_density(s: ScreenRecord, sensor: int) -> float:
-    """Return the density of the motion that a sensor which is out does not show [rad^2/s] or [m^2/s^3].
+def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
+    """Return the variance of the motion that a sensor which is out does not show [rad^2/s^2] or [m^2/s^4].
 
-    Equation: 2 sigma^2 T (1 - exp(-t/T))^2 of a Gauss-Markov rate that was known at t = 0; sigma^2 is what the log has
-    shown, at least what may change within a second.
+    It is what the log has shown, at least what may change in some seconds; where a sensor is saturated the motion is
+    violent, by how much nobody knows.
+    """
+    seconds = SATURATED_S if saturated else OUT_S
+    variance: float = max(s.most_spread2[sensor], seconds * s.least_change[sensor])
+    return variance
+
+
+@inlined
+def unknown_density(s: ScreenRecord, sensor: int, variance: float) -> float:
+    """Return the density with which the unknown motion enters angle or velocity [rad^2/s] or [m^2/s^3].
+
+    Equation: 2 sigma^2 T (1 - exp(-t/T))^2 of a Gauss-Markov rate that was known at t = 0
     """
     grown = 1.0 - math.exp(-s.out_s[sensor] / MOTION_TIME_S)
-    variance = max(s.most_spread2[sensor], s.least_change[sensor])
     density: float = 2.0 * variance * MOTION_TIME_S * grown * grown
     return density

@@ -1,4 +1,4 @@
-"""The angle between the nose and the velocity, and how fast a vehicle changes it: what is left of a heading after a gap.
+"""The angle between the nose and the velocity, and how fast a vehicle changes it: it gives a heading after a gap.
 
 The vehicle itself shows whether its course tells its heading: a car keeps the angle within a degree, an aircraft for as
 long as the wind lasts, a drone or a man with a telephone does not.

@@ -96,8 +96,11 @@ class Starter:
         earlier = self._earlier_fix(fix, with_velocity=True)
         if earlier is None and not kept.parked and len(self.fixes) < _WAIT_FIXES and fix.v_a is not None:
             return None, fix, []  # the acceleration, without which nothing says which way is up
-        bank, events = open_carried(kept, self.setup, imu, fix, window, motion, earlier, par)
-        return bank, fix, events
+        opened = open_carried(kept, self.setup, imu, fix, window, motion, earlier, par)
+        if opened is None:
+            self.carried = None
+            return self._automatic_start(imu, fix, window, motion, par, patient=False)
+        return opened[0], fix, opened[1]
 
     def _motion(self, fix: Fix) -> tuple[Float64, Float64] | None:
         """Return velocity and its covariance from the range rates, else from two positions, else None."""

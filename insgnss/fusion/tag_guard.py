@@ -70,7 +70,9 @@ class TagGuard:
             samples, self._behind, self._leapt = self._behind, [], None
             back = (self.last_ns - samples[0][0]) / NS_PER_S
             self.last_ns = samples[-1][0]
-            detail = f"the inertial samples go on {back:.6g} s behind, the tags before were wrong: the filter starts anew"
+            detail = (
+                f"the inertial samples go on {back:.6g} s behind: the tags before were wrong, all starts anew"
+            )
             return Passed(samples, [Event(samples[0][0], "restart", detail)], set_back=True)
         if follows:
             return Passed([], [])  # told with the first of them

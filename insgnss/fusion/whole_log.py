@@ -86,7 +86,7 @@ def run_blocks(
     The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
     leaves behind.
     """
-    samples = screened(table, setup.config, setup.grade)
+    samples = screened(table, setup)
     times = output_times(samples.logged_ns, output)
     epoch_ns = np.concatenate([block.epoch_ns for block in blocks])
     n_epochs = len(epoch_ns)

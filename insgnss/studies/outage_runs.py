@@ -108,7 +108,7 @@ def undisturbed(
     """
     rows = log.rows(slice(None))
     imu, n_epochs = log.logs.imu, len(rows.epoch_ns)
-    samples = screened(imu, log.setup.config, log.setup.grade)
+    samples = screened(imu, log.setup)
     out = new_output(rows, len(log.times_ns) + 16, 4 * n_epochs + 16, log.times_ns, log.setup.layout.n_values)
     ordered = sorted((window_ns(window, log.week_ns)[0], window) for window in windows)
     kept: list[Checkpoint] = []

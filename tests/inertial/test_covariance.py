@@ -15,7 +15,7 @@ from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Ban
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation import journeys
-from tests.inertial.filter_state import bank_at, parameters
+from tests.inertial.filter_state import NOTHING_UNKNOWN, bank_at, parameters
 from tests.inertial.strapdown import EARTH, even_edges, skew
 
 TACTICAL = ImuGrade(
@@ -159,7 +159,19 @@ def carried(log: tuple[np.ndarray, ...], covariance_step_s: float) -> Bank:
     bank = bank_at(C_eb, r_e, v_e, SIGMA)
     m = bank.state[0]
     m.b_a[:], m.b_g[:] = 1e-2, 5e-5
-    carry(m, bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w + 5e-5, f + 1e-2, par, new_scratch(OFFSETS))
+    carry(
+        m,
+        bank.P[0],
+        0,
+        1,
+        int(t_ns[-1]),
+        t_ns,
+        w + 5e-5,
+        f + 1e-2,
+        NOTHING_UNKNOWN,
+        par,
+        new_scratch(OFFSETS),
+    )
     return bank
 
 
@@ -209,7 +221,9 @@ def constant(t_ns: np.ndarray, w_b: np.ndarray, f_b: np.ndarray) -> tuple[np.nda
 def over(log: tuple[np.ndarray, ...], par: Any, bank: Bank) -> Bank:
     """Return the filter carried over a log, sums cleared."""
     t_ns, w, f = log[:3]
-    carry(bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, par, new_scratch(OFFSETS))
+    carry(
+        bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, NOTHING_UNKNOWN, par, new_scratch(OFFSETS)
+    )
     predict_covariance(bank.state[0], bank.P[0], par, new_scratch(OFFSETS))
     return bank
 
