@@ -9,6 +9,7 @@ it is certain that none will come. So what the engine says of an epoch in the en
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -83,6 +84,7 @@ class Engine:
         self._samples = SampleBuffer()
         self._stream = SampleStream(setup)
         self._tags = TagGuard()
+        self._arrived: deque[Sample | Cut | Event] = deque()  # screened, not used yet
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
         self._done: list[Event] = []  # events of stretches that have ended, and of refusals
         self._final: list[EpochResult] = []
@@ -115,13 +117,22 @@ class Engine:
         if tagged.set_back:
             self._set_back()
         for sample in tagged.samples:
-            for found in self._stream.take(*sample):
-                if isinstance(found, Event):
-                    self._done.append(found)
-                elif isinstance(found, Cut):
-                    self._cut(found)
-                else:
-                    self._accept(found)
+            self._arrived += self._stream.take(*sample)
+            self._process(sample[0])
+
+    def _process(self, now_ns: int) -> None:
+        """Use what has arrived; before a cut wait for the epochs that may still come from the time before it."""
+        while self._arrived:
+            found = self._arrived[0]
+            if isinstance(found, Cut) and now_ns <= found.last_ns + self._latency_ns:
+                return
+            self._arrived.popleft()
+            if isinstance(found, Event):
+                self._done.append(found)
+            elif isinstance(found, Cut):
+                self._cut(found)
+            else:
+                self._accept(found)
 
     def _accept(self, sample: Sample) -> None:
         """Take a sample that has been found sound."""
@@ -202,6 +213,7 @@ class Engine:
         At the end of a log the epochs after the last sample have no inertial samples.
         """
         if all_of_them:
+            self._process(2**62)
             while self._waiting:
                 self._insert(self._waiting.pop(0))
             self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
@@ -238,6 +250,7 @@ class Engine:
         self._done += self._navigator.events
         self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
         self._samples.clear()
+        self._arrived.clear()
         self._stream = SampleStream(self._setup)
         self._begin()
 

@@ -52,7 +52,7 @@ RATES_DTYPE: Final = np.dtype(
 SMOOTHING_S: Final = 0.25  # over which the specific force is smoothed to tell motion from noise
 MANOEUVRE_S: Final = 1.0  # for which a specific force that is not seen as motion stays alike
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
-LONGEST_STEP_S: Final = 0.1  # a longer interval is carried in pieces: the state's steps are of second order
+LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
 Rates: TypeAlias = Any  # one element of RATES_DTYPE
 
 

@@ -16,7 +16,7 @@ from insgnss.units import RAD_PER_DEG
 
 # Beyond these no sensor measures: shells spin at 300 revolutions a second (1900 rad/s) and leave the gun at 20 000 g
 LARGEST_RATE_RADPS: Final = 1e4
-LARGEST_FORCE_MPS2: Final = 1e6
+LARGEST_FORCE_MPS2: Final = 5e5
 OVER_RANGE: Final = 2.0  # no sensor shows twice its declared range, as in ``log.imu_units``
 
 # verdicts; a sample without an entry is good as it is
@@ -84,6 +84,7 @@ SCREEN_DTYPE: Final = np.dtype(
             ("n_steps", np.int64),
             ("left_out", np.int64),  # samples left out since the newest one taken
             ("in_bad_run", np.int64),
+            ("calm", np.int64),  # samples since the last one that leapt
             ("wiggle2", np.float64, (2,)),  # mean square of a sample's departure from its neighbours
             ("n_wiggles", np.int64),
             # means over MEAN_S

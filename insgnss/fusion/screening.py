@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from insgnss.apart import apart
 from insgnss.fusion.screen_state import (
     ACCEL,
     BAD_SAMPLE,
@@ -27,15 +28,15 @@ from insgnss.fusion.screen_state import (
     ScreenRecord,
 )
 from insgnss.fusion.sensor_outage import (
+    AT_RANGE,
     MOTION_TIME_S,
-    is_saturated,
-    needed_run,
+    held_for_long,
     note_repeats,
     stand_in,
-    stuck_kind,
     unknown_density,
     unknown_variance,
 )
+from insgnss.fusion.spikes import WARM, find_spike, is_possible, least_spike
 from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64, Int64
 
@@ -44,11 +45,6 @@ GAP_STEPS: Final = 1.75  # steps of more typical ones lack a sample: tags of log
 STEPS_MEMORY: Final = 64  # steps over which the typical one follows
 TOLD_STEPS: Final = 5.0  # gaps of so many steps are told, if longer than ...
 TOLD_S: Final = 0.05  # ... this: as ``log.imu_time`` tells them
-WARM: Final = 50  # samples that must have been seen before a spike is one
-# A spike leaps and returns within a step: what vehicles do stays below (racing drones 300 rad/s^2, shocks of 5 g in
-# 10 ms), a slow log's mean over its step below the second number
-SLEW: Final = (75.0, 2500.0)  # [rad/s^2], [m/s^3]
-SLEW_MOST: Final = (3.0, 60.0)  # [rad/s], [m/s^2]
 WIGGLE_TIME_S: Final = 2.0
 MEAN_S: Final = 0.25  # over which samples are averaged to see motion in noise
 CHANGE_TIME_S: Final = 60.0  # over which the changes of the means are averaged
@@ -103,7 +99,7 @@ def screen(
     return k
 
 
-@inlined
+@apart
 def write(edits: Edits, count: Int64, k: int, t_ns: int, kind: int, size: float) -> None:
     """Write a verdict on sample ``k`` down."""
     edit = edits[count[0]]
@@ -121,84 +117,36 @@ def write(edits: Edits, count: Int64, k: int, t_ns: int, kind: int, size: float)
 
 
 @inlined
-def is_possible(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
-    """Return whether a sensor can have given sample ``k``; what is not a number is not smaller than anything."""
-    for i in range(3):
-        if not (abs(w[k, i]) <= s.limit[GYRO] and abs(f[k, i]) <= s.limit[ACCEL]):
-            return False
-    return True
-
-
-@inlined
-def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> int:
-    """Return 1 or 2 when sample ``k`` is a spike of the gyros or the accelerometers, 0 when not, -1 when undecided."""
-    if s.spike_sigma <= 0.0 or s.n_wiggles < WARM or s.n == 0:
-        return 0
-    if (t_ns[k] - s.t_ns) * 1e-9 > 2.0 * GAP_STEPS * s.step:
-        return 0
-    for sensor in range(2):
-        x = w if sensor == GYRO else f
-        limit = max(s.spike_sigma * math.sqrt(s.wiggle2[sensor]), least_spike(s, sensor))
-        leap = 0.0
-        for i in range(3):
-            leap = max(leap, abs(x[k, i] - s.x[3 * sensor + i]))
-        if leap <= limit:
-            continue
-        j = k + 1
-        while j < t_ns.shape[0] and not is_possible(s, w, f, j):
-            j += 1
-        if j == t_ns.shape[0]:
-            return -1
-        back, off = 0.0, 0.0
-        for i in range(3):
-            last = s.x[3 * sensor + i]
-            back = max(back, abs(x[j, i] - last))
-            off = max(off, abs(x[k, i] - 0.5 * (x[j, i] + last)))
-        if off > limit and back < 0.5 * off and (t_ns[j] - t_ns[k]) * 1e-9 < 2.0 * GAP_STEPS * s.step:
-            return sensor + 1
-    return 0
-
-
-@inlined
-def least_spike(s: ScreenRecord, sensor: int) -> float:
-    """Return by how much a spike stands out at least, whatever the noise [rad/s] or [m/s^2]."""
-    least: float = min(SLEW[sensor] * s.step, SLEW_MOST[sensor])
-    return least
-
-
-@inlined
 def repeats_decided(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
     """Find out whether an axis is out from sample ``k`` on, as far as the samples tell; return whether they do."""
     if s.test_outages == 0 or s.n == 0:
         return True
     for axis in range(6):
-        x = w if axis < 3 else f
-        i = axis % 3
-        value = x[k, i]
-        if is_saturated(s, axis, value):
-            s.out[axis] = SATURATED
-            continue
+        value = w[k, axis] if axis < 3 else f[k, axis - 3]
         held = value == s.x[axis]
-        if s.out[axis] != 0:
-            if not held:
-                s.out[axis] = 0
-            continue
-        if not held or s.run[axis] == 0:
-            continue
-        needed = needed_run(s, axis)
-        run = s.run[axis] + 1
-        j = k + 1
-        while run < needed and j < w.shape[0] and x[j, i] == value:
-            run += 1
-            j += 1
-        if needed > 0 and run < needed and j == w.shape[0]:
-            return False
-        if needed > 0 and run >= needed:
-            s.out[axis] = stuck_kind(s, axis, value)
+        if s.out[axis] != 0 and not held:
+            s.out[axis] = 0
+        if abs(value) >= AT_RANGE * s.range[axis // 3]:
+            s.out[axis] = SATURATED
+        elif held and s.out[axis] == 0 and s.run[axis] > 0:
+            found = held_for_long(s, w if axis < 3 else f, k, axis)
+            if found < 0:
+                return False
+            if found > 0:
+                s.out[axis] = found
     return True
 
 
 @inlined
+def is_all_well(s: ScreenRecord) -> bool:
+    """Return whether no sensor is out, and none has just come back."""
+    out = 0
+    for axis in range(6):
+        out += s.out[axis]
+    return out == 0 and s.out_s[0] == 0.0 and s.out_s[1] == 0.0
+
+
+@apart
 def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: Int64) -> None:
     """Take a sound sample, what it lacks before it and what is out in it among the verdicts."""
     dt = (t_ns - s.t_ns) * 1e-9
@@ -210,7 +158,8 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
             bridge(s, t_ns, dt, x, k, edits, count)
         if s.n > 0:
             note_step(s, dt)
-    judge_sensors(s, t_ns, dt, x, k, edits, count)
+    if not is_all_well(s):
+        judge_sensors(s, t_ns, dt, x, k, edits, count)
     note_repeats(s, x)
     if even:
         note_motion(s, dt, x)
@@ -219,6 +168,7 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
         s.n_parts = 0
         clear_mean(s)
     s.even += 1
+    s.calm += 1
     for i in range(6):
         s.before[i] = s.x[i]
         s.x[i] = x[i]
@@ -248,7 +198,7 @@ def note_step(s: ScreenRecord, dt: float) -> None:
         s.step += (min(dt, TOLD_STEPS * s.step) - s.step) / min(s.n_steps, STEPS_MEMORY)
 
 
-@inlined
+@apart
 def bridge(s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edits, count: Int64) -> None:
     """Write down what stands for the time without samples, or that it is too long.
 
@@ -294,7 +244,7 @@ def begin_anew(s: ScreenRecord, edits: Edits, count: Int64, rotation: float, t_n
         s.run[i] = 0
 
 
-@inlined
+@apart
 def judge_sensors(
     s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edits, count: Int64
 ) -> None:
@@ -372,7 +322,7 @@ def note_motion(s: ScreenRecord, dt: float, x: Float64) -> None:
         note_mean(s)
 
 
-@inlined
+@apart
 def note_mean(s: ScreenRecord) -> None:
     """Let the change of the means and their spread follow with the mean that is complete; one that is out is not."""
     share = min(s.part_s / USUAL_TIME_S, 1.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from insgnss.apart import apart
 from insgnss.fusion.screen_state import SATURATED, STUCK, ScreenRecord
 from insgnss.jit import inlined
 from insgnss.tables import Float64
@@ -47,11 +48,23 @@ def needed_run(s: ScreenRecord, axis: int) -> int:
     return max(LEAST_RUN, math.ceil(_RARE / math.log(share)))
 
 
-@inlined
-def is_saturated(s: ScreenRecord, axis: int, value: float) -> bool:
-    """Return whether a value stands at the end of the declared range."""
-    at_end: bool = abs(value) >= AT_RANGE * s.range[axis // 3]
-    return at_end
+@apart
+def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
+    """Return whether an axis that holds its value at sample ``k`` of ``x`` (n, 3) is out from there on.
+
+    STUCK or SATURATED when it is, 0 when not, -1 when that takes samples which are not there yet.
+    """
+    needed = needed_run(s, axis)
+    if needed == 0:
+        return 0
+    i = axis % 3
+    run, j = s.run[axis] + 1, k + 1
+    while run < needed and j < x.shape[0] and x[j, i] == x[k, i]:
+        run += 1
+        j += 1
+    if run >= needed:
+        return stuck_kind(s, axis, x[k, i])
+    return -1 if j == x.shape[0] else 0
 
 
 @inlined
