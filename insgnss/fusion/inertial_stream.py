@@ -68,7 +68,7 @@ class Teller:
         return [event for edit in edits if (event := self._event(edit)) is not None]
 
     def _event(self, edit: Any) -> Event | None:
-        kind, t_ns, size = int(edit["kind"]), int(edit["t_ns"]), float(edit["size"])
+        kind, t_ns, size = int(edit["kind"]), int(edit["t_ns"]), float(edit["amount"])
         if kind == BRIDGE_TOLD:
             detail = f"no inertial sample for {size:.3f} s: bridged, sigma grown"
             return Event(int(edit["axes"]), "imu_gap", detail)

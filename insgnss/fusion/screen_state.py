@@ -20,18 +20,18 @@ LARGEST_FORCE_MPS2: Final = 5e5
 OVER_RANGE: Final = 2.0  # no sensor shows twice its declared range, as in ``log.imu_units``
 
 # verdicts; a sample without an entry is good as it is
-BAD_SAMPLE: Final = 1  # left out: a value that no sensor gives; ``size`` is 1 at the first of a run
-SPIKE: Final = 2  # left out: far off the samples before and after it; ``size`` is the sensor
+BAD_SAMPLE: Final = 1  # left out: a value that no sensor gives; ``amount`` is 1 at the first of a run
+SPIKE: Final = 2  # left out: far off the samples before and after it; ``amount`` is the sensor
 BRIDGE: Final = (
-    3  # a sample is put in before this one, for the time without samples; ``size`` is the step [s]
+    3  # a sample is put in before this one, for the time without samples; ``amount`` is the step [s]
 )
 BRIDGE_TOLD: Final = 4  # the same, and long enough to be told
-CUT: Final = 5  # too long to bridge: the filter starts anew with this sample; ``size`` is the step [s]
+CUT: Final = 5  # too long to bridge: the filter starts anew with this sample; ``amount`` is the step [s]
 REPLACED: Final = 6  # a sensor is out: the sample's values and noise are these
 OUT_BEGINS: Final = (
-    7  # ``size`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)
+    7  # ``amount`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)
 )
-OUT_ENDS: Final = 8  # ``size`` is how long it was [s]
+OUT_ENDS: Final = 8  # ``amount`` is how long it was [s]
 
 GYRO: Final = 0
 ACCEL: Final = 1
@@ -52,7 +52,7 @@ EDIT_DTYPE: Final = np.dtype(
                 np.float64,
                 (2,),
             ),  # densities of its unknown motion [rad^2/s], [m^2/s^3]; of a cut: variance
-            ("size", np.float64),
+            ("amount", np.float64),
             ("axes", np.int64),
         ],
     )
@@ -95,7 +95,7 @@ SCREEN_DTYPE: Final = np.dtype(
             ("n_changes", np.int64),
             ("change", np.float64, (2,)),  # squared change of the means over their length, lately, unit^2 / s
             ("most_change", np.float64, (2,)),  # and the most of it, slowly forgotten
-            ("mean", np.float64, (6,)),  # of the last half minute; of the gyros zero
+            ("usual", np.float64, (6,)),  # of the last half minute; of the gyros zero
             ("spread2", np.float64, (2,)),  # mean square about it
             ("most_spread2", np.float64, (2,)),
             # repeated values

@@ -106,7 +106,7 @@ def write(edits: Edits, count: Int64, k: int, t_ns: int, kind: int, size: float)
     edit.sample = k
     edit.kind = kind
     edit.t_ns = t_ns
-    edit.size = size
+    edit.amount = size
     edit.axes = 0
     for i in range(3):
         edit.w[i] = 0.0
@@ -335,11 +335,11 @@ def note_mean(s: ScreenRecord) -> None:
             a = 3 * sensor + i
             mean = s.part_sum[a] / s.part_s
             if s.n_changes == 1 and sensor == ACCEL:
-                s.mean[a] = mean
+                s.usual[a] = mean
             change2 = max(change2, (mean - s.part_mean[a]) ** 2)
-            spread2 = max(spread2, (mean - s.mean[a]) ** 2)
+            spread2 = max(spread2, (mean - s.usual[a]) ** 2)
             if sensor == ACCEL and s.out_s[ACCEL] == 0.0:
-                s.mean[a] += share * (mean - s.mean[a])
+                s.usual[a] += share * (mean - s.usual[a])
             s.part_mean[a] = mean
         if s.out_s[sensor] > 0.0:
             continue

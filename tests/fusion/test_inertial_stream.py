@@ -138,7 +138,7 @@ def test_value_that_no_sensor_gives_is_left_out_and_told_once_a_run(
     found = screened(table, setup(TACTICAL))
     assert kinds(found) == ["imu_bad_sample"] * 3
     assert len(found.logged_ns) == 995 and np.isfinite(found.imu.w_ib_b).all()
-    assert np.count_nonzero(found.imu.unknown[:, 0] > 0.0) == 2
+    assert np.count_nonzero(found.imu.unknown[:, 0] > 0.0) == 3
 
 
 def test_projectile_of_300_revolutions_a_second_and_20000_g_passes(rng: np.random.Generator) -> None:
