@@ -171,7 +171,7 @@ class Gaps(StrictModel):
     )
 
 
-class Samples(StrictModel):
+class SampleChecks(StrictModel):
     """Which inertial samples are refused, and whether a sensor that is out is noticed."""
 
     spike_sigma: NotNegative = Field(
@@ -295,7 +295,7 @@ class FilterConfig(StrictModel):
     faults: Faults = Faults()
     process: Process = Process()
     gaps: Gaps = Gaps()
-    samples: Samples = Samples()
+    samples: SampleChecks = SampleChecks()
     adaptation: Adaptation = Adaptation()
     health: Health = Health()
     start: Start = Start()
