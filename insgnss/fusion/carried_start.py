@@ -43,6 +43,8 @@ _STILL_MPS: Final = 0.5  # GNSS speed of a vehicle that stands
 _STILL_M: Final = 5.0  # by which two fixes of a standing vehicle may differ beyond three sigma
 _STILL_TILT_RAD: Final = math.radians(1.0)  # passengers and the wind tilt a parked vehicle by less
 _PARKED_YAW_RAD: Final = math.radians(0.3)  # what a parked vehicle may turn
+_VIOLENT_RADPS: Final = math.radians(45.0)  # twice the rate of a car in a street corner
+_LEAST_LOAD, _MOST_LOAD = 0.5, 2.0  # of the mean specific force in g: level turns of 60 deg of bank
 _LEVEL_FLOOR_RAD: Final = math.radians(0.2)
 _RATE_LASTS_S: Final = 2.0  # for which a rate stays alike, as in ``sensor_outage``
 _LONGEST_WAY_S: Final = 5.0  # from the first sample to the start, over which the gyros are followed
@@ -100,6 +102,12 @@ def kept_over(kept: Carried | None, cut: Cut) -> Carried | None:
     first = kept.cut.next_ns == kept.cut.last_ns
     rotation = cut.rotation if first else math.inf
     return replace(kept, cut=Cut(kept.cut.last_ns, cut.next_ns, rotation))
+
+
+def is_violent(window: Window) -> bool:
+    """Return whether a vehicle rolls or loops too fast to be levelled by the mean of its velocity's change."""
+    g = float(np.linalg.norm(window.f_b)) / STANDARD_GRAVITY_MPS2
+    return float(np.linalg.norm(window.w_ib_b)) > _VIOLENT_RADPS or not _LEAST_LOAD < g < _MOST_LOAD
 
 
 def _steady(window: Window, b_g: Float64, config: FilterConfig) -> bool:

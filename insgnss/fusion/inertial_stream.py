@@ -205,8 +205,9 @@ class SampleStream:
             count = np.zeros(1, np.int64)
             t, w, f = times[: self._n], rates[: self._n], forces[: self._n]
             begin, done = done, int(screen(self._state[0], t, w, f, done, self._edits, count, self._scratch))
+            edits = self._edits[: count[0]]
             for k in range(begin, done):
-                found += self._certain(k, self._edits[: count[0]][self._edits["sample"][: count[0]] == k])
+                found += self._certain(k, edits[edits["sample"] == k] if len(edits) else edits)
             if done == begin or done == self._n:
                 break
         if done:

@@ -16,6 +16,10 @@ from insgnss.tables import Float64
 
 LEAST_SPEED_MPS: Final = 3.0
 MOST_SIGMA_RAD: Final = math.radians(5.0)  # of heading and course, for the angle to be known
+STEEPEST: Final = math.sin(
+    math.radians(45.0)
+)  # of the nose against the horizon, for the course to tell the heading
+LEAST_UPRIGHT: Final = math.cos(math.radians(75.0))
 LONGEST_PAUSE_S: Final = 10.0  # between two epochs whose change counts
 MEMORY_S: Final = 120.0
 
@@ -25,8 +29,8 @@ MEMORY_S: Final = 120.0
 def sideslip(m: StateRecord, P: Float64) -> tuple[float, float]:
     """Return the angle from the horizontal velocity to the nose, clockwise from above, and its variance [rad, rad^2].
 
-    The variance is infinite where the vehicle is slow or its heading not known. The vertical is taken through the
-    Earth's centre: 0.2 deg off at most.
+    The variance is infinite where the vehicle is slow, steep or its heading not known. The vertical is taken through
+    the Earth's centre: 0.2 deg off at most.
     """
     r = math.sqrt(m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2)
     ux, uy, uz = m.r_e[0] / r, m.r_e[1] / r, m.r_e[2] / r
@@ -41,6 +45,9 @@ def sideslip(m: StateRecord, P: Float64) -> tuple[float, float]:
         variance += P[DV + i, DV + i] / 3.0
     if speed2 < LEAST_SPEED_MPS**2 or variance > MOST_SIGMA_RAD**2 * speed2:
         return 0.0, math.inf
+    belly = m.C_eb[0, 2] * ux + m.C_eb[1, 2] * uy + m.C_eb[2, 2] * uz
+    if abs(nx * ux + ny * uy + nz * uz) > STEEPEST or belly > -LEAST_UPRIGHT:
+        return 0.0, math.inf  # in a loop or a roll
     variance /= speed2
     for i in range(3):
         for j in range(3):

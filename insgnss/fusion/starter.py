@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
-from insgnss.fusion.carried_start import Carried, open_carried
+from insgnss.fusion.carried_start import Carried, is_violent, open_carried
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.measurements import observe
@@ -35,6 +35,7 @@ from insgnss.tables import Event, Float64
 _LONGEST_HISTORY_NS = 5 * NS_PER_S
 _FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positions
 _WAIT_FIXES = 3  # after a gap, for a second velocity
+_VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre in which nobody can be levelled
 _MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
 
 
@@ -96,6 +97,9 @@ class Starter:
         earlier = self._earlier_fix(fix, with_velocity=True)
         if earlier is None and not kept.parked and len(self.fixes) < _WAIT_FIXES and fix.v_a is not None:
             return None, fix, []  # the acceleration, without which nothing says which way is up
+        waited = fix.t_ns - (self.first_try_ns or fix.t_ns)
+        if is_violent(window) and waited < _VIOLENT_S * NS_PER_S:
+            return None, fix, []
         opened = open_carried(kept, self.setup, imu, fix, window, motion, earlier, par)
         if opened is None:
             self.carried = None
