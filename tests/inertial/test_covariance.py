@@ -266,8 +266,9 @@ def test_sigma_grows_by_the_density_of_the_motion_that_a_sample_does_not_show() 
     sigma = np.sqrt(np.diag(bank.P[0]))
     assert sigma[three(DV)] == pytest.approx(3.0, rel=1e-3)
     assert sigma[three(PSI)] == pytest.approx(np.radians(20.0), rel=1e-3)
-    # of white noise the position gets 1 / sqrt(3) of velocity times time
-    assert sigma[three(DR)] == pytest.approx(3.0 / np.sqrt(3.0), rel=2e-2)
+    # of white noise the position gets 1 / sqrt(3) of velocity times time, and moves on for 10 ms; in steps of an eighth
+    # of a second the trapezoid rule adds 1 / (2 * 8^2) of it
+    assert sigma[three(DR)] == pytest.approx(3.0 * np.sqrt(1.0 / 3.0 + 0.01 + 0.01**2), rel=1e-2)
 
 
 def test_known_biases_are_taken_out_of_both_samples_of_an_interval(
