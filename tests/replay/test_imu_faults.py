@@ -168,6 +168,15 @@ def test_rate_of_the_inertial_log_may_change_in_flight(log: SimulatedLog) -> Non
     assert_honest(run, 0.0)
 
 
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0])
+def test_slow_log_is_no_gap(rate_hz: float) -> None:
+    base = simulator(car(150.0), 150.0, navigation=even_sky(), grade=INDUSTRIAL, imu_rate_hz=rate_hz)
+    run = replayed(flight(base, seed=3))
+    assert not {"imu_gap", "reset", "restart"} & set(kinds(run)) and "heading_known" in kinds(run)
+    assert_honest(run, 0.0)
+    assert run.nav["sd_roll_deg"].iloc[-1] < 0.5 and run.nav["sd_yaw_deg"].iloc[-1] < 2.0
+
+
 # ------------------------------------------------------------------------------------------------ damaged axes
 
 
