@@ -26,6 +26,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
+from insgnss.fusion.inertial_stream import screened
 from insgnss.fusion.output import Output
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
@@ -193,12 +194,15 @@ def replay(
             setup, *work, output, trace=wanted, before_loop=loop.wait, smooth=smooth
         )
     filtered = time.perf_counter()
-    found = traced(out.trace, Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b))
+    samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
+    if wanted is not None:
+        samples = Samples(*screened(work[0], setup).imu[:3])  # as the filter took them
+    found = traced(out.trace, samples)
     aids = None if record.aiding is None else _aiding(record, found, flight, tell)
     given = time.perf_counter()
     supervised = _supervised(record, found, flight, tell)
     settled = time.perf_counter()
-    del work, found  # a big log's samples take as much room as a table
+    del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, ledger, events)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids

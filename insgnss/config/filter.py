@@ -164,15 +164,40 @@ class Process(StrictModel):
 class Gaps(StrictModel):
     """What happens when inertial samples are missing."""
 
-    longest_step_s: Positive = Field(
-        0.05, ge=1e-4, le=60.0, description="a longer step between inertial samples is a gap"
+    longest_step_s: Positive | None = Field(
+        None,
+        ge=1e-4,
+        le=60.0,
+        description="a longer step between inertial samples is a gap; None: by the log's own typical step",
     )
-    acceleration_sigma_mps2: Positive = Field(3.0, description="of the unknown motion inside a gap")
-    rate_sigma_degps: Positive = Field(20.0, description="of the unknown rotation inside a gap")
+    acceleration_sigma_mps2: Positive = Field(
+        1.0,
+        description="by which the specific force changes within a second inside a gap, at least; more where the log"
+        " has shown more",
+    )
+    rate_sigma_degps: Positive = Field(
+        5.0, description="by which the rate changes within a second inside a gap, likewise"
+    )
     restart_s: Positive = Field(
         2.5,
         le=600.0,
-        description="after a longer gap the filter starts anew: by rate_sigma_degps its attitude is then unknown",
+        description="after a longer gap the filter starts anew from a fix, with the biases and what is left of the"
+        " heading",
+    )
+    restart_rotation_deg: Annotated[float, Field(gt=0.0, le=60.0)] = Field(
+        20.0, description="the same after a gap or a gyro outage that leaves the attitude this uncertain"
+    )
+
+
+class SampleChecks(StrictModel):
+    """Which inertial samples are refused, and whether a sensor that is out is noticed."""
+
+    spike_sigma: NotNegative = Field(
+        15.0,
+        description="a sample that leaps so many sigmas of the log's own noise and returns is refused; 0: none is",
+    )
+    sensor_outages: bool = Field(
+        True, description="notice axes that hold their value or stand at the end of their range"
     )
 
 
@@ -302,6 +327,7 @@ class FilterConfig(StrictModel):
     faults: Faults = Faults()
     process: Process = Process()
     gaps: Gaps = Gaps()
+    samples: SampleChecks = SampleChecks()
     adaptation: Adaptation = Adaptation()
     health: Health = Health()
     start: Start = Start()

@@ -27,6 +27,9 @@ from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.fusion.parameters import PARAMETERS_DTYPE
 from insgnss.fusion.prediction import Imu, carry, propagate_covariance
+from insgnss.fusion.screen_state import EDIT_DTYPE, SCREEN_DTYPE
+from insgnss.fusion.screening import note_mean, screen, take
+from insgnss.fusion.sideslip import note_sideslip, sideslip
 from insgnss.fusion.state import Layout, new_bank
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.least_squares import RANGE, FitRows, workspace
@@ -64,6 +67,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     lines, vectors, values = s.lines[:0], s.vectors, s.vectors[0]
     w_ib_b, f_b = imu.w_ib_b[0], imu.f_b[0]
     seen, memory = bank.seen[0], bank.memory[0]
+    screened, edits, count = np.zeros(1, SCREEN_DTYPE), np.zeros(1, EDIT_DTYPE), np.zeros(1, np.int64)
     return {
         write_row: (bank, bank, _N, _N, _N, out, work),
         write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, _N, _N),
@@ -76,6 +80,11 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         turn_attitude_errors: (m, P, values),
         common_step: (lines, _N, values, _X, _X),
         is_prunable: (bank, _N, _X),
+        note_sideslip: (bank.head[0], m, P, _N),
+        sideslip: (m, P),
+        screen: (screened[0], *imu[:3], _N, edits, count, values),
+        take: (screened[0], _N, values, _N, edits, count),
+        note_mean: (screened[0],),
         write_ledger: (out.ledger, out.carrier, _N, lines),
         gate_rows: (lines, _N, _X),
         weigh_robustly: (lines, _N, par),

@@ -9,7 +9,7 @@ it is certain that none will come. So what the engine says of an epoch in the en
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.fusion.carried_start import Carried, kept_over
+from insgnss.fusion.epoch_tables import empty_epoch, epochs_of, tag_of
+from insgnss.fusion.inertial_stream import Cut, Sample, SampleStream
 from insgnss.fusion.loop import write_between
 from insgnss.fusion.masking import still_uncertain
 from insgnss.fusion.navigator import Navigator, Snapshot
@@ -26,7 +29,7 @@ from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.soundness import is_finite
 from insgnss.fusion.state import copy_bank
-from insgnss.fusion.whole_log import gap_events, restart_event
+from insgnss.fusion.tag_guard import TagGuard
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.plausible_messages import refused_messages
@@ -82,6 +85,9 @@ class Engine:
                 setup.navigation, max_age_s=setup.config.measurements.max_ephemeris_age_s
             )
         self._samples = SampleBuffer()
+        self._stream = SampleStream(setup)
+        self._tags = TagGuard()
+        self._arrived: deque[Sample | Cut | Event] = deque()  # screened, not used yet
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
         # events of stretches that have ended, and of refusals
         self._done: list[Event] = refused_messages(setup.navigation)
@@ -94,10 +100,11 @@ class Engine:
         self._started = False  # in a stretch that has ended
         self._begin()
 
-    def _begin(self) -> None:
+    def _begin(self, carried: Carried | None = None) -> None:
         """Start over with an empty filter: at first, and after a gap too long to bridge."""
         self._navigator = Navigator(self._setup)
-        self._navigator.starter.given = self._setup.start is not None and not self._started
+        given = self._setup.start is not None and not self._started
+        self._navigator.starter.begin(given=given, carried=carried)
         self._kept: list[_Kept] = []
         self._live: Any = None
         self._keep(_LONG_AGO_NS)
@@ -105,26 +112,42 @@ class Engine:
     def imu(self, t_ns: int, gyro_radps: npt.ArrayLike, accel_mps2: npt.ArrayLike) -> None:
         """Take one inertial sample: the mean over the interval since the sample before, body axes.
 
-        A sample that is not later than the one before, or not finite, is refused with an event.
+        A sample that is not later than the one before is refused with an event, and so is a tag far ahead of those that
+        follow. What the values say of a sample may have to wait for the next ones: the filter takes it then.
         """
         w, f = np.asarray(gyro_radps, np.float64), np.asarray(accel_mps2, np.float64)
-        if not (np.isfinite(w).all() and np.isfinite(f).all()):
-            self._done.append(Event(t_ns, "imu_refused", "an inertial sample is not finite"))
-            return
-        last_ns = self._samples.last_ns
-        if last_ns is not None and t_ns <= last_ns:
-            detail = f"an inertial sample {(last_ns - t_ns) / NS_PER_S:.6f} s behind the one before it"
-            self._done.append(Event(t_ns, "imu_refused", detail))
-            return
-        if last_ns is not None:
-            self._note_gap(last_ns, t_ns)
+        tagged = self._tags.take(int(t_ns), w, f)
+        self._done += tagged.events
+        if tagged.set_back:
+            self._set_back()
+        for sample in tagged.samples:
+            self._arrived += self._stream.take(*sample)
+            self._process(sample[0])
+
+    def _process(self, now_ns: int) -> None:
+        """Use what has arrived; before a cut wait for the epochs that may still come from the time before it."""
+        while self._arrived:
+            found = self._arrived[0]
+            if isinstance(found, Cut) and now_ns <= found.last_ns + self._latency_ns:
+                return
+            self._arrived.popleft()
+            if isinstance(found, Event):
+                self._done.append(found)
+            elif isinstance(found, Cut):
+                self._cut(found)
+            else:
+                self._accept(found)
+
+    def _accept(self, sample: Sample) -> None:
+        """Take a sample that has been found sound."""
         if self._samples.last_ns is None:
-            self._first_ns = t_ns
-        self._samples.append(t_ns, w, f)
-        self._insert_waiting(t_ns - 1)
+            self._first_ns = sample.t_ns
+        self._samples.append(*sample[:4])
+        self._insert_waiting(sample.t_ns - 1)
         self._carry_live()
-        self._at_sample(t_ns)
-        if self._insert_waiting(t_ns):
+        if sample.logged:
+            self._at_sample(sample.t_ns)
+        if self._insert_waiting(sample.t_ns):
             self._carry_live()
         self._settle()
 
@@ -132,7 +155,7 @@ class Engine:
         """Process the epochs that were ahead of the samples; return whether there was one."""
         some = False
         while self._waiting:
-            t_ns = _tag(self._waiting[0])
+            t_ns = tag_of(self._waiting[0])
             if t_ns > until_ns or self._waits(t_ns):
                 break
             self._insert(self._waiting.pop(0))
@@ -155,13 +178,13 @@ class Engine:
 
         What is older than the latency is refused with an event.
         """
-        for part in _split(epoch):
-            t_ns, newest = _tag(part), self._samples.last_ns
+        for part in epochs_of(epoch):
+            t_ns, newest = tag_of(part), self._samples.last_ns
             if t_ns <= self._closed_ns or (newest is not None and t_ns < newest - self._latency_ns):
                 self._refuse(part)
             elif self._waits(t_ns):
-                at = bisect_left(self._waiting, t_ns, key=_tag)
-                known = [e for e in self._waiting[at : at + 1] if _tag(e) == t_ns]
+                at = bisect_left(self._waiting, t_ns, key=tag_of)
+                known = [e for e in self._waiting[at : at + 1] if tag_of(e) == t_ns]
                 self._waiting[at : at + len(known)] = [joined([*known, part])]
             else:
                 known = [r.gnss for r in self._recent if r.t_ns == t_ns]
@@ -174,7 +197,7 @@ class Engine:
         newest = self._samples.last_ns
         if self._live is None or newest is None:
             return NavState(newest or 0, False, {})
-        rows = self._rows(_empty_epoch())
+        rows = self._rows(empty_epoch())
         out = self._output(rows)
         work = self._navigator.workspace(rows)
         par = self._navigator.parameters[0]
@@ -201,6 +224,7 @@ class Engine:
         At the end of a log the epochs after the last sample have no inertial samples.
         """
         if all_of_them:
+            self._process(2**62)
             while self._waiting:
                 self._insert(self._waiting.pop(0))
             self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
@@ -219,20 +243,27 @@ class Engine:
     def _output(self, rows: Rows) -> Output:
         return new_output(rows, 1, 32, np.zeros(0, np.int64), self._setup.layout.n_values)
 
-    def _note_gap(self, last_ns: int, t_ns: int) -> None:
-        """Tell a gap in the samples; begin anew after one too long to bridge."""
-        gaps = self._setup.config.gaps
-        if t_ns - last_ns > gaps.restart_s * NS_PER_S:
-            self._started = self._started or self._navigator.started_ns is not None
-            self._done += self._told()
-            self._done.append(restart_event(last_ns, t_ns))
-            while self._waiting and _tag(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
-                self._insert(self._waiting.pop(0))
-            self._close(last_ns)
-            self._samples.clear()
-            self._begin()
-        elif t_ns - last_ns > gaps.longest_step_s * NS_PER_S:
-            self._done += gap_events(np.array([last_ns, t_ns]), gaps.longest_step_s)
+    def _cut(self, cut: Cut) -> None:
+        """Begin anew, with what the filter leaves behind."""
+        last_ns = self._samples.last_ns
+        assert last_ns is not None  # a cut has a sample before it
+        self._started = self._started or self._navigator.started_ns is not None
+        self._done += self._told()
+        while self._waiting and tag_of(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
+            self._insert(self._waiting.pop(0))
+        kept = self._navigator.leave(self._samples.view())
+        self._close(last_ns)
+        self._samples.clear()
+        self._begin(None if kept is None else kept_over(kept, cut))
+
+    def _set_back(self) -> None:
+        """Begin anew after tags that were wrong: what they made of the filter goes with them."""
+        self._done += self._told()
+        self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
+        self._samples.clear()
+        self._arrived.clear()
+        self._stream = SampleStream(self._setup)
+        self._begin()
 
     def _close(self, t_ns: int) -> None:
         """Make all epochs that were processed final; none up to ``t_ns`` is taken any more."""
@@ -248,7 +279,7 @@ class Engine:
 
         One outside the inertial samples leaves the filter as it is, and no state is kept of it.
         """
-        t_ns, n_kept = _tag(epoch), len(self._kept)
+        t_ns, n_kept = tag_of(epoch), len(self._kept)
         later = [r.gnss for r in self._recent if r.t_ns > t_ns]
         self._recent = [r for r in self._recent if r.t_ns < t_ns]
         while len(self._kept) > 1 and self._kept[-1].t_ns >= t_ns:
@@ -257,7 +288,7 @@ class Engine:
             self._navigator.restore(self._kept[-1].saved)
         for gnss in [epoch, *later]:
             rows = self._rows(gnss, self._recent[-1].gnss if self._recent else self._last_settled)
-            result = EpochResult(_tag(gnss), gnss, rows, self._output(rows))
+            result = EpochResult(tag_of(gnss), gnss, rows, self._output(rows))
             if result.t_ns < self._first_ns or self._waits(result.t_ns):
                 mark_without_imu(result.out.ledger, result.out.carrier)
             else:
@@ -285,7 +316,7 @@ class Engine:
             self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
 
     def _rows_for_size(self) -> Rows:
-        return self._recent[-1].rows if self._recent else self._rows(_empty_epoch())
+        return self._recent[-1].rows if self._recent else self._rows(empty_epoch())
 
     def _settle(self) -> None:
         """Let go of what no late epoch can reach any more: states, epochs and samples."""
@@ -332,7 +363,7 @@ class Engine:
 
     def _refuse(self, epoch: GnssTable) -> None:
         rows = self._rows(epoch)
-        result = EpochResult(_tag(epoch), epoch, rows, self._output(rows))
+        result = EpochResult(tag_of(epoch), epoch, rows, self._output(rows))
         for ledger in (result.out.ledger, result.out.carrier):
             # read by itself, its carriers had no epoch before them
             reached = (ledger["status"] == USED) | (ledger["status"] == NO_EPOCH_BEFORE)
@@ -344,33 +375,3 @@ class Engine:
             detail = "a GNSS epoch not later than what is final already: refused"
         self._done.append(Event(result.t_ns, "too_late", detail))
         self._final.append(result)
-
-
-def _tag(epoch: GnssTable) -> int:
-    """Return an epoch's time tag."""
-    return int(epoch.t_ns[0])
-
-
-def _split(table: GnssTable) -> Iterator[GnssTable]:
-    """Yield a table's epochs one by one, in the order of time."""
-    times = np.unique(table.t_ns)
-    for t_ns in times:
-        yield table.take(np.flatnonzero(table.t_ns == t_ns))
-
-
-def _empty_epoch() -> GnssTable:
-    """Return a table without rows."""
-    nothing = np.zeros(0)
-    no_index = np.zeros(0, np.int16)
-    return GnssTable(
-        t_ns=np.zeros(0, np.int64),
-        sv=no_index,
-        signal=no_index,
-        pseudorange_m=nothing,
-        doppler_hz=nothing,
-        range_rate_mps=nothing,
-        cn0_dbhz=nothing,
-        sv_names=(),
-        signal_names=(),
-        sat=np.zeros((0, 8)),
-    )

@@ -34,8 +34,10 @@ from insgnss.fusion.output import (
 )
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
+from insgnss.fusion.sensor_outage import MOTION_TIME_S
+from insgnss.fusion.sideslip import note_sideslip
 from insgnss.fusion.soundness import is_sound
-from insgnss.fusion.state import OFFSETS, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
+from insgnss.fusion.state import DV, OFFSETS, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
 from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import borrowing, inlined
@@ -188,6 +190,10 @@ def run_epochs(
         advance(bank, t_ns, imu, par, out, work)
         k = current_sample(bank, imu)
         done = update_bank(bank, epoch, rows, imu.w_ib_b[k], imu.f_b[k], par, out, work)
+        if bank.state.shape[0] == 1:
+            note_sideslip(head, bank.state[0], bank.P[0], t_ns)
+        if k < imu.unknown.shape[0] and imu.unknown[k, 0] > 0.0:
+            widen_velocity(bank, imu.unknown[k, 0], par)
         head.epoch_step_ns = t_ns - head.epoch_ns
         head.epoch_ns = t_ns
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
@@ -216,6 +222,18 @@ def run_epochs(
         if head.heading_open == 1 and heading_variance(bank) < par.heading_known_variance:
             return HEADING_KNOWN, epoch + 1
     return DONE, last
+
+
+@inlined
+def widen_velocity(bank: Bank, unknown: float, par: Parameters) -> None:
+    """Add to the velocity's variance what an unknown rate adds between the antenna, which was measured, and the IMU.
+
+    Equation: var(w x l) <= sigma^2 |l|^2 with the rate's variance sigma^2 = density / (2 T), as in ``sensor_outage``
+    """
+    lever2 = par.lever_b[0] ** 2 + par.lever_b[1] ** 2 + par.lever_b[2] ** 2
+    for member in range(bank.state.shape[0]):
+        for i in range(DV, DV + 3):
+            bank.P[member, i, i] += unknown / (2.0 * MOTION_TIME_S) * lever2
 
 
 @inlined

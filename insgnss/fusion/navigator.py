@@ -14,10 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.fusion.carried_start import Carried, left_behind
 from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.heading_bank import heading_deg, pruned, split
 from insgnss.fusion.headings import heading_variance
+from insgnss.fusion.ledger_marks import mark_rows
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.fusion.loop import (
@@ -40,9 +42,8 @@ from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import Bank, copy_bank
 from insgnss.fusion.trial import Trial, banks_of, refusal
-from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.gnss.observation_rows import Rows
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
 from insgnss.tables import Event, Int16
 
 _WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
@@ -141,6 +142,12 @@ class Navigator:
                 self._try(self.trial, code, imu, rows, epoch - 1, out)
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
+
+    def leave(self, imu: Imu) -> Carried | None:
+        """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
+        if self.bank is None:
+            return self.starter.carried
+        return left_behind(self.bank, imu, self._parameters, self.setup.config)
 
     def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
         """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
@@ -376,22 +383,3 @@ class Navigator:
         if count.events > len(out.events):
             self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
         count.events = 0
-
-
-def mark_rows(out: Output, rows: Rows, epoch: int, fix: Fix | None) -> None:
-    """Write what became of an epoch's usable rows outside the filter: not started, or part of a fix."""
-    ledger = out.ledger
-    index = np.arange(rows.first[epoch], rows.first[epoch + 1])
-    if len(out.carrier):
-        carrier = out.carrier["status"][index]
-        carrier[carrier == USED] = NOT_STARTED if fix is None else NO_EPOCH_BEFORE
-        out.carrier["status"][index] = carrier
-    status = ledger["status"][index]
-    usable = rows.observation["status"][index] == USED
-    if fix is None:
-        status[usable] = NOT_STARTED
-    else:
-        status[usable & ~fix.used.T] = REFUSED_AT_START
-        status[usable & fix.used.T] = USED_FOR_START
-    status[rows.observation["status"][index] == ABSENT] = ABSENT
-    ledger["status"][index] = status

@@ -48,10 +48,6 @@ PARAMETERS_DTYPE = np.dtype(
             ("at_clone", np.int64),
             ("covariance_step", np.float64),  # [s]
             ("motion_gate2", np.float64),  # squared sigmas from which a horizontal force is motion; 0: any is
-            ("longest_step", np.float64),  # [s]
-            ("gap_accel_sigma", np.float64),  # [m/s^2]
-            ("gap_rate_sigma", np.float64),  # [rad/s]
-            ("restart_gap", np.float64),  # [s]
             ("sine_mask", np.float64),  # sine of the elevation mask
             ("cn0_mask", np.float64),  # [dBHz]
             ("use_ionosphere", np.float64),  # 1 or 0
@@ -161,7 +157,7 @@ def resolve_parameters(
     """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
     sensor = sensor_model(grade)
     clock = clock_model(oscillator)
-    use, gaps, gates = config.measurements, config.gaps, config.gates
+    use, gates = config.measurements, config.gates
     values = (
         sensor.gyro_density,
         sensor.accel_density,
@@ -180,10 +176,6 @@ def resolve_parameters(
         layout.at_clone,
         config.process.covariance_step_s,
         config.process.motion_sigma**2,
-        gaps.longest_step_s,
-        gaps.acceleration_sigma_mps2,
-        math.radians(gaps.rate_sigma_degps),
-        gaps.restart_s,
         math.sin(math.radians(use.elevation_mask_deg)),
         use.cn0_mask_dbhz,
         float(use.ionosphere != "none" and (klobuchar_known or use.ionosphere in _OTHER_MODELS)),

@@ -51,6 +51,7 @@ RATES_DTYPE: Final = np.dtype(
     )
 )
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
+LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
 Rates: TypeAlias = Any  # one element of RATES_DTYPE
 
 
@@ -60,6 +61,13 @@ class Imu(NamedTuple):
     t_ns: Int64
     w_ib_b: Float64
     f_b: Float64
+    # (n, 2) densities of the motion that a sample does not show [rad^2/s], [m^2/s^3]; (0, 2): there is none
+    unknown: Float64 = np.zeros((0, 2))
+
+    def part(self, first: int, last: int) -> Imu:
+        """Return the samples from ``first`` up to ``last``."""
+        chosen = slice(first, last)
+        return Imu(self.t_ns[chosen], self.w_ib_b[chosen], self.f_b[chosen], self.unknown[chosen])
 
 
 class Scratch(NamedTuple):
@@ -152,11 +160,12 @@ def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float, accel
 
 
 @inlined
-def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Rates) -> None:
+def step_state(
+    m: StateRecord, par: Parameters, dt: float, gyro_unknown: float, accel_unknown: float, rates: Rates
+) -> None:
     """Move the state by ``dt`` [s] with the effective ``rates`` and add to the sums of the covariance.
 
-    ``gap`` is the length [s] of the gap in the inertial log that the step lies in, zero where there is none: the
-    unknown motion in it enters as noise that has grown to sigma * gap at its end.
+    ``gyro_unknown`` [rad^2/s] and ``accel_unknown`` [m^2/s^3] are the densities of motion that the samples do not show.
     """
     w, f = rates.w, rates.f
     C = m.C_eb
@@ -174,11 +183,8 @@ def step_state(m: StateRecord, par: Parameters, dt: float, gap: float, rates: Ra
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     gyro = par.gyro_density + par.gyro_scale_density * w2
     accel = par.accel_density + par.accel_scale_density * unusual_force2(m, f, dt)
-    if gap > 0.0:
-        gyro += par.gap_rate_sigma**2 * gap
-        accel += par.gap_accel_sigma**2 * gap
-    m.sum_gyro_q += gyro * dt
-    m.sum_accel_q += accel * dt
+    m.sum_gyro_q += (gyro + gyro_unknown) * dt
+    m.sum_accel_q += (accel + accel_unknown) * dt
     m.sum_dt += dt
 
 
@@ -200,10 +206,8 @@ def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
 
 
 @inlined
-def load_rates(
-    m: StateRecord, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, par: Parameters, s: Rates
-) -> float:
-    """Write sample ``k``'s effective rates, biases removed, ; return the gap's length, zero without one."""
+def load_rates(m: StateRecord, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, s: Rates) -> None:
+    """Write sample ``k``'s effective rates, biases removed."""
     dt: float = (t_ns[k] - t_ns[k - 1]) * 1e-9
     before = k - 1 if k > 1 else k
     dt_before = (t_ns[before] - t_ns[before - 1]) * 1e-9
@@ -212,18 +216,7 @@ def load_rates(
         s.f_now[i] = f_b[k, i] - m.b_a[i]
         s.w_before[i] = w_ib_b[before, i] - m.b_g[i]
         s.f_before[i] = f_b[before, i] - m.b_a[i]
-    if dt > par.longest_step:
-        for i in range(3):  # nothing better is known of the gap than the mean of its two ends
-            s.w[i] = 0.5 * (s.w_now[i] + s.w_before[i])
-            s.f[i] = 0.5 * (s.f_now[i] + s.f_before[i])
-        return dt
-    if dt_before > par.longest_step:
-        for i in range(3):
-            s.w[i] = s.w_now[i]
-            s.f[i] = s.f_now[i]
-        return 0.0
     effective_rates(s.w_now, s.f_now, s.w_before, s.f_before, dt, dt_before, s.w, s.f)
-    return 0.0
 
 
 @apart
@@ -236,6 +229,7 @@ def carry(
     t_ns: Int64,
     w_ib_b: Float64,
     f_b: Float64,
+    unknown: Float64,
     par: Parameters,
     scratch: Scratch,
 ) -> int:
@@ -248,16 +242,19 @@ def carry(
     ----------
     now_ns, k : time of the state, inside the interval (t_ns[k-1], t_ns[k]] of sample k (or at its start)
     stop_ns : at most t_ns[-1]
-    t_ns, w_ib_b, f_b : (n,), (n, 3), (n, 3) inertial samples
+    t_ns, w_ib_b, f_b, unknown : (n,), (n, 3), (n, 3), (n, 2) or (0, 2) inertial samples, as in ``Imu``
     """
     rates = scratch.rates[0]
     while now_ns < stop_ns:
-        gap = load_rates(m, w_ib_b, f_b, t_ns, k, par, rates)
+        load_rates(m, w_ib_b, f_b, t_ns, k, rates)
+        gyro_unknown, accel_unknown = 0.0, 0.0
+        if k < unknown.shape[0]:
+            gyro_unknown, accel_unknown = unknown[k, 0], unknown[k, 1]
         end_ns = min(t_ns[k], stop_ns)
         dt = (end_ns - now_ns) * 1e-9
-        pieces = 1 if gap == 0.0 else math.ceil(dt / par.longest_step)
+        pieces = 1 if dt <= LONGEST_STEP_S else math.ceil(dt / LONGEST_STEP_S)
         for _ in range(pieces):
-            step_state(m, par, dt / pieces, gap, rates)
+            step_state(m, par, dt / pieces, gyro_unknown, accel_unknown, rates)
             if m.sum_dt > par.covariance_step - 1e-6:
                 predict_covariance(m, P, par, scratch)
         now_ns = end_ns
@@ -277,7 +274,17 @@ def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scr
     k_end = k
     for i in range(bank.state.shape[0]):
         k_end = carry(
-            bank.state[i], bank.P[i], now_ns, k, stop_ns, imu.t_ns, imu.w_ib_b, imu.f_b, par, scratch
+            bank.state[i],
+            bank.P[i],
+            now_ns,
+            k,
+            stop_ns,
+            imu.t_ns,
+            imu.w_ib_b,
+            imu.f_b,
+            imu.unknown,
+            par,
+            scratch,
         )
     head.now_ns = stop_ns
     head.next = k_end

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.fusion.carried_start import Carried, is_violent, open_carried
 from insgnss.fusion.fix import Fix, fix_epoch
 from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.measurements import observe
@@ -37,6 +38,8 @@ _FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positi
 _LEAST_RATES = 4  # for a velocity and a clock drift
 # What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
 _REST_ALLOWANCE_MPS = 0.5
+_WAIT_FIXES = 3  # after a gap, for a second velocity
+_VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre in which nobody can be levelled
 _MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
 
 
@@ -49,6 +52,11 @@ class Starter:
     first_try_ns: int | None = None
     fixes: list[Fix] = field(default_factory=list)
     headings: list[Heading] | None = None  # those of an automatic start, None: the whole circle
+    carried: Carried | None = None  # from before a gap in the samples
+
+    def begin(self, *, given: bool, carried: Carried | None) -> None:
+        """Say what a stretch of samples begins with: an unused given start, and what was carried to it."""
+        self.given, self.carried = given, carried
 
     def snapshot(self) -> Starter:
         """Return a copy that shares nothing but the setup and the fixes themselves, neither of which changes."""
@@ -78,7 +86,31 @@ class Starter:
         motion = self._motion(fix)
         if window is None or motion is None:
             return None, fix, []
+        if self.carried is not None:
+            return self._carried_start(self.carried, imu, fix, window, motion, par)
         return self._automatic_start(imu, fix, window, motion, par, patient=patient)
+
+    def _carried_start(
+        self,
+        kept: Carried,
+        imu: Imu,
+        fix: Fix,
+        window: Window,
+        motion: tuple[Float64, Float64],
+        par: Parameters,
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Open the bank after a gap in the samples."""
+        earlier = self._earlier_fix(fix, with_velocity=True)
+        if earlier is None and not kept.parked and len(self.fixes) < _WAIT_FIXES and fix.v_a is not None:
+            return None, fix, []  # the acceleration, without which nothing says which way is up
+        waited = fix.t_ns - (self.first_try_ns or fix.t_ns)
+        if is_violent(window) and waited < _VIOLENT_S * NS_PER_S:
+            return None, fix, []
+        opened = open_carried(kept, self.setup, imu, fix, window, motion, earlier, par)
+        if opened is None:
+            self.carried = None
+            return self._automatic_start(imu, fix, window, motion, par, patient=False)
+        return opened[0], fix, opened[1]
 
     def _motion(self, fix: Fix) -> tuple[Float64, Float64] | None:
         """Return velocity and its covariance from the range rates, else from two positions, else None."""

@@ -111,6 +111,11 @@ HEAD_DTYPE: Final = np.dtype(
             ("uncertain_ns", np.int64),  # when that began ...
             ("uncertain_last_ns", np.int64),  # ... and when it was so last
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
+            ("slip", np.float64),  # angle from course to heading when last known (``sideslip``) [rad]
+            ("slip_variance", np.float64),  # [rad^2]
+            ("slip_ns", np.int64),  # when that was; 0: never
+            ("slip_walk", np.float64),  # density of its changes [rad^2/s]
+            ("slip_s", np.float64),  # time over which they were seen [s]
         ],
     )
 )

@@ -6,7 +6,6 @@ the ledger takes the room that the rows leave.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -16,11 +15,12 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, StartError
+from insgnss.fusion.carried_start import Carried, kept_over
+from insgnss.fusion.inertial_stream import screened
 from insgnss.fusion.loop import run_to
 from insgnss.fusion.masking import still_uncertain
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, Table, mark_without_imu, new_ledger, new_output
-from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.smoother import Smoother
 from insgnss.fusion.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
@@ -84,25 +84,29 @@ def run_blocks(
     before_loop : is called when the compiled loop is needed, after the start
     smooth : gives the navigation rows, one an epoch then, what the rest of their stretch tells of them
 
-    The log is cut where inertial samples are missing for longer than the restart limit: each part starts anew.
+    The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
+    leaves behind.
     """
-    imu = Imu(table.t_ns, np.ascontiguousarray(table.w_ib_b), np.ascontiguousarray(table.f_b))
-    times = output_times(imu.t_ns, output)
+    samples = screened(table, setup)
+    times = output_times(samples.logged_ns, output)
     epoch_ns = np.concatenate([block.epoch_ns for block in blocks])
     n_epochs = len(epoch_ns)
-    room = trace_room(trace, imu.t_ns, n_epochs, setup.n_offsets)
+    room = trace_room(trace, samples.logged_ns, n_epochs, setup.n_offsets)
     no_rows = from_epoch(blocks[-1], len(blocks[-1].epoch_ns))
     n_nav, n_values = max(len(times), n_epochs), setup.layout.n_values
     out = new_output(no_rows, n_nav, 4 * n_epochs + 16, times, n_values, room)
     passage = _Passage(blocks, out)
-    events: list[Event] = []
+    events: list[Event] = list(samples.events)
     started = False
-    for first, last in stretches(imu.t_ns, setup.config.gaps.restart_s):
-        part = Imu(imu.t_ns[first:last], imu.w_ib_b[first:last], imu.f_b[first:last])
+    kept: Carried | None = None
+    for part, cut in samples.stretches():
+        kept = kept if cut is None else kept_over(kept, cut)
+        if len(part.t_ns) < 2:
+            continue
         e0, e1 = np.searchsorted(epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
         passage.without_imu(int(e0))
         navigator = Navigator(setup, before_loop)
-        navigator.starter.given = setup.start is not None and not started
+        navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
         smoother = Smoother(navigator, part)
         for rows, begin, end, written in passage.until(int(e1)):
             if smooth:
@@ -114,13 +118,11 @@ def run_blocks(
             work = navigator.workspace(no_rows)
             run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
-        events += gap_events(part.t_ns, setup.config.gaps.longest_step_s)
-        if first > 0:
-            events.append(restart_event(int(imu.t_ns[first - 1]), int(imu.t_ns[first])))
+        kept = navigator.leave(part)
         started = started or navigator.started_ns is not None
     passage.without_imu(n_epochs)
     if not started:
-        raise _no_start(setup, imu.t_ns, epoch_ns)
+        raise _no_start(setup, samples.logged_ns, epoch_ns)
     return out, passage.ledger, events
 
 
@@ -190,34 +192,6 @@ def trace_room(trace: TraceWanted | None, t_ns: Int64, n_epochs: int, n_offsets:
     if trace.epoch_samples_ns is not None:
         times_ns = np.union1d(times_ns, trace.epoch_samples_ns)
     return new_trace_room(times_ns, trace.sigma_interval_s, n_epochs, n_offsets, trace.epoch_samples_ns)
-
-
-def stretches(t_ns: Int64, restart_s: float) -> list[tuple[int, int]]:
-    """Return (first, last) of the unbroken stretches of samples."""
-    cuts = np.flatnonzero(np.diff(t_ns) > restart_s * NS_PER_S) + 1
-    edges = [0, *cuts.tolist(), len(t_ns)]
-    return [(a, b) for a, b in itertools.pairwise(edges) if b - a >= 2]
-
-
-def gap_events(t_ns: Int64, longest_s: float) -> list[Event]:
-    """Return an event for each gap that the filter bridges."""
-    step = np.diff(t_ns)
-    return [
-        Event(
-            int(t_ns[k]),
-            "imu_gap",
-            f"no inertial sample for {step[k] / NS_PER_S:.3f} s: bridged, sigma grown",
-        )
-        for k in np.flatnonzero(step > longest_s * NS_PER_S)
-    ]
-
-
-def restart_event(last_ns: int, next_ns: int) -> Event:
-    """Return the event of a gap too long to bridge."""
-    gap = (next_ns - last_ns) / NS_PER_S
-    return Event(
-        last_ns, "imu_gap", f"no inertial sample for {gap:.3f} s: too long to bridge, the filter starts anew"
-    )
 
 
 def output_times(t_ns: Int64, output: OutputRate) -> Int64:

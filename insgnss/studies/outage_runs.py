@@ -18,12 +18,14 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S
 from insgnss.corrected_rows import row_corrections
+from insgnss.fusion.carried_start import Carried, kept_over
+from insgnss.fusion.inertial_stream import screened
 from insgnss.fusion.loop import run_to
 from insgnss.fusion.navigator import Navigator, Snapshot
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.whole_log import output_times, stretches
+from insgnss.fusion.whole_log import output_times
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
@@ -106,16 +108,19 @@ def undisturbed(
     """
     rows = log.rows(slice(None))
     imu, n_epochs = log.logs.imu, len(rows.epoch_ns)
-    whole = Imu(imu.t_ns, np.ascontiguousarray(imu.w_ib_b), np.ascontiguousarray(imu.f_b))
+    samples = screened(imu, log.setup)
     out = new_output(rows, len(log.times_ns) + 16, 4 * n_epochs + 16, log.times_ns, log.setup.layout.n_values)
     ordered = sorted((window_ns(window, log.week_ns)[0], window) for window in windows)
     kept: list[Checkpoint] = []
     started = False
-    for first, last in stretches(whole.t_ns, log.setup.config.gaps.restart_s):
-        part = Imu(whole.t_ns[first:last], whole.w_ib_b[first:last], whole.f_b[first:last])
+    carried: Carried | None = None
+    for part, cut in samples.stretches():
+        carried = carried if cut is None else kept_over(carried, cut)
+        if len(part.t_ns) < 2:
+            continue
         e0, e1 = (int(e) for e in np.searchsorted(rows.epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1]))
         navigator = Navigator(log.setup)
-        navigator.starter.given = log.setup.start is not None and not started
+        navigator.starter.begin(given=log.setup.start is not None and not started, carried=carried)
         for from_ns, window in ordered:
             if not part.t_ns[0] <= from_ns <= part.t_ns[-1]:
                 continue
@@ -127,6 +132,7 @@ def undisturbed(
         navigator.run(part, rows, e0, e1, out)
         if navigator.bank is not None:
             _carry_on(navigator, part, int(part.t_ns[-1]), rows, out)
+        carried = navigator.leave(part)
         started = started or navigator.started_ns is not None
     has_one = {checkpoint.window for checkpoint in kept}
     return log.nav(out), kept, [window for window in windows if window not in has_one]

@@ -59,7 +59,7 @@ def dense_joseph(P: Float64, work: Epoch) -> tuple[Float64, Float64]:
 def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.random.Generator) -> None:
     """Both work on the same rows; each carries its own covariance on, and what they correct is added up."""
     seconds, imu_hz = 3600, 10
-    par = parameters(LEVER_B, longest_step=1.0, covariance_step=0.1)
+    par = parameters(LEVER_B, covariance_step=0.1)
     t = turning(par, seconds, imu_hz, rng)
     bank, dense = t.bank, copy_bank(t.bank)
     out, work, scratch = room(t), new_workspace(12, Layout()), new_scratch(N)
@@ -86,7 +86,7 @@ def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.
 
 def test_covariance_of_a_ten_hour_run_is_symmetric_and_positive_throughout(rng: np.random.Generator) -> None:
     hours, imu_hz = 10, 10
-    par = parameters(LEVER_B, longest_step=1.0, covariance_step=0.1)
+    par = parameters(LEVER_B, covariance_step=0.1)
     t = turning(par, hours * 3600, imu_hz, rng)
     out, work = room(t), new_workspace(12, Layout())
     truth, smallest = t.bank.state["r_e"][0].copy(), []
@@ -116,7 +116,7 @@ def test_filter_runs_on_when_a_state_is_known_perfectly(
         "clock_bias_density": 0.0,
         "clock_drift_density": 0.0,
     }
-    par = parameters(LEVER_B, longest_step=1.0, covariance_step=0.1, **still)
+    par = parameters(LEVER_B, covariance_step=0.1, **still)
     t = turning(par, 60, 10, rng)
     t.bank.P[0, range(first, first + count), range(first, first + count)] = 0.0
 
@@ -127,7 +127,7 @@ def test_filter_runs_on_when_a_state_is_known_perfectly(
 
 
 def test_biases_without_process_noise_are_learnt_without_end(rng: np.random.Generator) -> None:
-    par = parameters(LEVER_B, longest_step=1.0, covariance_step=0.1)
+    par = parameters(LEVER_B, covariance_step=0.1)
     for name in ("accel_bias", "gyro_bias"):
         par[f"{name}_density"], par[f"{name}_time"] = 0.0, np.inf
     t = turning(par, 3600, 10, rng)

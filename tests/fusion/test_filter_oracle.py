@@ -136,7 +136,7 @@ def test_filter_equals_filterpy_over_100_epochs(
     for epoch in range(EPOCHS):
         run_epochs(bank, epoch, epoch + 1, log.rows, log.imu, par, -1e9, out, work)
         t_ns, part = int(log.rows.epoch_ns[epoch]), slice(log.rows.first[epoch], log.rows.first[epoch + 1])
-        k = dense.carry(now_ns, k, t_ns, *log.imu)
+        k = dense.carry(now_ns, k, t_ns, *log.imu[:3])
         now_ns = t_ns
         value = log.rows.observation["value"][part]
         dense.update(log.rows.sat[part], value, log.imu.w_ib_b[k], log.imu.f_b[k], (sigma_m, sigma_mps))

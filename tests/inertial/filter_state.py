@@ -12,6 +12,7 @@ from insgnss.fusion.parameters import resolve_parameters
 from insgnss.fusion.state import Bank, new_bank
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
 
+NOTHING_UNKNOWN = np.zeros((0, 2))  # of the motion that samples show
 NO_CLOCK_NOISE = Oscillator(h0_s=0.0, h_minus2_per_s=0.0)
 
 

@@ -15,7 +15,7 @@ from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Ban
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation import journeys
-from tests.inertial.filter_state import bank_at, parameters
+from tests.inertial.filter_state import NOTHING_UNKNOWN, bank_at, parameters
 from tests.inertial.strapdown import EARTH, even_edges, skew
 
 TACTICAL = ImuGrade(
@@ -159,7 +159,19 @@ def carried(log: tuple[np.ndarray, ...], covariance_step_s: float) -> Bank:
     bank = bank_at(C_eb, r_e, v_e, SIGMA)
     m = bank.state[0]
     m.b_a[:], m.b_g[:] = 1e-2, 5e-5
-    carry(m, bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w + 5e-5, f + 1e-2, par, new_scratch(OFFSETS))
+    carry(
+        m,
+        bank.P[0],
+        0,
+        1,
+        int(t_ns[-1]),
+        t_ns,
+        w + 5e-5,
+        f + 1e-2,
+        NOTHING_UNKNOWN,
+        par,
+        new_scratch(OFFSETS),
+    )
     return bank
 
 
@@ -206,10 +218,10 @@ def constant(t_ns: np.ndarray, w_b: np.ndarray, f_b: np.ndarray) -> tuple[np.nda
     return t_ns, w, f, C_EB, PLACE_E, np.array([100.0, -50.0, 20.0])
 
 
-def over(log: tuple[np.ndarray, ...], par: Any, bank: Bank) -> Bank:
+def over(log: tuple[np.ndarray, ...], par: Any, bank: Bank, unknown: np.ndarray = NOTHING_UNKNOWN) -> Bank:
     """Return the filter carried over a log, sums cleared."""
     t_ns, w, f = log[:3]
-    carry(bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, par, new_scratch(OFFSETS))
+    carry(bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, unknown, par, new_scratch(OFFSETS))
     predict_covariance(bank.state[0], bank.P[0], par, new_scratch(OFFSETS))
     return bank
 
@@ -242,18 +254,21 @@ def test_steady_force_brings_no_scale_factor_with_it_as_that_is_in_the_bias() ->
     assert steady.state[0].f_mean.tolist() == [0.0, 30.0, -40.0]
 
 
-def test_sigma_grows_in_a_gap_to_the_unknown_motion_times_its_length() -> None:
+def test_sigma_grows_by_the_density_of_the_motion_that_a_sample_does_not_show() -> None:
     t_ns = np.array([0, 10, 20, 1020, 1030]) * 1_000_000
     log = constant(t_ns, np.zeros(3), np.zeros(3))
+    unknown = np.zeros((5, 2))
+    unknown[3] = np.radians(20.0) ** 2, 3.0**2
 
-    bank = over(log, parameters(TACTICAL), bank_at(*log[3:], np.zeros(OFFSETS)))
+    bank = over(log, parameters(TACTICAL), bank_at(*log[3:], np.zeros(OFFSETS)), unknown)
 
-    # 3 m/s^2 and 20 deg/s (the filter's defaults) over a gap of 1 s, in free fall: sensor noise is a thousandth
+    # over one second, in free fall: sensor noise is a thousandth
     sigma = np.sqrt(np.diag(bank.P[0]))
     assert sigma[three(DV)] == pytest.approx(3.0, rel=1e-3)
     assert sigma[three(PSI)] == pytest.approx(np.radians(20.0), rel=1e-3)
-    # of white noise the position gets 1 / sqrt(3) of velocity times time
-    assert sigma[three(DR)] == pytest.approx(3.0 / np.sqrt(3.0), rel=2e-2)
+    # of white noise the position gets 1 / sqrt(3) of velocity times time, and moves on for 10 ms; in steps of an eighth
+    # of a second the trapezoid rule adds 1 / (2 * 8^2) of it
+    assert sigma[three(DR)] == pytest.approx(3.0 * np.sqrt(1.0 / 3.0 + 0.01 + 0.01**2), rel=1e-2)
 
 
 def test_known_biases_are_taken_out_of_both_samples_of_an_interval(

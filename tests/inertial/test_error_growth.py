@@ -15,7 +15,7 @@ from insgnss.fusion.prediction import carry, new_scratch
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DV, OFFSETS, PSI
 from insgnss.simulation import journeys
 from insgnss.simulation.imu import gauss_markov
-from tests.inertial.filter_state import bank_at, parameters
+from tests.inertial.filter_state import NOTHING_UNKNOWN, bank_at, parameters
 from tests.inertial.linear_growth import ERRORS, linear_growth
 from tests.inertial.strapdown import even_edges, fly
 from tests.statistics_bounds import assert_mean_chi_square, nees
@@ -118,7 +118,9 @@ def predicted(flight: Nominal, count: int, par: Any) -> np.ndarray:
     bank = bank_at(flight.C_eb, flight.r_e, flight.v_e, stationary_sigma(par))
     t_ns = np.arange(count + 1) * round(DT * NS_PER_S)
     w, f = (np.concatenate([x[:1], x[:count]]) for x in (flight.w, flight.f))
-    carry(bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, par, new_scratch(OFFSETS))
+    carry(
+        bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), t_ns, w, f, NOTHING_UNKNOWN, par, new_scratch(OFFSETS)
+    )
     return np.asarray(bank.P[0, :CLOCK, :CLOCK])
 
 

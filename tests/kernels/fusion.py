@@ -17,7 +17,23 @@ from insgnss.fusion.loop import DONE, Imu, new_workspace, run_epochs, run_to
 from insgnss.fusion.masking import MASK, OFF
 from insgnss.fusion.output import new_output
 from insgnss.fusion.parameters import resolve_parameters
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, Layout, new_bank
+from insgnss.fusion.screen_state import EDIT_DTYPE, new_screen
+from insgnss.fusion.screening import screen
+from insgnss.fusion.sideslip import note_sideslip
+from insgnss.fusion.state import (
+    BA,
+    BG,
+    CLOCK,
+    DR,
+    DRIFT,
+    DV,
+    OFFSETS,
+    PSI,
+    Bank,
+    Layout,
+    new_bank,
+    select_members,
+)
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -42,6 +58,17 @@ SKY = {
     "E11": (330, 3),
 }
 EPOCHS = 5
+NO_NOISE = {"elevation": 0.0, "cn0_at_45_dbhz": 0.0}
+GRADE = ImuGrade(
+    gyro_bias_deg_per_h=1.0,
+    gyro_bias_instability_deg_per_h=0.5,
+    gyro_correlation_time_s=1000.0,
+    gyro_arw_deg_per_sqrt_h=0.1,
+    accel_bias_mg=1.0,
+    accel_bias_instability_mg=0.3,
+    accel_correlation_time_s=1000.0,
+    accel_vrw_mps_per_sqrt_h=0.06,
+)
 L1_M = C_MPS / 1_575.42e6
 
 
@@ -110,16 +137,6 @@ def observed(clock_m: float, offset_m: float) -> GnssTable:
 
 def parameters(layout: Layout) -> npt.NDArray[Any]:
     """Return the filter's numbers for a tactical sensor."""
-    grade = ImuGrade(
-        gyro_bias_deg_per_h=1.0,
-        gyro_bias_instability_deg_per_h=0.5,
-        gyro_correlation_time_s=1000.0,
-        gyro_arw_deg_per_sqrt_h=0.1,
-        accel_bias_mg=1.0,
-        accel_bias_instability_mg=0.3,
-        accel_correlation_time_s=1000.0,
-        accel_vrw_mps_per_sqrt_h=0.06,
-    )
     config = FilterConfig.model_validate(
         {
             "pseudorange_noise_m": {"floor": 0.5, "elevation": 0.6, "cn0_at_45_dbhz": 0.7},
@@ -127,7 +144,7 @@ def parameters(layout: Layout) -> npt.NDArray[Any]:
         }
     )
     return resolve_parameters(
-        config, grade, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True, layout
+        config, GRADE, Oscillator(h0_s=2e-19, h_minus2_per_s=2e-20), LEVER_ARM_M, True, layout
     )
 
 
@@ -210,6 +227,53 @@ def lost_log() -> list[Any]:
     return [ended, made.head, made.state["log_weight"], out]
 
 
+def one_heading_with_unknown_motion() -> list[Any]:
+    """Return everything the loop changes for one hypothesis on the move, inside a gap of the samples."""
+    layout = Layout(n_offsets=1)
+    made, log, par = select_members(bank(layout), np.zeros(1, np.int64)), rows(layout), parameters(layout)
+    made.state["v_e"] = made.state["C_eb"][:, :, 0] * 12.0
+    samples = imu()
+    samples = samples._replace(unknown=np.tile([1e-3, 0.1], (len(samples.t_ns), 1)))
+    out = new_output(log, 40, 20, np.zeros(0, np.int64), layout.n_values)
+    work = new_workspace(len(SKY), layout, None, limits_of(Visibility()))
+    ended = [(DONE, 0)]
+    for second in range(1, 4):
+        note_sideslip(made.head[0], made.state[0], made.P[0], START_NS - (5 - second) * NS_PER_S)
+    while ended[-1][1] < EPOCHS:
+        ended.append(run_epochs(made, ended[-1][1], EPOCHS, log, samples, par, -30.0, out, work))
+    return [ended, made, out]
+
+
+def screened_samples() -> list[Any]:
+    """Return the verdicts on a log with gaps, wild values, a spike and sensors that are out."""
+    t = np.arange(1100) * 0.01
+    w = 0.3 * np.sin(t[:, None] * [0.7, 1.1, 0.3]) + 1e-3 * np.sin(1e4 * t[:, None] * [1.0, 1.3, 1.7])
+    f = (
+        [0.0, 0.0, -9.8]
+        + np.sin(t[:, None] * [0.5, 0.8, 1.0])
+        + 0.02 * np.sin(1e4 * t[:, None] * [2.0, 2.3, 2.7])
+    )
+    w[320, 1], f[340, 0], w[360, 2] = math.nan, 1e9, 30.0
+    w[380:680, 2], f[480:520, 1] = w[380, 2], 0.0
+    f[690:700, 0] = 500.0
+    keep = np.ones(len(t), np.bool_)
+    keep[720:750] = keep[780:1050] = False
+    t_ns = START_NS + np.arange(len(t)) * 10_000_000
+    config = FilterConfig.model_validate(
+        {
+            "pseudorange_noise_m": {"floor": 0.5, **NO_NOISE},
+            "range_rate_noise_mps": {"floor": 0.03, **NO_NOISE},
+        }
+    )
+    state, edits, count = (
+        new_screen(config, GRADE, LEVER_ARM_M),
+        np.zeros(2000, EDIT_DTYPE),
+        np.zeros(1, np.int64),
+    )
+    decided = screen(state[0], t_ns[keep], w[keep], f[keep], 0, edits, count, np.zeros(6))
+    return [decided, state, edits, count]
+
+
 def wrong_rows() -> tuple[Float64, Lines]:
     """Return a wide covariance and ten pseudoranges at its prior, two of which the others contradict."""
     n = OFFSETS
@@ -231,6 +295,8 @@ CASES = [
     KernelCase("tests.kernels.fusion:short_log", (True, False), rtol=1e-10, label="between"),
     # differences of a prior of 1e4 m^2 and a clock of 1e5 m^2 against rows of 1 m^2
     KernelCase("insgnss.fusion.consistency:refuse_inconsistent", (*wrong_rows(), 9.0, 3), rtol=1e-9),
+    KernelCase("tests.kernels.fusion:one_heading_with_unknown_motion", rtol=1e-10),
+    KernelCase("tests.kernels.fusion:screened_samples", rtol=1e-11),
     KernelCase("tests.kernels.fusion:short_log", (False, True), rtol=1e-10, label="with carrier"),
     KernelCase("tests.kernels.fusion:lost_log", (), rtol=1e-10),
     KernelCase("tests.kernels.fusion:short_log", (False, False, True), rtol=1e-10, label="with masking"),

@@ -1,0 +1,140 @@
+"""What the screening of inertial samples remembers of a log, and how it writes its verdicts down."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.filter import FilterConfig
+from insgnss.config.flight import ImuGrade
+from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.inertial.sensor_model import sensor_model
+from insgnss.units import RAD_PER_DEG
+
+# Beyond these no sensor measures: shells spin at 300 revolutions a second (1900 rad/s) and leave the gun at 20 000 g
+LARGEST_RATE_RADPS: Final = 1e4
+LARGEST_FORCE_MPS2: Final = 5e5
+OVER_RANGE: Final = 2.0  # no sensor shows twice its declared range, as in ``log.imu_units``
+
+# verdicts; a sample without an entry is good as it is
+BAD_SAMPLE: Final = 1  # left out: a value that no sensor gives; ``amount`` is 1 at the first of a run
+SPIKE: Final = 2  # left out: far off the samples before and after it; ``amount`` is the sensor
+BRIDGE: Final = (
+    3  # a sample is put in before this one, for the time without samples; ``amount`` is the step [s]
+)
+BRIDGE_TOLD: Final = 4  # the same, and long enough to be told
+CUT: Final = 5  # too long to bridge: the filter starts anew with this sample; ``amount`` is the step [s]
+REPLACED: Final = 6  # a sensor is out: the sample's values and noise are these
+OUT_BEGINS: Final = (
+    7  # ``amount`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)
+)
+OUT_ENDS: Final = 8  # ``amount`` is how long it was [s]
+
+GYRO: Final = 0
+ACCEL: Final = 1
+STUCK: Final = 1
+SATURATED: Final = 2
+
+EDIT_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("sample", np.int64),  # index of the sample it is about
+            ("kind", np.int64),
+            ("t_ns", np.int64),  # time of a sample put in, else that of the sample
+            ("w", np.float64, (3,)),  # values of a sample put in or replaced
+            ("f", np.float64, (3,)),
+            (
+                "unknown",
+                np.float64,
+                (2,),
+            ),  # densities of its unknown motion [rad^2/s], [m^2/s^3]; of a cut: variance
+            ("amount", np.float64),
+            ("axes", np.int64),
+        ],
+    )
+)
+SCREEN_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
+            ("limit", np.float64, (2,)),  # larger values are no measurement
+            ("range", np.float64, (2,)),  # declared measuring range, infinite where there is none
+            ("noise_density", np.float64, (2,)),  # white noise of the grade, unit^2 s
+            ("least_change", np.float64, (2,)),  # least density of change, unit^2 / s
+            ("longest_step", np.float64),  # a longer one is a gap [s]; 0: by the log's own step
+            ("restart_s", np.float64),
+            ("restart_variance", np.float64),  # of rotation, beyond which the filter starts anew [rad^2]
+            (
+                "lever2",
+                np.float64,
+            ),  # square of the lever arm, by which an unknown rate moves the antenna [m^2]
+            ("spike_sigma", np.float64),  # 0: not tested
+            ("test_outages", np.int64),
+            ("n", np.int64),  # samples taken since the beginning or the last cut
+            ("t_ns", np.int64),  # the newest sample taken
+            ("x", np.float64, (6,)),
+            ("before", np.float64, (6,)),  # the one before it
+            ("even", np.int64),  # samples in a row without a gap, those two among them
+            ("step", np.float64),  # typical step [s]
+            ("n_steps", np.int64),
+            ("left_out", np.int64),  # samples left out since the newest one taken
+            ("in_bad_run", np.int64),
+            ("calm", np.int64),  # samples since the last one that leapt
+            ("wiggle2", np.float64, (2,)),  # mean square of a sample's departure from its neighbours
+            ("n_wiggles", np.int64),
+            # means over MEAN_S
+            ("part_s", np.float64),
+            ("part_sum", np.float64, (6,)),
+            ("part_mean", np.float64, (6,)),
+            ("n_parts", np.int64),  # in a row
+            ("n_changes", np.int64),
+            ("change", np.float64, (2,)),  # squared change of the means over their length, lately, unit^2 / s
+            ("most_change", np.float64, (2,)),  # and the most of it, slowly forgotten
+            ("usual", np.float64, (6,)),  # of the last half minute; of the gyros zero
+            ("spread2", np.float64, (2,)),  # mean square about it
+            ("most_spread2", np.float64, (2,)),
+            # repeated values
+            ("run", np.int64, (6,)),  # so many samples in a row equal the one before
+            ("repeats", np.int64, (6,)),  # of the window
+            ("window", np.int64),
+            ("most_repeats", np.float64, (6,)),  # largest share of a window
+            ("finest", np.float64, (6,)),  # smallest change
+            ("largest", np.float64, (2,)),  # largest magnitude
+            ("fresh", np.float64, (6,)),  # value before a run
+            ("out", np.int64, (6,)),  # 0, STUCK or SATURATED
+            ("out_s", np.float64, (2,)),  # for how long
+            ("out_variance", np.float64),  # of the unknown rotation since the gyros are out [rad^2]
+        ],
+    )
+)
+ScreenRecord: TypeAlias = Any  # one element of SCREEN_DTYPE
+Edits: TypeAlias = npt.NDArray[Any]  # of EDIT_DTYPE
+
+
+def new_screen(
+    config: FilterConfig, grade: ImuGrade, lever_arm_m: tuple[float, float, float]
+) -> npt.NDArray[Any]:
+    """Return the memory of a log that has not begun, (1,) of ``SCREEN_DTYPE``."""
+    made = np.zeros(1, SCREEN_DTYPE)
+    s = made[0]
+    gaps, samples, sensor = config.gaps, config.samples, sensor_model(grade)
+    ranges = (grade.gyro_range_deg_per_s, grade.accel_range_g)
+    units = (RAD_PER_DEG, STANDARD_GRAVITY_MPS2)
+    for i, (span, unit) in enumerate(zip(ranges, units, strict=True)):
+        s.range[i] = math.inf if span is None else span * unit
+    s.limit[:] = np.minimum((LARGEST_RATE_RADPS, LARGEST_FORCE_MPS2), OVER_RANGE * s.range)
+    s.noise_density[:] = sensor.gyro_density, sensor.accel_density
+    s.least_change[:] = (gaps.rate_sigma_degps * RAD_PER_DEG) ** 2, gaps.acceleration_sigma_mps2**2
+    s.longest_step = 0.0 if gaps.longest_step_s is None else gaps.longest_step_s
+    s.restart_s = gaps.restart_s
+    s.restart_variance = (gaps.restart_rotation_deg * RAD_PER_DEG) ** 2
+    s.lever2 = sum(arm * arm for arm in lever_arm_m)
+    s.spike_sigma = samples.spike_sigma
+    s.test_outages = int(samples.sensor_outages)
+    s.finest[:] = math.inf
+    return made
