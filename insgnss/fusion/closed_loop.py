@@ -11,6 +11,7 @@ from typing import Final
 
 from insgnss.apart import apart
 from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.fusion.lines import Antenna
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
@@ -33,8 +34,10 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     """
     C, w = m.C_eb, WGS84_OMEGA_RADPS
     x, y, z = correction[PSI], correction[PSI + 1], correction[PSI + 2]
-    for i in range(3):  # C^T (w_ie + w_ie x delta psi)
-        m.b_g[i] += w * (C[2, i] + C[1, i] * x - C[0, i] * y)
+    # C^T (w_ie + w_ie x delta psi): what the rates would be to first order
+    p = w * (C[2, 0] + C[1, 0] * x - C[0, 0] * y)
+    q = w * (C[2, 1] + C[1, 1] * x - C[0, 1] * y)
+    r = w * (C[2, 2] + C[1, 2] * x - C[0, 2] * y)
     for i in range(3):
         m.r_e[i] += correction[DR + i]
         m.v_e[i] += correction[DV + i]
@@ -49,63 +52,69 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
     turn_left(m.q_eb, turn * a, turn * b, turn * c)
     quaternion_to_matrix(m.q_eb, m.C_eb)
-    for i in range(3):
-        m.b_g[i] -= w * C[2, i]
+    if abs(turn) >= _NO_TURN:
+        m.b_g[0] += p - w * C[2, 0]
+        m.b_g[1] += q - w * C[2, 1]
+        m.b_g[2] += r - w * C[2, 2]
 
 
 @apart
-def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64) -> None:
-    """Turn the attitude's part of the covariance about the vertical with the correction of the heading.
+def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64, a: Antenna) -> None:
+    """Turn the axes of the attitude's errors about the vertical with the correction of the heading.
 
     What tilts the attitude belongs to the body, the accelerometers' bias above all: with a new heading the axes of that
     tilt turn as well. Left where they were, the tilt and the bias would part, and roll and pitch seem better known.
-    The same holds for the gyro bias' part that hides the Earth's rate.
+    What has been measured stays as well known as it is: position and velocity of the antenna at the end of its lever
+    arm, and what the gyros show, bias plus Earth rate. Left where they were, the next antenna position would seem to
+    tell of the heading.
 
-    Equation: P_psi. <- R P_psi., R = exp([u (u . delta psi) x]), u the vertical;
-              P_bg. <- P_bg. + C_eb^T ((w_ie - R^T w_ie) x P_psi.), with C_eb and P_psi before the correction
+    Equation: P <- T P T^T with psi' = R psi, R = exp([u (u . delta psi) x]), u the vertical,
+              dr' = dr + (I - R)(psi x l), dv' = dv + (I - R)(psi x a), a = C_eb (w_ib x l) as it was shown,
+              db_g' = db_g + C_eb^T ((w_ie - R^T w_ie) x psi)
     Neglects: the turn of the tilt's own axes by half its correction, second order in it.
+
+    Parameters
+    ----------
+    m, a : state and antenna before the correction
     """
-    n = P.shape[0]
     axis = up_direction(m.r_e)
     angle = axis[0] * correction[PSI] + axis[1] * correction[PSI + 1] + axis[2] * correction[PSI + 2]
     if not abs(angle) >= _NO_TURN:  # nor one that is no number
         return
-    sine, rest = math.sin(angle), 1.0 - math.cos(angle)
-    keep_apparent_bias(m, P, turned(axis, -sine, rest, 0.0, 0.0, WGS84_OMEGA_RADPS))
+    turn = axis, math.sin(angle), 1.0 - math.cos(angle)
+    x, y, z = turned(axis, -turn[1], turn[2], 0.0, 0.0, WGS84_OMEGA_RADPS)
+    rate = -x, -y, WGS84_OMEGA_RADPS - z
+    n = P.shape[0]
     for j in range(n):
-        x, y, z = turned(axis, sine, rest, P[PSI, j], P[PSI + 1, j], P[PSI + 2, j])
-        P[PSI, j], P[PSI + 1, j], P[PSI + 2, j] = x, y, z
-        if j < PSI or j >= PSI + 3:
-            P[j, PSI], P[j, PSI + 1], P[j, PSI + 2] = x, y, z
-    for i in range(PSI, PSI + 3):
-        x, y, z = turned(axis, sine, rest, P[i, PSI], P[i, PSI + 1], P[i, PSI + 2])
-        P[i, PSI], P[i, PSI + 1], P[i, PSI + 2] = x, y, z
-    for i in range(PSI, PSI + 3):
-        for j in range(PSI, i):
-            P[j, i] = P[i, j]
+        turn_column(m.C_eb, a, turn, rate, P[:, j])
+    for i in range(n):
+        turn_column(m.C_eb, a, turn, rate, P[i])
+    for i in range(n):
+        for j in range(i):
+            P[i, j] = P[j, i]
 
 
 @inlined
-def keep_apparent_bias(m: StateRecord, P: Float64, rate: tuple[float, float, float]) -> None:
-    """Move the gyro bias' part of the covariance so that bias plus Earth rate, what the gyros show, is as well known.
-
-    ``rate`` is the Earth's rate turned back by the correction of the heading, R^T w_ie [rad/s].
-    """
-    n, C = P.shape[0], m.C_eb
-    x, y, z = -rate[0], -rate[1], WGS84_OMEGA_RADPS - rate[2]
-    for j in range(n):
-        p, q, r = P[PSI, j], P[PSI + 1, j], P[PSI + 2, j]
-        a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
-        for i in range(3):
-            P[BG + i, j] += C[0, i] * a + C[1, i] * b + C[2, i] * c
-    for j in range(n):  # and the columns, of the matrix whose rows are moved
-        p, q, r = P[j, PSI], P[j, PSI + 1], P[j, PSI + 2]
-        a, b, c = y * r - z * q, z * p - x * r, x * q - y * p
-        for i in range(3):
-            P[j, BG + i] += C[0, i] * a + C[1, i] * b + C[2, i] * c
-    for i in range(BG, BG + 3):
-        for j in range(BG, i):
-            P[i, j] = P[j, i]
+def turn_column(
+    C: Float64,
+    antenna: Antenna,
+    turn: tuple[tuple[float, float, float], float, float],
+    rate: tuple[float, float, float],
+    column: Float64,
+) -> None:
+    """Turn one column (n,) of a covariance, ``turn`` the axis, sine and 1 - cosine of R, ``rate`` w_ie - R^T w_ie."""
+    axis, sine, rest = turn
+    p, q, r = column[PSI], column[PSI + 1], column[PSI + 2]
+    for arm, at in ((antenna.l_e, DR), (antenna.turning_e, DV)):
+        x, y, z = q * arm[2] - r * arm[1], r * arm[0] - p * arm[2], p * arm[1] - q * arm[0]
+        a, b, c = turned(axis, sine, rest, x, y, z)
+        column[at] += x - a
+        column[at + 1] += y - b
+        column[at + 2] += z - c
+    x, y, z = rate[1] * r - rate[2] * q, rate[2] * p - rate[0] * r, rate[0] * q - rate[1] * p
+    for i in range(3):
+        column[BG + i] += C[0, i] * x + C[1, i] * y + C[2, i] * z
+    column[PSI], column[PSI + 1], column[PSI + 2] = turned(axis, sine, rest, p, q, r)
 
 
 @inlined

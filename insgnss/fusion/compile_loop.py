@@ -77,7 +77,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         carry: (m, P, _N, _N, _N, *imu, par, scratch),
         propagate_covariance: (m, P, par, scratch),
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
-        turn_attitude_errors: (m, P, values),
+        turn_attitude_errors: (m, P, values, s.antenna[0]),
         common_step: (lines, _N, values, _X, _X),
         is_prunable: (bank, _N, _X),
         note_sideslip: (bank.head[0], m, P, _N),

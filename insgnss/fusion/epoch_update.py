@@ -103,7 +103,8 @@ def update_epoch(
     )
     if done.clock_step == 0.0 and done.drift_step == 0.0:
         adapt_noise(m, P, par, lines, correction, t_ns, drift_variance)
-    turn_attitude_errors(m, P, correction)
+    if par.motion_gate2 > 0.0:
+        turn_attitude_errors(m, P, correction, s.antenna[0])
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])

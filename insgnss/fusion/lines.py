@@ -55,6 +55,7 @@ ANTENNA_DTYPE: Final = np.dtype(
             ("v_a", np.float64, (3,)),  # antenna velocity, ECEF
             ("l_e", np.float64, (3,)),  # lever arm, ECEF
             ("a_e", np.float64, (3,)),  # C_eb (w_ib x l)
+            ("turning_e", np.float64, (3,)),  # the same of the rotation that counts as motion
             ("C_ne", np.float64, (3, 3)),
             ("u", np.float64, (3,)),  # line of sight
             ("dr", np.float64, (3,)),  # derivative of the range rate by position

@@ -15,6 +15,7 @@ from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.fusion.carrier import carrier_row
 from insgnss.fusion.delays import carrier_delay, place_airs, range_delay, rate_delay, row_delays
 from insgnss.fusion.lines import Antenna, Epoch, Line
+from insgnss.fusion.motion import place_turning
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import StateRecord
@@ -74,9 +75,9 @@ def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
     """Write the row of H of a range rate.
 
     Position: d rho_dot/dr = -(w_rel - u (u.w_rel))/rho; velocity: -u; attitude: u x a_e + l_e x (u x w_ie) with
-    a_e = C (w_ib x l); gyro bias: l x C^T u; drift: 1.
+    a_e = C (w_ib x l) of a rotation that was shown (``motion.place_turning``); gyro bias: l x C^T u; drift: 1.
     """
-    u, l_e, a_e, lever = a.u, a.l_e, a.a_e, par.lever_b
+    u, l_e, a_e, lever = a.u, a.l_e, a.turning_e, par.lever_b
     C = m.C_eb
     h[0], h[1], h[2] = a.dr[0], a.dr[1], a.dr[2]
     h[3], h[4], h[5] = -u[0], -u[1], -u[2]
@@ -109,6 +110,7 @@ def observe(
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
     a = s.antenna[0]
     place_antenna(m, par, w_ib_b, f_b, a)
+    place_turning(m, P, par, a)
     first = rows.first[epoch]
     with_carrier = rows.carrier.shape[0] > 0
     follows = with_carrier and epoch_follows(m, rows, epoch)

@@ -9,12 +9,13 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.fusion.lines import Antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import BA, BG, DR, DV, PSI, StateRecord
 from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
 
-FORCE_MEAN_TIME_S: Final = 0.25  # over which the specific force is smoothed to tell motion from noise
+FORCE_MEAN_TIME_S: Final = 0.25  # over which specific force and rates are smoothed to tell motion from noise
 VELOCITY_MEAN_TIME_S: Final = 10.0  # with which a velocity is compared to tell whether it has changed
 LEVEL_GATE2: Final = 4.0  # squared sigmas of tilt and bias errors, within which a lasting force is no motion
 MANOEUVRE_S: Final = 1.0  # correlation time of a horizontal specific force that is not credited as motion
@@ -107,6 +108,29 @@ def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
     response[DV] += x
     response[DV + 1] += y
     response[DV + 2] += z
+
+
+@inlined
+def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> None:
+    """Write the velocity of the antenna about the IMU by which a range rate may tell of the attitude.
+
+    The gyros' noise on the lever arm turns with the attitude's errors as the accelerometers' does: what a vehicle at
+    rest has of it is no motion. The mean rate of the last moments counts by 1 - (k^2 N + 2^2 B) / |w|^2, N the variance
+    of the gyros' noise in it, B that of their biases.
+    """
+    if par.motion_gate2 <= 0.0:
+        for i in range(3):
+            a.turning_e[i] = a.a_e[i]
+        return
+    x, y, z = m.w_smooth[0], m.w_smooth[1], m.w_smooth[2]
+    w2 = x * x + y * y + z * z
+    noise = 0.5 * par.gyro_density / FORCE_MEAN_TIME_S
+    bias = (P[BG, BG] + P[BG + 1, BG + 1] + P[BG + 2, BG + 2]) / 3.0
+    share = max(1.0 - (par.motion_gate2 * noise + LEVEL_GATE2 * bias) / w2, 0.0) if w2 > 0.0 else 0.0
+    p, q, r = par.lever_b[0], par.lever_b[1], par.lever_b[2]
+    x, y, z = share * (y * r - z * q), share * (z * p - x * r), share * (x * q - y * p)
+    for i in range(3):
+        a.turning_e[i] = m.C_eb[i, 0] * x + m.C_eb[i, 1] * y + m.C_eb[i, 2] * z
 
 
 @borrowing

@@ -177,6 +177,7 @@ def step_state(
     for i in range(3):
         m.sum_dv[i] += rates.dv_e[i]
         m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) / max(FORCE_MEAN_TIME_S, dt)
+        m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt / max(FORCE_MEAN_TIME_S, dt))
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     m.clock[0] += m.clock[1] * dt

@@ -67,6 +67,7 @@ STATE_DTYPE: Final = np.dtype(
             # sums since the covariance was last carried on
             ("sum_dt", np.float64),  # time [s]
             ("f_smooth", np.float64, (3,)),  # specific force of the last moments, ECEF [m/s^2]
+            ("w_smooth", np.float64, (3,)),  # rate of the last moments, body [rad/s]
             ("f_mean", np.float64, (3,)),  # and its slow mean, body [m/s^2]; zero: there is none yet
             ("sum_dv", np.float64, (3,)),  # velocity increment of the specific force, ECEF [m/s]
             ("sum_C", np.float64, (3, 3)),  # integral of C_eb [s]
@@ -196,7 +197,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
         target.r_clone[i], target.f_smooth[i] = source.r_clone[i], source.f_smooth[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
-        target.v_mean[i] = source.v_mean[i]
+        target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
         for j in range(3):
             target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
     for i in range(4):
@@ -217,6 +218,9 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
+    target.log_likelihood, target.motion_information = source.log_likelihood, source.motion_information
+    for i in range(OFFSETS + MAX_OPTIONAL):
+        target.motion_response[i] = source.motion_response[i]
 
 
 def copy_bank(bank: Bank) -> Bank:

@@ -163,8 +163,7 @@ def prepare_rows(
     scales = variance_scale or {}
     observation["variance_scale"] = _by_signal(gnss, lambda sv, _: scales.get(sv[0], 1.0))
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
-    cn0 = np.where(np.abs(gnss.cn0_dbhz) <= _MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
-    observation["cn0"] = cn0
+    observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= _MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
     observation["thermal"] = thermal_factor(cn0)
     factor = (L1_HZ / carrier_of) ** 2
     observation["ionosphere_factor"] = observation["phase_factor"] = np.where(np.isnan(factor), 1.0, factor)

@@ -126,8 +126,15 @@ class DenseFilter:
         x = self.ekf.x[:, 0]
         self.r, self.v, self.b_a, self.b_g = self.r + x[R], self.v + x[V], self.b_a + x[BA], self.b_g + x[BG]
         self.clock += x[CLOCK:]
-        turned = Rotation.from_rotvec(x[A]) * Rotation.from_quat(np.roll(self.q, -1))
+        # the tilt before the heading, and the gyro bias so that b_g + C^T w_ie is what the gyros have shown
+        f, w_ie = 1.0 / 298.257223563, np.array([0.0, 0.0, OMEGA_E[2]])
+        up = self.r / [1.0, 1.0, 1.0 - f * (2.0 - f) * 6_378_137.0 / np.linalg.norm(self.r)]
+        heading = up * (up @ x[A]) / (up @ up)
+        turned = Rotation.from_rotvec(heading) * Rotation.from_rotvec(x[A] - heading)
+        turned = turned * Rotation.from_quat(np.roll(self.q, -1))
+        first_order = self.C.T @ (w_ie + np.cross(w_ie, x[A]))
         self.q, self.C = np.roll(turned.as_quat(), 1), turned.as_matrix()
+        self.b_g = self.b_g + first_order - self.C.T @ w_ie
 
     def expected(self, sat: Float64, w_ib_b: Float64, f_b: Float64) -> tuple[Float64, Float64]:
         """Return predicted range and range rate of one satellite, and their rows of H (2, n).

@@ -15,7 +15,7 @@ from insgnss.fusion.consistency import exchange, farthest, refuse_inconsistent, 
 from insgnss.fusion.epoch_update import use_rows
 from insgnss.fusion.gating import gate_rows
 from insgnss.fusion.lines import Lines, new_epoch
-from insgnss.fusion.loop import COVARIANCE_LOST, DONE, THIN_OUT, new_workspace, run_epochs
+from insgnss.fusion.loop import COVARIANCE_LOST, DONE, PRUNE, new_workspace, run_epochs
 from insgnss.fusion.output import new_output
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.soundness import is_finite, is_sound
@@ -248,7 +248,7 @@ def test_lost_hypothesis_has_no_weight_and_the_others_go_on(lead: int) -> None:
 
     code, bank, nav, _ = epochs_after(0.0, bank)
 
-    assert code == THIN_OUT
+    assert code == PRUNE
     assert bank.state["log_weight"][lost] == -math.inf
     assert bank.state["log_weight"][1 - lost] == pytest.approx(0.0, abs=1e-12)
     assert bank.head[0].leader == 1 - lost
