@@ -1,7 +1,7 @@
 """The filter finds its own noise levels: a factor for each kind of measurement and one for its clock, compiled.
 
-No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what is left after each update
-the filter corrects its assumed variances within bounds, so that normalised innovations are near one and sigma means
+No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what the satellites show against
+each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised innovations are near one and sigma means
 something. Slow errors that are alike for many epochs (atmosphere, orbits, multipath at rest) do not show in what is
 left: they are in no sigma.
 """
@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.apart import apart
+from insgnss.fusion.integrity import explain, explained_by, explained_variance
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
 from insgnss.jit import inlined
@@ -29,11 +29,12 @@ _LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to spea
 
 
 @inlined
-def residual_ratio(P: Float64, lines: Lines, kind: int, correction: Float64, factor: float) -> float:
-    """Return the mean of (residual^2 + h P+ h^T) / r over the used rows of one kind; ``factor`` when they are too few.
+def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
+    """Return the mean of (e^2 + g D g^T) / r over the used rows of one kind, e what ``fit`` does not explain.
 
-    Equation: E[e e^T] = R - H P+ H^T for the residual e after the update      [Mehra 1970; Mohamed & Schwarz 1999]
-    r is the variance before the factor, so the return value is what the factor should be.
+    Equation: E[e e^T] = R - G D G^T, see ``integrity.explain``               [Mehra 1970; Mohamed & Schwarz 1999]
+    r is the variance before the factor, so the return value is what the factor should be. What all satellites have in
+    common is left out: it is the clock's or the inertial sensors', and no noise of the ranges.
     """
     total = 0.0
     used = 0
@@ -41,13 +42,8 @@ def residual_ratio(P: Float64, lines: Lines, kind: int, correction: Float64, fac
         line = lines[j]
         if line.status[kind] != USED:
             continue
-        h, columns = line.h[kind], line.columns[kind][: line.count[kind]]
-        residual = line.innovation[kind]
-        for a in range(columns.shape[0]):
-            residual -= h[a] * correction[columns[a]]
-        left = predicted_variance(P, h, columns)
-        ratio = (residual * residual + left) / line.variance[kind]
-        total += min(ratio, _LARGEST_RATIO)
+        rest = line.innovation[kind] - explained_by(line, kind, fit)
+        total += min((rest * rest + explained_variance(line, kind, fit)) / line.variance[kind], _LARGEST_RATIO)
         used += 1
     return factor * total / used if used >= _LEAST_ROWS else factor
 
@@ -55,9 +51,11 @@ def residual_ratio(P: Float64, lines: Lines, kind: int, correction: Float64, fac
 @apart
 def adapt_noise(
     m: StateRecord,
+    prior: Float64,
     P: Float64,
     par: Parameters,
     lines: Lines,
+    fit: Float64,
     correction: Float64,
     t_ns: int,
     drift_variance: float,
@@ -70,7 +68,8 @@ def adapt_noise(
 
     Parameters
     ----------
-    P : covariance after the update
+    prior, P : covariance before and after the update
+    fit : work space of ``integrity``
     lines, correction : of the epoch; not yet fed back
     drift_variance : of the clock drift before the update [m^2/s^2]
     """
@@ -83,7 +82,9 @@ def adapt_noise(
     at_rest = v2 < _REST_SPEED_MPS**2
     for kind in range(N_KINDS if par.at_clone >= 0 else CARRIER):
         factor = m.noise_factor[kind]
-        wanted = residual_ratio(P, lines, kind, correction, factor)
+        if not explain(prior, lines, kind, fit):
+            continue
+        wanted = parity_ratio(lines, kind, fit, factor)
         if kind == 0 and at_rest:
             wanted = max(wanted, min(factor, par.adapt_least_at_rest))
         m.noise_factor[kind] = bounded(factor + gain * (wanted - factor), par)

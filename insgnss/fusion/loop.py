@@ -44,6 +44,7 @@ LOCKOUT: Final = 1  # most rows of a kind refused for too long
 THIN_OUT: Final = 2  # a hypothesis has become negligible
 COVARIANCE_LOST: Final = 3  # a variance is not positive any more
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
+SUSPICION: Final = 5  # all satellites say again and again that the filter's own prediction is wrong
 
 _SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
 _SMALLEST_DIFFERENCE_RAD = 0.02
@@ -206,6 +207,9 @@ def run_epochs(
             return LOCKOUT, epoch + 1
         if thins_out(bank, drop):
             return THIN_OUT, epoch + 1
+        if bank.state.shape[0] == 1 and t_ns >= head.doubted_ns:
+            if bank.state[0].suspicion > par.suspicion_limit > 0.0:
+                return SUSPICION, epoch + 1
         if head.heading_open == 1 and bank.state.shape[0] == 1:
             if yaw_variance(bank.state[0], bank.P[0]) < par.heading_known_variance:
                 return HEADING_KNOWN, epoch + 1
@@ -306,7 +310,7 @@ def update_bank(
             i = lead
         done = update_epoch(
             bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
-            work.masking, bank.seen[i], bank.memory[i], since_last,
+            work.masking, bank.seen[i], bank.memory[i], since_last, n == 1,
         )  # fmt: skip
         if n > 1:
             bank.state[i].log_weight += done.log_likelihood

@@ -32,6 +32,7 @@ N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
 ABSENT_STATE: Final = -1
+N_MEMORY: Final = 7  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5
@@ -73,6 +74,9 @@ STATE_DTYPE: Final = np.dtype(
             ("noise_factor", np.float64, (N_FACTORS,)),  # found noise levels
             ("adapted_ns", np.int64),  # when they were last moved
             ("adapted_count", np.int64),
+            ("explained", np.float64, (2, 3)),  # means of what the epochs say of the prediction, see ``integrity``
+            ("explained_ns", np.int64),
+            ("suspicion", np.float64),  # how far they are beyond chance, chi^2 of three
             ("mask_waits", np.int64),  # 1 while the heading is too uncertain for the visibility stage
             (
                 "cn0_level",
@@ -99,6 +103,7 @@ HEAD_DTYPE: Final = np.dtype(
                 "strained_ns",
                 np.int64,
             ),  # time since when the innovations are far too large; 0 when they are not
+            ("doubted_ns", np.int64),  # the filter's own prediction is not suspected before
             ("masking", np.int64),  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
         ],
@@ -117,7 +122,7 @@ class Bank(NamedTuple):
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
     seen: Int8  # (m, N_SATELLITE_SLOTS) what the visibility stage decided last of each satellite
-    memory: Float64  # (m, N_SLOTS, 3) of each band's range innovations: fast and slow mean [m], when [s]
+    memory: Float64  # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state = np.zeros(n_hypotheses, STATE_DTYPE)
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
-    memory = np.full((n_hypotheses, N_SLOTS, 3), -np.inf)
+    memory = np.full((n_hypotheses, N_SLOTS, N_MEMORY), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
 
@@ -191,6 +196,9 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         source.sum_accel_q,
     )
     target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
+    for i in range(3):
+        target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]
+    target.explained_ns, target.suspicion = source.explained_ns, source.suspicion
     target.mask_waits, target.log_weight = source.mask_waits, source.log_weight
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
 
