@@ -177,7 +177,7 @@ class Health(StrictModel):
         True, description="whether the filter may be set right; off: it stays as it is, whatever the rows say"
     )
     suspicion_sigma: NotNegative = Field(
-        7.0,
+        5.0,
         description="of what all satellites show against the prediction, from which a fault of the inertial sensors"
         " is tried; 0: never",
     )

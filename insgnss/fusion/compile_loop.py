@@ -21,7 +21,7 @@ from insgnss.fusion.epoch_update import turn_attitude_errors, update_epoch, use_
 from insgnss.fusion.creeping import find_creeping, follow_satellites
 from insgnss.fusion.faults import refuse_reflections, weigh_robustly
 from insgnss.fusion.gating import common_step, gate_between, gate_rows
-from insgnss.fusion.integrity import explain, fit_freely, follow_explained
+from insgnss.fusion.integrity import explain, fit_all, fit_freely, follow_explained
 from insgnss.fusion.loop import advance, new_workspace, run_epochs, superfluous, write_row
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import mixture_covariance, new_output, write_ledger, write_nav
@@ -82,9 +82,10 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         refuse_reflections: (m, lines, rows.observation, _N, par),
         follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
         find_creeping: (memory, lines, rows.observation, _N, _X, _X),
-        adapt_noise: (m, P, P, par, lines, s.fit, values, _N, _X),
+        adapt_noise: (m, P, P, par, lines, s.fit, values, values, _N, _X),
         explain: (P, lines, _N, s.fit),
         fit_freely: (lines, _N, s.fit),
+        fit_all: (lines, _N, s.fit),
         follow_explained: (m, P, par, lines, s.fit, _N),
         gate_between: (P, lines, vectors, _X),
         use_rows: (P, lines, vectors, _N, _X, _X),

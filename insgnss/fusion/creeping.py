@@ -40,8 +40,8 @@ from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 
 # columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when and
-# since when [s]; whether the satellite's band creeps
-FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, CREEPS = range(7)
+# since when [s]; until when the satellite's band is left out [s]
+FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough
 _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
@@ -49,6 +49,12 @@ _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
 _FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
 _RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
+_HELD_S: Final = (
+    3.0,
+    20.0,
+)  # that long a band stays out once it was found by range or rate: turns hide satellites
+_INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
+_TELLING: Final = 0.5  # least share of a mean's variance that is its own, to call it innocent
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
 _TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that nobody knows yet
 _LEAST_REDUNDANCY: Final = 0.1
@@ -71,10 +77,8 @@ def follow_satellites(
     """
     if par.drift_gate <= 0.0:
         return
+    now = t_ns * 1e-9
     if t_ns - m.explained_ns >= _INTERVAL_NS:
-        now = t_ns * 1e-9
-        for j in range(lines.shape[0]):
-            memory[observation[j].slot, CREEPS] = 0.0
         for kind in range(2):
             if fit_freely(lines, kind, fit) < _LEAST_WITNESSES:
                 continue
@@ -82,9 +86,11 @@ def follow_satellites(
                 if takes_part(lines[j], kind):
                     carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
             if stands_out(memory, lines, observation, kind, now, fit, par.drift_gate**2):
-                find_creeping(memory, lines, observation, kind, now, par.drift_gate**2)
+                new = find_creeping(memory, lines, observation, kind, now, par.drift_gate**2)
+                if new > 0 and kind == RANGE_RATE:
+                    m.crept_ns = t_ns
     for j in range(lines.shape[0]):
-        if memory[observation[j].slot, CREEPS] > 0.0:
+        if memory[observation[j].slot, LEFT_OUT_S] > now:
             for kind in range(N_KINDS):
                 if lines[j].status[kind] == USED:
                     lines[j].status[kind] = DRIFTING
@@ -139,9 +145,18 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
 
 @inlined
 def stands_out(
-    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, fit: Float64, gate2: float
+    memory: Float64,
+    lines: Lines,
+    observation: Observations,
+    kind: int,
+    now: float,
+    fit: Float64,
+    gate2: float,
 ) -> bool:
-    """Return whether one of the means is beyond the gate from what all of them have in common."""
+    """Return whether one of the means is beyond the gate from what all of them have in common.
+
+    A rate that was left out and agrees with the others again is let back.
+    """
     clear(fit)
     count = 0
     for j in range(lines.shape[0]):
@@ -151,14 +166,16 @@ def stands_out(
             count += 1
     if count < _LEAST_WITNESSES or not solve(fit):
         return False
+    beyond = False
     for j in range(lines.shape[0]):
         value, variance = crept(memory[observation[j].slot], lines[j], kind, now)
         if variance > 0.0:
             rest = value - explained_by(lines[j], kind, fit)
             own = max(variance - explained_variance(lines[j], kind, fit), _LEAST_REDUNDANCY * variance)
-            if rest * rest > gate2 * own:
-                return True
-    return False
+            beyond = beyond or rest * rest > gate2 * own
+            if kind == RANGE_RATE and rest * rest < _INNOCENT * own and own > _TELLING * variance:
+                memory[observation[j].slot, LEFT_OUT_S] = -math.inf
+    return beyond
 
 
 @apart
@@ -166,7 +183,7 @@ def stands_out(
 def find_creeping(
     memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float
 ) -> int:
-    """Mark the smallest set of satellites without which the means agree; return how many.
+    """Mark the smallest set of satellites without which the means agree; return how many of them are new.
 
     Equation: as ``consistency.refuse_inconsistent``, of the means, their common part free.
     A range counts only while it moves away: one that comes back to the others was wrong before.
@@ -192,14 +209,14 @@ def find_creeping(
         removed += remove_smallest_set(T, active, gate2, most - removed)
     if farthest(T, active, 1)[1] > gate2:
         return 0
-    found = 0
+    new = 0
     for a in range(n):
         mean = memory[observation[index[a]].slot]
         away = kind == RANGE_RATE or abs(mean[FAST]) > abs(mean[SLOW])
         if active[a] == 0 and away:
-            mean[CREEPS] = 1.0
-            found += 1
-    return found
+            new += 1 if not mean[LEFT_OUT_S] > now else 0
+            mean[LEFT_OUT_S] = now + _HELD_S[kind]
+    return new
 
 
 @inlined

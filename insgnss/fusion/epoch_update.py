@@ -112,7 +112,7 @@ def update_epoch(
     )
     if done.clock_step == 0.0 and done.drift_step == 0.0:
         prior = scratch.A
-        adapt_noise(m, prior, P, par, lines, s.fit, correction, t_ns, drift_variance)
+        adapt_noise(m, prior, P, par, lines, s.fit, correction, values, t_ns, drift_variance)
         follow_explained(m, prior, par, lines, s.fit, t_ns)
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.motion_gate2 > 0.0:

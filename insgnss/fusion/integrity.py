@@ -213,6 +213,17 @@ def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
 
 
 @apart
+def fit_all(lines: Lines, kind: int, fit: Float64) -> bool:
+    """Write into ``fit`` the least-squares x of all rows of a kind, used or refused, none left out."""
+    clear(fit)
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        if line.status[kind] == USED or line.status[kind] == GATED:
+            add_row(line, kind, line.innovation[kind], line.variance[kind], fit)
+    return solve(fit)
+
+
+@apart
 def follow_explained(
     m: StateRecord, prior: Float64, par: Parameters, lines: Lines, fit: Float64, t_ns: int
 ) -> None:

@@ -44,7 +44,7 @@ LOCKOUT: Final = 1  # most rows of a kind refused for too long
 THIN_OUT: Final = 2  # a hypothesis has become negligible
 COVARIANCE_LOST: Final = 3  # a variance is not positive any more
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
-SUSPICION: Final = 5  # all satellites say again and again that the filter's own prediction is wrong
+SUSPICION: Final = 5  # all satellites contradict the prediction again and again, or one has run away
 
 _SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
 _SMALLEST_DIFFERENCE_RAD = 0.02
@@ -207,8 +207,8 @@ def run_epochs(
             return LOCKOUT, epoch + 1
         if thins_out(bank, drop):
             return THIN_OUT, epoch + 1
-        if bank.state.shape[0] == 1 and t_ns >= head.doubted_ns:
-            if bank.state[0].suspicion > par.suspicion_limit > 0.0:
+        if bank.state.shape[0] == 1 and t_ns >= head.doubted_ns and par.suspicion_limit > 0.0:
+            if bank.state[0].suspicion > par.suspicion_limit or bank.state[0].crept_ns == t_ns:
                 return SUSPICION, epoch + 1
         if head.heading_open == 1 and bank.state.shape[0] == 1:
             if yaw_variance(bank.state[0], bank.P[0]) < par.heading_known_variance:
@@ -314,6 +314,8 @@ def update_bank(
         )  # fmt: skip
         if n > 1:
             bank.state[i].log_weight += done.log_likelihood
+        else:
+            bank.head[0].log_likelihood += done.log_likelihood
     normalise_weights(bank)
     t_ns = rows.epoch_ns[epoch]
     write_ledger(

@@ -23,6 +23,7 @@ from insgnss.fusion.loop import (
     DONE,
     HEADING_KNOWN,
     LOCKOUT,
+    SUSPICION,
     THIN_OUT,
     Workspace,
     new_workspace,
@@ -32,18 +33,22 @@ from insgnss.fusion.loop import (
     yaw_variance,
 )
 from insgnss.fusion.output import N_USED, Output, event_in_words
+from insgnss.fusion.past import Past
 from insgnss.fusion.prediction import Imu
-from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
+from insgnss.fusion.recovery import Doubt, contradicted_kind, open_doubt
+from insgnss.fusion.recovery import in_words as reset_in_words
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import Bank, copy_bank, select_members
+from insgnss.fusion.suspects import IMU_TAGS, GNSS_TAGS, judge
+from insgnss.fusion.verdict_words import in_words as verdict_in_words
 from insgnss.fusion.trial import Trial, attitude, banks_of, refusal
 from insgnss.gnss.observation_rows import ABSENT, Rows
-from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
 from insgnss.tables import Event, Int16
 
 _WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
+_TELL_AGAIN_NS = 60 * NS_PER_S
 _DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
 
 
@@ -57,11 +62,15 @@ class Snapshot(NamedTuple):
     started_ns: int | None
     aid: EpochAid | None
     trial: Trial | None
+    doubt: Doubt | None
+    past: Past
+    told_ns: dict[str, int]
 
     @property
     def banks(self) -> list[Bank]:
         """As ``Navigator.banks``."""
-        return banks_of(self.bank, self.trial)
+        doubted = [] if self.doubt is None else [self.doubt.bank]
+        return [*banks_of(self.bank, self.trial), *doubted, *self.past.banks]
 
 
 @dataclass
@@ -77,6 +86,9 @@ class Navigator:
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
     trial: Trial | None = None  # of a given start
+    doubt: Doubt | None = None  # whether the filter is lost
+    past: Past = field(default_factory=Past)  # of the last minute
+    told_ns: dict[str, int] = field(default_factory=dict)  # when something that lasts was told last
     _parameters: npt.NDArray[Any] = field(init=False)
     _work: Workspace | None = None
 
@@ -94,7 +106,8 @@ class Navigator:
     @property
     def banks(self) -> list[Bank]:
         """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
-        return banks_of(self.bank, self.trial)
+        doubted = [] if self.doubt is None else [self.doubt.bank]
+        return [*banks_of(self.bank, self.trial), *doubted, *self.past.banks]
 
     def snapshot(self) -> Snapshot:
         """Return a copy of everything that changes with the data."""
@@ -106,6 +119,9 @@ class Navigator:
             started_ns=self.started_ns,
             aid=None if self.aid is None else self.aid.snapshot(),
             trial=None if self.trial is None else self.trial.copied(),
+            doubt=None if self.doubt is None else self.doubt.copied(),
+            past=self.past,
+            told_ns=dict(self.told_ns),
         )
 
     def restore(self, saved: Snapshot) -> None:
@@ -116,6 +132,9 @@ class Navigator:
         self.started_ns = saved.started_ns
         self.aid = None if saved.aid is None else saved.aid.snapshot()
         self.trial = None if saved.trial is None else saved.trial.copied()
+        self.doubt = None if saved.doubt is None else saved.doubt.copied()
+        self.past = saved.past
+        self.told_ns = dict(saved.told_ns)
 
     def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``, all of them within the inertial samples."""
@@ -126,17 +145,29 @@ class Navigator:
                 continue
             work = self.workspace(rows)
             self.before_loop()
-            stop = last if self.aid is None else epoch + 1
+            stop = last if self.aid is None and self.doubt is None else epoch + 1
             if self.trial is not None:
-                stop = self.trial.epoch_after_look(rows, epoch, last)
+                stop = min(stop, self.trial.epoch_after_look(rows, epoch, last))
+            if self.past.banks or len(self.bank.state) == 1:
+                due_ns = int(self.bank.head[0].doubted_ns) if self.past.unclear_ns else self.past.due_ns
+                due = int(np.searchsorted(rows.epoch_ns, due_ns))
+                stop = min(stop, max(due, epoch) + 1)
+            begin = epoch
             code, epoch = run_epochs(
                 self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
             )
             self._collect_events(out)
+            self.past = self.past.after(self.bank, rows, begin, epoch)
+            t_ns = int(rows.epoch_ns[epoch - 1])
+            if code == DONE and self.past.unclear_ns and t_ns >= self.bank.head[0].doubted_ns:
+                code = SUSPICION
+            doubt = self.doubt
             if self.trial is None:
-                self._handle(code, epoch - 1, rows, out)
+                self._handle(code, imu, rows, epoch - 1, out)
             else:
                 self._try(self.trial, code, imu, rows, epoch - 1, out)
+            if doubt is not None and doubt is self.doubt:
+                self._weigh(doubt, imu, rows, epoch - 1, out)
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
 
@@ -146,11 +177,9 @@ class Navigator:
         if code == LOCKOUT and trial.standing() < _DOUBTED:
             self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
             return
-        self._handle(code, epoch, rows, out)
+        self._handle(code, imu, rows, epoch, out)
         if self.bank is None:
             self.trial = None
-        elif code == LOCKOUT:
-            self.trial = Trial(self.setup)  # of the filter as it has been set anew
         else:
             found = trial.take(self.bank, imu, rows, epoch, self._parameters)
             if found is not None:
@@ -162,7 +191,8 @@ class Navigator:
         """Put the rivals of the given start in its place."""
         assert self.bank is not None
         self.events.append(refusal(t_ns, self.bank, found))
-        self.bank, self.trial, self.resets_ns = found, None, []
+        self.bank, self.trial, self.doubt, self.resets_ns = found, None, None, []
+        self.past = Past()
         found.head["renewed_ns"] = t_ns
         self._tell_heading()
 
@@ -238,14 +268,16 @@ class Navigator:
             if yaw_variance(bank.state[0], bank.P[0]) < limit:
                 self._heading_known()
 
-    def _handle(self, code: int, epoch: int, rows: Rows, out: Output) -> None:
+    def _handle(self, code: int, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
         """Act on what stopped the compiled loop after ``epoch``."""
         if code == THIN_OUT:
             self._thin_out()
         elif code == HEADING_KNOWN:
             self._heading_known()
         elif code == LOCKOUT:
-            self._recover(epoch, rows, out)
+            self._recover(imu, rows, epoch)
+        elif code == SUSPICION:
+            self._suspect(imu, int(rows.epoch_ns[epoch]))
         elif code == COVARIANCE_LOST:
             t_ns = int(rows.epoch_ns[epoch])
             self._restart(t_ns, "a variance of the filter lost its sign")
@@ -286,8 +318,26 @@ class Navigator:
         detail = f"heading {yaw:.1f} deg, sigma {sd:.1f} deg, {after:.1f} s after the start"
         self.events.append(Event(t_ns, "heading_known", detail))
 
-    def _recover(self, epoch: int, rows: Rows, out: Output) -> None:
-        """Set position, velocity and clock anew from the epoch; start all over when that does not last."""
+    def _suspect(self, imu: Imu, t_ns: int) -> None:
+        """Look whether an inertial sensor has failed, and put the filter that knows of it in the place of this one."""
+        bank = self.bank
+        assert bank is not None
+        was = self.past.banks[:1]
+        verdict, self.past = judge(self.past, self.setup, imu, self._parameters)
+        bank.head["doubted_ns"] = t_ns + self.past.respite_ns
+        if verdict is None:
+            return
+        event = verdict_in_words(t_ns, was[0], verdict)
+        if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
+            self._tell(t_ns, event.kind, event.detail)
+            return
+        self.events.append(event)
+        verdict.bank.head[:] = bank.head
+        verdict.bank.head["renewed_ns"] = t_ns
+        self.bank, self.doubt = verdict.bank, None
+
+    def _recover(self, imu: Imu, rows: Rows, epoch: int) -> None:
+        """Put a fix of the epoch on trial, or absorb a step of the clock that the refused rows agree on."""
         bank = self.bank
         if bank is None:
             return
@@ -303,41 +353,61 @@ class Navigator:
         )
         first, last = rows.first[epoch], rows.first[epoch + 1]
         lines, sv = self.workspace(rows).epoch.lines[: last - first], rows.observation["sv"][first:last]
+        if len(bank.state) == 1 and t_ns >= bank.head[0].doubted_ns and health.recovery:
+            self._suspect(imu, t_ns)
+            if self.bank is not bank:
+                return
+        kind = contradicted_kind(lines)
+        if kind is not None:
+            self._tell(t_ns, "kind_refused", f"{reason}: {kind}")
         fix = None
         if not (refusing and is_thin(lines)):
             par, groups = self._parameters[0], self.setup.n_offsets + 1
             fix = fix_epoch(rows, epoch, par, groups, self.setup.config.start.max_gdop)
         if fix is None or not fix.checked:
-            if not (refusing and self._absorb_steps(bank, lines, sv, t_ns)):
-                self.events.append(Event(t_ns, "lockout", f"{reason}, and no fix to recover with"))
-            return
+            if not (refusing and self._absorb_steps(bank, lines, sv, t_ns)) and kind is None:
+                self._tell(t_ns, "lockout", f"{reason}, and no fix to recover with")
+        elif not health.recovery:
+            self._tell(t_ns, "lockout", f"{reason}, and recovery is switched off")
+        else:
+            if self.doubt is None:
+                k = min(int(bank.head[0].next), len(imu.t_ns) - 1)
+                self.doubt = open_doubt(self.setup, bank, fix, imu.w_ib_b[k], t_ns, reason)
+
+    def _weigh(self, doubt: Doubt, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+        """Let an epoch say what is wrong with the filter, and set it right when that is clear."""
+        bank = self.bank
+        assert bank is not None
+        found = doubt.take(bank, imu, rows, epoch, self._parameters, out)
+        if doubt.over:
+            self.doubt = None
+        if found is not None:
+            self._set_right(bank, found, doubt, int(rows.epoch_ns[epoch]))
+
+    def _set_right(self, was: Bank, found: Bank, doubt: Doubt, t_ns: int) -> None:
+        """Put what the rows have borne out in the filter's place; start all over when that does not last."""
+        health = self.setup.config.health
+        if self.trial is not None:
+            self.trial = Trial(self.setup)  # of the filter as it has been set right
+        self.bank, self.past = found, self.past.forgotten()
+        found.head["renewed_ns"] = t_ns
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
         self.resets_ns = [*recent, t_ns]
+        moved_m = float(np.linalg.norm(found.state["r_e"][0] - was.state["r_e"][0]))
         if len(self.resets_ns) > health.heading_lost_resets:
             self._restart(t_ns, f"{len(self.resets_ns)} resets within {health.lost_window_s:.0f} s")
-            return
-        lead = bank.state[bank.head[0].leader]
-        delta_r = float(np.linalg.norm(fix.r_a - lead.r_e))
-        tilt = delta_r / WGS84_A_M  # by how much the vertical turns with the position
-        if tilt > _WRONG_VERTICAL_RAD:
+        elif moved_m / WGS84_A_M > _WRONG_VERTICAL_RAD:  # by so much the vertical turns with the position
             self._restart(
-                t_ns, f"the position is {delta_r / 1000.0:.0f} km away: the attitude was levelled elsewhere"
+                t_ns, f"the position is {moved_m / 1000.0:.0f} km away: the attitude was levelled elsewhere"
             )
-            return
-        delta_clock = float(np.nan_to_num(fix.clocks[0] - lead.clock[0]))
-        velocity = "kept" if fix.v_a is None else f"moved by {np.linalg.norm(fix.v_a - lead.v_e):.2f} m/s"
-        for i in range(len(bank.state)):
-            reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b, self.setup.n_offsets)
-            bank.memory[i] = -np.inf  # innovations about another position
-            if not refusing:
-                doubt_sensors(bank.state[i], bank.P[i], sensor_model(self.setup.grade))
-        bank.head["renewed_ns"] = t_ns
-        mark_rows(out, rows, epoch, fix)
-        detail = (
-            f"{reason}: position moved by {delta_r:.1f} m,"
-            f" velocity {velocity}, clock moved by {delta_clock:.1f} m; {fix.n_used} pseudoranges"
-        )
-        self.events.append(Event(t_ns, "reset", detail))
+        else:
+            self.events.append(reset_in_words(t_ns, was, found, doubt))
+
+    def _tell(self, t_ns: int, kind: str, detail: str) -> None:
+        """Tell something that lasts, once a minute at most."""
+        if t_ns - self.told_ns.get(kind, -_TELL_AGAIN_NS) >= _TELL_AGAIN_NS:
+            self.events.append(Event(t_ns, kind, detail))
+            self.told_ns[kind] = t_ns
 
     def _absorb_steps(self, bank: Bank, lines: Lines, sv: Int16, t_ns: int) -> bool:
         """Absorb the steps of the receiver clock that the refused rows agree on; return whether there was one."""
@@ -353,8 +423,8 @@ class Navigator:
 
     def _restart(self, t_ns: int, reason: str) -> None:
         """Give the filter up and wait for a new automatic start."""
-        self.bank = None
-        self.resets_ns = []
+        self.bank = self.doubt = None
+        self.resets_ns, self.past = [], Past()
         self.starter = Starter(self.setup, given=False)
         self.events.append(Event(t_ns, "restart", f"{reason}: the filter starts anew"))
 

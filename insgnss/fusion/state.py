@@ -74,8 +74,13 @@ STATE_DTYPE: Final = np.dtype(
             ("noise_factor", np.float64, (N_FACTORS,)),  # found noise levels
             ("adapted_ns", np.int64),  # when they were last moved
             ("adapted_count", np.int64),
-            ("explained", np.float64, (2, 3)),  # means of what the epochs say of the prediction, see ``integrity``
+            (
+                "explained",
+                np.float64,
+                (2, 3),
+            ),  # means of what the epochs say of the prediction, see ``integrity``
             ("explained_ns", np.int64),
+            ("crept_ns", np.int64),  # when a satellite was last found by its range rate to run away
             ("suspicion", np.float64),  # how far they are beyond chance, chi^2 of three
             ("mask_waits", np.int64),  # 1 while the heading is too uncertain for the visibility stage
             (
@@ -103,6 +108,7 @@ HEAD_DTYPE: Final = np.dtype(
                 "strained_ns",
                 np.int64,
             ),  # time since when the innovations are far too large; 0 when they are not
+            ("log_likelihood", np.float64),  # of the epochs, where one heading is left; for ``suspects``
             ("doubted_ns", np.int64),  # the filter's own prediction is not suspected before
             ("masking", np.int64),  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
@@ -122,7 +128,9 @@ class Bank(NamedTuple):
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
     seen: Int8  # (m, N_SATELLITE_SLOTS) what the visibility stage decided last of each satellite
-    memory: Float64  # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
+    memory: (
+        Float64  # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
+    )
 
 
 @dataclass(frozen=True)
@@ -199,6 +207,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     for i in range(3):
         target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]
     target.explained_ns, target.suspicion = source.explained_ns, source.suspicion
+    target.crept_ns = source.crept_ns
     target.mask_waits, target.log_weight = source.mask_waits, source.log_weight
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
 
