@@ -1,9 +1,9 @@
 """The filter finds its own noise levels: a factor for each kind of measurement and one for its clock, compiled.
 
 No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what the satellites show against
-each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised innovations are near one and sigma means
-something. Slow errors that are alike for many epochs (atmosphere, orbits, multipath at rest) do not show in what is
-left: they are in no sigma.
+each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised innovations are
+near one and sigma means something. Slow errors that are alike for many epochs (atmosphere, orbits, multipath at rest)
+do not show in what is left: they are in no sigma.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough: the levels move over minutes
-_LARGEST_RATIO: Final = 4.0  # one row counts as at most two sigmas ...
-_CUT: Final = 0.9205  # ... which leaves so much of the mean square of a normal error
+_LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
+_CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
 _LARGEST_STEP: Final = 9.0
 _STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas
 _STORM_GAIN: Final = 0.2
@@ -41,9 +41,9 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     """Return the mean of e^2 / (r - g D g^T) over the used rows of one kind, e what ``fit`` does not explain.
 
     Equation: E[e e^T] = R - G D G^T, see ``integrity.explain``               [Mehra 1970; Mohamed & Schwarz 1999]
-    Each row weighs as much as it is its own, 1 - g D g^T / r, and no more than two sigmas; what it cannot tell counts
-    as expected. r is the variance before the factor, so the return value is what the factor should be. What all satellites have in
-    common is left out: it is the clock's or the inertial sensors', and no noise of the ranges.
+    Each row weighs as much as it is its own, 1 - g D g^T / r, and no more than three sigmas; what it cannot tell counts
+    as expected. r is the variance before the factor, so the return value is what the factor should be. What all
+    satellites have in common is left out: it is the clock's or the inertial sensors', and no noise of the ranges.
     """
     total = 0.0
     used = 0

@@ -17,8 +17,8 @@ import numpy as np
 from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.carrier import clone_epoch
 from insgnss.fusion.consistency import refuse_inconsistent
-from insgnss.fusion.epoch_update import turn_attitude_errors, update_epoch, use_rows
 from insgnss.fusion.creeping import find_creeping, follow_satellites
+from insgnss.fusion.epoch_update import turn_attitude_errors, update_epoch, use_rows
 from insgnss.fusion.faults import refuse_reflections, weigh_robustly
 from insgnss.fusion.gating import common_step, gate_between, gate_rows
 from insgnss.fusion.integrity import explain, fit_all, fit_freely, follow_explained

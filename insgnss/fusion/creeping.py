@@ -4,8 +4,8 @@ What one satellite shows against the others (the parity part of ``integrity``) d
 believes to be, so it can be followed for as long as one likes:
 
     range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once
-    pseudoranges   mean over five seconds less that over thirty: a code that runs away alone; what stays as it is, orbit,
-                   clock and atmosphere, drops out
+    pseudoranges   mean over five seconds less that over thirty: a code that runs away alone; what stays as it is,
+                   orbit, clock and atmosphere, drops out
 
 On those means stands the same search for the smallest set that leaves the others in agreement as on an epoch's rows
 (``consistency``): of two or three that creep together the one that stands out most may be a sound one. A kind of which
@@ -39,8 +39,8 @@ from insgnss.jit import inlined, kernel
 from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 
-# columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when and
-# since when [s]; until when the satellite's band is left out [s]
+# columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
+# and since when [s]; until when the satellite's band is left out [s]
 FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough
@@ -48,6 +48,9 @@ _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
 _FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
+_ALIKE_S: Final = (
+    4.0  # errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
+)
 _RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
 _HELD_S: Final = (
     3.0,
@@ -139,8 +142,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
         return mean[FAST] - mean[SLOW], line.variance[kind]
     if not now - mean[RATE_SINCE_S] >= _RATE_S:
         return 0.0, 0.0
-    share = 1.0 - math.exp(-1.0 / _RATE_S)
-    return mean[RATE], share / (2.0 - share) * line.variance[kind] + _RATE_FLOOR2
+    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + _RATE_FLOOR2
 
 
 @inlined
@@ -215,7 +217,7 @@ def find_creeping(
         away = kind == RANGE_RATE or abs(mean[FAST]) > abs(mean[SLOW])
         if active[a] == 0 and away:
             new += 1 if not mean[LEFT_OUT_S] > now else 0
-            mean[LEFT_OUT_S] = now + _HELD_S[kind]
+            mean[LEFT_OUT_S] = max(mean[LEFT_OUT_S], now + _HELD_S[kind])
     return new
 
 

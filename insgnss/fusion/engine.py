@@ -190,6 +190,8 @@ class Engine:
         At the end of a log the epochs after the last sample have no inertial samples.
         """
         if all_of_them:
+            if self._samples.last_ns is not None:
+                self._navigator.note_silence(self._samples.last_ns)
             while self._waiting:
                 self._insert(self._waiting.pop(0))
             self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
@@ -279,6 +281,7 @@ class Engine:
         if newest is None:
             return
         horizon = newest - self._latency_ns
+        self._navigator.note_silence(horizon)
         while len(self._kept) > 1 and self._kept[1].t_ns < horizon:
             self._kept.pop(0)
         while self._recent and self._recent[0].t_ns < horizon:
@@ -313,7 +316,7 @@ class Engine:
         ]
         if self._live is not None:
             banks.append(self._live)
-        for bank in banks:
+        for bank in {id(bank): bank for bank in banks}.values():  # what is never changed is shared
             bank.head["next"] -= dropped
 
     def _refuse(self, epoch: GnssTable) -> None:

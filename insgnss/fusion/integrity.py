@@ -7,7 +7,7 @@ the receiver's clock into the ranges of all of them, and nothing else does. So t
 
 into the part G x that the inertial sensors and the clock can explain and the parity part e, which is the satellites'
 own. Noise levels are learnt from e alone (``adaptation``). x is compared with what the filter claims to know of its own
-prediction, and what it shows of it again and again is the filter's own fault (``suspects``).   [Sturza 1988; Mehra 1970]
+prediction, and what it shows of it again and again is the filter's own fault (``suspects``).  [Sturza 1988; Mehra 1970]
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ SUSPICION: Final = 5  # all satellites contradict the prediction again and again
 _SAME_HEADING = 1.0  # two hypotheses nearer than this many of their own sigmas are one
 _SMALLEST_DIFFERENCE_RAD = 0.02
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
-_SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
+SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
 class Workspace(NamedTuple):
@@ -348,7 +348,7 @@ def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) ->
 @inlined
 def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
     """Write an event when the measurements stop, refused or not written at all, and when they are back."""
-    quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > _SILENCE_S
+    quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > SILENCE_S
     if head.silent_ns == 0 and (used == 0 or quiet):
         head.silent_ns = head.epoch_ns if quiet else t_ns
         log_event(out.events, out.counts[0], head.silent_ns, NO_MEASUREMENTS, 0.0)

@@ -16,8 +16,8 @@ _KEPT: Final = 5  # so the oldest is 60 to 75 s old
 _LEAST_NS: Final = 8 * NS_PER_S  # a shorter past tells nothing
 _MARGIN_NS: Final = 110_000_000  # time tags may be tried that are so much later than the newest sample allows
 _LOOK_AGAIN_NS: Final = 3 * NS_PER_S
-_MOST_IN_VAIN: Final = 6  # three minutes
-_FORGIVEN_NS: Final = 600 * NS_PER_S
+_MOST_IN_VAIN: Final = 8  # a quarter of an hour
+_FORGIVEN_NS: Final = 1800 * NS_PER_S
 
 
 class Stretch(NamedTuple):
@@ -36,6 +36,7 @@ class Past:
     epochs: tuple[Stretch, ...] = ()
     unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
     judged_ns: int = 0  # when it was last looked at
+    tags_ns: int = 0  # when other time tags were last tried
     in_vain: int = 0  # how often in a row without a result
 
     @property
@@ -61,7 +62,7 @@ class Past:
         return replace(self, banks=banks, epochs=kept)
 
     def judged(self) -> tuple[Past, tuple[int, int] | None]:
-        """Return the past as it is looked at now, where the judgement ends and the last epoch; None for too short a one.
+        """Return the past as it is looked at now, where the judgement ends and the last epoch; None if it is too short.
 
         The judgement ends a little before the last epoch, so that other time tags can be tried.
         """
@@ -78,10 +79,21 @@ class Past:
             return past, None
         return past, (int(times_ns[end]), now_ns)
 
+    def tags_are_due(self, every_ns: int) -> bool:
+        """Return whether other time tags are to be tried again."""
+        return self.judged_ns - self.tags_ns >= every_ns
+
+    def of_late(self, since_ns: int) -> Past:
+        """Return the past from the youngest filter on that is ``since_ns`` old, from the oldest where none is."""
+        old = [b for b in self.banks if self.judged_ns - int(b.head[0].now_ns) >= since_ns]
+        return replace(self, banks=tuple(old[-1:]) or self.banks[:1])
+
     def after_verdict(self, renewed: bool) -> Past:
         """Return the past once something has been found; what was before a new filter is of no use to it."""
-        return Past(judged_ns=self.judged_ns) if renewed else replace(self, unclear_ns=0)
+        return (
+            Past(judged_ns=self.judged_ns, tags_ns=self.tags_ns) if renewed else replace(self, unclear_ns=0)
+        )
 
     def forgotten(self) -> Past:
         """Return an empty past."""
-        return Past(judged_ns=self.judged_ns, in_vain=self.in_vain)
+        return Past(judged_ns=self.judged_ns, tags_ns=self.tags_ns, in_vain=self.in_vain)

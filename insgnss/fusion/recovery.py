@@ -5,7 +5,7 @@ and take the same epochs. One of them takes the filter's place when its likeliho
 it had to begin with a small prior weight, and when most rows of each kind fit it: decided by consistency, not by count.
 What the fix does not tell is kept, noise levels and biases with their covariances. Where the filter itself still fits
 some rows, half a minute has to pass until then: a street's reflections last for a while, and a vehicle does not jump.
-                                                                                      [Bar-Shalom, Li & Kirubarajan 2001, 11]
+                                                                            [Bar-Shalom, Li & Kirubarajan 2001, 11]
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.fix import Fix
+from insgnss.fusion.lines import Lines
 from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import DR, Bank, copy_bank, joined_banks, select_members
-from insgnss.fusion.lines import Lines
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows, one_epoch
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import GATED, INCONSISTENT, USED

@@ -12,22 +12,22 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.creeping import RATE, RATE_S, RATE_SINCE_S
+from insgnss.fusion.creeping import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
 from insgnss.fusion.loop import DONE, new_workspace, run_epochs
 from insgnss.fusion.output import Table, new_output
 from insgnss.fusion.past import Past, Stretch
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import BA, BG, Bank, copy_bank
-from insgnss.gnss.observation_rows import N_BANDS, RANGE_RATE, Rows, some_epochs
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, Rows, some_epochs
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, GATED, INCONSISTENT, USED
 from insgnss.tables import Int64
@@ -39,14 +39,34 @@ SENSORS: Final = (ACCELEROMETER, GYRO, EITHER)
 _SURE: Final = 20.0  # logarithm of the likelihood ratio at which a fault is believed
 _APART: Final = 10.0  # the same between two suspects
 _PATIENCE_NS: Final = 40 * NS_PER_S  # for that: two sensors look alike until the vehicle turns
-_ONSETS_S: Final = (4.0, 7.0, 11.0, 16.0, 22.0, 30.0, 40.0, 55.0)  # how long ago the fault may have begun
-_SIZES: Final = (6.0, 60.0)  # sigmas of the grade's bias by which it may have jumped
+_ONSETS_S: Final = (
+    3.0,
+    5.0,
+    7.0,
+    9.0,
+    12.0,
+    15.0,
+    18.0,
+    22.0,
+    26.0,
+    32.0,
+    40.0,
+    50.0,
+)  # how long ago the fault may have begun
+_SIZE: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
 _WITHOUT_S: Final = 30.0  # for which satellites are left out
 _MOST_SATELLITES: Final = 3
-_MOST_CANDIDATES: Final = 5
+_HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless it is shown innocent before
+_TELLING_S: Final = 5.0  # over which the means of the range rates say which satellites run away
+_MOST_CANDIDATES: Final = 9
+_LEAST_AGREEING: Final = 5
+_RATE_FLOOR2: Final = 0.03**2  # of such a mean, see ``creeping`` [m^2/s^2]
 _A_SATELLITE: Final = 5.0  # what leaving one out costs beside its rows: its own unknown error
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
+_GNSS_TAGS_BACK: Final = 4  # onsets before the end at which those of GNSS may have begun
+_TAGS_EVERY_NS: Final = 120 * NS_PER_S
 _LONGEST_SHIFT_NS: Final = 110_000_000
+_STORMY: Final = 4.0  # by what a noise level rises when most rows of an epoch are noise
 _FITS: Final = 0.75  # share of the rows of each kind that must fit what is believed
 _FITTING_EPOCHS: Final = 5
 _FEW: Final = 3
@@ -64,6 +84,24 @@ class Verdict(NamedTuple):
     size: float = 0.0  # of the time tags' error [s]
 
 
+def run_away(
+    past: Past, bank: Bank, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
+) -> tuple[Verdict | None, Past]:
+    """Return the filter that has left out from the start the satellites which ``bank`` has just found to creep."""
+    past, span = past.judged()
+    until_s = bank.memory[0, :, LEFT_OUT_S]
+    if span is None:
+        return None, past
+    satellites = tuple(int(n) for n in np.unique(np.flatnonzero(until_s > span[1] * 1e-9) // N_BANDS))
+    again = _Again(past.of_late(int(_WITHOUT_S * NS_PER_S)), setup, imu, parameters, span)
+    if not again.came_through or not 0 < len(satellites) <= _MOST_SATELLITES:
+        return None, past
+    verdict = again.leaving_out(again.before[0], satellites)
+    if verdict is None or not verdict.fits or verdict.log_likelihood - again.as_it_was < _SURE:
+        return None, past
+    return again.to_the_end(verdict), past.after_verdict(True)
+
+
 def judge(
     past: Past, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
 ) -> tuple[Verdict | None, Past]:
@@ -74,12 +112,18 @@ def judge(
     again = _Again(past, setup, imu, parameters, span)
     if not again.came_through:
         return None, past
-    found = sorted(again.suspects(), key=lambda v: -v.log_likelihood)
+    found = list(again.suspects())
+    if past.tags_are_due(_TAGS_EVERY_NS):
+        found += again.other_tags()
+        past = replace(past, tags_ns=span[1])
+    found.sort(key=lambda v: -v.log_likelihood)
     best = next((v for v in found if v.fits), None)
     if best is None or best.log_likelihood - again.as_it_was < _SURE:
         return None, replace(past, unclear_ns=0)
     if found[0].log_likelihood - best.log_likelihood > _APART:
         return None, past  # what explains most does not explain it all
+    if again.stormy and best.suspect in SENSORS:
+        return None, past  # rows that contradict each other are no sensor's fault
     others = [v.log_likelihood for v in found if v.suspect != best.suspect and v.fits]
     if best.log_likelihood - max(others, default=-math.inf) < _APART:
         since_ns = past.unclear_ns or span[1]
@@ -128,28 +172,73 @@ class _Again:
         bank.head["log_likelihood"] = 0.0
         return bank
 
+    @property
+    def stormy(self) -> bool:
+        """Whether the noise of what the satellites show against each other has risen at a stroke."""
+        first, last = (bank.state["noise_factor"][0, :CARRIER] for bank in (self.before[0], self.before[-1]))
+        return bool(np.any(last > _STORMY * first))
+
     def suspects(self) -> Iterator[Verdict]:
         """Yield all that may have failed."""
-        for suspect, size, start in itertools.product((ACCELEROMETER, GYRO), _SIZES, self.before[:-1]):
-            found = self.verdict(suspect, with_fault(start, self.setup, suspect, size), self.stretches)
+        for suspect in (ACCELEROMETER, GYRO):
+            yield from self.sensor(suspect)
+        yield from self.without_satellites()
+
+    def sensor(self, suspect: str) -> list[Verdict]:
+        """Return what comes of a sensor's fault that began at every other onset, then beside the best of these."""
+        found: dict[int, Verdict] = {}
+
+        def look(indices: Iterable[int]) -> None:
+            for i in indices:
+                if i in found or not 0 <= i < len(self.before) - 1:
+                    continue
+                bank = self.before[i]
+                for each in (ACCELEROMETER, GYRO) if suspect == EITHER else (suspect,):
+                    bank = with_fault(bank, self.setup, each)
+                verdict = self.verdict(suspect, bank, self.stretches)
+                if verdict is not None:
+                    found[i] = verdict
+
+        look(range(0, len(self.before) - 1, 2))
+        if found:
+            best = max(found, key=lambda i: found[i].log_likelihood)
+            look((best - 1, best + 1))
+        return list(found.values())
+
+    def other_tags(self) -> Iterator[Verdict]:
+        """Yield what comes of other time tags: inertial ones from the start on, those of GNSS since a while."""
+        for shift_s in _TAGS_S:
+            found = self.shifted(IMU_TAGS, self.oldest(), shift_s)
             if found is not None:
                 yield found
-        yield from self.without_satellites()
-        for shift_s in _TAGS_S:
-            shift_ns = int(shift_s * NS_PER_S)
-            bank = self.oldest()
-            bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
-            shifted = tuple(e._replace(rows=_later(e.rows, shift_ns, 0.0)) for e in self.stretches)
-            found = self.verdict(IMU_TAGS, bank, shifted, shift_ns)
+        if len(self.before) > _GNSS_TAGS_BACK:
+            start = copy_bank(self.before[-_GNSS_TAGS_BACK])
+            rows = tuple((w, self.rows_at(w.t_ns)) for w in self.base[-_FITTING_EPOCHS:])
+            found = self.shifted(GNSS_TAGS, start, tag_error_s(rows))
             if found is not None:
-                yield found._replace(size=shift_s)
-            if len(self.before) > 1:
-                bank = copy_bank(self.before[max(len(self.before) - 5, 0)])
-                bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
-                shifted = tuple(e._replace(rows=_later(e.rows, shift_ns, shift_s)) for e in self.stretches)
-                found = self.verdict(GNSS_TAGS, bank, shifted, shift_ns)
-                if found is not None:
-                    yield found._replace(size=shift_s)
+                yield found
+
+    def shifted(self, suspect: str, bank: Bank, shift_s: float) -> Verdict | None:
+        """Return what comes of time tags that are off by ``shift_s``; those of GNSS tell where the satellites were."""
+        shift_ns = int(shift_s * NS_PER_S)
+        if abs(shift_ns) > _LONGEST_SHIFT_NS:
+            return None
+        bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
+        satellites_s = shift_s if suspect == GNSS_TAGS else 0.0
+        shifted = tuple(e._replace(rows=_later(e.rows, shift_ns, satellites_s)) for e in self.stretches)
+        found = self.verdict(suspect, bank, shifted, shift_ns)
+        return None if found is None else found._replace(size=shift_s)
+
+    def rows_at(self, t_ns: int) -> Rows:
+        """Return the rows of one epoch of the past."""
+        for stretch in self.stretches:
+            k = (
+                int(np.searchsorted(stretch.rows.epoch_ns[stretch.first : stretch.last], t_ns))
+                + stretch.first
+            )
+            if k < stretch.last and int(stretch.rows.epoch_ns[k]) == t_ns:
+                return some_epochs(stretch.rows, k, k + 1)
+        raise AssertionError("an epoch that was written is in the past")
 
     def verdict(
         self, suspect: str, bank: Bank, stretches: tuple[Stretch, ...], shift_ns: int = 0
@@ -161,51 +250,24 @@ class _Again:
         return Verdict(suspect, float(bank.head[0].log_likelihood), bank, _fit(written))
 
     def without_satellites(self) -> Iterator[Verdict]:
-        """Yield what comes of leaving out the satellites that run away, the one that explains most first, then more."""
+        """Yield what comes of leaving out one, two and three satellites that run away from the others."""
         starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= _WITHOUT_S * NS_PER_S]
-        if not starts:
-            return
-        start, left_out, least = starts[0], (), self.as_it_was
-        since_ns = int(start.head[0].now_ns)
-        candidates = self.candidates(since_ns)
-        for _ in range(_MOST_SATELLITES):
-            found = []
-            for satellite in candidates:
-                if satellite in left_out:
-                    continue
-                slots = (*left_out, satellite)
-                stretches = tuple(e._replace(rows=_without(e.rows, slots)) for e in self.stretches)
-                verdict = self.verdict(SATELLITES, copy_bank(start), stretches)
-                if verdict is not None:
-                    cost = sum(self.cost(slot, since_ns) + _A_SATELLITE for slot in slots)
-                    total = verdict.log_likelihood - cost
-                    found.append(verdict._replace(log_likelihood=total, satellites=slots))
-            best = max(found, key=lambda v: v.log_likelihood, default=None)
-            if best is None or best.log_likelihood < least + _APART:
-                return
-            yield best
-            left_out, least = best.satellites, best.log_likelihood
+        for satellites in run_away_sets(self.base, self.end_ns) if starts else ():
+            verdict = self.leaving_out(starts[0], satellites)
+            if verdict is not None:
+                yield verdict
 
-    def candidates(self, since_ns: int) -> list[int]:
-        """Return the satellites whose rows are off on one side since ``since_ns``, the farthest first."""
-        sums: dict[int, Any] = {}
-        for written in self.base:
-            if written.t_ns <= since_ns:
-                continue
-            ledger, status = written.ledger, written.ledger["status"]
-            for kind in range(2):
-                told = np.flatnonzero((status[:, kind] == USED) | (status[:, kind] == GATED))
-                sigmas = ledger["innovation"][told, kind] / np.sqrt(ledger["variance"][told, kind])
-                for slot, value in zip(
-                    written.slot[told] // N_BANDS, np.clip(sigmas, -5.0, 5.0), strict=True
-                ):
-                    total = sums.setdefault(int(slot), np.zeros((2, 2)))
-                    total[kind] += value, 1.0
-        far = {slot: max(s * s / n for s, n in total if n > 0.0) for slot, total in sums.items()}
-        return sorted((s for s in far if far[s] > 4.0), key=lambda s: -far[s])[:_MOST_CANDIDATES]
+    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> Verdict | None:
+        """Return what comes of leaving satellites out, their rows charged as if they fitted."""
+        stretches = tuple(e._replace(rows=_without(e.rows, satellites)) for e in self.stretches)
+        verdict = self.verdict(SATELLITES, copy_bank(start), stretches)
+        if verdict is None:
+            return None
+        cost = sum(self.cost(each, int(start.head[0].now_ns)) + _A_SATELLITE for each in satellites)
+        return verdict._replace(log_likelihood=verdict.log_likelihood - cost, satellites=satellites)
 
     def cost(self, satellite: int, since_ns: int) -> float:
-        """Return what the rows of a satellite cost that are left out: as much as rows that fit, or as refused ones did."""
+        """Return what a satellite's rows cost that are left out: as much as rows that fit, or as refused ones did."""
         total = 0.0
         for written in self.base:
             if written.t_ns > since_ns:
@@ -220,7 +282,7 @@ class _Again:
     def until(
         self, bank: Bank, stop_ns: int, stretches: tuple[Stretch, ...] | None = None
     ) -> list[_Written] | None:
-        """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it did not come through."""
+        """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
         told: list[_Written] = []
         for stretch in self.stretches if stretches is None else stretches:
             times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
@@ -242,14 +304,7 @@ class _Again:
 
     def either(self, best: Verdict) -> Verdict | None:
         """Return the filter to which both sensors are suspect, for as long as it is not clear which one it is."""
-        since_ns = [int(b.head[0].now_ns) for b in self.before[:-1]]
-        found = []
-        for start in self.before[:-1]:
-            bank = with_fault(start, self.setup, ACCELEROMETER, _SIZES[1])
-            verdict = self.verdict(EITHER, with_fault(bank, self.setup, GYRO, _SIZES[1]), self.stretches)
-            if verdict is not None:
-                found.append(verdict)
-        assert since_ns
+        found = self.sensor(EITHER)
         if not found:
             return None
         return self.to_the_end(max(found, key=lambda v: v.log_likelihood))
@@ -275,7 +330,8 @@ class _Again:
             if len(rates):
                 bank.memory[0, slot, RATE] = rates.mean()
                 bank.memory[0, slot, RATE_S] = now_s
-                bank.memory[0, slot, RATE_SINCE_S] = now_s - 60.0
+                bank.memory[0, slot, RATE_SINCE_S] = now_s - _HELD_S
+                bank.memory[0, slot, LEFT_OUT_S] = now_s + _HELD_S
 
 
 class _Written(NamedTuple):
@@ -284,6 +340,60 @@ class _Written(NamedTuple):
     t_ns: int
     slot: Int64
     ledger: Table
+
+
+def run_away_sets(written: list[_Written], end_ns: int) -> list[tuple[int, ...]]:
+    """Return the one, two and three satellites without which the last seconds' range rates agree best.
+
+    Equation: the set without which the weighted sum of squares of the means' parity part is least, see ``integrity``
+    """
+    sums: dict[int, Any] = {}
+    for epoch in written:
+        if end_ns - epoch.t_ns > _TELLING_S * NS_PER_S:
+            continue
+        status = epoch.ledger["status"][:, RANGE_RATE]
+        for k in np.flatnonzero((status == USED) | (status == GATED)):
+            entry = epoch.ledger[k]
+            r = float(entry.variance[RANGE_RATE] - entry.predicted[RANGE_RATE])
+            row = np.array([1.0, entry.innovation[RANGE_RATE], r, *(-entry.u_n), 1.0])
+            total = sums.setdefault(int(epoch.slot[k]) // N_BANDS, np.zeros(7))
+            total += row
+    names = [number for number, total in sums.items() if total[0] >= _FEW]
+    if len(names) <= _LEAST_AGREEING:
+        return []
+    table = np.array([sums[number] / sums[number][0] for number in names])
+    count = np.array([sums[number][0] for number in names])
+    weight = 1.0 / np.sqrt(table[:, 2] / count + _RATE_FLOOR2)
+    y, G = table[:, 1] * weight, table[:, 3:] * weight[:, None]
+
+    def left(out: tuple[int, ...]) -> float:
+        keep = np.delete(np.arange(len(names)), out)
+        x = np.linalg.lstsq(G[keep], y[keep], rcond=None)[0]
+        return float(np.sum((y[keep] - G[keep] @ x) ** 2))
+
+    likely = sorted(range(len(names)), key=lambda i: left((i,)))[:_MOST_CANDIDATES]
+    sizes = range(1, min(_MOST_SATELLITES, len(names) - _LEAST_AGREEING) + 1)
+    best = [min(itertools.combinations(likely, size), key=left) for size in sizes]
+    return [tuple(names[i] for i in chosen) for chosen in best]
+
+
+def tag_error_s(epochs: tuple[tuple[_Written, Rows], ...]) -> float:
+    """Return by how much the GNSS tags seem to be late: their error moves each satellite by its own range rate.
+
+    Equation: y = -dt (rate - mean rate) + common, by least squares over the last epochs
+    """
+    above = below = 0.0
+    for written, rows in epochs:
+        status = written.ledger["status"][:, 0]
+        told = (status == USED) | (status == GATED)
+        rate = (rows.observation["value"][:, RANGE_RATE] + rows.sat[:, 7])[told]
+        y = written.ledger["innovation"][told, 0]
+        told = np.isfinite(rate) & np.isfinite(y)
+        if np.sum(told) > _LEAST_AGREEING:
+            apart = rate[told] - rate[told].mean()
+            above -= float(apart @ y[told])
+            below += float(apart @ apart)
+    return above / below if below > 0.0 else 0.0
 
 
 def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -295,12 +405,12 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return calm
 
 
-def with_fault(bank: Bank, setup: FilterSetup, suspect: str, size: float) -> Bank:
-    """Return a copy of a filter to which the biases of a sensor are unknown, ``size`` sigmas of the grade wide."""
+def with_fault(bank: Bank, setup: FilterSetup, suspect: str) -> Bank:
+    """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide."""
     sensor = sensor_model(setup.grade)
     at, bias = (BA, sensor.accel_bias) if suspect == ACCELEROMETER else (BG, sensor.gyro_bias)
     found = copy_bank(bank)
-    found.P[0, range(at, at + 3), range(at, at + 3)] += (size * bias.sigma) ** 2
+    found.P[0, range(at, at + 3), range(at, at + 3)] += (_SIZE * bias.sigma) ** 2
     return found
 
 

@@ -112,6 +112,7 @@ def run_blocks(
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             work = navigator.workspace(no_rows)
             run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
+        navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + gap_events(part.t_ns, setup.config.gaps.longest_step_s)
         if first > 0:
             events.append(restart_event(int(imu.t_ns[first - 1]), int(imu.t_ns[first])))
