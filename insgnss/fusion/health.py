@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.fusion.fix import fix_epoch
+from insgnss.fusion.hindsight import GNSS_TAGS, IMU_TAGS
 from insgnss.fusion.lines import Epoch
 from insgnss.fusion.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.fusion.output import Output
@@ -24,7 +25,7 @@ from insgnss.fusion.recovery import Doubt, contradicted_kind, open_doubt
 from insgnss.fusion.recovery import in_words as reset_in_words
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import Bank
-from insgnss.fusion.suspects import GNSS_TAGS, IMU_TAGS, judge, run_away
+from insgnss.fusion.suspects import judge, run_away
 from insgnss.fusion.verdict_words import in_words as verdict_in_words
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Event

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.fusion.hindsight import ACCELEROMETER, EITHER, GNSS_TAGS, GYRO, IMU_TAGS, SATELLITES, Verdict
 from insgnss.fusion.state import BA, BG, Bank
-from insgnss.fusion.suspects import ACCELEROMETER, EITHER, GNSS_TAGS, GYRO, IMU_TAGS, SATELLITES, Verdict
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
 
