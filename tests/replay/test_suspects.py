@@ -124,7 +124,7 @@ def test_flight_without_fault_has_no_suspect() -> None:
 # ------------------------------------------------------------------------------------------------ inertial sensors
 
 
-@pytest.mark.parametrize(("axis", "name"), enumerate("xyz"))
+@pytest.mark.parametrize(("axis", "name"), list(enumerate("xyz")))
 def test_accelerometer_whose_bias_jumps_by_5_mg_is_named_and_learnt_anew(axis: int, name: str) -> None:
     run = insgnss.replay(with_bias("f_b", axis, 5.0 * MPS2_PER_MG))
     assert f"accelerometer {name}:" in told(run, "sensor_suspect")[-1]
