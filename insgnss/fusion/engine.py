@@ -312,6 +312,7 @@ class Engine:
         """Let every kept state count its samples from the buffer's new first one."""
         banks = [
             *self._navigator.banks,
+            *self._navigator.health.past.banks,
             *(bank for kept in self._kept for bank in kept.saved.banks),
         ]
         if self._live is not None:

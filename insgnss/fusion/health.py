@@ -21,7 +21,7 @@ from insgnss.fusion.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.fusion.output import Output
 from insgnss.fusion.past import Past
 from insgnss.fusion.prediction import Imu
-from insgnss.fusion.recovery import Doubt, contradicted_kind, open_doubt
+from insgnss.fusion.recovery import Doubt, contradicted_kind, is_lost, open_doubt
 from insgnss.fusion.recovery import in_words as reset_in_words
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import Bank
@@ -59,8 +59,8 @@ class Health:
 
     @property
     def banks(self) -> list[Bank]:
-        """All that counts inertial samples."""
-        return [*([] if self.doubt is None else [self.doubt.bank]), *self.past.banks]
+        """All that is carried along with the samples."""
+        return [] if self.doubt is None else [self.doubt.bank]
 
     def stop(self, bank: Bank, rows: Rows, epoch: int, last: int) -> int:
         """Return up to which epoch the filter may run before its health is to be looked at."""
@@ -81,6 +81,9 @@ class Health:
 
     def suspect(self, bank: Bank, imu: Imu, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
         """Look whose fault it is that the satellites contradict the prediction."""
+        if bank.head[0].heading_open == 1:
+            bank.head["doubted_ns"] = t_ns + self.past.respite_ns
+            return Remedy(bank, [])  # a heading that is not known yet explains what a sensor would
         was = self.past.banks[:1]
         if int(bank.state[0].crept_ns) == t_ns:
             verdict, self.past = run_away(self.past, bank, self.setup, imu, parameters)
@@ -138,7 +141,11 @@ class Health:
             events += self._told(Event(t_ns, "lockout", f"{reason}, and recovery is switched off"))
         elif self.doubt is None:
             k = min(int(bank.head[0].next), len(imu.t_ns) - 1)
-            self.doubt = open_doubt(self.setup, bank, fix, imu.w_ib_b[k], t_ns, reason)
+            doubt = open_doubt(self.setup, bank, fix, imu.w_ib_b[k], t_ns, reason)
+            if is_lost(lines, fix):
+                done = self._set_right(bank, doubt.at_once(bank, not refusing), doubt, t_ns)
+                return done._replace(events=events + done.events)
+            self.doubt = doubt
         return Remedy(bank, events)
 
     def _steps(
@@ -165,12 +172,17 @@ class Health:
         out: Output,
     ) -> Remedy:
         """Let an epoch say whether the filter is lost, and set it right when that is clear."""
-        t_ns, health = int(rows.epoch_ns[epoch]), self.setup.config.health
+        t_ns = int(rows.epoch_ns[epoch])
         found = doubt.take(bank, imu, rows, epoch, parameters, out)
         if doubt.over:
             self.doubt = None
         if found is None:
             return Remedy(bank, [])
+        return self._set_right(bank, found, doubt, t_ns)
+
+    def _set_right(self, bank: Bank, found: Bank, doubt: Doubt, t_ns: int) -> Remedy:
+        """Put what the rows bear out in the filter's place; give it up where that does not last."""
+        health = self.setup.config.health
         self.past = self.past.forgotten()
         found.head["renewed_ns"] = t_ns
         recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]

@@ -20,7 +20,7 @@ from insgnss.fusion.output import new_output
 from insgnss.fusion.past import Past, Stretch
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.state import BA, BG, Bank, copy_bank
+from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, copy_bank
 from insgnss.fusion.witnesses import Written, fits, run_away_sets, tag_error_s
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, Rows, some_epochs
 from insgnss.inertial.sensor_model import sensor_model
@@ -28,7 +28,10 @@ from insgnss.status import DRIFTING, GATED, INCONSISTENT, USED
 
 ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
-SENSORS: Final = (ACCELEROMETER, GYRO, EITHER)
+LAPSE = "lapse"  # of a sensor that lied for a moment and works again
+ANY = "any of these"
+_TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
+SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
 
 _ONSETS_S: Final = (
     3.0,
@@ -46,6 +49,8 @@ _ONSETS_S: Final = (
 )  # how long ago the fault may have begun
 _SIZE: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
 WITHOUT_S: Final = 30.0  # for which satellites are left out
+_LAPSE: Final = ((DR, 30.0), (DV, 10.0), (PSI, math.radians(10.0)))  # what a lie leaves behind [m, m/s, rad]
+_LARGEST: Final = 3.0 * _SIZE  # by so many a bias does not jump: the sensor itself has failed
 _HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless it is shown innocent before
 _A_SATELLITE: Final = 5.0  # what leaving one out costs beside its rows: its own unknown error
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
@@ -109,7 +114,7 @@ class Hindsight:
 
     def suspects(self) -> Iterator[Verdict]:
         """Yield all that may have failed."""
-        for suspect in (ACCELEROMETER, GYRO):
+        for suspect in (ACCELEROMETER, GYRO, LAPSE):
             yield from self.sensor(suspect)
         yield from self.without_satellites()
         yield from self.other_tags()
@@ -123,17 +128,27 @@ class Hindsight:
                 if i in found or not 0 <= i < len(self.before) - 1:
                     continue
                 bank = self.before[i]
-                for each in (ACCELEROMETER, GYRO) if suspect == EITHER else (suspect,):
+                for each in _TOGETHER.get(suspect, (suspect,)):
                     bank = with_fault(bank, self.setup, each)
                 verdict = self.verdict(suspect, bank, self.stretches)
                 if verdict is not None:
-                    found[i] = verdict
+                    found[i] = verdict._replace(fits=verdict.fits and self.plausible(verdict.bank))
 
         look(range(0, len(self.before) - 1, 2))
         if found:
             best = max(found, key=lambda i: found[i].log_likelihood)
             look((best - 1, best + 1))
         return list(found.values())
+
+    def plausible(self, bank: Bank) -> bool:
+        """Return whether the biases are still those of a sensor that works: what lies or is stuck has no bias."""
+        sensor = sensor_model(self.setup.grade)
+        before = self.past.banks[0].state[0]
+        moved = (
+            np.abs(bank.state["b_a"][0] - before["b_a"]).max() / sensor.accel_bias.sigma,
+            np.abs(bank.state["b_g"][0] - before["b_g"]).max() / sensor.gyro_bias.sigma,
+        )
+        return max(moved) < _LARGEST
 
     def other_tags(self) -> Iterator[Verdict]:
         """Yield what comes of GNSS time tags that are off since a few seconds."""
@@ -179,7 +194,7 @@ class Hindsight:
         written = self.until(bank, self.end_ns + shift_ns, stretches)
         if written is None:
             return None
-        return Verdict(suspect, float(bank.head[0].log_likelihood), bank, fits(written))
+        return Verdict(suspect, float(bank.head[0].log_likelihood), bank, fits(written, suspect in SENSORS))
 
     def without_satellites(self) -> Iterator[Verdict]:
         """Yield what comes of leaving out one, two and three satellites that run away from the others."""
@@ -234,12 +249,16 @@ class Hindsight:
                 told.append(Written(int(t_ns), slot[i:j], out.ledger[i:j]))
         return told
 
-    def either(self, best: Verdict) -> Verdict | None:
-        """Return the filter to which both sensors are suspect, for as long as it is not clear which one it is."""
-        found = self.sensor(EITHER)
+    def either(self, lapse: bool) -> Verdict | None:
+        """Return the filter to which both sensors are suspect, for as long as it is not clear which one it is.
+
+        ``lapse`` says whether one may have lied for a moment, too.
+        """
+        found = self.sensor(ANY if lapse else EITHER)
         if not found:
             return None
-        return self.to_the_end(max(found, key=lambda v: v.log_likelihood))
+        best = max(found, key=lambda v: v.log_likelihood)
+        return self.to_the_end(best._replace(suspect=EITHER))
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
         """Return a verdict whose filter stands at the last epoch."""
@@ -276,7 +295,15 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def with_fault(bank: Bank, setup: FilterSetup, suspect: str) -> Bank:
-    """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide."""
+    """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
+
+    After a lapse it is what the lie has left behind: attitude, velocity and position.
+    """
+    if suspect == LAPSE:
+        found = copy_bank(bank)
+        for at, sigma in _LAPSE:
+            found.P[0, range(at, at + 3), range(at, at + 3)] += sigma**2
+        return found
     sensor = sensor_model(setup.grade)
     at, bias = (BA, sensor.accel_bias) if suspect == ACCELEROMETER else (BG, sensor.gyro_bias)
     found = copy_bank(bank)

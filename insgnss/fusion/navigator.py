@@ -58,8 +58,8 @@ class Snapshot(NamedTuple):
 
     @property
     def banks(self) -> list[Bank]:
-        """As ``Navigator.banks``."""
-        return [*banks_of(self.bank, self.trial), *self.health.banks]
+        """All that counts samples: what is carried along with them, and what the filter was before."""
+        return [*banks_of(self.bank, self.trial), *self.health.banks, *self.health.past.banks]
 
 
 @dataclass
@@ -92,7 +92,7 @@ class Navigator:
 
     @property
     def banks(self) -> list[Bank]:
-        """All that counts samples: the filter, if it has started, its rivals on trial, and what it was before."""
+        """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
         return [*banks_of(self.bank, self.trial), *self.health.banks]
 
     def snapshot(self) -> Snapshot:
@@ -153,6 +153,8 @@ class Navigator:
         if code == LOCKOUT and trial.standing() < _DOUBTED:
             self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
             return
+        assert self.bank is not None
+        self.bank.head["doubted_ns"] = t_ns + 1  # it is the start that is in doubt, no sensor
         self._handle(code, imu, rows, epoch)
         if self.bank is None:
             self.trial = None
@@ -248,7 +250,7 @@ class Navigator:
         """Act on what stopped the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
-        if code == SUSPICION or (code == DONE and self.health.is_due(bank, t_ns)):
+        if self.trial is None and (code == SUSPICION or (code == DONE and self.health.is_due(bank, t_ns))):
             self._accept(self.health.suspect(bank, imu, t_ns, self._parameters), t_ns)
         elif code == THIN_OUT:
             self._thin_out()
@@ -259,7 +261,7 @@ class Navigator:
             self._accept(self.health.recover(bank, imu, rows, epoch, self._parameters, space), t_ns)
         elif code == COVARIANCE_LOST:
             self._restart(t_ns, "a variance of the filter lost its sign")
-        elif code != DONE:
+        elif code not in (DONE, SUSPICION):
             raise AssertionError(f"unknown code {code} of the compiled loop")
 
     def _thin_out(self) -> None:

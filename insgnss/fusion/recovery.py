@@ -40,6 +40,11 @@ _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
 _CONTRADICTS2: Final = 16.0  # four sigmas of both
 _LOST: Final = 0.25  # share of the rows that still fit a filter which is lost
+_LATE: Final = 3  # epochs in a row that say so
+_LOST_RANGES: Final = 0.34  # the same of the pseudoranges alone, while the range rates still fit
+_FITTING_RANGES: Final = 0.9  # and how many must fit the copy then
+_ENOUGH_RANGES: Final = 7  # that fit the copy instead: a street has no so many reflections that agree
+_LOST_RANGES_S: Final = 10.0
 _FITS: Final = 0.75  # share of the rows of each kind that must fit a copy
 _FEW: Final = 3  # rows, below which nothing is said
 _MOST: Final = 2.0 / 3.0
@@ -56,7 +61,12 @@ class Doubt:
     fix: Fix
     reason: str
     over: bool = False
-    base_share: list[float] = field(default_factory=list)  # of the rows that fit the filter, per epoch
+    filter_fits: list[tuple[float, float]] = field(
+        default_factory=list
+    )  # share of its rows, of its pseudoranges
+    ranges: dict[int, tuple[float, int]] = field(
+        default_factory=dict
+    )  # the share that fits a leader, and how many
     fits: dict[int, list[bool]] = field(default_factory=dict)  # whether most rows fit a member that leads
     _work: Workspace | None = None
 
@@ -69,7 +79,7 @@ class Doubt:
         """Return a copy that shares nothing that changes."""
         twin = copy.copy(self)
         twin.bank = copy_bank(self.bank)
-        twin.base_share = list(self.base_share)
+        twin.ranges, twin.filter_fits = dict(self.ranges), list(self.filter_fits)
         twin.fits = {member: list(told) for member, told in self.fits.items()}
         return twin
 
@@ -88,7 +98,9 @@ class Doubt:
             return None
         self._follow(filter_bank)
         status = written.ledger["status"][rows.first[epoch] : rows.first[epoch + 1]]
-        self.base_share.append(_share(status.ravel()))
+        self.filter_fits.append((_share(status.ravel()), _share(status[:, PSEUDORANGE])))
+        ranges = out.ledger["status"][:, PSEUDORANGE]
+        self.ranges[leader] = _share(ranges), int(np.sum(ranges == USED))
         self.fits.setdefault(leader, []).append(_fit(out.ledger["status"]))
         return self._verdict(t_ns, filter_bank)
 
@@ -128,9 +140,12 @@ class Doubt:
         gain = float(weight[1 + best] - weight[0])
         self.over = elapsed_s > _LONGEST_S or (elapsed_s > _LEAST_S and gain < -_HOPELESS)
         members = np.arange(self.n, dtype=np.int64) + (1 + best) * self.n
-        if gain < _SURE or elapsed_s < _LEAST_S or not self._fits(members):
+        if gain < _SURE or elapsed_s < _LEAST_S:
             return None
-        if not (self._is_lost() or self._confirmed(elapsed_s, members, filter_bank)):
+        # of a filter that is lost a copy is better even where it does not fit: the sensors may still fail
+        lost = max(share for share, _ in self.filter_fits[-_LATE:]) < _LOST
+        if not (lost or (self._fits(members) and self._is_away(elapsed_s, members, filter_bank))):
+            self.over = self.over or self._fails(members)
             return None
         self.over = True
         return self._taken(filter_bank, members)
@@ -141,9 +156,24 @@ class Doubt:
             all(self.fits.get(int(i), [])[-2:]) and len(self.fits.get(int(i), [])) > 1 for i in members
         )
 
-    def _is_lost(self) -> bool:
-        """Return whether hardly a row fits the filter, and has not for the whole trial."""
-        return max(self.base_share) < _LOST
+    def at_once(self, filter_bank: Bank, doubtful: bool) -> Bank:
+        """Return the filter set to the fix, its attitude doubted or not."""
+        return self._taken(filter_bank, np.arange(self.n, dtype=np.int64) + (1 + doubtful) * self.n)
+
+    def _fails(self, members: Int64) -> bool:
+        """Return whether the copies do not fit either: a newer fix is needed."""
+        return any(
+            len(told) >= _LATE and not any(told[-_LATE:])
+            for told in (self.fits.get(int(i), []) for i in members)
+        )
+
+    def _is_away(self, elapsed_s: float, members: Int64, filter_bank: Bank) -> bool:
+        """Return whether the filter is at another place: no pseudorange fits it, or a copy contradicts it for long."""
+        told = [self.ranges[int(i)] for i in members if int(i) in self.ranges]
+        enough = any(share >= _FITTING_RANGES and count >= _ENOUGH_RANGES for share, count in told)
+        ranges_fit = max(share for _, share in self.filter_fits[-_LATE:])
+        nowhere = elapsed_s >= _LOST_RANGES_S and ranges_fit < _LOST_RANGES and enough
+        return nowhere or self._confirmed(elapsed_s, members, filter_bank)
 
     def _confirmed(self, elapsed_s: float, members: Int64, filter_bank: Bank) -> bool:
         """Return whether a copy still contradicts the filter, half a minute after its fix did."""
@@ -187,6 +217,13 @@ def open_doubt(
     bank.head["locked_out"] = 0
     bank.head["strained_ns"] = 0
     return Doubt(setup, bank, t_ns, fix, reason)
+
+
+def is_lost(lines: Lines, fix: Fix) -> bool:
+    """Return whether hardly a row fits the filter although almost all fit the fix, with rows to spare."""
+    offered, used = fix.tried.sum(axis=1), fix.used.sum(axis=1)
+    fitting = bool(np.all(used >= _FITTING_RANGES * offered)) and fix.n_used >= _ENOUGH_RANGES
+    return fitting and _share(lines["status"][:, :2].ravel()) < _LOST
 
 
 def contradiction2(one: Bank, i: int, other: Bank, j: int) -> float:

@@ -19,7 +19,16 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.creeping import LEFT_OUT_S
-from insgnss.fusion.hindsight import SATELLITES, SENSORS, WITHOUT_S, Hindsight, Verdict
+from insgnss.fusion.hindsight import (
+    ACCELEROMETER,
+    GYRO,
+    LAPSE,
+    SATELLITES,
+    SENSORS,
+    WITHOUT_S,
+    Hindsight,
+    Verdict,
+)
 from insgnss.fusion.past import Past
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
@@ -28,7 +37,10 @@ from insgnss.fusion.witnesses import MOST_SATELLITES
 from insgnss.gnss.observation_rows import N_BANDS
 
 _SURE: Final = 20.0  # logarithm of the likelihood ratio at which a fault is believed
-_APART: Final = 10.0  # the same between two suspects
+_SURE_OF_A_LAPSE: Final = (
+    100.0  # a state that is unknown explains anything: the lie must have been a large one
+)
+_APART: Final = 20.0  # the same between two suspects
 _PATIENCE_NS: Final = 40 * NS_PER_S  # for that: two sensors look alike until the vehicle turns
 _TAGS_EVERY_NS: Final = 120 * NS_PER_S
 
@@ -65,11 +77,12 @@ def judge(
     if past.tags_are_due(_TAGS_EVERY_NS):
         found += again.other_imu_tags()
         past = replace(past, tags_ns=span[1])
+    found = [v for v in found if v.suspect != LAPSE or v.log_likelihood - again.as_it_was > _SURE_OF_A_LAPSE]
     found.sort(key=lambda v: -v.log_likelihood)
     best = next((v for v in found if v.fits), None)
     if best is None or best.log_likelihood - again.as_it_was < _SURE:
         return None, replace(past, unclear_ns=0)
-    if found[0].log_likelihood - best.log_likelihood > _APART:
+    if found[0].log_likelihood - best.log_likelihood > _APART and best.suspect in SENSORS:
         return None, past  # what explains most does not explain it all
     if again.stormy and best.suspect in SENSORS:
         return None, past  # rows that contradict each other are no sensor's fault
@@ -80,7 +93,7 @@ def judge(
             first = past.unclear_ns == 0
             past = replace(past, unclear_ns=since_ns, in_vain=0)
             among = {v.suspect for v in found if best.log_likelihood - v.log_likelihood < _APART}
-            if not first or not among <= set(SENSORS):
+            if not first or not among <= {ACCELEROMETER, GYRO, LAPSE}:
                 return None, past
-            return again.either(best), past
+            return again.either(LAPSE in among), past
     return again.to_the_end(best), past.after_verdict(best.suspect in (*SENSORS, SATELLITES))

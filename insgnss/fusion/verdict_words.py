@@ -7,7 +7,16 @@ import math
 import numpy as np
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
-from insgnss.fusion.hindsight import ACCELEROMETER, EITHER, GNSS_TAGS, GYRO, IMU_TAGS, SATELLITES, Verdict
+from insgnss.fusion.hindsight import (
+    ACCELEROMETER,
+    EITHER,
+    GNSS_TAGS,
+    GYRO,
+    IMU_TAGS,
+    LAPSE,
+    SATELLITES,
+    Verdict,
+)
 from insgnss.fusion.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
@@ -30,6 +39,9 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
             " the sigmas do not know of it"
         )
         return Event(t_ns, "time_tag_suspect", detail)
+    if verdict.suspect == LAPSE:
+        detail = "an inertial sensor has lied for a moment: attitude, velocity and position are learnt anew"
+        return Event(t_ns, "sensor_suspect", detail)
     if verdict.suspect == EITHER:
         detail = (
             "an accelerometer or gyro bias has jumped, and it is not clear yet which; both are learnt anew"

@@ -22,9 +22,9 @@ _MOST_CANDIDATES: Final = 9
 _LEAST_AGREEING: Final = 5
 _RATE_FLOOR2: Final = 0.03**2  # of such a mean, see ``creeping`` [m^2/s^2]
 _FEW: Final = 3
-_FITS: Final = 0.75  # share of the rows of each kind that must fit what is believed
+_FITS: Final = (0.75, 0.85)  # share of the rows of each kind that must fit what is believed
 _FITTING_EPOCHS: Final = 5
-_LARGEST_NIS: Final = 2.5  # in the mean of the rows that fit
+_LARGEST_NIS: Final = (2.5, 1.7)  # in the mean of the rows that fit
 
 
 class Written(NamedTuple):
@@ -35,8 +35,11 @@ class Written(NamedTuple):
     ledger: Table
 
 
-def fits(written: list[Written]) -> bool:
-    """Return whether most rows of each kind fit in the last epochs, and in the mean as well as they should."""
+def fits(written: list[Written], strict: bool) -> bool:
+    """Return whether most rows of each kind fit in the last epochs, and in the mean as well as they should.
+
+    ``strict`` is for what explains much in any case: sensors whose errors are unknown.
+    """
     if not written:
         return False
     ledger = np.concatenate([w.ledger for w in written[-_FITTING_EPOCHS:]])
@@ -46,10 +49,10 @@ def fits(written: list[Written]) -> bool:
         refused = np.sum((status == GATED) | (status == INCONSISTENT))
         if np.sum(used) + refused < _FEW:
             continue
-        if np.sum(used) < _FITS * (np.sum(used) + refused):
+        if np.sum(used) < _FITS[strict] * (np.sum(used) + refused):
             return False
         nis = ledger["innovation"][used, kind] ** 2 / ledger["variance"][used, kind]
-        if float(nis.mean()) > _LARGEST_NIS:
+        if float(nis.mean()) > _LARGEST_NIS[strict]:
             return False
     return True
 
@@ -58,8 +61,8 @@ def run_away_sets(written: list[Written], end_ns: int) -> list[tuple[int, ...]]:
     """Return sets of one, two and three satellites that may run away, by two witnesses.
 
     The means of the last seconds' range rates tell by what the satellites show against each other, whatever the filter
-    believes. What each of them showed against the prediction, many times beyond two and a half sigmas, tells where those are too
-    few for that.
+    believes. What each of them showed against the prediction, many times beyond two and a half sigmas, tells where
+    those are too few for that.
     """
     by_means = _apart_from_the_others([w for w in written if end_ns - w.t_ns <= _TELLING_S * NS_PER_S])
     by_count = _often_far_off([w for w in written if end_ns - w.t_ns <= _COUNTING_S * NS_PER_S])
