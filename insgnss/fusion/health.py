@@ -16,7 +16,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.fusion.fix import fix_epoch
 from insgnss.fusion.hindsight import GNSS_TAGS, IMU_TAGS
-from insgnss.fusion.lines import Epoch
+from insgnss.fusion.lines import Epoch, Lines
 from insgnss.fusion.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.fusion.output import Output
 from insgnss.fusion.past import Past
@@ -27,11 +27,13 @@ from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import Bank
 from insgnss.fusion.suspects import judge, run_away
 from insgnss.fusion.verdict_words import in_words as verdict_in_words
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
+from insgnss.status import GATED, USED
 from insgnss.tables import Event
 
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
+_LEAST_RANGES = 6  # fewer cannot tell a clock that stepped from a sensor that failed
 
 
 class Remedy(NamedTuple):
@@ -40,6 +42,12 @@ class Remedy(NamedTuple):
     bank: Bank  # that goes on: the same or another one
     events: list[Event]
     give_up: str = ""  # why it is to start anew instead
+
+
+def _tells(lines: Lines) -> bool:
+    """Return whether an epoch has enough pseudoranges, used or refused, to say whose fault it is."""
+    status = lines["status"][:, PSEUDORANGE]
+    return int(np.sum((status == USED) | (status == GATED))) >= _LEAST_RANGES
 
 
 @dataclass
@@ -118,12 +126,13 @@ class Health:
             else f"innovations far too large for {health.strain_s:.0f} s"
         )
         events: list[Event] = []
-        if len(bank.state) == 1 and t_ns >= bank.head[0].doubted_ns and health.recovery:
+        lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
+        tells = _tells(lines) and health.recovery
+        if len(bank.state) == 1 and t_ns >= bank.head[0].doubted_ns and tells:
             found = self.suspect(bank, imu, t_ns, parameters)
             if found.bank is not bank:
                 return found
             events = found.events
-        lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
         kind = contradicted_kind(lines)
         if kind is not None:
             events += self._told(Event(t_ns, "kind_refused", f"{reason}: {kind}"))

@@ -148,7 +148,7 @@ class Hindsight:
             np.abs(bank.state["b_a"][0] - before["b_a"]).max() / sensor.accel_bias.sigma,
             np.abs(bank.state["b_g"][0] - before["b_g"]).max() / sensor.gyro_bias.sigma,
         )
-        return max(moved) < _LARGEST
+        return bool(max(moved) < _LARGEST)
 
     def other_tags(self) -> Iterator[Verdict]:
         """Yield what comes of GNSS time tags that are off since a few seconds."""

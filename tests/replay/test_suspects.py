@@ -284,3 +284,28 @@ def without_recovery() -> FilterConfig:
 def test_recovery_can_be_switched_off() -> None:
     run = insgnss.replay(with_bias("f_b", 2, 5.0 * MPS2_PER_MG), without_recovery())
     assert not {"reset", "restart", "sensor_suspect", "satellite_suspect"} & set(run.events["kind"])
+
+
+# ------------------------------------------------------------------------------------------------ recovery
+
+
+def test_fix_that_reflections_agree_on_is_not_taken() -> None:
+    """Six of the pseudoranges are for 20 s those of a place 100 m away, the range rates are right: no vehicle jumps."""
+    sky = insgnss.replay(with_logs()).satellites
+    assert sky is not None
+    towards = {
+        (round(t, 1), sv): 100.0 * np.cos(np.radians(az)) * np.cos(np.radians(el))
+        for t, sv, az, el in zip(sky["time_s"], sky["sv"], sky["az_deg"], sky["el_deg"], strict=True)
+    }
+    _, logs = sample()
+    times = seconds(logs.gnss.t_ns)
+
+    def change(gnss: GnssTable, rows: np.ndarray) -> None:
+        names = np.array(gnss.sv_names)[gnss.sv[rows]]
+        for row, sv in zip(rows, names, strict=True):
+            gnss.pseudorange_m[row] -= towards.get((round(START_S + times[row], 1), str(sv)), 0.0)
+
+    six = ("G01", "G04", "G13", "G20", "G23", "G32")
+    run = insgnss.replay(with_rows(change, six, FAULT_S + 20.0))
+    assert not {"reset", "restart", "clock_jump"} & set(run.events["kind"])
+    assert position_m(run, FAULT_S) < 10.0
