@@ -55,6 +55,7 @@ _HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless
 _A_SATELLITE: Final = 5.0  # what leaving one out costs beside its rows: its own unknown error
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 _GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
+_SMALLEST_SHIFT_NS: Final = 10_000_000  # noise alone estimates some milliseconds
 _LONGEST_SHIFT_NS: Final = 110_000_000
 _STORMY: Final = 4.0  # by what a noise level rises when most rows of an epoch are noise
 _TAGS_EPOCHS: Final = 3
@@ -168,7 +169,7 @@ class Hindsight:
     def shifted(self, suspect: str, bank: Bank, shift_s: float) -> Verdict | None:
         """Return what comes of time tags that are off by ``shift_s``; those of GNSS tell where the satellites were."""
         shift_ns = int(shift_s * NS_PER_S)
-        if abs(shift_ns) > _LONGEST_SHIFT_NS:
+        if not _SMALLEST_SHIFT_NS < abs(shift_ns) < _LONGEST_SHIFT_NS:
             return None
         bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
         satellites_s = shift_s if suspect == GNSS_TAGS else 0.0
