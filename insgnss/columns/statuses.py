@@ -13,7 +13,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "masked_obstruction": "in the vehicle's attitude the airframe hides it from the antenna",
     "no_clock": "its constellation's clock offset was not known yet: the row started it",
     "inconsistent": "the epoch's rows do not agree with each other, and it is the one that stands out",
-    "drifting": "its innovations of the last seconds have one sign: a slow error that no single gate sees",
+    "drifting": "its range rates or pseudoranges creep away from all others: a slow error that no single gate sees",
     "reflected": "much weaker than its elevation lets expect: not the direct signal",
     "no_ephemeris": "no broadcast message or precise orbit of the satellite, or none that holds the numbers of one",
     "stale_ephemeris": "the newest message is too old",

@@ -120,7 +120,8 @@ class Faults(StrictModel):
     )
     drift_sigma: NotNegative = Field(
         4.0,
-        description="a pseudorange that moves by that many sigmas against the others within half a minute",
+        description="a satellite whose range rate, in the mean of ten seconds, or whose pseudorange within half a"
+        " minute moves by that many sigmas against the others",
     )
     reflected_below_db: NotNegative = Field(
         8.0,
@@ -214,6 +215,14 @@ class Health(StrictModel):
     )
     strain_s: Positive = Field(
         10.0, description="for that long means the filter is lost though it refuses little"
+    )
+    recovery: bool = Field(
+        True, description="whether the filter may be set right; off: it stays as it is, whatever the rows say"
+    )
+    suspicion_sigma: NotNegative = Field(
+        5.0,
+        description="of what all satellites show against the prediction, from which a fault of the inertial sensors"
+        " is tried; 0: never",
     )
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
         2, description="that many resets within lost_window_s mean the attitude is wrong too"

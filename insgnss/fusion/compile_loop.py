@@ -18,10 +18,12 @@ from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.carrier import clone_epoch
 from insgnss.fusion.closed_loop import turn_attitude_errors
 from insgnss.fusion.consistency import refuse_inconsistent
+from insgnss.fusion.creeping import find_creeping, follow_satellites
 from insgnss.fusion.epoch_update import update_epoch, use_rows
-from insgnss.fusion.faults import follow_innovations, refuse_reflections, weigh_robustly
+from insgnss.fusion.faults import refuse_reflections, weigh_robustly
 from insgnss.fusion.gating import common_step, gate_between, gate_rows
 from insgnss.fusion.headings import is_prunable
+from insgnss.fusion.integrity import explain, fit_all, fit_freely, follow_explained
 from insgnss.fusion.loop import advance, new_workspace, run_epochs, write_row
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import mixture_covariance, new_output, write_ledger, write_nav
@@ -89,13 +91,18 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         gate_rows: (lines, _N, _X),
         weigh_robustly: (lines, _N, par),
         refuse_reflections: (m, lines, rows.observation, _N, par),
-        follow_innovations: (memory, lines, rows.observation, _N, values, par),
-        adapt_noise: (m, P, par, lines, values, _N, _X),
+        follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
+        find_creeping: (memory, lines, rows.observation, _N, _X, _X),
+        adapt_noise: (m, P, P, par, lines, s.fit, values, values, _N, _X),
+        explain: (P, lines, _N, s.fit),
+        fit_freely: (lines, _N, s.fit),
+        fit_all: (lines, _N, s.fit),
+        follow_explained: (m, P, par, lines, s.fit, _N),
         gate_between: (P, lines, vectors, _X),
         use_rows: (P, lines, vectors, _N, _X, _X, values),
         refuse_inconsistent: (P, lines, _X, _N),
         observe: (m, P, par, rows, _N, w_ib_b, f_b, s),
-        update_epoch: (m, P, par, rows, _N, w_ib_b, f_b, s, scratch, work.masking, seen, memory, _X),
+        update_epoch: (m, P, par, rows, _N, w_ib_b, f_b, s, scratch, work.masking, seen, memory, _X, True),
     }
 
 

@@ -225,6 +225,8 @@ class Engine:
         """
         if all_of_them:
             self._process(2**62)
+            if self._samples.last_ns is not None:
+                self._navigator.note_silence(self._samples.last_ns)
             while self._waiting:
                 self._insert(self._waiting.pop(0))
             self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
@@ -324,6 +326,7 @@ class Engine:
         if newest is None:
             return
         horizon = newest - self._latency_ns
+        self._navigator.note_silence(horizon)
         while len(self._kept) > 1 and self._kept[1].t_ns < horizon:
             self._kept.pop(0)
         while self._recent and self._recent[0].t_ns < horizon:
@@ -354,11 +357,12 @@ class Engine:
         """Let every kept state count its samples from the buffer's new first one."""
         banks = [
             *self._navigator.banks,
+            *self._navigator.health.past.banks,
             *(bank for kept in self._kept for bank in kept.saved.banks),
         ]
         if self._live is not None:
             banks.append(self._live)
-        for bank in banks:
+        for bank in {id(bank): bank for bank in banks}.values():  # what is never changed is shared
             bank.head["next"] -= dropped
 
     def _refuse(self, epoch: GnssTable) -> None:

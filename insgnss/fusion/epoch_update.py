@@ -10,12 +10,10 @@ from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.carrier import clone_epoch
 from insgnss.fusion.closed_loop import close_loop, turn_attitude_errors
 from insgnss.fusion.consistency import disagrees, refuse_inconsistent
-from insgnss.fusion.faults import (
-    follow_innovations,
-    refuse_reflections,
-    weigh_robustly,
-)
+from insgnss.fusion.creeping import follow_satellites
+from insgnss.fusion.faults import refuse_reflections, weigh_robustly
 from insgnss.fusion.gating import absorb_clock_step, common_step, gate_between, gate_rows
+from insgnss.fusion.integrity import follow_explained
 from insgnss.fusion.lines import CLONE_ROWS, Epoch, Line, Lines
 from insgnss.fusion.masking import OFF, Masking, mask_hidden
 from insgnss.fusion.measurements import observe, place_antenna
@@ -23,12 +21,14 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Scratch, predict_covariance
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.soundness import is_sound
-from insgnss.fusion.state import CLOCK, DR, DRIFT, N_CLONE, StateRecord
+from insgnss.fusion.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, StateRecord
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
 from insgnss.tables import Float64, Int8
 
+_OUTAGE_S = 2.5  # without an epoch
+_LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
 _SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 
 
@@ -61,11 +61,12 @@ def update_epoch(
     seen: Int8,
     memory: Float64,
     since_last: float,
+    alone: bool,
 ) -> Outcome:
     """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
 
     ``since_last`` is the time since the epoch before [s], ``seen`` (slots,) the decisions on
-    visibility so far, ``memory`` (slots, 3) the innovations' means.
+    visibility so far, ``memory`` (slots, N_MEMORY) the satellites' means, ``alone`` whether one heading is left.
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
     and the order of the rows matters only by rounding; the gates are all judged on the prior. A hypothesis that is lost
@@ -75,6 +76,7 @@ def update_epoch(
     if not is_sound(m, P):
         leave_out(rows, epoch, s.lines)
         return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+    doubt_clock(m, P, par, since_last)
     drift_variance = P[DRIFT, DRIFT]
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
@@ -93,16 +95,18 @@ def update_epoch(
         if kind == PSEUDORANGE:
             refuse_reflections(m, lines, observation, t_ns, par)
         used, refused, strain = gate_rows(lines, kind, gate2_of(par, kind))
-        if kind == PSEUDORANGE:
-            follow_innovations(memory, lines, observation, t_ns, values, par)
-        weigh_robustly(lines, kind, par)
+        if alone:  # rows that contradict a wrong heading must not be widened for its sake
+            weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
+    follow_satellites(m, memory, lines, observation, t_ns, s.fit, par)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, excluded = use_epoch(
         P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
     )
     if done.clock_step == 0.0 and done.drift_step == 0.0:
-        adapt_noise(m, P, par, lines, correction, t_ns, drift_variance)
+        prior = scratch.A
+        adapt_noise(m, prior, P, par, lines, s.fit, correction, values, t_ns, drift_variance)
+        follow_explained(m, prior, par, lines, s.fit, t_ns)
     if par.motion_gate2 > 0.0:
         turn_attitude_errors(m, P, correction, s.antenna[0])
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
@@ -149,6 +153,23 @@ def leave_out(rows: Rows, epoch: int, lines: Lines) -> None:
             line.innovation[kind] = math.nan
             if line.status[kind] == USED:
                 line.status[kind] = NOT_STARTED
+
+
+@inlined
+def doubt_clock(m: StateRecord, P: Float64, par: Parameters, since_last: float) -> None:
+    """Give the clock its grade's own wander over an outage, however quiet it has been found over a second.
+
+    Equation: P += (1 - f) q [[T^3/3, T^2/2], [T^2/2, T]] for the drift's density q and its factor f < 1, and
+    P_clock += (1 - f) q T likewise for the bias
+    """
+    if not _OUTAGE_S < since_last < _LONGEST_OUTAGE_S:
+        return
+    bias = max(1.0 - m.noise_factor[BIAS_FACTOR], 0.0) * par.clock_bias_density
+    drift = max(1.0 - m.noise_factor[DRIFT_FACTOR], 0.0) * par.clock_drift_density
+    P[CLOCK, CLOCK] += bias * since_last + drift * since_last**3 / 3.0
+    P[CLOCK, DRIFT] += drift * since_last**2 / 2.0
+    P[DRIFT, CLOCK] = P[CLOCK, DRIFT]
+    P[DRIFT, DRIFT] += drift * since_last
 
 
 @inlined

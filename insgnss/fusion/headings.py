@@ -113,13 +113,15 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
     Equation: log w_i += rho log L_i, rho = min(1, sum_i w_i sum_rows (h q_i)^2 / S_i), q_i the response to the motion
     that was shown. Without motion the hypotheses differ in nothing but the direction in which they integrate the
     accelerometers' noise: their likelihood ratio is a driftless random walk that would choose one in the end.
-    The factor is common to all, so it favours none.
+    The factor is common to all, so it favours none. Hypotheses that differ in more than their headings (a given start
+    against others, a filter against a fix) are weighed in full.
     """
     state, lead = bank.state, bank.head[0].leader
     carried = 0.0
     for i in range(state.shape[0]):
         carried += math.exp(state[i].log_weight) * state[i].motion_information
-    all_of_it = par.motion_gate2 <= 0.0 or sees_earth_rate(state[lead], bank.P[lead])
+    all_of_it = par.motion_gate2 <= 0.0 or bank.head[0].more_than_headings == 1
+    all_of_it = all_of_it or sees_earth_rate(state[lead], bank.P[lead])
     share = 1.0 if all_of_it else min(carried, 1.0)
     for i in range(state.shape[0]):
         lost = state[i].log_likelihood == -math.inf

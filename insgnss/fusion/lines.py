@@ -80,6 +80,7 @@ Lines: TypeAlias = npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row of a
 Antenna: TypeAlias = Any  # one element of ANTENNA_DTYPE
 
 
+FIT_ROWS: Final = 15  # of ``integrity``
 CLONE_ROWS: Final = 4  # first of the vectors that keep the clone's rows of P until the next epoch
 
 
@@ -92,6 +93,7 @@ class Epoch(NamedTuple):
     vectors: (
         Float64  # (4 + N_CLONE, n or k): correction, two of scratch, one to sort; the old clone's rows of P
     )
+    fit: Float64  # (FIT_ROWS, 4) work space of ``integrity``
 
 
 def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
@@ -106,6 +108,7 @@ def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
         np.zeros(1, ANTENNA_DTYPE),
         np.zeros(2, AIR_DTYPE),
         np.zeros((CLONE_ROWS + N_CLONE, max(k, n))),
+        np.zeros((FIT_ROWS, 4)),
     )
 
 

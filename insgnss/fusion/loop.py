@@ -50,12 +50,13 @@ PRUNE: Final = 2  # a hypothesis is negligible, or has the heading of a heavier 
 COVARIANCE_LOST: Final = 3  # the state is not finite any more, or a variance not positive
 HEADING_KNOWN: Final = 4  # its sigma fell below the limit
 HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
+SUSPICION: Final = 6  # all satellites contradict the prediction again and again, or one has run away
 
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
 _UNCERTAIN_APART_S = (
     10.0  # satellites at an edge come and go: uncertainty that returns within it is one event
 )
-_SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
+SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
 class Workspace(NamedTuple):
@@ -219,6 +220,9 @@ def run_epochs(
             return PRUNE, epoch + 1
         if is_wide(bank, par.widest_heading_variance):
             return HEADING_WIDE, epoch + 1
+        if bank.state.shape[0] == 1 and t_ns >= head.doubted_ns and par.suspicion_limit > 0.0:
+            if bank.state[0].suspicion > par.suspicion_limit or bank.state[0].crept_ns == t_ns:
+                return SUSPICION, epoch + 1
         if head.heading_open == 1 and heading_variance(bank) < par.heading_known_variance:
             return HEADING_KNOWN, epoch + 1
     return DONE, last
@@ -277,7 +281,7 @@ def update_bank(
             i = lead
         done = update_epoch(
             bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
-            work.masking, bank.seen[i], bank.memory[i], since_last,
+            work.masking, bank.seen[i], bank.memory[i], since_last, n == 1,
         )  # fmt: skip
         sound = math.isfinite(done.log_likelihood) and is_sound(bank.state[i], bank.P[i])
         # one that is lost has no weight, whatever comes
@@ -285,6 +289,8 @@ def update_bank(
         bank.state[i].motion_information = done.motion_information if sound else 0.0
     if n > 1:
         weigh_headings(bank, par)
+    else:
+        bank.head[0].log_likelihood += done.log_likelihood
     t_ns = rows.epoch_ns[epoch]
     write_ledger(
         out.ledger,
@@ -327,7 +333,7 @@ def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) ->
 @inlined
 def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
     """Write an event when the measurements stop, refused or not written at all, and when they are back."""
-    quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > _SILENCE_S
+    quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > SILENCE_S
     if head.silent_ns == 0 and (used == 0 or quiet):
         head.silent_ns = head.epoch_ns if quiet else t_ns
         log_event(out.events, out.counts[0], head.silent_ns, NO_MEASUREMENTS, 0.0)

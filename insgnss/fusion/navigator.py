@@ -13,15 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.constants import NS_PER_S
 from insgnss.fusion.carried_start import Carried, left_behind
 from insgnss.fusion.epoch_aid import EpochAid
-from insgnss.fusion.fix import Fix, fix_epoch
+from insgnss.fusion.fix import Fix
 from insgnss.fusion.heading_bank import heading_deg, pruned, split
 from insgnss.fusion.headings import heading_variance
+from insgnss.fusion.health import Health, Remedy
 from insgnss.fusion.ledger_marks import mark_rows
-from insgnss.fusion.lines import Lines
-from insgnss.fusion.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.fusion.loop import (
     COVARIANCE_LOST,
     DONE,
@@ -29,24 +28,23 @@ from insgnss.fusion.loop import (
     HEADING_WIDE,
     LOCKOUT,
     PRUNE,
+    SILENCE_S,
+    SUSPICION,
     Workspace,
     new_workspace,
     run_epochs,
     write_row,
 )
 from insgnss.fusion.masking import became_of_uncertain, still_uncertain
-from insgnss.fusion.output import MASKING_UNCERTAIN, N_USED, Output, event_in_words
+from insgnss.fusion.output import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
 from insgnss.fusion.prediction import Imu
-from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import Bank, copy_bank
 from insgnss.fusion.trial import Trial, banks_of, refusal
 from insgnss.gnss.observation_rows import Rows
-from insgnss.inertial.sensor_model import sensor_model
-from insgnss.tables import Event, Int16
+from insgnss.tables import Event
 
-_WRONG_VERTICAL_RAD = math.radians(0.5)  # a reset that turns the vertical by more leaves no attitude to keep
 _DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
 
 
@@ -55,16 +53,16 @@ class Snapshot(NamedTuple):
 
     bank: Bank | None
     starter: Starter
-    resets_ns: list[int]
     events: list[Event]
     started_ns: int | None
     aid: EpochAid | None
     trial: Trial | None
+    health: Health
 
     @property
     def banks(self) -> list[Bank]:
-        """As ``Navigator.banks``."""
-        return banks_of(self.bank, self.trial)
+        """All that counts samples: what is carried along with them, and what the filter was before."""
+        return [*banks_of(self.bank, self.trial), *self.health.banks, *self.health.past.banks]
 
 
 @dataclass
@@ -76,7 +74,7 @@ class Navigator:
     starter: Starter = field(init=False)
     aid: EpochAid | None = field(init=False)  # by several antennas, None without
     bank: Bank | None = None
-    resets_ns: list[int] = field(default_factory=list)
+    health: Health = field(init=False)
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
     trial: Trial | None = None  # of a given start
@@ -87,6 +85,7 @@ class Navigator:
         """Resolve the parameters and get ready to start."""
         self._parameters = self.setup.parameters()
         self.starter = Starter(self.setup, given=self.setup.start is not None)
+        self.health = Health(self.setup)
         self.aid = None if self.setup.new_aid is None else self.setup.new_aid()
 
     @property
@@ -97,28 +96,28 @@ class Navigator:
     @property
     def banks(self) -> list[Bank]:
         """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
-        return banks_of(self.bank, self.trial)
+        return [*banks_of(self.bank, self.trial), *self.health.banks]
 
     def snapshot(self) -> Snapshot:
         """Return a copy of everything that changes with the data."""
         return Snapshot(
             bank=None if self.bank is None else copy_bank(self.bank),
             starter=self.starter.snapshot(),
-            resets_ns=list(self.resets_ns),
             events=list(self.events),
             started_ns=self.started_ns,
             aid=None if self.aid is None else self.aid.snapshot(),
             trial=None if self.trial is None else self.trial.copied(),
+            health=self.health.copied(),
         )
 
     def restore(self, saved: Snapshot) -> None:
         """Return to a snapshot."""
         self.bank = None if saved.bank is None else copy_bank(saved.bank)
         self.starter = saved.starter.snapshot()
-        self.resets_ns, self.events = list(saved.resets_ns), list(saved.events)
-        self.started_ns = saved.started_ns
+        self.events, self.started_ns = list(saved.events), saved.started_ns
         self.aid = None if saved.aid is None else saved.aid.snapshot()
         self.trial = None if saved.trial is None else saved.trial.copied()
+        self.health = saved.health.copied()
 
     def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``, all of them within the inertial samples."""
@@ -131,15 +130,23 @@ class Navigator:
             self.before_loop()
             stop = last if self.aid is None else epoch + 1
             if self.trial is not None:
-                stop = self.trial.epoch_after_look(rows, epoch, last)
+                stop = min(stop, self.trial.epoch_after_look(rows, epoch, last))
+            stop, begin = min(stop, self.health.stop(self.bank, rows, epoch, last)), epoch
             code, epoch = run_epochs(
                 self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
             )
             self._collect_events(out)
+            self.health.past = self.health.past.after(self.bank, rows, begin, epoch)
+            doubt = self.health.doubt
             if self.trial is None:
-                self._handle(code, epoch - 1, rows, out)
+                self._handle(code, imu, rows, epoch - 1)
             else:
-                self._try(self.trial, code, imu, rows, epoch - 1, out)
+                self._try(self.trial, code, imu, rows, epoch - 1)
+            if doubt is not None and doubt is self.health.doubt and self.bank is not None:
+                self._accept(
+                    self.health.weigh(doubt, self.bank, imu, rows, epoch - 1, self._parameters, out),
+                    int(rows.epoch_ns[epoch - 1]),
+                )
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
 
@@ -149,18 +156,18 @@ class Navigator:
             return self.starter.carried
         return left_behind(self.bank, imu, self._parameters, self.setup.config)
 
-    def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+    def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int) -> None:
         """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
         t_ns = int(rows.epoch_ns[epoch])
         if code == LOCKOUT and trial.standing() < _DOUBTED:
             self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
             return
-        self._handle(code, epoch, rows, out)
+        assert self.bank is not None
+        self.bank.head["doubted_ns"] = t_ns + 1  # it is the start that is in doubt, no sensor
+        self._handle(code, imu, rows, epoch)
         if self.bank is None:
             self.trial = None
-        elif code == LOCKOUT:
-            self.trial = Trial(self.setup)  # of the filter as it has been set anew
-        else:
+        elif self.trial is trial:
             found = trial.take(self.bank, imu, rows, epoch, self._parameters)
             if found is not None:
                 self._refuse_start(t_ns, found)
@@ -171,7 +178,8 @@ class Navigator:
         """Put the rivals of the given start in its place."""
         assert self.bank is not None
         self.events.append(refusal(t_ns, self.bank, found))
-        self.bank, self.trial, self.resets_ns = found, None, []
+        self.bank, self.trial = found, None
+        self.health.forget()
         found.head["renewed_ns"] = t_ns
         self._tell_heading()
 
@@ -244,20 +252,24 @@ class Navigator:
         if self.bank is not None and heading_variance(self.bank) < self._parameters[0].heading_known_variance:
             self._heading_known()
 
-    def _handle(self, code: int, epoch: int, rows: Rows, out: Output) -> None:
+    def _handle(self, code: int, imu: Imu, rows: Rows, epoch: int) -> None:
         """Act on what stopped the compiled loop after ``epoch``."""
-        if code == PRUNE:
+        bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
+        assert bank is not None
+        if self.trial is None and (code == SUSPICION or (code == DONE and self.health.is_due(bank, t_ns))):
+            self._accept(self.health.suspect(bank, imu, t_ns, self._parameters), t_ns)
+        elif code == PRUNE:
             self._prune()
         elif code == HEADING_WIDE:
             self._split()
         elif code == HEADING_KNOWN:
             self._heading_known()
         elif code == LOCKOUT:
-            self._recover(epoch, rows, out)
+            space = self.workspace(rows).epoch
+            self._accept(self.health.recover(bank, imu, rows, epoch, self._parameters, space), t_ns)
         elif code == COVARIANCE_LOST:
-            t_ns = int(rows.epoch_ns[epoch])
             self._restart(t_ns, "the state is not finite any more, or a variance not positive")
-        elif code != DONE:
+        elif code not in (DONE, SUSPICION):
             raise AssertionError(f"unknown code {code} of the compiled loop")
 
     def _prune(self) -> None:
@@ -299,76 +311,31 @@ class Navigator:
         detail = f"heading {yaw:.1f} deg, sigma {sd:.1f} deg, {after:.1f} s after the start"
         self.events.append(Event(t_ns, "heading_known", detail))
 
-    def _recover(self, epoch: int, rows: Rows, out: Output) -> None:
-        """Set position, velocity and clock anew from the epoch; start all over when that does not last."""
-        bank = self.bank
-        if bank is None:
-            return
-        t_ns = int(rows.epoch_ns[epoch])
-        health = self.setup.config.health
-        refusing = bank.head[0].locked_out >= health.lockout_epochs
-        bank.head["locked_out"] = 0
-        bank.head["strained_ns"] = 0
-        reason = (
-            f"most measurements refused for {health.lockout_epochs} epochs"
-            if refusing
-            else f"innovations far too large for {health.strain_s:.0f} s"
-        )
-        first, last = rows.first[epoch], rows.first[epoch + 1]
-        lines, sv = self.workspace(rows).epoch.lines[: last - first], rows.observation["sv"][first:last]
-        fix = None
-        if not (refusing and is_thin(lines)):
-            par, groups = self._parameters[0], self.setup.n_offsets + 1
-            fix = fix_epoch(rows, epoch, par, groups, self.setup.config.start.max_gdop)
-        if fix is None or not fix.checked:
-            if not (refusing and self._absorb_steps(bank, lines, sv, t_ns)):
-                self.events.append(Event(t_ns, "lockout", f"{reason}, and no fix to recover with"))
-            return
-        recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
-        self.resets_ns = [*recent, t_ns]
-        if len(self.resets_ns) > health.heading_lost_resets:
-            self._restart(t_ns, f"{len(self.resets_ns)} resets within {health.lost_window_s:.0f} s")
-            return
-        lead = bank.state[bank.head[0].leader]
-        delta_r = float(np.linalg.norm(fix.r_a - lead.r_e))
-        tilt = delta_r / WGS84_A_M  # by how much the vertical turns with the position
-        if tilt > _WRONG_VERTICAL_RAD:
-            self._restart(
-                t_ns, f"the position is {delta_r / 1000.0:.0f} km away: the attitude was levelled elsewhere"
-            )
-            return
-        delta_clock = float(np.nan_to_num(fix.clocks[0] - lead.clock[0]))
-        velocity = "kept" if fix.v_a is None else f"moved by {np.linalg.norm(fix.v_a - lead.v_e):.2f} m/s"
-        for i in range(len(bank.state)):
-            reset_kinematics(bank.state[i], bank.P[i], fix, self._parameters[0].lever_b, self.setup.n_offsets)
-            bank.memory[i] = -np.inf  # innovations about another position
-            if not refusing:
-                doubt_sensors(bank.state[i], bank.P[i], sensor_model(self.setup.grade))
-        bank.head["renewed_ns"] = t_ns
-        mark_rows(out, rows, epoch, fix)
-        detail = (
-            f"{reason}: position moved by {delta_r:.1f} m,"
-            f" velocity {velocity}, clock moved by {delta_clock:.1f} m; {fix.n_used} pseudoranges"
-        )
-        self.events.append(Event(t_ns, "reset", detail))
+    def _accept(self, remedy: Remedy, t_ns: int) -> None:
+        """Do what the filter's health asks for."""
+        self.events += remedy.events
+        if remedy.give_up:
+            self._restart(t_ns, remedy.give_up)
+        elif remedy.bank is not self.bank:
+            self.bank = remedy.bank
+            if self.trial is not None:
+                self.trial = Trial(self.setup)  # of the filter as it has been set right
 
-    def _absorb_steps(self, bank: Bank, lines: Lines, sv: Int16, t_ns: int) -> bool:
-        """Absorb the steps of the receiver clock that the refused rows agree on; return whether there was one."""
-        assert self._work is not None
-        par, P = self._parameters[0], bank.P[bank.head[0].leader]
-        correction = self._work.epoch.vectors[0, : len(P)]
-        steps = clock_steps(lines, sv, P, correction, (par.range_gate2, par.rate_gate2))
-        for step in steps:
-            absorb(bank, step, par.lever_b)
-            self.events.append(in_words(t_ns, step, self.setup.config.health.lockout_epochs))
-            bank.head["renewed_ns"] = t_ns
-        return len(steps) > 0
+    def note_silence(self, t_ns: int) -> None:
+        """Tell at ``t_ns`` that the measurements have ended, where no further epoch has come to tell it."""
+        if self.bank is None or self.started_ns is None:
+            return
+        head = self.bank.head[0]
+        last_ns = max(int(head.epoch_ns), self.started_ns)
+        if head.silent_ns == 0 and t_ns - last_ns > SILENCE_S * NS_PER_S:
+            head.silent_ns = last_ns
+            self.events.append(event_in_words(last_ns, int(NO_MEASUREMENTS), 0.0))
 
     def _restart(self, t_ns: int, reason: str) -> None:
         """Give the filter up and wait for a new automatic start."""
         self.events += still_uncertain(self.bank, self.setup.config.visibility)
         self.bank = None
-        self.resets_ns = []
+        self.health.forget()
         self.starter = Starter(self.setup, given=False)
         self.events.append(Event(t_ns, "restart", f"{reason}: the filter starts anew"))
 

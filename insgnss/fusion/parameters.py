@@ -83,6 +83,7 @@ PARAMETERS_DTYPE = np.dtype(
             ("lockout_epochs", np.float64),
             ("strain_limit", np.float64),
             ("strain_time", np.float64),  # [s]
+            ("suspicion_limit", np.float64),  # chi^2 of three; 0: the prediction is never suspected
             ("heading_known_variance", np.float64),  # [rad^2]
             (
                 "widest_heading_variance",
@@ -200,6 +201,7 @@ def resolve_parameters(
         float(config.health.lockout_epochs),
         config.health.strain_nis,
         config.health.strain_s,
+        config.health.suspicion_sigma**2 if config.health.recovery else 0.0,
         math.radians(config.heading.known_below_deg) ** 2,
         widest_heading(config.heading) ** 2,
         1.0 / config.adaptation.memory_s if config.adaptation.on else 0.0,

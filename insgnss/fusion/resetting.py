@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.fusion.fix import Fix
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
 from insgnss.inertial.sensor_model import SensorModel
@@ -13,23 +14,46 @@ from insgnss.tables import Float64
 
 _RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
 _DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
+_RESET_VELOCITY_FLOOR_MPS = 0.1
 _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
 
 
-def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64, n_offsets: int) -> None:
-    """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states."""
+def reset_kinematics(
+    m: np.record,
+    P: Float64,
+    fix: Fix,
+    lever_b: Float64,
+    n_offsets: int,
+    w_ib_b: Float64,
+    inter_system_sigma_m: float,
+) -> None:
+    """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states.
+
+    Equation: r_e = r_a - C l, v_e = v_a - C (w x l) + w_ie x C l, w the gyros' rate less its bias; what the attitude's
+    variance makes of the lever arm l is added to both.
+
+    Parameters
+    ----------
+    w_ib_b : (3,) the gyros' rate at the fix [rad/s]
+    inter_system_sigma_m : of a clock offset that the fix does not tell
+    """
     states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
     kept = P[DV : DV + 3, DV : DV + 3].copy()
     P[states, :] = 0.0
     P[:, states] = 0.0
     reference = int(np.flatnonzero(np.isfinite(fix.clocks))[0])
-    m.r_e[:] = fix.r_a - m.C_eb @ lever_b
-    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + _RESET_BIAS_SIGMA_M**2 * np.eye(3)
+    l_e, turning = m.C_eb @ lever_b, np.cross(w_ib_b - m.b_g, lever_b)
+    attitude = float(np.trace(P[PSI : PSI + 3, PSI : PSI + 3]))
+    m.r_e[:] = fix.r_a - l_e
+    of_lever = attitude * float(lever_b @ lever_b)
+    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + (_RESET_BIAS_SIGMA_M**2 + of_lever) * np.eye(3)
     m.clock[0] = fix.clocks[reference]
     P[CLOCK, CLOCK] = fix.P[3 + reference, 3 + reference] + _RESET_BIAS_SIGMA_M**2
     if fix.v_a is not None:
-        m.v_e[:] = fix.v_a
-        P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + 0.1**2 * np.eye(3)
+        earth_rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
+        m.v_e[:] = fix.v_a - m.C_eb @ turning + np.cross(earth_rate, l_e)
+        of_lever = attitude * float(turning @ turning)
+        P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + (_RESET_VELOCITY_FLOOR_MPS**2 + of_lever) * np.eye(3)
         m.clock[1] = fix.drift
         P[DRIFT, DRIFT] = fix.P_v[3, 3]
     else:
@@ -40,16 +64,17 @@ def reset_kinematics(m: np.record, P: Float64, fix: Fix, lever_b: Float64, n_off
         group = i - OFFSETS + 1
         known = math.isfinite(fix.clocks[group]) and reference == 0
         m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
-        P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else 3000.0**2
+        P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else inter_system_sigma_m**2
 
 
 def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
-    """Forget the biases of a hypothesis and widen its attitude: it went astray though it refused little."""
+    """Doubt the biases of a hypothesis and widen its attitude: what it has made of them went astray.
+
+    The biases keep their values: most of what a sensor is off by is there from the start on.
+    """
     biases = slice(BA, BG + 3)
     P[biases, :] = 0.0
     P[:, biases] = 0.0
-    m.b_a[:] = 0.0
-    m.b_g[:] = 0.0
     u = m.r_e / np.linalg.norm(m.r_e)  # up, to a fifth of a degree
     accel = sensor.accel_bias_variances(m.C_eb.T @ u)
     for i in range(3):

@@ -32,6 +32,7 @@ N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
 ABSENT_STATE: Final = -1
+N_MEMORY: Final = 7  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5
@@ -76,6 +77,14 @@ STATE_DTYPE: Final = np.dtype(
             ("noise_factor", np.float64, (N_FACTORS,)),  # found noise levels
             ("adapted_ns", np.int64),  # when they were last moved
             ("adapted_count", np.int64),
+            (
+                "explained",
+                np.float64,
+                (2, 3),
+            ),  # means of what the epochs say of the prediction, see ``integrity``
+            ("explained_ns", np.int64),
+            ("crept_ns", np.int64),  # when a satellite was last found by its range rate to run away
+            ("suspicion", np.float64),  # how far they are beyond chance, chi^2 of three
             ("mask_waits", np.int64),  # 1 while the heading is too uncertain for the visibility stage
             ("mask_uncertain", np.int64),  # satellites of the last epoch whose visibility was uncertain
             (
@@ -107,11 +116,14 @@ HEAD_DTYPE: Final = np.dtype(
                 "strained_ns",
                 np.int64,
             ),  # time since when the innovations are far too large; 0 when they are not
+            ("log_likelihood", np.float64),  # of the epochs, where one heading is left; for ``suspects``
+            ("doubted_ns", np.int64),  # the filter's own prediction is not suspected before
             ("masking", np.int64),  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
             ("uncertain", np.int64),  # satellites over epochs, whose visibility was uncertain, not told yet
             ("uncertain_ns", np.int64),  # when that began ...
             ("uncertain_last_ns", np.int64),  # ... and when it was so last
             ("heading_open", np.int64),  # 1 until the heading has been told to be known
+            ("more_than_headings", np.int64),  # 1 where the hypotheses differ in more than what motion shows
             ("slip", np.float64),  # angle from course to heading when last known (``sideslip``) [rad]
             ("slip_variance", np.float64),  # [rad^2]
             ("slip_ns", np.int64),  # when that was; 0: never
@@ -133,7 +145,9 @@ class Bank(NamedTuple):
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
     seen: Int8  # (m, N_SATELLITE_SLOTS) what the visibility stage decided last of each satellite
-    memory: Float64  # (m, N_SLOTS, 3) of each band's range innovations: fast and slow mean [m], when [s]
+    memory: (
+        Float64  # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
+    )
 
 
 @dataclass(frozen=True)
@@ -184,7 +198,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     state = np.zeros(n_hypotheses, STATE_DTYPE)
     state["log_weight"] = -np.log(n_hypotheses)
     state["noise_factor"] = 1.0
-    memory = np.full((n_hypotheses, N_SLOTS, 3), -np.inf)
+    memory = np.full((n_hypotheses, N_SLOTS, N_MEMORY), -np.inf)
     seen = np.full((n_hypotheses, N_SATELLITE_SLOTS), UNDECIDED, np.int8)
     return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
 
@@ -215,6 +229,10 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         source.sum_accel_q,
     )
     target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
+    for i in range(3):
+        target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]
+    target.explained_ns, target.suspicion = source.explained_ns, source.suspicion
+    target.crept_ns = source.crept_ns
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns

@@ -144,6 +144,7 @@ class Trial:
         keep = np.flatnonzero(weight > weight.max() + self.setup.log_drop)
         found = select_members(self.bank, keep.astype(np.int64))
         found.head["heading_open"] = 1
+        found.head["more_than_headings"] = 0
         return found
 
     def _open(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
@@ -158,6 +159,7 @@ class Trial:
         for name in ("noise_factor", "adapted_ns", "adapted_count", "cn0_level", "cn0_level_ns"):
             found.state[name] = lead[name]
         self.bank = joined_banks(bank, found)
+        self.bank.head["more_than_headings"] = 1
         self.bank.head["locked_out"] = 0
         self.bank.head["strained_ns"] = 0
         self.n_given, self.since_ns, self.settling = len(bank.state), t_ns, True

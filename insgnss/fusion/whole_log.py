@@ -117,6 +117,7 @@ def run_blocks(
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             work = navigator.workspace(no_rows)
             run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
+        navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
         kept = navigator.leave(part)
         started = started or navigator.started_ns is not None

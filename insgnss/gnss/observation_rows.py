@@ -218,16 +218,17 @@ def from_epoch(rows: Rows, epoch: int) -> Rows:
     """Return the rows from an epoch on, which know of the one before what the carrier's differences need."""
     if epoch <= 0:
         return rows
-    part = _epochs(rows, epoch, len(rows.epoch_ns))
+    part = some_epochs(rows, epoch, len(rows.epoch_ns))
     return Rows(**{name: array.copy() for name, array in part._asdict().items()})
 
 
 def one_epoch(rows: Rows, epoch: int) -> Rows:
     """Return the rows of one epoch; they share their memory with ``rows``."""
-    return _epochs(rows, epoch, epoch + 1)
+    return some_epochs(rows, epoch, epoch + 1)
 
 
-def _epochs(rows: Rows, begin: int, end: int) -> Rows:
+def some_epochs(rows: Rows, begin: int, end: int) -> Rows:
+    """Return the rows of the epochs ``begin`` to ``end - 1``; they share their memory with ``rows``."""
     first, last = int(rows.first[begin]), int(rows.first[end])
     part = slice(first, last) if len(rows.carrier) else slice(0, 0)
     return Rows(
@@ -240,6 +241,11 @@ def _epochs(rows: Rows, begin: int, end: int) -> Rows:
         before=rows.before[part],
         before_ns=rows.before_ns[begin:end],
     )
+
+
+def satellite_name(number: int) -> str:
+    """Return the name of a satellite by its number in any log, slot over ``N_BANDS``."""
+    return f"{_SYSTEMS[number // _SLOTS_EACH]}{number % _SLOTS_EACH:02d}"
 
 
 def _slot(sv: str, code: str) -> int:

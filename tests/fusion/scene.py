@@ -80,6 +80,7 @@ def parameters(lever_b: Sequence[float] = (0.0, 0.0, 0.0), **changes: Any) -> np
             "range_rate_noise_mps": {"floor": RATE_SIGMA_MPS, **noise},
             "measurements": {"elevation_mask_deg": -90.0, "ionosphere": "none", "troposphere": "none"},
             "adaptation": {"on": False},
+            "health": {"suspicion_sigma": 0.0},
             "faults": {"residual_sigma": 0.0, "drift_sigma": 0.0, "reflected_below_db": 0.0},
         }
     )

@@ -12,6 +12,9 @@ from insgnss.antenna.equipment import limits_of
 from insgnss.config.filter import FilterConfig, Visibility
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
+from insgnss.fusion.adaptation import adapt_noise
+from insgnss.fusion.creeping import follow_satellites
+from insgnss.fusion.integrity import follow_explained
 from insgnss.fusion.lines import Lines, new_epoch
 from insgnss.fusion.loop import DONE, Imu, new_workspace, run_epochs, run_to
 from insgnss.fusion.masking import MASK, OFF
@@ -39,8 +42,8 @@ from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.gnss.observation_rows import Rows, prepare_rows
-from insgnss.status import USED
+from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, prepare_rows
+from insgnss.status import GATED, USED
 from insgnss.tables import Float64, GnssTable
 from tests.kernels import KernelCase
 
@@ -288,6 +291,32 @@ def wrong_rows() -> tuple[Float64, Lines]:
     return P, work.lines
 
 
+def crowd(noise: float) -> list[Any]:
+    """Return what twenty seconds of ten satellites leave of levels and means: one runs away, or all are noisy."""
+    P, lines = wrong_rows()
+    made, par, work = new_bank(1, 0), parameters(Layout())[0], new_epoch(10, OFFSETS)
+    par["drift_gate"], m, fit = 4.0, made.state[0], work.fit
+    observation = np.zeros(10, OBSERVATION_DTYPE)
+    observation["slot"] = np.arange(10) * N_BANDS
+    found = []
+    for second in range(1, 21):
+        for j, line in enumerate(lines):
+            line["status"][:2] = USED, GATED if noise > 1.0 else USED
+            line["h"][1, 3:6] = line["h"][0, :3]
+            line["variance"][:2], line["predicted"][:2] = (1.0, 0.01), (0.1, 1e-4)
+            line["innovation"][:2] = (
+                noise * math.sin(5.0 * j + second),
+                0.1 * noise * math.cos(3.0 * j + second),
+            )
+        lines["innovation"][4, :2] += second, 1.0
+        t_ns = START_NS + second * NS_PER_S
+        follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, par)
+        adapt_noise(m, P, P, par, lines, fit, work.vectors[0], work.vectors[3], t_ns, 1.0)
+        follow_explained(m, P, par, lines, fit, t_ns)
+        found.append(lines["status"].copy())
+    return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]
+
+
 # The update adds and subtracts numbers of very different size (a clock variance of 1e7 m^2 after its jump), so a last
 # digit of a sine may grow.
 CASES = [
@@ -297,6 +326,8 @@ CASES = [
     KernelCase("insgnss.fusion.consistency:refuse_inconsistent", (*wrong_rows(), 9.0, 3), rtol=1e-9),
     KernelCase("tests.kernels.fusion:one_heading_with_unknown_motion", rtol=1e-10),
     KernelCase("tests.kernels.fusion:screened_samples", rtol=1e-11),
+    KernelCase("tests.kernels.fusion:crowd", (0.5,), rtol=1e-9, label="one runs away"),
+    KernelCase("tests.kernels.fusion:crowd", (40.0,), rtol=1e-9, label="all are noisy"),
     KernelCase("tests.kernels.fusion:short_log", (False, True), rtol=1e-10, label="with carrier"),
     KernelCase("tests.kernels.fusion:lost_log", (), rtol=1e-10),
     KernelCase("tests.kernels.fusion:short_log", (False, False, True), rtol=1e-10, label="with masking"),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from insgnss.config.filter import Adaptation, FilterConfig, Measurements, Noise
+from insgnss.config.filter import Adaptation, FilterConfig, Health, Measurements, Noise
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.fusion.loop import Imu
 from insgnss.fusion.navigator import Navigator
@@ -81,6 +81,7 @@ def matched_setup() -> FilterSetup:
         pseudorange_noise_m=_noise(RANGE_NOISE),
         range_rate_noise_mps=_noise(RATE_NOISE),
         adaptation=Adaptation(on=False),
+        health=Health(suspicion_sigma=0.0),  # of a filter that believes too much every satellite is a suspect
     )
     return FilterSetup(config, GRADE, CLOCK_TYPE, LEVER_ARM_B, navigation=paper_sky())
 
