@@ -39,7 +39,8 @@ _TABLE_BRANCHES: Final = ("model_type", "model_attributes_type", "dict_type")
 
 
 # What no setting of any kind reaches, in SI units or those in its name: the square of a number beyond leaves the range
-# in which sums of squares still are numbers; a smaller one is zero with a slip of the keyboard
+# in which sums of squares still are numbers; a smaller one is zero with a slip of the keyboard. A component of a vector
+# may be as small as it likes: a velocity of 1e-68 m/s comes out of a computation.
 _LARGEST_NUMBER: Final = 1e15
 _SMALLEST_NUMBER: Final = 1e-40  # a thousandth of a thousandth of the quietest clock's h_-2
 
@@ -52,8 +53,9 @@ class StrictModel(BaseModel):
     @field_validator("*", mode="after")
     @classmethod
     def _is_no_wild_number(cls, value: Any) -> Any:
+        least = _SMALLEST_NUMBER if isinstance(value, float) else 0.0
         for number in _numbers(value):
-            if abs(number) > _LARGEST_NUMBER or 0.0 < abs(number) < _SMALLEST_NUMBER:
+            if abs(number) > _LARGEST_NUMBER or 0.0 < abs(number) < least:
                 raise ValueError(f"{number:g} is no size that any setting has")
         return value
 

@@ -233,7 +233,7 @@ def test_matrix_beside_the_usual_axes_and_leap_seconds_of_utc_are_no_error(tmp_p
     assert FlightConfig.model_validate(config.model_dump(mode="json")) == config
 
 
-@pytest.mark.parametrize("number", ["1e16", "-1e300", "1e-45"])
+@pytest.mark.parametrize("number", ["1e16", "-1e300"])
 def test_number_that_nothing_has_names_key_and_line(tmp_path: Path, number: str) -> None:
     error = failure(
         tmp_path,
