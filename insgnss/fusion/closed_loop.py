@@ -18,7 +18,8 @@ from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.jit import inlined
 from insgnss.tables import Float64
 
-_NO_TURN: Final = 1e-12  # [rad]
+# Smaller turns add up to 1e-3 rad in an hour, which moves the end of a lever arm by 0.1 mm per sigma of the heading
+_NO_TURN: Final = 1e-5  # [rad]
 
 
 @inlined

@@ -47,23 +47,26 @@ def entry(line: Line, kind: int, i: int) -> float:
 
 
 @inlined
+def direction(line: Line, kind: int) -> tuple[float, float, float]:
+    """Return the first three columns of G in the row of one kind; the last is 1 in all kinds."""
+    h, at = line.h[kind], 3 if kind == RANGE_RATE else 0
+    return h[at], h[at + 1], h[at + 2]
+
+
+@inlined
 def explained_by(line: Line, kind: int, fit: Float64) -> float:
     """Return the part of a row's innovation that ``fit`` explains, g x."""
-    total = 0.0
-    for i in range(UNKNOWNS):
-        total += entry(line, kind, i) * fit[X, i]
-    return total
+    a, b, c = direction(line, kind)
+    return float(a * fit[X, 0] + b * fit[X, 1] + c * fit[X, 2] + fit[X, 3])
 
 
 @inlined
 def explained_variance(line: Line, kind: int, fit: Float64) -> float:
     """Return g D g^T, D the covariance in ``fit``."""
-    total = 0.0
-    for i in range(UNKNOWNS):
-        gi = entry(line, kind, i)
-        for j in range(UNKNOWNS):
-            total += gi * fit[i, j] * entry(line, kind, j)
-    return total
+    a, b, c = direction(line, kind)
+    diagonal = a * a * fit[0, 0] + b * b * fit[1, 1] + c * c * fit[2, 2] + fit[3, 3]
+    beside = a * b * fit[0, 1] + a * c * fit[0, 2] + b * c * fit[1, 2]
+    return float(diagonal + 2.0 * (beside + a * fit[0, 3] + b * fit[1, 3] + c * fit[2, 3]))
 
 
 @borrowing
@@ -100,16 +103,37 @@ def state_of(kind: int, i: int) -> int:
 @inlined
 def add_row(line: Line, kind: int, y: float, r: float, fit: Float64) -> None:
     """Add one row to the normal equations in ``fit``: N += g g^T / r at the top, b += g y / r at x."""
-    for i in range(UNKNOWNS):
-        gi = entry(line, kind, i) / r
-        fit[X, i] += gi * y
-        for j in range(UNKNOWNS):
-            fit[i, j] += gi * entry(line, kind, j)
+    a, b, c = direction(line, kind)
+    w = 1.0 / r
+    wa, wb, wc = w * a, w * b, w * c
+    fit[0, 0] += wa * a
+    fit[1, 1] += wb * b
+    fit[2, 2] += wc * c
+    fit[3, 3] += w
+    fit[0, 1] += wa * b
+    fit[0, 2] += wa * c
+    fit[1, 2] += wb * c
+    fit[0, 3] += wa
+    fit[1, 3] += wb
+    fit[2, 3] += wc
+    fit[X, 0] += wa * y
+    fit[X, 1] += wb * y
+    fit[X, 2] += wc * y
+    fit[X, 3] += w * y
+
+
+@inlined
+def fill_below(fit: Float64) -> None:
+    """Write what stands above the diagonal of the normal equations below it."""
+    for i in range(1, UNKNOWNS):
+        for j in range(i):
+            fit[i, j] = fit[j, i]
 
 
 @inlined
 def solve(fit: Float64) -> bool:
-    """Turn the normal equations in ``fit`` into covariance and x; False where they have no solution."""
+    """Turn the normal equations in ``fit``, the half above the diagonal, into covariance and x; False without one."""
+    fill_below(fit)
     if not invert(fit, 0):
         return False
     for i in range(UNKNOWNS):
@@ -200,9 +224,8 @@ def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
                 continue
             y = line.innovation[kind]
             if turn == 1:
-                rest = y
-                for i in range(UNKNOWNS):
-                    rest -= entry(line, kind, i) * fit_before[i]
+                a, b, c = direction(line, kind)
+                rest = y - (a * fit_before[0] + b * fit_before[1] + c * fit_before[2] + fit_before[3])
                 if rest * rest > _OUTLIER2 * line.variance[kind]:
                     continue
             add_row(line, kind, y, line.variance[kind], fit)

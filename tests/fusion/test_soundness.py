@@ -117,7 +117,7 @@ def test_update_without_a_variance_changes_nothing_and_leaves_a_finite_likelihoo
     columns = lines[0].columns[0][:7]
 
     scalar_update(P, lines[0].h[0], columns, 1.0, variance, vectors)
-    likelihood = use_rows(P, lines, vectors, 0, 25.0, 1.0)
+    likelihood, _ = use_rows(P, lines, vectors, 0, 25.0, 1.0, np.zeros(0))
 
     np.testing.assert_array_equal(P, np.eye(17))
     np.testing.assert_array_equal(vectors[0], 0.0)
