@@ -53,7 +53,7 @@ class StrictModel(BaseModel):
     @field_validator("*", mode="after")
     @classmethod
     def _is_no_wild_number(cls, value: Any) -> Any:
-        least = _SMALLEST_NUMBER if isinstance(value, float) else 0.0
+        least = 0.0 if isinstance(value, tuple | list) else _SMALLEST_NUMBER
         for number in _numbers(value):
             if abs(number) > _LARGEST_NUMBER or 0.0 < abs(number) < least:
                 raise ValueError(f"{number:g} is no size that any setting has")

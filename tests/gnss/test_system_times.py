@@ -107,7 +107,12 @@ def test_reference_time_at_the_turn_of_the_week(
 def test_orbit_runs_on_over_the_turn_of_the_week(tmp_path: Path, sv: str, code: str) -> None:
     """A message of Saturday night serves Sunday: the position goes on with its velocity, to a millimetre in 0.1 s."""
     path = tmp_path / "nav.rnx"
-    path.write_text(HEADER + message(sv, "2023 07 01 23 30 00", 603_000.0))
+    sent = message(sv, "2023 07 01 23 30 00", 603_000.0)
+    if sv[0] in "EC":  # where GPS has its IODC, Galileo and BeiDou have a second group delay
+        sent = sent.replace(
+            "-1.100000000000E-08 8.100000000000E+01", "-1.100000000000E-08 2.000000000000E-09"
+        )
+    path.write_text(HEADER + sent)
     nav, _ = read_navigation([path])
     # with the system's own clock the week turns 14 s later for BeiDou
     turn = SUNDAY_NS + (14 * NS_PER_S if sv[0] == "C" else 0)
