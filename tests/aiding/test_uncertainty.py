@@ -35,7 +35,7 @@ from tests.jacobian import finite_difference_jacobian
 from tests.replay.scenes import WEEK
 from tests.statistics_bounds import assert_mean_chi_square
 
-PERFECT = SensorModel(0.0, 0.0, BiasModel(0.0, 1.0, 0.0), BiasModel(0.0, 1.0, 0.0), 0.0, 0.0)
+PERFECT = SensorModel(0.0, 0.0, BiasModel(0.0, 1.0, 0.0), BiasModel(0.0, 1.0, 0.0), 0.0, 0.0, 0.0)
 STEPS = np.repeat([100.0, 0.5, 1e-3, 0.1, 1e-3], 3)
 
 

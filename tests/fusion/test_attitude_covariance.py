@@ -45,13 +45,13 @@ def test_attitude_errors_turn_about_the_vertical_with_the_correction_of_the_head
     P, m, antenna = covariance(n, 2), new_bank(1, 0).state[0], np.zeros(1, ANTENNA_DTYPE)[0]
     m.r_e[:] = PLACE_E
     m.C_eb[:] = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
-    antenna.l_e[:], antenna.a_e[:] = [0.8, -0.3, 1.1], [0.2, 0.1, -0.4]
+    antenna.l_e[:], antenna.turning_e[:] = [0.8, -0.3, 1.1], [0.2, 0.1, -0.4]
     correction = np.zeros(n)
     correction[PSI : PSI + 3] = [0.4, 0.2, -0.5]
     up = np.array(up_direction(PLACE_E))
     R = Rotation.from_rotvec(up * (up @ correction[PSI : PSI + 3])).as_matrix()
     T = turned_axes(n, R, m.C_eb, antenna.l_e)
-    T[DV : DV + 3, PSI : PSI + 3] = (R - np.eye(3)) @ cross_matrix(antenna.a_e)
+    T[DV : DV + 3, PSI : PSI + 3] = (R - np.eye(3)) @ cross_matrix(antenna.turning_e)
     expected = T @ P @ T.T
 
     turn_attitude_errors(m, P, correction, antenna)

@@ -130,14 +130,15 @@ def test_measured_minus_predicted_is_the_filters_innovation() -> None:
     supervision = run.supervision.astype({"sv": "str"})
     supervision["range_rate_mps"] = -supervision["doppler_hz"] * WAVELENGTH_M
     both = supervision.merge(logged, on=key)
-    for kind, name, atol in (("pseudorange", "pseudorange_m", 2e-3), ("range_rate", "range_rate_mps", 2e-3)):
+    for kind, name, atol in (("pseudorange", "pseudorange_m", 2e-3), ("range_rate", "range_rate_mps", 0.02)):
         innovation = run.measurements[run.measurements["kind"] == kind].astype({"sv": "str"})
         compared = both.merge(innovation[[*key, "innovation"]].dropna(), on=key)
         late = compared[compared["time_s"] > run.heading_known_s()]
 
         assert len(late) > 11 * 40
         # hidden ones and tracked ones: light time, Sagnac, clocks and air, each computed twice; the filter takes the
-        # mean of the last gyro sample where this takes its end, 2 mm/s at the lever when a roll of 0.3 rad/s^2 begins
+        # mean of the last gyro sample where this takes its end, 2 mm/s at the lever when a roll of 0.3 rad/s^2 begins;
+        # the growth of the air's delays, up to 19 mm/s at 6 deg, is in the filter's range rates alone
         np.testing.assert_allclose(late[kind] - late[name], late["innovation"], atol=atol)
 
 
