@@ -126,8 +126,8 @@ study.rows_figure()
 
 # %% [markdown]
 # The elevation mask changes nothing, to the bit: above the horizon the satellites still stand. The fault tests refuse
-# two thirds of the false rows by themselves. What they let through is what looks right: rates of reflections, and a channel
-# that coasts and creeps away slower than any gate opens. Masking by attitude stops all but 6 of 1702.
+# two thirds of the false rows by themselves. What they let through is what looks right: rates of reflections, and a
+# channel that coasts and creeps away slower than any gate opens. Masking by attitude stops all but 6 of 1702.
 #
 # The paper's filter has no fault tests. The same flights without any:
 
