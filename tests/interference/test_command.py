@@ -39,7 +39,7 @@ def test_loop_without_inertial_system_follows_the_acceleration_with_the_better_o
 
     assert result.exit_code == 0, result.output
     first = json.loads(result.stdout)["loops"][0]
-    # the field trial's number is for 1600 MHz; at L1 the same turn is 0.02 dB less
+    # the independent number is for 1600 MHz; at L1 the same turn is 0.02 dB less
     assert (first["discriminator"], first["unaided_order"]) == ("IQ", 3)
     assert first["unaided_db"] == pytest.approx(30.33, abs=0.01)
     told = CliRunner().invoke(app, ["margin", *options, *motion])

@@ -89,7 +89,7 @@ def test_better_order_is_taken_and_its_drift_has_its_threshold() -> None:
 
 
 def test_turn_of_five_g_costs_the_third_order_less() -> None:
-    """Computed independently for the field trial, from the Riccati equation: 27.43 and 30.31 dB."""
+    """Computed independently, from the Riccati equation: 27.43 and 30.31 dB."""
     loop = PhaseLoop(discriminator("IQ", 0.076), 1.022e6, 0.001)
     S = density_at_threshold(100.0, 5.0 * G, 1.0 / 0.3, CARRIER_HZ, RMS)
 

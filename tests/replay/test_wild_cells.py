@@ -1,4 +1,4 @@
-"""Wild numbers in a replay: a fixed part of ``tests.benchmarks.wild_cells``, and the cells of the field trial."""
+"""Wild numbers in a replay: a fixed part of ``tests.benchmarks.wild_cells``, and cells that once ended a replay."""
 
 from __future__ import annotations
 

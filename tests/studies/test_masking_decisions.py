@@ -24,7 +24,7 @@ def test_hidden_satellites_are_kept_by_keep_and_by_no_other_without_more_noise()
     of = table()
 
     assert (of["decisions"] == len(HEADINGS_DEG) * len(BANKS_DEG) * ERRORS * SATELLITES).all()
-    # 60 of 264 attitudes with hidden satellites in use in the field trial, with no error of the heading: 23 %
+    # 60 of 264 attitudes with hidden satellites in use, with no error of the heading: 23 %
     share = of.loc["keep", "attitudes_with_hidden"] / (len(HEADINGS_DEG) * len(BANKS_DEG) * ERRORS)
     assert 0.15 < share < 0.35
     assert of.loc["keep", "hidden_although_visible"] == 0
