@@ -18,13 +18,16 @@ import numpy.typing as npt
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.fusion.fix import Fix
+from insgnss.fusion.heading_bank import attitude
 from insgnss.fusion.headings import yaw_variance
 from insgnss.fusion.inertial_stream import Cut
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu, carry_bank, new_scratch, predict_covariance
+from insgnss.fusion.sensor_outage import MOTION_TIME_S
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.sideslip import LEAST_SPEED_MPS, sideslip
 from insgnss.fusion.start import (
+    LEVEL_FLOOR_RAD,
     Attitude,
     Heading,
     attitudes_at_start,
@@ -36,7 +39,6 @@ from insgnss.fusion.start import (
 from insgnss.fusion.state import BA, BG, N_CLONE, OFFSETS, PSI, Bank, copy_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.inertial.alignment import Window, inertial_window
 from insgnss.tables import Event, Float64
 
@@ -46,8 +48,6 @@ _STILL_TILT_RAD: Final = math.radians(1.0)  # passengers and the wind tilt a par
 _PARKED_YAW_RAD: Final = math.radians(0.3)  # what a parked vehicle may turn
 _VIOLENT_RADPS: Final = math.radians(45.0)  # twice the rate of a car in a street corner
 _LEAST_LOAD, _MOST_LOAD = 0.5, 2.0  # of the mean specific force in g: level turns of 60 deg of bank
-_LEVEL_FLOOR_RAD: Final = math.radians(0.2)
-_RATE_LASTS_S: Final = 2.0  # for which a rate stays alike, as in ``sensor_outage``
 _LONGEST_WAY_S: Final = 5.0  # from the first sample to the start, over which the gyros are followed
 _SEEN_S: Final = 10.0  # of motion in which the angle between nose and course has been watched
 _LEAST_SLIP_WALK: Final = math.radians(0.5) ** 2  # [rad^2/s]
@@ -185,7 +185,7 @@ def _parked_heading(bank: Bank, i: int) -> list[Heading] | None:
     """Return the heading of a hypothesis as it was before the gap."""
     m = bank.state[i]
     sigma = math.sqrt(yaw_variance(m, bank.P[i]) + _PARKED_YAW_RAD**2)
-    return [Heading(_yaw(m), sigma, math.exp(m.log_weight))]
+    return [Heading(attitude(m)[2], sigma, math.exp(m.log_weight))]
 
 
 def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) -> str:
@@ -202,7 +202,7 @@ def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) 
 
 def _without_biases(attitude: Attitude, b_g: Float64, parked: bool) -> Attitude:
     """Return an attitude that was levelled without the accelerometer's bias, and the gyro's bias as it was."""
-    sd_level = _LEVEL_FLOOR_RAD if parked else attitude.sd_level
+    sd_level = LEVEL_FLOOR_RAD if parked else attitude.sd_level
     return replace(attitude, b_g=b_g.copy(), sd_level=sd_level, level_from_bias=False)
 
 
@@ -222,7 +222,7 @@ def _headings(
     kept: Carried, imu: Imu, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
 ) -> list[Heading] | None:
     """Return what is left of the heading; None: nothing, the whole circle is open."""
-    by_rates = _by_rates(kept, imu, fix, _yaw(kept.state), yaw_variance(kept.state, kept.P))
+    by_rates = _by_rates(kept, imu, fix, attitude(kept.state)[2], yaw_variance(kept.state, kept.P))
     by_course = _by_course(kept, fix, v_n, variance_v)
     n, unknown = config.heading.hypotheses, math.radians(config.heading.unknown_above_deg)
     gap_s = (fix.t_ns - kept.cut.last_ns) / NS_PER_S
@@ -245,11 +245,6 @@ def _headings(
     return None
 
 
-def _yaw(m: np.record) -> float:
-    """Return the heading of a state [rad]."""
-    return float(matrix_to_euler(np.ascontiguousarray(_local_level(m.r_e) @ m.C_eb))[2])
-
-
 def _by_rates(kept: Carried, imu: Imu, fix: Fix, yaw: float, variance: float) -> Heading:
     """Return the heading at the fix by the rates at both ends of the gap and the samples after it."""
     cut, b_g = kept.cut, kept.state.b_g
@@ -258,7 +253,7 @@ def _by_rates(kept: Carried, imu: Imu, fix: Fix, yaw: float, variance: float) ->
     down = -kept.f_b / np.linalg.norm(kept.f_b)
     first, last = np.searchsorted(imu.t_ns, [cut.next_ns, fix.t_ns], side="right")
     rate = (imu.w_ib_b - b_g) @ down
-    inside = min(0.5 * (cut.next_ns - cut.last_ns) / NS_PER_S, _RATE_LASTS_S)
+    inside = min(0.5 * (cut.next_ns - cut.last_ns) / NS_PER_S, MOTION_TIME_S)
     turned = inside * float(kept.w_b @ down + rate[max(int(first) - 1, 0)])
     turned += float(rate[first:last] @ np.diff(imu.t_ns[first - 1 : last])) / NS_PER_S
     return Heading(math.remainder(yaw + turned, 2.0 * math.pi), math.sqrt(variance + cut.rotation), 1.0)

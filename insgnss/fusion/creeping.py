@@ -51,7 +51,7 @@ _FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
 _ALIKE_S: Final = (
     4.0  # errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
 )
-_RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
+RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
 _HELD_S: Final = (
     3.0,
     20.0,
@@ -142,7 +142,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
         return mean[FAST] - mean[SLOW], line.variance[kind]
     if not now - mean[RATE_SINCE_S] >= _RATE_S:
         return 0.0, 0.0
-    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + _RATE_FLOOR2
+    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + RATE_FLOOR2
 
 
 @inlined

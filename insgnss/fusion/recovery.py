@@ -11,24 +11,25 @@ some rows, half a minute has to pass until then: a street's reflections last for
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from insgnss.constants import NS_PER_S
+from insgnss.fusion.beside import clear_failures, copy_filter, roomy, update_beside
 from insgnss.fusion.fix import Fix
 from insgnss.fusion.lines import Lines
-from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
-from insgnss.fusion.output import Output, new_output
+from insgnss.fusion.loop import Workspace
+from insgnss.fusion.output import Output
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import DR, Bank, copy_bank, joined_banks, select_members
+from insgnss.fusion.witnesses import judged
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows, one_epoch
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.status import GATED, INCONSISTENT, USED
+from insgnss.status import USED
 from insgnss.tables import Event, Float64, Int64
 
 _GROUPS: Final = 3
@@ -96,7 +97,7 @@ class Doubt:
         out = self._update(alone, imu, parameters)
         if self.over:
             return None
-        self._follow(filter_bank)
+        copy_filter(filter_bank, self.bank)
         status = written.ledger["status"][rows.first[epoch] : rows.first[epoch + 1]]
         self.filter_fits.append((_share(status.ravel()), _share(status[:, PSEUDORANGE])))
         ranges = out.ledger["status"][:, PSEUDORANGE]
@@ -105,26 +106,11 @@ class Doubt:
         return self._verdict(t_ns, filter_bank)
 
     def _update(self, alone: Rows, imu: Imu, parameters: Float64) -> Output:
-        """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
-        n_rows = len(alone.observation)
-        if self._work is None or len(self._work.epoch.lines) < n_rows:
-            self._work = new_workspace(
-                max(n_rows, 1), self.setup.layout, self.setup.installation, self.setup.visibility_limits
-            )
-        out = new_output(alone, 1, 32, np.zeros(0, np.int64), self.setup.layout.n_values)
-        code, _ = run_epochs(self.bank, 0, 1, alone, imu, parameters, -math.inf, out, self._work)
-        self.bank.head["locked_out"] = 0
-        self.bank.head["strained_ns"] = 0
-        self.over = code == COVARIANCE_LOST
+        """Carry all of them to an epoch and update them with it; return what they would have written."""
+        setup = self.setup
+        self._work = roomy(self._work, alone, setup.layout, setup.installation, setup.visibility_limits)
+        out, self.over = update_beside(self.bank, alone, imu, parameters, self._work, setup.layout.n_values)
         return out
-
-    def _follow(self, filter_bank: Bank) -> None:
-        """Set the filter's own copies to what it has become: it may have used an epoch otherwise."""
-        own = self.bank.state[: self.n]
-        weight = own["log_weight"].copy()
-        own[:], self.bank.P[: self.n] = filter_bank.state, filter_bank.P
-        own["log_weight"] = weight
-        self.bank.memory[: self.n] = filter_bank.memory
 
     def _weights(self) -> Float64:
         """Return the logarithm of the filter's weight and of both groups of copies, (3,)."""
@@ -215,8 +201,7 @@ def open_doubt(
         found.state["suspicion"] = 0.0
         bank = joined_banks(bank, found)
     bank.head["more_than_headings"] = 1
-    bank.head["locked_out"] = 0
-    bank.head["strained_ns"] = 0
+    clear_failures(bank)
     return Doubt(setup, bank, t_ns, fix, reason)
 
 
@@ -236,8 +221,8 @@ def contradiction2(one: Bank, i: int, other: Bank, j: int) -> float:
 
 def _share(status: Int64) -> float:
     """Return the share of the rows that fit, of those that were judged; 1 where none was."""
-    used, refused = np.sum(status == USED), np.sum((status == GATED) | (status == INCONSISTENT))
-    return float(used / (used + refused)) if used + refused >= _FEW else 1.0
+    used, refused = judged(status)
+    return used / (used + refused) if used + refused >= _FEW else 1.0
 
 
 def _fit(status: Int64) -> bool:
@@ -259,9 +244,8 @@ def contradicted_kind(lines: Lines) -> str | None:
 
 def _refused(lines: Lines, kind: int) -> float:
     """Return the share of refused rows of a kind, -1 where there are too few."""
-    status = lines["status"][:, kind]
-    refused, used = np.sum((status == GATED) | (status == INCONSISTENT)), np.sum(status == USED)
-    return float(refused / (refused + used)) if refused + used >= _LEAST_ROWS else -1.0
+    used, refused = judged(lines["status"][:, kind])
+    return refused / (refused + used) if refused + used >= _LEAST_ROWS else -1.0
 
 
 def in_words(t_ns: int, was: Bank, now: Bank, doubt: Doubt) -> Event:

@@ -27,7 +27,7 @@ _COURSE_SPEED_MPS = 3.0  # from here on the velocity has a direction worth that 
 _COURSE_SIGMA = 4.0  # of the velocity: with less its direction is not known to the sigma of a hypothesis
 _FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond its own covariance
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
-_LEVEL_FLOOR_RAD = math.radians(0.2)
+LEVEL_FLOOR_RAD = math.radians(0.2)
 _EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
 _DRIFT_SIGMA_UNKNOWN_MPS = 300.0  # of a clock without range rates: a 1 ppm oscillator
 
@@ -123,7 +123,7 @@ def attitudes_at_start(
     if a_e is not None:
         f_e += a_e + 2.0 * WGS84_OMEGA_RADPS * np.array([-v_e[1], v_e[0], 0.0])
     f_n = C_ne @ f_e
-    sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, _LEVEL_FLOOR_RAD)
+    sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD)
     if a_e is not None:
         moving = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_a / STANDARD_GRAVITY_MPS2)
         sd_level = math.hypot(sd_level, moving)
@@ -270,7 +270,7 @@ def _place_covariance(
         lever = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
         from_bias = lever @ C_nb @ bias
         psi_n = from_bias @ C_nb.T @ lever.T
-        psi_n += np.diag([_LEVEL_FLOOR_RAD**2, _LEVEL_FLOOR_RAD**2, attitude.sd_yaw**2])
+        psi_n += np.diag([LEVEL_FLOOR_RAD**2, LEVEL_FLOOR_RAD**2, attitude.sd_yaw**2])
         cross = C_ne.T @ from_bias
         P[PSI : PSI + 3, BA : BA + 3] = cross
         P[BA : BA + 3, PSI : PSI + 3] = cross.T

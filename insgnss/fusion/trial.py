@@ -25,10 +25,10 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.fusion.beside import clear_failures, copy_filter, roomy, update_beside
 from insgnss.fusion.heading_bank import attitude
 from insgnss.fusion.headings import yaw_variance
-from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
-from insgnss.fusion.output import new_output
+from insgnss.fusion.loop import Workspace
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.start import Heading, headings_around
@@ -111,7 +111,8 @@ class Trial:
         self._update(imu, rows, epoch, parameters)
         if self.over:
             return None
-        self._follow(bank)
+        if len(bank.state) == self.n_given:
+            copy_filter(bank, self.bank)
         if self.standing() < self.setup.log_drop:
             return self.rivals()
         self._thin_out()
@@ -160,8 +161,7 @@ class Trial:
             found.state[name] = lead[name]
         self.bank = joined_banks(bank, found)
         self.bank.head["more_than_headings"] = 1
-        self.bank.head["locked_out"] = 0
-        self.bank.head["strained_ns"] = 0
+        clear_failures(self.bank)
         self.n_given, self.since_ns, self.settling = len(bank.state), t_ns, True
 
     def _headings(self, bank: Bank) -> list[Heading]:
@@ -177,28 +177,13 @@ class Trial:
         """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
         assert self.bank is not None
         alone = one_epoch(rows, epoch)
-        n_rows = len(alone.observation)
-        if self._work is None or len(self._work.epoch.lines) < n_rows:
-            self._work = new_workspace(max(n_rows, 1), self.setup.layout)
+        layout = self.setup.layout
+        self._work = roomy(self._work, alone, layout)
         before = self.bank.state["log_weight"].copy()
-        out = new_output(alone, 1, 32, np.zeros(0, np.int64), self.setup.layout.n_values)
-        code, _ = run_epochs(self.bank, 0, 1, alone, imu, parameters, -math.inf, out, self._work)
-        self.bank.head["locked_out"] = 0
-        self.bank.head["strained_ns"] = 0
-        self.over = code == COVARIANCE_LOST
+        _, self.over = update_beside(self.bank, alone, imu, parameters, self._work, layout.n_values)
         if self.settling:
             self.bank.state["log_weight"] = before
             self.settling = int(alone.epoch_ns[0]) - self.since_ns < _SETTLING_NS
-
-    def _follow(self, bank: Bank) -> None:
-        """Set the given start's hypotheses to what the filter has made of it with the epochs in between."""
-        assert self.bank is not None
-        given = self.bank.state[: self.n_given]
-        if len(given) == len(bank.state):
-            weight = given["log_weight"].copy()
-            given[:], self.bank.P[: self.n_given] = bank.state, bank.P
-            given["log_weight"] = weight
-            self.bank.memory[: self.n_given] = bank.memory
 
     def _thin_out(self) -> None:
         """Drop the rivals without hope and those that have become one with a heavier rival."""

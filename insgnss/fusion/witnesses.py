@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S
+from insgnss.fusion.creeping import RATE_FLOOR2
 from insgnss.fusion.output import Table
 from insgnss.gnss.observation_rows import N_BANDS, RANGE_RATE, Rows
 from insgnss.status import GATED, INCONSISTENT, USED
@@ -20,7 +21,6 @@ _COUNTING_S: Final = 12.0
 _FAR2: Final = 2.5**2
 _MOST_CANDIDATES: Final = 9
 _LEAST_AGREEING: Final = 5
-_RATE_FLOOR2: Final = 0.03**2  # of such a mean, see ``creeping`` [m^2/s^2]
 _FEW: Final = 3
 _FITS: Final = (0.75, 0.85)  # share of the rows of each kind that must fit what is believed
 _FITTING_EPOCHS: Final = 5
@@ -35,6 +35,11 @@ class Written(NamedTuple):
     ledger: Table
 
 
+def judged(status: Int64) -> tuple[int, int]:
+    """Return how many rows of a status were used, and how many were refused because they contradict the filter."""
+    return int(np.sum(status == USED)), int(np.sum((status == GATED) | (status == INCONSISTENT)))
+
+
 def fits(written: list[Written], strict: bool) -> bool:
     """Return whether most rows of each kind fit in the last epochs, and in the mean as well as they should.
 
@@ -45,13 +50,13 @@ def fits(written: list[Written], strict: bool) -> bool:
     ledger = np.concatenate([w.ledger for w in written[-_FITTING_EPOCHS:]])
     for kind in range(2):
         status = ledger["status"][:, kind]
-        used = status == USED
-        refused = np.sum((status == GATED) | (status == INCONSISTENT))
-        if np.sum(used) + refused < _FEW:
+        used, refused = judged(status)
+        if used + refused < _FEW:
             continue
-        if np.sum(used) < _FITS[strict] * (np.sum(used) + refused):
+        if used < _FITS[strict] * (used + refused):
             return False
-        nis = ledger["innovation"][used, kind] ** 2 / ledger["variance"][used, kind]
+        row = ledger[status == USED]
+        nis = row["innovation"][:, kind] ** 2 / row["variance"][:, kind]
         if float(nis.mean()) > _LARGEST_NIS[strict]:
             return False
     return True
@@ -101,7 +106,7 @@ def _apart_from_the_others(written: list[Written]) -> list[tuple[int, ...]]:
         return []
     table = np.array([sums[number] / sums[number][0] for number in names])
     count = np.array([sums[number][0] for number in names])
-    weight = 1.0 / np.sqrt(table[:, 2] / count + _RATE_FLOOR2)
+    weight = 1.0 / np.sqrt(table[:, 2] / count + RATE_FLOOR2)
     y, G = table[:, 1] * weight, table[:, 3:] * weight[:, None]
 
     def left(out: tuple[int, ...]) -> float:
