@@ -21,10 +21,10 @@ from insgnss.fusion.past import Past, Stretch
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, copy_bank
-from insgnss.fusion.witnesses import Written, fits, run_away_sets, tag_error_s
+from insgnss.fusion.witnesses import Written, cost_without, fits, run_away_sets, tag_error_s
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, Rows, some_epochs
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.status import DRIFTING, GATED, INCONSISTENT, USED
+from insgnss.status import DRIFTING, USED
 
 ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
@@ -80,7 +80,7 @@ class Hindsight:
     ) -> None:
         """Run it as it was; ``span`` is where the judgement ends and the time of the last epoch."""
         self.setup, self.imu = setup, imu
-        self.past, self.stretches = past, past.epochs
+        self.past, self.stretches = past, tuple(e.alone() for e in past.epochs)
         self.end_ns, self.now_ns = span
         self.parameters = quiet(parameters)
         largest = max(int(np.diff(e.rows.first[e.first : e.last + 1]).max()) for e in past.epochs)
@@ -211,21 +211,9 @@ class Hindsight:
         verdict = self.verdict(SATELLITES, copy_bank(start), stretches)
         if verdict is None:
             return None
-        cost = sum(self.cost(each, int(start.head[0].now_ns)) + _A_SATELLITE for each in satellites)
+        since = [w for w in self.base if w.t_ns > int(start.head[0].now_ns)]
+        cost = sum(cost_without(since, each, self.parameters[0]) + _A_SATELLITE for each in satellites)
         return verdict._replace(log_likelihood=verdict.log_likelihood - cost, satellites=satellites)
-
-    def cost(self, satellite: int, since_ns: int) -> float:
-        """Return what a satellite's rows cost that are left out: as much as rows that fit, or as refused ones did."""
-        total = 0.0
-        for written in self.base:
-            if written.t_ns > since_ns:
-                mine = written.slot // N_BANDS == satellite
-                for kind, gate2 in ((0, self.parameters[0].range_gate2), (1, self.parameters[0].rate_gate2)):
-                    status = written.ledger["status"][mine, kind]
-                    variance = written.ledger["variance"][mine, kind]
-                    for code, nis in ((USED, 1.0), (GATED, gate2), (INCONSISTENT, gate2)):
-                        total += 0.5 * float(np.sum(nis + np.log(variance[status == code])))
-        return total
 
     def until(
         self, bank: Bank, stop_ns: int, stretches: tuple[Stretch, ...] | None = None

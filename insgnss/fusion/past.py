@@ -9,7 +9,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.state import Bank, copy_bank
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import Rows, some_epochs
 
 _EVERY_NS: Final = 15 * NS_PER_S
 _KEPT: Final = 5  # so the oldest is 60 to 75 s old
@@ -26,6 +26,10 @@ class Stretch(NamedTuple):
     rows: Rows
     first: int
     last: int
+
+    def alone(self) -> Stretch:
+        """Return the epochs without the rest of their log; they share their memory with it."""
+        return Stretch(some_epochs(self.rows, self.first, self.last), 0, self.last - self.first)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from insgnss.fusion.state import (
     Bank,
     StateRecord,
 )
-from insgnss.inertial.error_dynamics import apply_transition, transition_step
+from insgnss.inertial.error_dynamics import carry_covariance, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
 from insgnss.jit import inlined
@@ -106,9 +106,7 @@ def propagate_covariance(
     dt = m.sum_dt
     if dt <= 0.0:
         return 1.0, 1.0
-    n = P.shape[0]
-    A, B = scratch.A, scratch.B
-    x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, A[0])
+    x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, scratch.A[0])
     accel_q = m.sum_accel_q + residual * dt
     step = transition_step(
         dt,
@@ -120,14 +118,7 @@ def propagate_covariance(
         par.gyro_bias_time,
     )
     add_half_noise(m, P, par, dt, accel_q)
-    source, product = P, B
-    for whole in (True, False):  # B = (Phi P)^T, then A = (Phi B)^T = Phi P Phi^T
-        apply_transition(step, m.sum_C, source, product, whole)
-        source, product = B, A
-    for i in range(n):
-        for j in range(i, n):
-            P[i, j] = A[i, j]
-            P[j, i] = A[i, j]
+    carry_covariance(step, m.sum_C, P, scratch.B)
     add_half_noise(m, P, par, dt, accel_q)
     return step.keep_a, step.keep_g
 

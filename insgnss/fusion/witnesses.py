@@ -10,8 +10,10 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.creeping import RATE_FLOOR2
+from insgnss.fusion.epoch_update import gate2_of, spread_of
 from insgnss.fusion.output import Table
-from insgnss.gnss.observation_rows import N_BANDS, RANGE_RATE, Rows
+from insgnss.fusion.parameters import Parameters
+from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.status import GATED, INCONSISTENT, USED
 from insgnss.tables import Int64
 
@@ -60,6 +62,26 @@ def fits(written: list[Written], strict: bool) -> bool:
         if float(nis.mean()) > _LARGEST_NIS[strict]:
             return False
     return True
+
+
+def cost_without(written: list[Written], satellite: int, par: Parameters) -> float:
+    """Return minus the log-likelihood that a satellite's rows may be expected to have, refused ones what they had.
+
+    Equation: sum of (S / S_f + ln S_f) / 2 with S = D + r and S_f = D + f r, f the factor by which the filter widens
+    rows that share their errors; (gate^2 + ln S) / 2 for a refused row: both as the filter charges them.
+    """
+    slot = np.concatenate([w.slot for w in written])
+    ledger = np.concatenate([w.ledger for w in written])[slot // N_BANDS == satellite]
+    step_s = float(np.median(np.diff([w.t_ns for w in written]))) / NS_PER_S if len(written) > 1 else 1.0
+    total = 0.0
+    for kind in (PSEUDORANGE, RANGE_RATE):
+        status = ledger["status"][:, kind]
+        used, refused = status == USED, (status == GATED) | (status == INCONSISTENT)
+        S, D = ledger["variance"][:, kind], ledger["predicted"][:, kind]
+        widened = D + spread_of(par, kind, step_s) * (S - D)
+        total += 0.5 * float(np.sum((S / widened + np.log(widened))[used]))
+        total += 0.5 * float(np.sum(gate2_of(par, kind) + np.log(S[refused])))
+    return total
 
 
 def run_away_sets(written: list[Written], end_ns: int) -> list[tuple[int, ...]]:

@@ -70,13 +70,12 @@ def transition_step(
 
 
 @borrowing
-def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64, whole: bool) -> None:
-    """Write ``B = (Phi A)^T`` for the step ``s``: each column of ``A`` is an error state that is carried on.
+def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64) -> None:
+    """Write ``B = Phi A`` for the step ``s``: each column of ``A`` is an error state that is carried on.
 
-    Twice applied, from P, this is Phi P Phi^T. The second time B need not be ``whole``: it is symmetric, and of the
-    rows of biases and clock only what is on and above the diagonal is then written. psi and v are taken at mid-step
-    (trapezoid), which makes Phi right to second order: dr gets f x psi dt^2/2 and C b_a dt^2/2, dv gets
-    f x (C b_g) dt^2/2. Coriolis and gravity gradient take the start of the step: 2e-6 of dv at 25 ms.
+    psi and v are taken at mid-step (trapezoid), which makes Phi right to second order: dr gets f x psi dt^2/2 and
+    C b_a dt^2/2, dv gets f x (C b_g) dt^2/2. Coriolis and gravity gradient take the start of the step: 2e-6 of dv at
+    25 ms. It goes along rows, which lie in one piece in memory.
     Neglects: the Earth's turn (2 w_ie dt, 3e-6 at 20 ms) and the bias's decay (dt / (2 time), 2e-5 at 20 ms and 600 s)
     inside the step, as shares of the terms of first order.
 
@@ -86,43 +85,102 @@ def apply_transition(s: Step, C_dt: Float64, A: Float64, B: Float64, whole: bool
     C_dt : (3, 3) integral of C_eb over the step [s]
     A, B : (n, n) input and output, not the same; error states in the order of ``fusion.state``
     """
-    for j in range(A.shape[0]):
-        if whole or j < 9:
-            carry_motion(s, C_dt, A, B, j)
-        for i in range(9, 12):
-            B[j, i] = s.keep_a * A[i, j]
-        for i in range(12, 15):
-            B[j, i] = s.keep_g * A[i, j]
-        B[j, 15] = A[15, j] + s.dt * A[16, j]
-        for i in range(16, A.shape[0]):
-            B[j, i] = A[i, j]
+    n = A.shape[1]
+    half, coriolis = 0.5 * s.dt, 2.0 * s.w
+    # psi - w_ie dt x psi - C db_g dt
+    for c in range(n):
+        B[6, c] = A[6, c] + s.w * A[7, c] - rotated(C_dt, 0, A, 12, c)
+    for c in range(n):
+        B[7, c] = A[7, c] - s.w * A[6, c] - rotated(C_dt, 1, A, 12, c)
+    for c in range(n):
+        B[8, c] = A[8, c] - rotated(C_dt, 2, A, 12, c)
+    # dv + dg/dr dt dr - 2 w_ie dt x dv - C db_a dt - f dt x psi, psi the mean of before and after
+    for c in range(n):
+        g = s.g00 * A[0, c] + s.g01 * A[1, c] + s.g02 * A[2, c] + coriolis * A[4, c]
+        B[3, c] = g - rotated(C_dt, 0, A, 9, c)
+    for c in range(n):
+        g = s.g01 * A[0, c] + s.g11 * A[1, c] + s.g12 * A[2, c] - coriolis * A[3, c]
+        B[4, c] = g - rotated(C_dt, 1, A, 9, c)
+    for c in range(n):
+        g = s.g02 * A[0, c] + s.g12 * A[1, c] + s.g22 * A[2, c]
+        B[5, c] = g - rotated(C_dt, 2, A, 9, c)
+    for c in range(n):
+        B[3, c] = A[3, c] + B[3, c] - (s.f1 * mean(A, B, 8, c) - s.f2 * mean(A, B, 7, c))
+    for c in range(n):
+        B[4, c] = A[4, c] + B[4, c] - (s.f2 * mean(A, B, 6, c) - s.f0 * mean(A, B, 8, c))
+    for c in range(n):
+        B[5, c] = A[5, c] + B[5, c] - (s.f0 * mean(A, B, 7, c) - s.f1 * mean(A, B, 6, c))
+    # dr + dv dt with the mean of both velocities
+    for i in range(3):
+        for c in range(n):
+            B[i, c] = A[i, c] + half * (A[3 + i, c] + B[3 + i, c])
+    for i in range(9, A.shape[0]):
+        keep = s.keep_a if i < 12 else (s.keep_g if i < 15 else 1.0)
+        for c in range(n):
+            B[i, c] = keep * A[i, c]
+    for c in range(n):
+        B[15, c] += s.dt * A[16, c]
 
 
 @inlined
-def carry_motion(s: Step, C_dt: Float64, A: Float64, B: Float64, j: int) -> None:
-    """Write attitude, velocity and position of column ``j`` of ``Phi A``."""
+def rotated(C_dt: Float64, i: int, A: Float64, at: int, c: int) -> float:
+    """Return component ``i`` of C dt b, b the three rows of column ``c`` of ``A`` from row ``at`` on."""
+    return float(C_dt[i, 0] * A[at, c] + C_dt[i, 1] * A[at + 1, c] + C_dt[i, 2] * A[at + 2, c])
+
+
+@inlined
+def mean(A: Float64, B: Float64, i: int, c: int) -> float:
+    """Return the mean of one element of both."""
+    return float(0.5 * (A[i, c] + B[i, c]))
+
+
+@borrowing
+def carry_covariance(s: Step, C_dt: Float64, P: Float64, B: Float64) -> None:
+    """Carry ``P`` (n, n) over the step: P <- Phi P Phi^T; ``B`` (n, n) is scratch.
+
+    With B = Phi P, row i of the result is Phi applied to row i of B. Motion takes part in the first nine rows alone;
+    of the others only what is on and above the diagonal is computed, and mirrored: P stays symmetric bit for bit.
+    """
+    n = P.shape[0]
+    apply_transition(s, C_dt, P, B)
+    for i in range(9):
+        carry_motion(s, C_dt, B[i], P[i])
+    for i in range(n):
+        for c in range(max(i, 9), 12):
+            P[i, c] = s.keep_a * B[i, c]
+        for c in range(max(i, 12), 15):
+            P[i, c] = s.keep_g * B[i, c]
+        if i <= 15:
+            P[i, 15] = B[i, 15] + s.dt * B[i, 16]
+        for c in range(max(i, 16), n):
+            P[i, c] = B[i, c]
+    for i in range(n):
+        for c in range(i):
+            P[i, c] = P[c, i]
+
+
+@inlined
+def carry_motion(s: Step, C_dt: Float64, a: Float64, b: Float64) -> None:
+    """Write position, velocity and attitude of ``b = Phi a`` (n,), as ``apply_transition`` does of every column."""
     half, coriolis = 0.5 * s.dt, 2.0 * s.w
-    # psi - w_ie dt x psi - C db_g dt, and the mean of before and after
-    x, y, z = A[6, j], A[7, j], A[8, j]
-    bx, by, bz = A[12, j], A[13, j], A[14, j]
-    B[j, 6] = x + s.w * y - (C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz)
-    B[j, 7] = y - s.w * x - (C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz)
-    B[j, 8] = z - (C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz)
-    px, py, pz = 0.5 * (x + B[j, 6]), 0.5 * (y + B[j, 7]), 0.5 * (z + B[j, 8])
-    # dv - f dt x psi + dg/dr dt dr - 2 w_ie dt x dv - C db_a dt
-    x, y, z = A[0, j], A[1, j], A[2, j]
-    u, v, w = A[3, j], A[4, j], A[5, j]
-    ax, ay, az = A[9, j], A[10, j], A[11, j]
+    x, y, z = a[6], a[7], a[8]
+    bx, by, bz = a[12], a[13], a[14]
+    b[6] = x + s.w * y - (C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz)
+    b[7] = y - s.w * x - (C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz)
+    b[8] = z - (C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz)
+    px, py, pz = 0.5 * (x + b[6]), 0.5 * (y + b[7]), 0.5 * (z + b[8])
+    x, y, z = a[0], a[1], a[2]
+    u, v, w = a[3], a[4], a[5]
+    bx, by, bz = a[9], a[10], a[11]
     gx = s.g00 * x + s.g01 * y + s.g02 * z + coriolis * v
     gy = s.g01 * x + s.g11 * y + s.g12 * z - coriolis * u
     gz = s.g02 * x + s.g12 * y + s.g22 * z
-    gx -= C_dt[0, 0] * ax + C_dt[0, 1] * ay + C_dt[0, 2] * az
-    gy -= C_dt[1, 0] * ax + C_dt[1, 1] * ay + C_dt[1, 2] * az
-    gz -= C_dt[2, 0] * ax + C_dt[2, 1] * ay + C_dt[2, 2] * az
-    B[j, 3] = u + gx - (s.f1 * pz - s.f2 * py)
-    B[j, 4] = v + gy - (s.f2 * px - s.f0 * pz)
-    B[j, 5] = w + gz - (s.f0 * py - s.f1 * px)
-    # dr + dv dt with the mean of both velocities
-    B[j, 0] = x + half * (u + B[j, 3])
-    B[j, 1] = y + half * (v + B[j, 4])
-    B[j, 2] = z + half * (w + B[j, 5])
+    gx -= C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz
+    gy -= C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz
+    gz -= C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz
+    b[3] = u + gx - (s.f1 * pz - s.f2 * py)
+    b[4] = v + gy - (s.f2 * px - s.f0 * pz)
+    b[5] = w + gz - (s.f0 * py - s.f1 * px)
+    b[0] = x + half * (u + b[3])
+    b[1] = y + half * (v + b[4])
+    b[2] = z + half * (w + b[5])

@@ -34,8 +34,8 @@ def _carry_errors(
         sum_dv += dv
         if (k + 1) % per_step == 0:
             step = transition_step(per_step * dt, sum_dv[0], sum_dv[1], sum_dv[2], r, time_s, time_s)
-            apply_transition(step, sum_C, errors, carried, True)
-            errors[:] = carried.T
+            apply_transition(step, sum_C, errors, carried)
+            errors[:] = carried
             sum_dv[:] = 0.0
             sum_C[:] = 0.0
 

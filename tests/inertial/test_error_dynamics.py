@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
-from insgnss.inertial.error_dynamics import apply_transition, transition_step
+from insgnss.inertial.error_dynamics import apply_transition, carry_covariance, transition_step
 from insgnss.inertial.mechanization import mechanize
 from tests.inertial.held_height import place_at_rest
 from tests.inertial.strapdown import EARTH, skew
@@ -55,8 +55,8 @@ def transition(dt: float, time_a: float, time_g: float) -> np.ndarray:
     """Return the compiled Phi (17, 17): what it makes of the unit matrix."""
     Phi = np.zeros((N, N))
     step = transition_step(dt, *(FORCE_E * dt), PLACE_E, time_a, time_g)
-    apply_transition(step, C_EB * dt, np.eye(N), Phi, True)
-    return Phi.T
+    apply_transition(step, C_EB * dt, np.eye(N), Phi)
+    return Phi
 
 
 def shortfall(dt: float, row: str, column: str, time_s: float) -> tuple[float, float]:
@@ -98,8 +98,7 @@ def test_transition_keeps_what_no_row_moves() -> None:
     n, step = N + 2, transition_step(0.02, *(FORCE_E * 0.02), PLACE_E, 100.0, math.inf)
     A, B = np.random.default_rng(1).standard_normal((n, n)), np.zeros((n, n))
 
-    apply_transition(step, C_EB * 0.02, A, B, True)
-    B = B.T
+    apply_transition(step, C_EB * 0.02, A, B)
 
     assert B[16:].tolist() == A[16:].tolist()  # clock drift and inter-system offsets
     assert B[12:15].tolist() == A[12:15].tolist()  # a gyro bias without end
@@ -108,17 +107,18 @@ def test_transition_keeps_what_no_row_moves() -> None:
     assert B[:15] == pytest.approx((transition(0.02, 100.0, math.inf) @ A[:N])[:15], abs=1e-13)
 
 
-def test_twice_applied_it_is_phi_p_phi_transposed_on_and_above_the_diagonal() -> None:
-    root = np.random.default_rng(2).standard_normal((N, N))
-    P, B, A = root @ root.T, np.zeros((N, N)), np.full((N, N), np.nan)
+def test_covariance_is_carried_as_phi_p_phi_transposed_and_stays_symmetric() -> None:
+    root = np.random.default_rng(2).standard_normal((N + 3, N + 3))
+    P = root @ root.T
     step = transition_step(0.02, *(FORCE_E * 0.02), PLACE_E, 100.0, 300.0)
+    Phi = np.eye(N + 3)
+    Phi[:N, :N] = transition(0.02, 100.0, 300.0)
+    wanted = Phi @ P @ Phi.T
 
-    apply_transition(step, C_EB * 0.02, P, B, True)
-    apply_transition(step, C_EB * 0.02, B, A, False)
+    carry_covariance(step, C_EB * 0.02, P, np.full_like(P, np.nan))
 
-    Phi = transition(0.02, 100.0, 300.0)
-    upper = np.triu_indices(N)
-    np.testing.assert_allclose(A[upper], (Phi @ P @ Phi.T)[upper], rtol=0.0, atol=1e-13 * np.abs(P).max())
+    assert (P == P.T).all()
+    np.testing.assert_allclose(P, wanted, rtol=0.0, atol=1e-13 * np.abs(wanted).max())
 
 
 # --- against the mechanization --------------------------------------------------------------------------------------
@@ -167,8 +167,8 @@ def transition_of_flight(dt: float) -> np.ndarray:
         sum_C += 0.5 * dt / count * C
         sum_dv += dv_e
     Phi = np.zeros((N, N))
-    apply_transition(transition_step(dt, *sum_dv, r, math.inf, math.inf), sum_C, np.eye(N), Phi, True)
-    return Phi.T
+    apply_transition(transition_step(dt, *sum_dv, r, math.inf, math.inf), sum_C, np.eye(N), Phi)
+    return Phi
 
 
 @pytest.mark.parametrize(
