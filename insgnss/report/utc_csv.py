@@ -1,0 +1,18 @@
+"""A run as CSV: the navigation table with its UTC dates, heights above mean sea level and headings."""
+
+from __future__ import annotations
+
+from insgnss.report.run_time import gps_week, utc_texts
+from insgnss.run import Run
+
+
+def as_csv(run: Run) -> bytes:
+    """Return the navigation table as CSV, numbers to the last bit: UTC and GPS week first, heights and heading last.
+
+    ``h_msl_m`` and ``geoid_m`` are the heights above mean sea level and of the sea, ``heading_deg`` is 0 to below 360.
+    """
+    week = gps_week(run)
+    nav = run.nav_with(sea_level=True, heading=True)
+    nav.insert(0, "utc", utc_texts(nav["time_s"].to_numpy(), week, decimals=6))
+    nav.insert(1, "gps_week", week)
+    return str(nav.to_csv(index=False, float_format="%.17g", lineterminator="\n")).encode()
