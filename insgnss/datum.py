@@ -8,7 +8,8 @@ The GPS week and the units of a table are in its ``attrs``, also after it was sa
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -31,6 +32,15 @@ def annotate(table: pd.DataFrame, week: int) -> None:
     }
 
 
+def annotate_all(tables: Iterable[pd.DataFrame | None], settings: Mapping[str, Any]) -> None:
+    """Write week, scale and units into the ``attrs`` of a result's tables, where its settings say the GPS week."""
+    flight = settings.get("flight")
+    week = flight.get(GPS_WEEK) if isinstance(flight, Mapping) else None
+    for table in tables:
+        if table is not None and isinstance(week, int):
+            annotate(table, week)
+
+
 def with_utc(table: pd.DataFrame, week: int | None = None) -> pd.DataFrame:
     """Return the table with UTC as its index, leap seconds applied; ``time_s`` stays a column.
 
@@ -45,10 +55,7 @@ def with_utc(table: pd.DataFrame, week: int | None = None) -> pd.DataFrame:
     ------
     ResultError : the table has no ``time_s``, or neither says which GPS week it counts from
     """
-    if "time_s" not in table.columns:
-        raise ResultError(
-            "the table has no times", column="time_s", advice="pass a table with a time_s column"
-        )
+    _check_columns(table, "time_s")
     week = table.attrs.get(GPS_WEEK) if week is None else week
     if not isinstance(week, int):
         raise ResultError(
@@ -64,17 +71,35 @@ def with_utc(table: pd.DataFrame, week: int | None = None) -> pd.DataFrame:
 
 
 def with_sea_level(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with ``h_msl_m``, the height above mean sea level, and ``geoid_m``, that of the sea itself."""
+    """Return the table with ``h_msl_m``, the height above mean sea level, and ``geoid_m``, that of the sea (EGM96).
+
+    Raises
+    ------
+    ResultError : the table has no ``lat_deg``, ``lon_deg``, ``h_m``
+    """
+    _check_columns(table, "lat_deg", "lon_deg", "h_m")
     geoid_m = geoid_height(table["lat_deg"], table["lon_deg"])
     added = table.assign(h_msl_m=table["h_m"] - geoid_m, geoid_m=geoid_m)
     return _with_units(added, "h_msl_m", "geoid_m")
 
 
 def with_heading(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with ``heading_deg``, the yaw counted clockwise from true north, 0 to below 360."""
+    """Return the table with ``heading_deg``, the yaw counted clockwise from true north, 0 to below 360.
+
+    Raises
+    ------
+    ResultError : the table has no ``yaw_deg``
+    """
+    _check_columns(table, "yaw_deg")
     heading = np.mod(table["yaw_deg"].to_numpy(np.float64), 360.0)
     heading[heading == 360.0] = 0.0  # a yaw of -1e-15
     return _with_units(table.assign(heading_deg=heading), "heading_deg")
+
+
+def _check_columns(table: pd.DataFrame, *names: str) -> None:
+    for name in names:
+        if name not in table.columns:
+            raise ResultError("the table has no such column", column=name, advice="pass run.nav or its like")
 
 
 def _with_units(table: pd.DataFrame, *names: str) -> pd.DataFrame:

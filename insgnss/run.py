@@ -30,7 +30,7 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_float_dtype
 
-from insgnss.datum import annotate, with_heading, with_sea_level, with_utc
+from insgnss.datum import annotate_all, with_heading, with_sea_level, with_utc
 from insgnss.errors import ResultError
 from insgnss.table_files import column_types, pieces, read_csv, write_table
 
@@ -70,11 +70,7 @@ class Run:
 
     def annotate(self) -> None:
         """Write the GPS week and the units into the ``attrs`` of every table, where the settings say the week."""
-        flight = self.settings.get("flight")
-        week = flight.get("gps_week") if isinstance(flight, Mapping) else None
-        for _, table in self._tables():
-            if table is not None and isinstance(week, int):
-                annotate(table, week)
+        annotate_all((table for _, table in self._tables()), self.settings)
 
     def nav_with(self, *, utc: bool = False, sea_level: bool = False, heading: bool = False) -> pd.DataFrame:
         """Return the navigation table with what is asked for; ``insgnss.datum`` does the same to other tables.

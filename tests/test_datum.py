@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from pyarrow.parquet import read_schema
 
 from insgnss.datum import with_heading, with_sea_level, with_utc
 from insgnss.errors import ResultError
@@ -68,9 +70,18 @@ def test_table_that_does_not_say_its_week_is_refused() -> None:
 
     with pytest.raises(ResultError, match="which GPS week"):
         with_utc(table)
-    with pytest.raises(ResultError, match="has no times"):
+    with pytest.raises(ResultError, match="'time_s': the table has no such column"):
         with_utc(pd.DataFrame({"sv": ["G01"]}), WEEK)
     assert with_utc(table, WEEK).index[0] == pd.Timestamp("2025-09-24T09:34:42Z")
+
+
+def test_table_without_the_columns_is_refused() -> None:
+    table = pd.DataFrame({"time_s": [START_S]})
+
+    with pytest.raises(ResultError, match="'lat_deg'"):
+        with_sea_level(table)
+    with pytest.raises(ResultError, match="'yaw_deg'"):
+        with_heading(table)
 
 
 def test_tables_say_their_week_and_units() -> None:
@@ -89,7 +100,10 @@ def test_week_and_units_are_kept_by_parquet_and_told_by_the_settings_of_a_run_in
     for form in ("parquet", "csv"):
         run.save(tmp_path / form, form)
         assert Run.load(tmp_path / form).nav.attrs == run.nav.attrs
-    assert pd.read_parquet(tmp_path / "parquet" / "nav.parquet").attrs == run.nav.attrs
+    path = tmp_path / "parquet" / "nav.parquet"
+    assert pd.read_parquet(path).attrs == run.nav.attrs
+    # the key of pandas, also where pyarrow writes none of its own
+    assert json.loads(read_schema(path).metadata[b"PANDAS_ATTRS"]) == run.nav.attrs
 
 
 def test_run_whose_settings_say_no_week_has_no_attrs() -> None:

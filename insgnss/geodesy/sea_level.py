@@ -34,13 +34,16 @@ def geoid_height(lat_deg: npt.ArrayLike, lon_deg: npt.ArrayLike) -> Float64:
 
     Parameters
     ----------
-    lat_deg, lon_deg : (n,) geodetic, WGS-84; longitude of any turn
+    lat_deg, lon_deg : (n,) geodetic, WGS-84; longitude of any turn; NaN gives NaN
     """
     from scipy.ndimage import map_coordinates
 
     row = (np.asarray(lat_deg, np.float64) + 90.0) * _PER_DEG + _EDGE
     column = (np.asarray(lon_deg, np.float64) + 180.0) % 360.0 * _PER_DEG + _EDGE
-    return np.asarray(map_coordinates(_spline(), [row, column], order=3, prefilter=False), np.float64)
+    known = np.isfinite(row + column)
+    height = np.full(row.shape, np.nan)
+    height[known] = map_coordinates(_spline(), [row[known], column[known]], order=3, prefilter=False)
+    return height
 
 
 @cache

@@ -24,6 +24,9 @@ _UNITS: Final = {
     "m/s²": "m s-2",
     "rad/s": "rad s-1",
     "m/channel": "m",
+    "m²": "m2",
+    "m²/s²": "m2 s-2",
+    "°²": "degree2",
 }
 _CF: Final[dict[str, dict[str, str]]] = {
     "lat_deg": {"standard_name": "latitude", "units": "degrees_north"},

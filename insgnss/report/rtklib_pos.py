@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import pandas as pd
 
 from insgnss.gpstime import GPS_EPOCH, week_seconds_to_ns
 from insgnss.report.sentences import name_of
@@ -24,14 +25,16 @@ _ROW: Final = (
     "%s %14.9f %14.9f %10.4f %3d %3d %8.4f %8.4f %8.4f %8.4f %8.4f %8.4f %6.2f %6.1f"
     " %10.5f %10.5f %10.5f %9.5f %8.5f %8.5f %8.5f %8.5f %8.5f\n"
 )
-_ZERO: Final = (0.0, 0.0, 0.0)
+# covariances between axes, which RTKLIB writes as signed roots: north-east, east-up, up-north
+_POSITION: Final = (("cov_n_e_m2", 1.0), ("cov_e_d_m2", -1.0), ("cov_n_d_m2", -1.0))
+_VELOCITY: Final = (("cov_vn_ve_m2ps2", 1.0), ("cov_ve_vd_m2ps2", -1.0), ("cov_vn_vd_m2ps2", -1.0))
 
 
 def as_pos(run: Run) -> bytes:
     """Return the run as RTKLIB writes solutions: GPS time, latitude, longitude, height above the ellipsoid.
 
-    Q is 5 (single), 4 (corrected by a base station) or 7 (no satellite used: inertial alone). The covariances between
-    axes are not in the navigation table, and stand as 0, as do age and ratio.
+    Q is 5 (single), 4 (corrected by a base station) or 7 (no satellite used: inertial alone). Covariances between axes
+    are 0 where the navigation table has none, as are age and ratio.
     """
     s = solution(run)
     dates = _gps_dates(s)
@@ -55,14 +58,21 @@ def _gps_dates(s: Solution) -> list[str]:
     return [text.replace("-", "/").replace("T", " ") for text in texts]
 
 
+def _roots(nav: pd.DataFrame, covariances: tuple[tuple[str, float], ...]) -> list[list[float]]:
+    """Return sign(c) sqrt(abs(c)) of covariances, 0 where the table has none."""
+    absent = np.zeros(len(nav))
+    values = [sign * np.asarray(nav.get(name, absent), np.float64) for name, sign in covariances]
+    return [(np.sign(value) * np.sqrt(np.abs(value))).tolist() for value in values]
+
+
 def _rows(s: Solution, dates: list[str]) -> list[tuple[object, ...]]:
     quality = np.where(s.dead_reckoning, _DEAD_RECKONING, _DIFFERENTIAL if s.differential else _SINGLE)
     place = s.columns("lat_deg", "lon_deg", "h_m")
-    sd_place = s.columns("sd_n_m", "sd_e_m", "sd_d_m")
+    sd_place = [*s.columns("sd_n_m", "sd_e_m", "sd_d_m"), *_roots(s.nav, _POSITION)]
     velocity = [*s.columns("vn_mps", "ve_mps"), (-s.nav["vd_mps"]).tolist()]
-    sd_velocity = s.columns("sd_vn_mps", "sd_ve_mps", "sd_vd_mps")
+    sd_velocity = [*s.columns("sd_vn_mps", "sd_ve_mps", "sd_vd_mps"), *_roots(s.nav, _VELOCITY)]
     return [
-        (date, *at, q, ns, *sd_at, *_ZERO, 0.0, 0.0, *v, *sd_v, *_ZERO)
+        (date, *at, q, ns, *sd_at, 0.0, 0.0, *v, *sd_v)
         for date, at, q, ns, sd_at, v, sd_v in zip(
             dates,
             zip(*place, strict=True),

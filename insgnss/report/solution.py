@@ -72,7 +72,7 @@ def _hdop(satellites: pd.DataFrame, epochs: Float64) -> Float64:
     Equation: N = sum over systems of (sum u u^T - s s^T / m), s = sum u of its m satellites, which leaves a clock to
     each system; HDOP^2 = (N^-1)_nn + (N^-1)_ee
     """
-    tracked = satellites[satellites["state"] == "tracked"]
+    tracked = satellites[satellites["state"].isin(("tracked", "used_for_start"))]
     az, el = (np.radians(tracked[name].to_numpy()) for name in ("az_deg", "el_deg"))
     u = np.column_stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)])
     epoch = np.searchsorted(epochs, tracked["time_s"].to_numpy() - 1e-6)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import io
+
+import pyarrow as pa
+import pyarrow.csv
+
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.run import Run
 
@@ -15,4 +20,7 @@ def as_csv(run: Run) -> bytes:
     nav = run.nav_with(sea_level=True, heading=True)
     nav.insert(0, "utc", utc_texts(nav["time_s"].to_numpy(), week, decimals=6))
     nav.insert(1, "gps_week", week)
-    return str(nav.to_csv(index=False, float_format="%.17g", lineterminator="\n")).encode()
+    rows = io.BytesIO()
+    plain = pyarrow.csv.WriteOptions(include_header=False, quoting_style="none")
+    pyarrow.csv.write_csv(pa.Table.from_pandas(nav, preserve_index=False), rows, plain)
+    return ",".join(nav.columns).encode() + b"\n" + rows.getvalue()

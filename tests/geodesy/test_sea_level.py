@@ -38,6 +38,7 @@ def test_geoid_has_no_seam_and_one_value_at_a_pole() -> None:
     east, west = (geoid_height(lat_deg, np.full(50, lon)) for lon in (180.0 - 1e-9, -180.0))
 
     assert np.allclose(east, west, atol=1e-6)
+    assert np.isnan(geoid_height([np.nan, 10.0], [5.0, np.nan])).all()
     assert np.allclose(geoid_height([10.0], [370.0]), geoid_height([10.0], [10.0]), atol=1e-12)
     poles = geoid_height([90.0] * 4 + [-90.0] * 4, [0.0, 77.3, 180.0, 300.0] * 2)
     assert np.allclose(poles, [13.605] * 4 + [-29.535] * 4, atol=0.006)  # NGA: 13.61 and -29.53

@@ -70,6 +70,17 @@ def test_pos_has_every_row_in_gps_time_with_quality_and_velocity(tmp_path: Path)
     assert (read["Q"].drop(range(*OUTAGE.indices(300))) == 5).all()
 
 
+def test_pos_has_the_covariances_that_the_table_has(tmp_path: Path) -> None:
+    run = made_run(seconds=3.0)
+    run.nav["cov_n_e_m2"], run.nav["cov_e_d_m2"], run.nav["cov_n_d_m2"] = 0.25, 0.04, -0.09
+
+    read = read_pos(export_run(run, tmp_path / "run.pos"))
+
+    # signed roots; up is against down
+    assert read.loc[0, ["sdne(m)", "sdeu(m)", "sdun(m)"]].tolist() == [0.5, -0.2, 0.3]
+    assert read.loc[0, ["sdvne", "sdveu", "sdvun"]].tolist() == [0.0, 0.0, 0.0]
+
+
 def test_pos_of_times_between_milliseconds_keeps_the_microseconds(tmp_path: Path) -> None:
     run = made_run(seconds=3.0)
     run.nav["time_s"] += 0.000123
@@ -176,7 +187,7 @@ def test_nmea_of_the_other_hemispheres_and_of_full_minutes() -> None:
 
 def test_dilution_is_that_of_least_squares_with_a_clock_for_each_system() -> None:
     run = made_run(seconds=3.0)
-    run.satellites["state"] = words(np.zeros(24, int), ["tracked", "gated"])
+    run.satellites["state"] = words(np.arange(24) // 8 % 2, ["used_for_start", "tracked"])
     names = ["G01", "G02", "G03", "G04", "E05", "E06", "E07", "E08"]
     run.satellites["sv"] = words(np.tile(np.arange(8), 3), names)
 
