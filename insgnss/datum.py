@@ -71,7 +71,7 @@ def with_utc(table: pd.DataFrame, week: int | None = None) -> pd.DataFrame:
 
 
 def with_sea_level(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with ``h_msl_m``, the height above mean sea level, and ``geoid_m``, that of the sea (EGM96).
+    """Return the table with ``h_msl_m``, the height above mean sea level, and ``geoid_m``, the geoid's (EGM96).
 
     Raises
     ------

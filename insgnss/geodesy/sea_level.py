@@ -21,7 +21,7 @@ from insgnss.tables import Float64
 _ROWS: Final = 721  # from 90 deg south to 90 deg north
 _COLUMNS: Final = 1440  # from 180 deg west, eastwards
 _PER_DEG: Final = 4
-_EDGE: Final = 8  # nodes around the grid, of which a spline of third order needs no more
+_EDGE: Final = 8  # nodes added around the grid: a cubic spline's coefficients depend on few neighbours
 _M_PER_UNIT: Final = 0.01
 
 
@@ -54,9 +54,8 @@ def _spline() -> Float64:
     packed = importlib.resources.files("insgnss.geodesy").joinpath("egm96_15_minutes.xz").read_bytes()
     steps = np.frombuffer(lzma.decompress(packed), "<i2").reshape(_ROWS, _COLUMNS).astype(np.int32)
     grid = _M_PER_UNIT * steps.cumsum(axis=0).cumsum(axis=1)
-    across = np.roll(
-        grid, _COLUMNS // 2, axis=1
-    )  # beyond a pole the meridian goes on at the opposite longitude
+    # beyond a pole a meridian continues at the opposite longitude
+    across = np.roll(grid, _COLUMNS // 2, axis=1)
     tall = np.vstack([across[_EDGE:0:-1], grid, across[-2 : -_EDGE - 2 : -1]])
     wide = np.hstack([tall[:, -_EDGE:], tall, tall[:, :_EDGE]])
     return np.asarray(spline_filter(wide, order=3), np.float64)

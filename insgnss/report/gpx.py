@@ -15,7 +15,7 @@ _NAMESPACE: Final = "http://www.topografix.com/GPX/1/1"
 
 
 def as_gpx(run: Run) -> bytes:
-    """Return the run as GPX 1.1; ``ele`` is above mean sea level (EGM96), ``geoidheight`` is the sea's own height."""
+    """Return the run as GPX 1.1; ``ele`` is above mean sea level (EGM96), ``geoidheight`` is the geoid's height."""
     week, nav = gps_week(run), run.nav_with(sea_level=True)
     root = ET.Element("gpx", version="1.1", creator=f"insgnss {__version__}", xmlns=_NAMESPACE)
     track = ET.SubElement(root, "trk")

@@ -1,4 +1,4 @@
-"""A run as KML and KMZ: the track at its height, the same over time, its shadow, and the events that have a place."""
+"""A run as KML and KMZ: the track at its height, over time and on the ground, and the events that have a place."""
 
 from __future__ import annotations
 

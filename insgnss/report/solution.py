@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -62,8 +63,14 @@ def solution(run: Run) -> Solution:
         hdop=np.where(dead, np.nan, _hdop(run.satellites, epochs)[latest]),
         dead_reckoning=dead,
         heading_known=one & (nav["sd_yaw_deg"].to_numpy() < _HEADING_SIGMA_DEG),
-        differential=bool(dict(dict(run.settings.get("flight") or {}).get("gnss") or {}).get("base")),
+        differential=_has_base(run),
     )
+
+
+def _has_base(run: Run) -> bool:
+    flight = run.settings.get("flight")
+    gnss = flight.get("gnss") if isinstance(flight, Mapping) else None
+    return isinstance(gnss, Mapping) and gnss.get("base") is not None
 
 
 def _hdop(satellites: pd.DataFrame, epochs: Float64) -> Float64:

@@ -14,7 +14,7 @@ from insgnss.run import Run
 def as_csv(run: Run) -> bytes:
     """Return the navigation table as CSV, numbers to the last bit: UTC and GPS week first, heights and heading last.
 
-    ``h_msl_m`` and ``geoid_m`` are the heights above mean sea level and of the sea, ``heading_deg`` is 0 to below 360.
+    ``h_msl_m`` is above mean sea level, ``geoid_m`` the geoid's height (EGM96), ``heading_deg`` 0 to below 360.
     """
     week = gps_week(run)
     nav = run.nav_with(sea_level=True, heading=True)

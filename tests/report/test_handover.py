@@ -356,7 +356,7 @@ def test_gpx_has_heights_above_the_sea() -> None:
     assert points[0].time == FIRST_UTC
 
 
-def test_kml_flies_at_its_height_over_time_and_casts_a_shadow() -> None:
+def test_kml_has_the_track_at_its_height_over_time_and_on_the_ground() -> None:
     run = made_run()
     run.nav["h_m"] += 1500.0
 
