@@ -69,6 +69,17 @@ def utc_to_ns(utc: dt.datetime) -> int:
     return datetime_to_ns(utc) + leap_seconds(utc) * NS_PER_S
 
 
+def ns_to_utc(t_ns: npt.ArrayLike) -> npt.NDArray[np.datetime64]:
+    """Return UTC dates (datetime64[ns]) of GPS times in ns, with the leap seconds in force at each.
+
+    Such dates cannot express 23:59:60: an inserted second repeats the date of the second after it.
+    """
+    t = np.asarray(t_ns, dtype=np.int64)
+    in_force = np.searchsorted(_LEAP_CHANGES_NS, t, side="right") - 1
+    seconds = np.array([value for _, value in LEAP_SECONDS], np.int64)[np.maximum(in_force, 0)]
+    return np.asarray(np.datetime64(GPS_EPOCH, "ns") + (t - seconds * NS_PER_S).astype("timedelta64[ns]"))
+
+
 def glonass_to_ns(four_years: int, day: int, seconds: float) -> int:
     """Return GPS time in ns of a date as GLONASS sends it: Moscow time, which is UTC + 3 h and has its leap seconds.
 
@@ -94,3 +105,7 @@ def datetime_to_ns(when: dt.datetime) -> int:
 def ns_to_datetime(t_ns: int) -> dt.datetime:
     """Return the calendar date, in GPS time, of a GPS time in ns (to the microsecond)."""
     return GPS_EPOCH + dt.timedelta(microseconds=int(t_ns) // 1000)
+
+
+# GPS time in ns from which on each number of LEAP_SECONDS is in force
+_LEAP_CHANGES_NS = np.array([utc_to_ns(dt.datetime.fromisoformat(date)) for date, _ in LEAP_SECONDS])

@@ -25,6 +25,7 @@ import pandas as pd
 from insgnss.comparison import errors_against
 from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import corrected_rows
+from insgnss.datum import annotate_all
 from insgnss.errors import ConfigError, ResultError
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.setup import FilterSetup
@@ -59,6 +60,9 @@ class PointRun:
     events: pd.DataFrame
     errors: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        annotate_all((getattr(self, name) for name in TABLES), self.settings)
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``point_settings.json`` into ``folder`` (made if needed); return the folder.

@@ -208,6 +208,7 @@ def replay(
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
         setattr(run, name, table)
+    run.annotate()
     took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - settled}
     took |= {} if aided is None else {"aiding_s": given - filtered}
     took |= {"supervision_s": settled - given} if supervise else {}

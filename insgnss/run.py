@@ -30,6 +30,7 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import is_float_dtype
 
+from insgnss.datum import annotate_all, with_heading, with_sea_level, with_utc
 from insgnss.errors import ResultError
 from insgnss.table_files import column_types, pieces, read_csv, write_table
 
@@ -63,6 +64,31 @@ class Run:
     search_times: pd.DataFrame | None = None
     receiver_events: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.annotate()
+
+    def annotate(self) -> None:
+        """Write the GPS week and the units into the ``attrs`` of every table, where the settings say the week."""
+        annotate_all((table for _, table in self._tables()), self.settings)
+
+    def nav_with(self, *, utc: bool = False, sea_level: bool = False, heading: bool = False) -> pd.DataFrame:
+        """Return the navigation table with what is asked for; ``insgnss.datum`` does the same to other tables.
+
+        Parameters
+        ----------
+        utc : UTC as index
+        sea_level : columns ``h_msl_m`` and ``geoid_m``: height above mean sea level, and the geoid's (EGM96)
+        heading : column ``heading_deg``: from true north, 0 to below 360
+
+        Raises
+        ------
+        ResultError : UTC is asked for and the settings do not say the GPS week
+        """
+        nav = self.nav
+        nav = with_sea_level(nav) if sea_level else nav
+        nav = with_heading(nav) if heading else nav
+        return with_utc(nav) if utc else nav
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.

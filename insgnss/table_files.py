@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -58,6 +59,9 @@ def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
     """Write a table as ``DataFrame.to_parquet`` does, in pieces and without an index."""
     parquet = importlib.import_module("pyarrow.parquet")  # late: 5 MB that the filter can use
     schema = pa.Schema.from_pandas(table, preserve_index=False)
+    if table.attrs:  # under the name that pandas writes and reads; older versions of pyarrow do not write it
+        about = {"PANDAS_ATTRS": json.dumps(table.attrs)}
+        schema = schema.with_metadata({**(schema.metadata or {}), **about})
     with parquet.ParquetWriter(path, schema, **options) as writer:
         for piece in pieces(table):
             writer.write_table(pa.Table.from_pandas(piece, schema=schema, preserve_index=False, nthreads=1))

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "insgnss").rglob("*.py"))
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
 TOP_LEVEL_FOLDERS = {".ci", "data", "insgnss", "models", "notebooks", "tests"}
-HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scipy"}
+HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scipy", "xarray"}
 MAX_FILE_LINES = 400
 MAX_BODY_LINES = 60
 # absolute paths of somebody's machine, unfinished work
@@ -238,7 +238,7 @@ def test_every_imported_library_is_declared() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     # the pictures' library is optional, and one room alone may load it: see the contracts; so is that of campaigns
     optional = project["optional-dependencies"]
-    named = project["dependencies"] + optional["plots"] + optional["campaign"]
+    named = project["dependencies"] + optional["plots"] + optional["campaign"] + optional["netcdf"]
     declared = {re.split(r"[<>=!~ ]", name)[0] for name in named}
     imported = set()
     for path in SOURCES:

@@ -1,4 +1,4 @@
-"""``insgnss export``: a saved run as KML, KMZ, GPX, GeoJSON or CSV."""
+"""``insgnss export``: a saved run as a file for maps, GNSS tools, lidar software, MATLAB or xarray."""
 
 from __future__ import annotations
 
@@ -17,11 +17,22 @@ def export(
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")],
     format: Annotated[
         str | None,
-        typer.Option("--format", help="kml, kmz, gpx, geojson or csv; by default as the file's ending says."),
+        typer.Option("--format", help="One of the formats above; by default the file's ending."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write the track of a run for another program; times are UTC, heights above the ellipsoid."""
+    """Write a run for another program.
+
+    Maps: kml, kmz, gpx (UTC, height above mean sea level), geojson (height above the ellipsoid).
+
+    Tables: csv (UTC, both heights), mat (MATLAB), nc (NetCDF; needs xarray).
+
+    GNSS tools: pos (RTKLIB), nmea (GGA, RMC, VTG, HDT, GST).
+
+    Lidar and cameras: sbet, and smrmsg for its sigmas (POSPac).
+
+    Mean sea level is the geoid of EGM96.
+    """
     began = time.perf_counter()
     with own_errors_told():
         # pandas is loaded only when the command runs

@@ -32,6 +32,14 @@ sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (or
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
   empty where no epoch of the log has used ranges enough to tell
 """
+_EXPORT = """
+utc: UTC date of time_s in ISO 8601; in NetCDF the coordinate time, of `run.nav_with(utc=True)` the index
+gps_week: GPS week that time_s counts from
+h_msl_m: height of the IMU above mean sea level, by the geoid of EGM96
+geoid_m: height of that geoid above the ellipsoid: h_m is the sum of both
+heading_deg: yaw clockwise from true north, 0 to below 360
+posix_s: seconds of UTC since 1970, in MAT files
+"""
 _MEASUREMENTS = """
 time_s: receiver time tag, seconds of the GPS week
 sv: satellite, as G05
@@ -163,6 +171,13 @@ lag_s: the receiver's event after the supervisor's change of state
 """
 RUN_SHEETS: Final = (
     Sheet("nav", "output time", _NAV),
+    Sheet(
+        "export",
+        "output time",
+        _EXPORT,
+        "Beside the columns of nav in the CSV, MAT and NetCDF files of `insgnss export`;"
+        " `run.nav_with(utc=True, sea_level=True, heading=True)` has utc, heights and heading.",
+    ),
     Sheet("measurements", "satellite, signal, epoch and kind: every value of the log", _MEASUREMENTS),
     Sheet("satellites", "satellite and epoch", _SATELLITES),
     EVENTS,

@@ -17,7 +17,7 @@ from insgnss.report.charts import Chart, Rows, colour_of, line_trace
 from insgnss.report.digest import digest, without_nan
 from insgnss.report.html import Section, page, paragraphs, table, text, write
 from insgnss.report.labels import label, row_of_numbers
-from insgnss.report.run_time import gps_week
+from insgnss.report.run_time import gps_week, utc_origin_ms
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sentences import name_of
 from insgnss.report.settings_compared import settings_that_differ
@@ -99,7 +99,8 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
         Section("sigma", "Sigma over time", charts=sigmas),
     ]
     foot = f"insgnss {__version__}; a difference is the run minus '{comparison.first}'."
-    return write(path, page(f"Comparison: {', '.join(comparison.runs)}", sections, foot))
+    title = f"Comparison: {', '.join(comparison.runs)}"
+    return write(path, page(title, sections, foot, utc_origin_ms(comparison.runs[comparison.first])))
 
 
 def _as_reference(run: Run) -> ReferenceTable:

@@ -1,4 +1,4 @@
-"""A run as a file for another program: KML, KMZ, GPX, GeoJSON, CSV."""
+"""A run as a file for another program: one writer for each format, each in a module of its own."""
 
 from __future__ import annotations
 
@@ -10,36 +10,44 @@ from insgnss.errors import ConfigError, ResultError
 from insgnss.report.geojson import as_geojson
 from insgnss.report.gpx import as_gpx
 from insgnss.report.kml import as_kml, as_kmz
+from insgnss.report.matlab import as_mat
+from insgnss.report.netcdf import as_netcdf
+from insgnss.report.nmea import as_nmea
+from insgnss.report.rtklib_pos import as_pos
+from insgnss.report.sbet import as_sbet, as_smrmsg
+from insgnss.report.utc_csv import as_csv
 from insgnss.run import Run
 
-
-def as_csv(run: Run) -> bytes:
-    """Return the navigation table as CSV, numbers to the last bit."""
-    return str(run.nav.to_csv(index=False, float_format="%.17g", lineterminator="\n")).encode()
-
-
+# by the ending of the file, which --format may replace
 FORMATS: Final[dict[str, Callable[[Run], bytes]]] = {
     "kml": as_kml,
     "kmz": as_kmz,
     "gpx": as_gpx,
     "geojson": as_geojson,
     "csv": as_csv,
+    "pos": as_pos,
+    "nmea": as_nmea,
+    "sbet": as_sbet,
+    "smrmsg": as_smrmsg,
+    "mat": as_mat,
+    "nc": as_netcdf,
 }
 
 
 def export_run(run: Run, path: str | Path, format: str | None = None) -> Path:
-    """Write the run's track in a format, by default the one that the file's ending names; return the path.
+    """Write the run in a format, by default the one that the file's ending names; return the path.
 
     Raises
     ------
     ConfigError : no such format
-    ResultError : the run has no navigation row or does not say its GPS week, or the file cannot be written
+    ResultError : the run has no navigation row or does not say its GPS week, a library that the format needs is not
+        installed, or the file cannot be written
     """
     path = Path(path)
     wanted = (format or path.suffix.lstrip(".")).lower()
     if wanted not in FORMATS:
         known = ", ".join(FORMATS)
-        raise ConfigError(f"'{wanted}' is no format", key="--format", advice=f"write one of {known}")
+        raise ConfigError(f"unknown format '{wanted}'", key="--format", advice=f"write one of {known}")
     if run.nav.empty:
         raise ResultError("the run has no navigation row to write", advice="replay the flight again")
     content = FORMATS[wanted](run)

@@ -91,8 +91,14 @@ def folded(title: str, inside: str) -> str:
     return f"<details><summary>{text(title)}</summary>{inside}</details>"
 
 
-def page(title: str, sections: Sequence[Section], foot: str) -> str:
-    """Return the page, one file that needs no other: style, script, charts and Plotly are inside."""
+def page(title: str, sections: Sequence[Section], foot: str, utc_origin_ms: int | None = None) -> str:
+    """Return the page, one file that needs no other: style, script, charts and Plotly are inside.
+
+    Parameters
+    ----------
+    title, sections, foot : what the page shows
+    utc_origin_ms : Unix time of time 0 of the charts; with it a button switches their time axes to UTC
+    """
     charts = [chart for section in sections for chart in section.charts]
     links = "".join(f'<a href="#{text(s.name)}">{text(s.title)}</a>' for s in sections)
     plotly = f"<script>{_plotly()}</script>" if charts else ""
@@ -101,7 +107,7 @@ def page(title: str, sections: Sequence[Section], foot: str) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
         f"<title>{text(title)}</title><style>{_asset('page.css')}</style></head>\n"
-        f"<body><header><h1>{text(title)}</h1><nav>{links}</nav></header>\n<main>"
+        f"<body><header><h1>{text(title)}</h1><nav>{links}</nav>{_utc_button(utc_origin_ms)}</header>\n<main>"
         + "\n".join(section.html() for section in sections)
         + f"</main>\n<footer>{text(foot)}</footer>\n"
         f'<script type="application/json" id="charts">{as_json(charts)}</script>\n'
@@ -141,6 +147,13 @@ def _row(row: Sequence[object]) -> str:
         for cell in row
     )
     return "<tr>" + "".join(cells) + "</tr>"
+
+
+def _utc_button(origin_ms: int | None) -> str:
+    if origin_ms is None:
+        return ""
+    about = f'id="utc" class="scale" data-origin-ms="{origin_ms}" aria-pressed="false"'
+    return f'<button type="button" {about}>Time axes in UTC</button>'
 
 
 def _asset(name: str) -> str:

@@ -1,4 +1,4 @@
-"""A run as KML and KMZ: the track and the events that have a place, for Google Earth and its like."""
+"""A run as KML and KMZ: the track at its height, over time and on the ground, and the events that have a place."""
 
 from __future__ import annotations
 
@@ -8,43 +8,37 @@ import zipfile
 from typing import Final
 
 import numpy as np
+import pandas as pd
 
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of, sentences
 from insgnss.run import Run
 
 _NAMESPACE: Final = "http://www.opengis.net/kml/2.2"
+_GOOGLE: Final = "http://www.google.com/kml/ext/2.2"  # of gx:Track
+_PLACE: Final = ["lon_deg", "lat_deg", "h_msl_m"]
 _NEVER_ZIPPED_BEFORE: Final = (1980, 1, 1, 0, 0, 0)  # the same run gives the same bytes
 
 
 def as_kml(run: Run) -> bytes:
-    """Return the run as a KML 2.2 document: a line, start, end and the events at their places.
+    """Return the run as a KML 2.2 document: lines in the air and on the ground, a track over time, start, end, events.
 
-    Heights are above the ellipsoid, while viewers take them as above the sea: they are drawn clamped to the ground and
-    stand in the file all the same. Times are UTC.
+    Heights are above mean sea level (EGM96), as viewers take them, and drawn there. A car may then be below the
+    viewer's terrain: the line on the ground shows it all the same. Times are UTC.
     """
-    week = gps_week(run)
-    root = ET.Element("kml", xmlns=_NAMESPACE)
+    week, nav = gps_week(run), run.nav_with(sea_level=True)
+    root = ET.Element("kml", {"xmlns": _NAMESPACE, "xmlns:gx": _GOOGLE})
     document = ET.SubElement(root, "Document")
     ET.SubElement(document, "name").text = name_of(run)
     ET.SubElement(document, "description").text = "\n".join(sentences(run))
     style = ET.SubElement(ET.SubElement(document, "Style", id="track"), "LineStyle")
     ET.SubElement(style, "color").text = "ffb27200"  # alpha, blue, green, red
     ET.SubElement(style, "width").text = "3"
-    track = ET.SubElement(document, "Placemark")
-    ET.SubElement(track, "name").text = "track"
-    nav = run.nav
-    span = ET.SubElement(track, "TimeSpan")
-    first, last = utc_texts(nav["time_s"].to_numpy()[[0, -1]], week)
-    ET.SubElement(span, "begin").text = first
-    ET.SubElement(span, "end").text = last
-    ET.SubElement(track, "styleUrl").text = "#track"
-    line = ET.SubElement(track, "LineString")
-    ET.SubElement(line, "tessellate").text = "1"
-    ET.SubElement(line, "altitudeMode").text = "clampToGround"
-    places = nav[["lon_deg", "lat_deg", "h_m"]].to_numpy().tolist()
-    ET.SubElement(line, "coordinates").text = " ".join(_place(*place) for place in places)
-    _points(document, run, week)
+    dates = utc_texts(nav["time_s"].to_numpy(), week)
+    for name, mode in (("track", "absolute"), ("track on the ground", "clampToGround")):
+        _line(document, name, mode, nav, dates)
+    _track(document, nav, dates)
+    _points(document, run, nav, dates)
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
 
@@ -57,9 +51,40 @@ def as_kmz(run: Run) -> bytes:
     return archive.getvalue()
 
 
-def _points(document: ET.Element, run: Run, week: int) -> None:
+def _placemark(document: ET.Element, name: str) -> ET.Element:
+    mark = ET.SubElement(document, "Placemark")
+    ET.SubElement(mark, "name").text = name
+    return mark
+
+
+def _line(document: ET.Element, name: str, altitude_mode: str, nav: pd.DataFrame, dates: list[str]) -> None:
+    """Add the whole track as a line."""
+    mark = _placemark(document, name)
+    span = ET.SubElement(mark, "TimeSpan")
+    ET.SubElement(span, "begin").text = dates[0]
+    ET.SubElement(span, "end").text = dates[-1]
+    ET.SubElement(mark, "styleUrl").text = "#track"
+    line = ET.SubElement(mark, "LineString")
+    ET.SubElement(line, "tessellate").text = "1"
+    ET.SubElement(line, "altitudeMode").text = altitude_mode
+    places = nav[_PLACE].to_numpy().tolist()
+    ET.SubElement(line, "coordinates").text = " ".join(_place(*place) for place in places)
+
+
+def _track(document: ET.Element, nav: pd.DataFrame, dates: list[str]) -> None:
+    """Add the track with the time of each place, which viewers play; all times first, as the schema wants."""
+    mark = _placemark(document, "track over time")
+    track = ET.SubElement(mark, "gx:Track")
+    ET.SubElement(track, "altitudeMode").text = "absolute"
+    for date in dates:
+        ET.SubElement(track, "when").text = date
+    for place in nav[_PLACE].to_numpy().tolist():
+        ET.SubElement(track, "gx:coord").text = _place(*place).replace(",", " ")
+
+
+def _points(document: ET.Element, run: Run, nav: pd.DataFrame, dates: list[str]) -> None:
     """Add start, end, and the events inside the run at the nearest row."""
-    nav, times = run.nav, run.nav["time_s"].to_numpy()
+    times = nav["time_s"].to_numpy()
     points = [("start", "", 0), ("end", "", len(nav) - 1)]
     for time_s, kind, detail in zip(
         *(run.events[c].tolist() for c in ("time_s", "kind", "detail")), strict=True
@@ -67,15 +92,15 @@ def _points(document: ET.Element, run: Run, week: int) -> None:
         if times[0] <= time_s <= times[-1]:
             points.append((kind, detail, int(np.abs(times - time_s).argmin())))
     for name, detail, row in points:
-        mark = ET.SubElement(document, "Placemark")
-        ET.SubElement(mark, "name").text = name
+        mark = _placemark(document, name)
         if detail:
             ET.SubElement(mark, "description").text = detail
         stamp = ET.SubElement(mark, "TimeStamp")
-        ET.SubElement(stamp, "when").text = utc_texts(times[row : row + 1], week)[0]
-        place = nav[["lon_deg", "lat_deg", "h_m"]].iloc[row]
-        ET.SubElement(ET.SubElement(mark, "Point"), "coordinates").text = _place(*place.tolist())
+        ET.SubElement(stamp, "when").text = dates[row]
+        point = ET.SubElement(mark, "Point")
+        ET.SubElement(point, "altitudeMode").text = "absolute"
+        ET.SubElement(point, "coordinates").text = _place(*nav[_PLACE].iloc[row].tolist())
 
 
-def _place(lon_deg: float, lat_deg: float, h_m: float) -> str:
-    return f"{lon_deg:.9f},{lat_deg:.9f},{h_m:.3f}"
+def _place(lon_deg: float, lat_deg: float, h_msl_m: float) -> str:
+    return f"{lon_deg:.9f},{lat_deg:.9f},{h_msl_m:.3f}"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from insgnss.errors import ResultError
 from insgnss.report.html import Section, key_figures, page, paragraphs, write
+from insgnss.report.run_time import utc_origin_ms
 from insgnss.report.sections import (
     aiding,
     biases,
@@ -70,4 +71,5 @@ def report_html(run: Run) -> str:
     foot = (
         f"insgnss {__version__}; the run was made {made}. Time axes move together; a double click shows all."
     )
-    return page(name_of(run), [summary, *(section for section in found if section is not None)], foot)
+    shown = [summary, *(section for section in found if section is not None)]
+    return page(name_of(run), shown, foot, utc_origin_ms(run))

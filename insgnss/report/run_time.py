@@ -5,10 +5,11 @@ from __future__ import annotations
 import datetime as dt
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ResultError
-from insgnss.gpstime import GPS_EPOCH, leap_seconds, ns_to_datetime, week_seconds_to_ns
+from insgnss.gpstime import ns_to_utc, week_seconds_to_ns
 from insgnss.run import Run
 from insgnss.tables import Float64
 
@@ -30,27 +31,29 @@ def gps_week(run: Run) -> int:
     return week
 
 
+def utc_dates(time_s: Float64, week: int) -> npt.NDArray[np.datetime64]:
+    """Return times of the week as UTC (datetime64[ns])."""
+    return ns_to_utc(week_seconds_to_ns(week, time_s))
+
+
 def utc(time_s: float, week: int) -> dt.datetime:
     """Return the UTC date of a time of the week, to the microsecond."""
-    gps = ns_to_datetime(int(week_seconds_to_ns(week, time_s)))
-    return gps - dt.timedelta(seconds=_behind(gps))
+    date: dt.datetime = utc_dates(np.array([time_s]), week).astype("datetime64[us]")[0].item()
+    return date
 
 
-def utc_texts(time_s: Float64, week: int) -> list[str]:
-    """Return times of the week as UTC in ISO 8601 to the millisecond: '2025-09-24T09:34:44.000Z'."""
-    if len(time_s) == 0:
-        return []
-    first, last = (ns_to_datetime(int(week_seconds_to_ns(week, t))) for t in (time_s.min(), time_s.max()))
-    if _behind(first) != _behind(last):  # a leap second within the run
-        return [utc(t, week).isoformat(timespec="milliseconds") + "Z" for t in time_s.tolist()]
+def utc_origin_ms(run: Run) -> int | None:
+    """Return the Unix time of second 0 of the run's GPS week [ms], by its leap seconds; None if unknown."""
+    week, first = dict(run.settings.get("flight") or {}).get("gps_week"), float(run.nav["time_s"].iloc[0])
+    if not isinstance(week, int):
+        return None
+    unix_ns = int(utc_dates(np.array([first]), week).astype(np.int64)[0])
+    return round(unix_ns / 1e6 - 1e3 * first)
+
+
+def utc_texts(time_s: Float64, week: int, decimals: int = 3) -> list[str]:
+    """Return times of the week as UTC in ISO 8601, by default to the millisecond: '2025-09-24T09:34:44.000Z'."""
     # rounded, not cut: 0.9999999 s of a float is the next whole second
-    ms = np.rint((week_seconds_to_ns(week, time_s) - _behind(first) * NS_PER_S) / 1e6).astype(np.int64)
-    dates = np.datetime64(GPS_EPOCH, "ms") + ms.astype("timedelta64[ms]")
-    return [f"{text}Z" for text in np.datetime_as_string(dates, unit="ms").tolist()]
-
-
-def _behind(gps: dt.datetime) -> int:
-    """Return GPS minus UTC [s] at a date given in GPS time."""
-    # in the seconds after a change the GPS date is already past it, UTC is not
-    seconds = leap_seconds(gps)
-    return leap_seconds(max(gps - dt.timedelta(seconds=seconds), GPS_EPOCH))
+    half = np.timedelta64(NS_PER_S // 10**decimals // 2, "ns")
+    dates = np.datetime_as_string(utc_dates(time_s, week) + half, unit="ns").tolist()
+    return [f"{text[: decimals - 9]}Z" for text in dates]

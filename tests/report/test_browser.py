@@ -50,6 +50,19 @@ addEventListener("load", () => setTimeout(async () => {
   const whole = () => timed.filter((p) => p.layout.xaxis.range[0] === told.span[0]).length;
   for (let tries = 0; tries < 20 && whole() < timed.length; tries += 1) await pause();
   told.again = edges().size;
+  const height = document.getElementById("chart-height"), labels = () => [...height.querySelectorAll(".xtick text")]
+    .map((label) => label.textContent).filter((text) => text);
+  document.getElementById("utc").click();
+  await pause();
+  told.utc = [height.layout.xaxis.type, height.layout.xaxis.range[0], height.data[1].x[0], labels()[0]];
+  await Plotly.relayout("chart-height", {"xaxis.range": ["2025-09-24 09:35:00", "2025-09-24 09:36"]});
+  const dated = () => timed.filter((p) => p.layout.xaxis.range[0].startsWith("2025-09-24 09:35:00")).length;
+  for (let tries = 0; tries < 20 && dated() < timed.length; tries += 1) await pause();
+  told.dated = dated();
+  document.getElementById("utc").click();
+  await pause();
+  told.seconds = [...new Set(timed.map((p) => p.layout.xaxis.range.join()))];
+  told.labels = labels();
   const table = document.getElementById("events-table"), rows = () => [...table.tBodies[0].rows];
   const input = document.querySelector('input[data-table="events-table"]');
   input.value = "SAMPLE"; input.dispatchEvent(new Event("input"));
@@ -128,6 +141,24 @@ def test_page_draws_links_filters_and_sorts_without_a_complaint(page: str, tmp_p
     assert not told["broken"]
     # the street map's tiles: nothing is fetched until the reader asks
     assert (told["folded"], told["fetched"]) == (["chart-tiles"], 0)
+
+
+def test_page_shows_utc_on_every_time_axis_when_asked(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TZ", "America/New_York")  # of the reader: the axes are UTC all the same
+
+    told, console = opened(page, tmp_path)
+
+    kind, begin, first, tick = told["utc"]
+    assert console == []
+    assert kind == "date"
+    assert begin.startswith("2025-09-24 09:34:40")
+    assert first == "2025-09-24 09:34:42.000"
+    assert tick.startswith("09:3")
+    assert told["dated"] == told["followers"]
+    assert told["seconds"] == [f"{START_S + 18.0:g},{START_S + 78.0:g}"]
+    assert told["labels"][0].isdigit()
 
 
 def test_page_is_dark_where_the_reader_asked_for_it(page: str, tmp_path: Path) -> None:

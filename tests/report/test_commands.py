@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from insgnss.cli.main import EXAMPLES, app
+from insgnss.report.export import FORMATS
 from insgnss.run import Run
 from tests.report.runs import made_run
 
@@ -149,6 +151,12 @@ def test_export_of_an_unknown_format_ends_with_the_code_of_a_setting(tmp_path: P
     made_run().save(tmp_path)
 
     assert called(f"export {tmp_path} -o {tmp_path / 'run.shp'}").exit_code == 2
+
+
+def test_help_of_export_names_every_format() -> None:
+    shown = called("export --help").output
+
+    assert {name for name in FORMATS if re.search(rf"\b{name}\b", shown)} == set(FORMATS)
 
 
 def test_commands_and_digest_load_neither_plotly_nor_matplotlib() -> None:

@@ -7,7 +7,21 @@
   const numbers = (x) => (Array.isArray(x) ? x
     : new Float64Array(Uint8Array.from(atob(x.bdata), (letter) => letter.charCodeAt(0)).buffer));
   const whole = wholeSpan(); // of every time axis as the page opens
-  let span = whole; // of the time axes now
+  let span = whole; // of the time axes now, in seconds whatever they show
+
+  // UTC of time 0, where the page knows it: the axes then show dates instead of seconds
+  const button = document.getElementById("utc");
+  const originMs = button ? Number(button.dataset.originMs) : 0;
+  let utc = false;
+  const onAxis = (t) => {
+    if (!utc) return t;
+    return Number.isFinite(t) ? new Date(originMs + 1000 * t).toISOString().slice(0, -1).replace("T", " ") : null;
+  };
+  const seconds = (value) => {
+    if (typeof value === "number") return value;
+    const [day, time] = value.split(" ");
+    return (Date.parse(day + "T" + (time || "00:00") + "Z") - originMs) / 1000;
+  };
 
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const axisNames = (layout) => Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key));
@@ -75,10 +89,8 @@
   function draw(place) {
     if (drawn.has(place.id)) return;
     drawn.add(place.id);
-    const chart = places.get(place.id);
-    const layout = complete(chart.layout);
-    if (chart.linked) alignTime(layout);
-    Plotly.newPlot(place, chart.data, layout, {
+    const chart = places.get(place.id), layout = layoutOf(chart);
+    Plotly.newPlot(place, dataOf(chart), layout, {
       responsive: true, displaylogo: false, scrollZoom: Boolean(layout.map),
       displayModeBar: matchMedia("(hover: none)").matches ? false : "hover",
       modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
@@ -86,9 +98,25 @@
     if (chart.linked) place.on("plotly_relayout", (change) => follow(place, change));
   }
 
+  function layoutOf(chart) {
+    const layout = complete(chart.layout);
+    if (chart.linked) alignTime(layout);
+    return layout;
+  }
+
+  function dataOf(chart) {
+    if (!utc || !chart.linked) return chart.data;
+    return chart.data.map((trace) => {
+      const dated = Object.assign({}, trace, { x: Array.from(numbers(trace.x), onAxis) });
+      if (trace.hovertemplate) dated.hovertemplate = trace.hovertemplate.replace("%{x:.2f} s", "%{x|%H:%M:%S.%2f}");
+      return dated;
+    });
+  }
+
   // the same left edge below each other, so that a moment stands in one vertical line on the whole page
   function alignTime(layout) {
-    layout.xaxis.range = span.slice();
+    layout.xaxis.range = span.map(onAxis);
+    if (utc) Object.assign(layout.xaxis, { type: "date", title: { text: "time, UTC" }, tickformat: "", hoverformat: "%H:%M:%S.%2f" });
     layout.margin.l = window.innerWidth < 600 ? 62 : 78;
     for (const key of axisNames(layout)) if (key[0] === "y") layout[key].automargin = false;
   }
@@ -97,12 +125,20 @@
     const all = change["xaxis.autorange"];
     if (!(all || "xaxis.range[0]" in change || "xaxis.range" in change)) return;
     const range = source.layout.xaxis.range;
-    if (!all && range[0] === span[0] && range[1] === span[1]) return; // it was moved from here
-    span = all ? whole : range.slice();
+    if (!all && range[0] === onAxis(span[0]) && range[1] === onAxis(span[1])) return; // it was moved from here
+    span = all ? whole : range.map(seconds);
     const others = linked.map((chart) => document.getElementById(chart.name))
       .filter((place) => (all || place !== source) && drawn.has(place.id));
-    for (const place of others) Plotly.relayout(place, { "xaxis.range": span.slice() });
+    for (const place of others) Plotly.relayout(place, { "xaxis.range": span.map(onAxis) });
   }
+
+  if (button) button.addEventListener("click", () => {
+    utc = !utc;
+    button.setAttribute("aria-pressed", String(utc));
+    for (const chart of linked.filter((one) => drawn.has(one.name))) {
+      Plotly.react(document.getElementById(chart.name), dataOf(chart), layoutOf(chart));
+    }
+  });
 
   const all = [...document.querySelectorAll(".chart")];
   const watcher = new IntersectionObserver((entries) => {
