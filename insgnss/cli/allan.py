@@ -89,7 +89,7 @@ def _read(log: Path, gyro_unit: str, accel_unit: str) -> ImuTable:
 
     if log.suffix == ".toml":
         flight = Flight.load(log)
-        return read_imu(flight.config.imu, flight.config.gps_week, flight.imu_grade)[0]
+        return read_imu(flight.config.inertial, flight.config.gps_week, flight.imu_grade)[0]
     values: Literal["rates", "increments"] = "increments" if gyro_unit in ("rad", "deg") else "rates"
     units = {"gyro_unit": gyro_unit, "accel_unit": accel_unit, "values": values}
     try:

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from insgnss.config.strict import StrictModel
+from insgnss.errors import ConfigError
 
 Vector3 = tuple[float, float, float]
 # No sensor, clock or time is larger in the units used here; squares of these are numbers still
@@ -386,8 +387,24 @@ class FlightConfig(StrictModel):
 
     name: str = ""
     gps_week: Annotated[int, Field(ge=0, le=9999)]
-    imu: Imu
+    imu: Imu | None = Field(None, description="the point solution needs none")
     gnss: Gnss
     attitude: Attitude | None = None
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None
+
+    @property
+    def inertial(self) -> Imu:
+        """The inertial log's entry.
+
+        Raises
+        ------
+        ConfigError : the flight file has none
+        """
+        if self.imu is None:
+            raise ConfigError(
+                "the flight has no inertial log",
+                key="imu",
+                advice="describe it under [imu]; without one, 'insgnss point' solves each GNSS epoch",
+            )
+        return self.imu

@@ -36,7 +36,7 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> Declared:
     ------
     InsGnssError : the log cannot be read, or its mounting matrix is no rotation
     """
-    config = flight.config.imu
+    config = flight.config.inertial
     turned = config.mounting_matrix is not None
     accel = np.eye(3) if turned else signed_permutation(config.axes)
     gyro = accel if config.gyro_axes is None else signed_permutation(config.gyro_axes)

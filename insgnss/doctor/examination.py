@@ -73,6 +73,8 @@ def _against_each_other(
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
     track = solve_track(flight, gnss, logs.navigation)
     more += [] if track is None else clock_findings(track)
+    if flight.config.imu is None:
+        return more, False
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     declared = declared_log(flight, None if changed else logs.imu)
     units = _accelerometer_findings(flight, declared, findings)
@@ -103,7 +105,7 @@ def _accelerometer_findings(flight: Flight, declared: Declared, told: list[Findi
     """Return the accelerometers' unit where the reader could not take the log and did not name one."""
     if any(p.key == "imu.accel_unit" for finding in told for p in finding.proposals):
         return []
-    config = flight.config.imu
+    config = flight.config.inertial
     units = fitting_accel_units(declared.imu, config)
     if not units or units[0] == config.accel_unit:
         return []

@@ -85,7 +85,7 @@ def time_proposals(
     config: FlightConfig, weeks: int, hours: int, leap_s: int, rest_s: float
 ) -> tuple[Proposal, ...]:
     """Return the keys that add so much to the inertial tags; ``leap_s`` is the leap seconds' part, with its sign."""
-    time = config.imu.time
+    time = config.inertial.time
     added = weeks * WEEK_S + hours * HOUR_S + rest_s
     proposals = []
     if leap_s:
@@ -114,7 +114,7 @@ def scale_for(time: TimeScale, leap_s: int) -> str | None:
 
 def _week_is_of_the_imu_alone(config: FlightConfig) -> bool:
     own_week = config.gnss.format != "csv" or config.gnss.time.origin != "gps_week"
-    return config.imu.time.origin == "gps_week" and own_week
+    return config.inertial.time.origin == "gps_week" and own_week
 
 
 def overlapping_shifts(imu_ns: tuple[int, int], gnss_ns: tuple[int, int]) -> list[int]:

@@ -75,7 +75,12 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     """Return the report of ``check_flight`` and the logs themselves."""
     config = flight.config
     findings: list[Finding] = []
-    imu = _attempt(findings, "imu", lambda: read_imu(config.imu, config.gps_week, flight.imu_grade))
+    imu: ImuTable | None = None
+    if config.imu is None:
+        findings.append(Finding("warning", "imu", "no inertial log", "describe it under [imu] for a replay"))
+    else:
+        inertial = config.imu
+        imu = _attempt(findings, "imu", lambda: read_imu(inertial, config.gps_week, flight.imu_grade))
     if imu is not None:
         findings += imu_findings(imu, config.gps_week)
     receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))

@@ -34,7 +34,7 @@ def check_overlap(imu_ns: Int64, gnss_ns: Int64, config: FlightConfig) -> None:
     week = config.gps_week
     raise TimeError(
         f"the logs do not overlap: IMU {_span(imu_ns, week)}, GNSS {_span(gnss_ns, week)}",
-        file=config.imu.files[0],
+        file=config.inertial.files[0],
         advice=_advice(imu_ns, gnss_ns, week),
     )
 
