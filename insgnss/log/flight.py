@@ -22,7 +22,7 @@ from insgnss.log.overlap import check_overlap, outside_events
 from insgnss.log.reference import read_reference
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, PreciseProducts, ReferenceTable
 
-
+# of a flight without an inertial log: nothing is computed with it
 _UNUSED_GRADE: Final = "mems_consumer"
 
 
@@ -66,7 +66,6 @@ class Flight:
         """
         path = Path(path)
         config = _with_absolute_paths(load_toml(path, FlightConfig), path.absolute().parent)
-        # without an inertial log nothing is computed with the grade
         grade = _UNUSED_GRADE if config.imu is None else config.imu.grade
         clock = config.gnss.oscillator
         folder = (path.absolute().parent,)

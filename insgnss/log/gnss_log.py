@@ -11,7 +11,7 @@ import numpy as np
 
 from insgnss.config.flight import Base, Gnss, TimeScale
 from insgnss.constants import NS_PER_S
-from insgnss.errors import NavigationDataError
+from insgnss.errors import InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android import read_android
@@ -98,6 +98,13 @@ def _read_format(config: Gnss, week: int) -> ReceiverLog:
     if config.time != TimeScale(offset_s=config.time.offset_s):
         detail = f"{config.format} states its own time scale: of gnss.time only offset_s is used"
         events.append(Event(None, "time_settings_not_used", detail))
+    if not len(log.gnss.t_ns):
+        raise InputError(
+            "no raw measurement in the log, only inertial samples",
+            file=config.files[0],
+            key="gnss.files",
+            advice="name the file with the measurements, or convert both files in one call",
+        )
     shift_ns = round(config.time.offset_s * NS_PER_S)
     return replace(log, gnss=replace(log.gnss, t_ns=log.gnss.t_ns + shift_ns), events=events)
 
