@@ -87,7 +87,8 @@ def measurements(raw: Cells) -> tuple[GnssTable, ReceiverClock, list[Event]]:
 
 
 def _told(kind: str, *groups: tuple[str, Bool]) -> list[Event]:
-    return [Event(None, kind, f"{int(rows.sum())} {what}") for what, rows in groups if rows.any()]
+    parts = [f"{int(rows.sum())} {what}" for what, rows in groups if rows.any()]
+    return [Event(None, kind, "; ".join(parts))] if parts else []
 
 
 def _measured(raw: Cells) -> Bool:

@@ -15,6 +15,7 @@ from insgnss.errors import InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android import read_android
+from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.navigation_span import check_navigation_time
@@ -57,6 +58,12 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
         from_files, found = read_navigation(config.navigation)
         events += found
         navigation = from_files if navigation is None else merged(from_files, navigation)
+    gnss, found = with_slots(gnss, navigation)
+    events += found
+    if gnss.sat is not None and config.format == "android" and (navigation is not None or config.precise):
+        detail = "the phone's satellite states are not used: messages or products stand in"
+        events.append(Event(None, "satellite_states_not_used", detail))
+        gnss = replace(gnss, sat=None)
     products = antennas = base = None
     if config.precise:
         products, found = read_precise(config.precise)
