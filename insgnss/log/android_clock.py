@@ -119,7 +119,9 @@ def corrected_by_satellites(
     for number in np.unique(clock.stretch[told]).tolist():
         inside = clock.stretch == number
         median = float(np.median(travel_ns[inside & told]))
-        if _SHORTEST_NS < median < _LONGEST_NS or abs(median) > _LARGEST_ERROR_NS:
+        mended = travel_ns[inside & told] - median + _USUAL_NS
+        agree = float(np.mean((mended > _SHORTEST_NS) & (mended < _LONGEST_NS)))
+        if _SHORTEST_NS < median < _LONGEST_NS or abs(median) > _LARGEST_ERROR_NS or agree < 0.5:
             continue
         shift[inside & clock.known] = round(_USUAL_NS - median)
         first = int(np.flatnonzero(inside & clock.known)[0])
