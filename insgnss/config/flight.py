@@ -12,7 +12,6 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from insgnss.config.strict import StrictModel
-from insgnss.errors import ConfigError
 
 Vector3 = tuple[float, float, float]
 # No sensor, clock or time is larger in the units used here; squares of these are numbers still
@@ -395,19 +394,3 @@ class FlightConfig(StrictModel):
     attitude: Attitude | None = None
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None
-
-    @property
-    def inertial(self) -> Imu:
-        """The inertial log's entry.
-
-        Raises
-        ------
-        ConfigError : the flight file has none
-        """
-        if self.imu is None:
-            raise ConfigError(
-                "the flight has no inertial log",
-                key="imu",
-                advice="describe it under [imu]; without one, 'insgnss point' solves each GNSS epoch",
-            )
-        return self.imu

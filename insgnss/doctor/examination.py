@@ -24,6 +24,7 @@ from insgnss.errors import InsGnssError
 from insgnss.log.doctor import ReadLogs, read_and_check
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
+from insgnss.log.imu_csv import inertial
 from insgnss.log.imu_frozen import DEAD
 from insgnss.log.imu_units import fitting_accel_units, keys_of_accel_unit
 from insgnss.log.report import CheckReport, Finding, Proposal
@@ -105,7 +106,7 @@ def _accelerometer_findings(flight: Flight, declared: Declared, told: list[Findi
     """Return the accelerometers' unit where the reader could not take the log and did not name one."""
     if any(p.key == "imu.accel_unit" for finding in told for p in finding.proposals):
         return []
-    config = flight.config.inertial
+    config = inertial(flight.config)
     units = fitting_accel_units(declared.imu, config)
     if not units or units[0] == config.accel_unit:
         return []

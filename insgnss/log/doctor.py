@@ -82,8 +82,8 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     if config.imu is None:
         findings.append(Finding("warning", "imu", "no inertial log", "describe it under [imu] for a replay"))
     else:
-        inertial = config.imu
-        imu = _attempt(findings, "imu", lambda: read_imu(inertial, config.gps_week, flight.imu_grade))
+        declared = config.imu
+        imu = _attempt(findings, "imu", lambda: read_imu(declared, config.gps_week, flight.imu_grade))
     if imu is not None:
         findings += imu_findings(imu, config.gps_week)
     receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))

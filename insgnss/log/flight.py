@@ -17,7 +17,7 @@ from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
 from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
-from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu_csv import inertial, read_imu
 from insgnss.log.overlap import check_overlap, outside_events
 from insgnss.log.reference import read_reference
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, PreciseProducts, ReferenceTable
@@ -90,11 +90,11 @@ class Flight:
         InputError and its kin : a log is missing, unreadable, or contradicts the flight file
         TimeError : inertial and GNSS log do not overlap in time
         """
-        inertial = self.config.inertial
+        declared = inertial(self.config)
         with ThreadPoolExecutor(2) as beside:  # parsing and hashing leave Python's lock free
             gnss = beside.submit(read_gnss_logs, self.config.gnss, self.config.gps_week, self.path)
             hashes = beside.submit(self._hashes)
-            imu, events = read_imu(inertial, self.config.gps_week, self.imu_grade)
+            imu, events = read_imu(declared, self.config.gps_week, self.imu_grade)
             logs = self._checked_logs(imu, gnss.result(), events + gnss.result().events)
             logs = replace(logs, input_hashes=hashes.result())
         pa.default_memory_pool().release_unused()  # what the parsing threads have left there

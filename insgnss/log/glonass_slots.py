@@ -37,6 +37,7 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
         return gnss, []
     states = None if navigation is None else navigation.state_vectors
     names = np.array(gnss.sv_names, dtype=object)[gnss.sv]
+    by_name = {gnss.sv_names[k]: channel for k, channel in unknown.items()}
     found: dict[str, int] = {}
     if navigation is not None and states is not None:
         for begin, end in _pieces(gnss.t_ns):
@@ -66,7 +67,7 @@ def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[Gnss
         gnss,
         sv=sv.astype(np.int16),
         sv_names=tuple(sv_names.tolist()),
-        glonass_channels=gnss.glonass_channels | found,
+        glonass_channels=gnss.glonass_channels | by_name | found,
     ), events
 
 

@@ -14,7 +14,7 @@ from insgnss.errors import ConfigError, InputError
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu_csv import inertial, read_imu
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex import read_navigation
 from insgnss.tables import GnssTable
@@ -105,7 +105,7 @@ def test_septentrio_log_becomes_a_whole_flight(tmp_path: Path) -> None:
     ]
     flight, table = read_again(tmp_path / "out")
     same(done.log.gnss, table)
-    logs, _ = read_imu(flight.config.inertial, flight.config.gps_week, flight.imu_grade)
+    logs, _ = read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)
     assert done.log.imu is not None and logs.t_ns[-1] == done.log.imu.t_ns[-1]
     assert read_navigation(flight.config.gnss.navigation)[0].ephemerides.sv_names == ("C20", "E36", "G05")
 
@@ -164,7 +164,7 @@ def test_septentrio_log_of_samples_and_solution_alone_is_converted(tmp_path: Pat
     assert done.log.solution.sigma is not None
     assert np.array_equal(reference.rpy_deg, done.log.solution.rpy_deg)
     assert np.array_equal(reference.sigma, done.log.solution.sigma)
-    assert len(read_imu(flight.config.inertial, flight.config.gps_week, flight.imu_grade)[0].t_ns) == 200
+    assert len(read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)[0].t_ns) == 200
     with pytest.raises(InputError, match=r"gnss_obs\.csv"):
         flight.read()
 
@@ -202,7 +202,7 @@ def test_real_file_of_inertial_data_alone_is_converted(
 ) -> None:
     done = convert([data_root / name], tmp_path / "out")
     flight = Flight.load(tmp_path / "out" / "flight.toml")
-    imu, _ = read_imu(flight.config.inertial, flight.config.gps_week, flight.imu_grade)
+    imu, _ = read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)
     assert len(imu.t_ns) == samples and done.messages == 0
     assert (0 if done.log.solution is None else len(done.log.solution.t_ns)) == solution
 
