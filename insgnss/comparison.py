@@ -45,6 +45,10 @@ def errors_against(
     for i, name in enumerate(names):
         table[f"d_{name}"] = np.column_stack([position, velocity, attitude])[:, i]
         table[f"sd_{name}"] = nav[f"sd_{name}"].to_numpy()
+    if reference.sigma is not None:
+        sigma = interpolated(reference.t_ns, t_ns, reference.sigma)
+        for i, name in enumerate(names):
+            table[f"sd_reference_{name}"] = sigma[:, i]
     for name in nav.columns.intersection([f"sd_slow_{name}" for name in names]):
         table[name] = nav[name].to_numpy()
     return table

@@ -235,7 +235,7 @@ def read_logs(flight: Flight) -> FlightLogs:
         reference, found = read_reference(config.reference, config.gps_week)
         events += found
     imu = ImuTable(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
-    hashes = {str(path): sha256(path) for path in flight.files() if path not in config.imu.files}
+    hashes = {str(path): sha256(path) for path in flight.files() if path not in flight.inertial_files()}
     return FlightLogs(
         imu, logs.gnss, logs.navigation, reference, events, hashes, logs.products, logs.antennas, logs.base
     )

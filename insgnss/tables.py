@@ -183,3 +183,6 @@ class ReferenceTable:
     v_n: Float64  # (n, 3) [m/s]
     rpy_deg: Float64  # (n, 3) roll, pitch, yaw
     quality: Float64
+    sigma: Float64 | None = (
+        None  # (n, 9) of position north, east, down [m], velocity [m/s], roll, pitch, yaw [deg], where stated
+    )

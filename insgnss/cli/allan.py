@@ -85,11 +85,11 @@ def _read(log: Path, gyro_unit: str, accel_unit: str) -> ImuTable:
     """Return the inertial samples of a flight file's log, or of a CSV file with the usual names of columns."""
     from insgnss.config.flight import Imu
     from insgnss.log.flight import Flight
-    from insgnss.log.imu_csv import read_imu
+    from insgnss.log.imu_csv import inertial, read_imu
 
     if log.suffix == ".toml":
         flight = Flight.load(log)
-        return read_imu(flight.config.imu, flight.config.gps_week, flight.imu_grade)[0]
+        return read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)[0]
     values: Literal["rates", "increments"] = "increments" if gyro_unit in ("rad", "deg") else "rates"
     units = {"gyro_unit": gyro_unit, "accel_unit": accel_unit, "values": values}
     try:

@@ -24,7 +24,11 @@ def convert(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
     as_json: AsJson = False,
 ) -> None:
-    """Read receivers' files of any format and write CSV, a RINEX navigation file and a first flight file."""
+    """Read a receiver's files of any format and write CSV, a RINEX navigation file and a first flight file.
+
+    Measurements and inertial samples that lie in two files belong into one call. The receiver's own solution becomes
+    reference.csv.
+    """
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs
     from insgnss.log.convert import convert as convert_files
@@ -45,14 +49,18 @@ def convert(
 
 def _digest(done: Conversion) -> dict[str, Any]:
     """Return the summary as plain data."""
+    import numpy as np
+
     gnss, imu = done.log.gnss, done.log.imu
     return {
         "formats": {str(path): kind for path, kind in done.formats},
         "measurements": len(gnss.t_ns),
         "satellites": len(set(gnss.sv.tolist())),
         "signals": list(gnss.signal_names),
+        "with_pseudorange": int(np.isfinite(gnss.pseudorange_m).sum()),
         "messages": done.messages,
         "imu_samples": 0 if imu is None else len(imu.t_ns),
+        "solution_rows": 0 if done.log.solution is None else len(done.log.solution.t_ns),
         "events": [{"kind": event.kind, "detail": event.detail} for event in done.events],
         "wrote": [str(path) for path in done.written],
         "kept": [str(path) for path in done.kept],
@@ -67,16 +75,22 @@ def _summary(done: Conversion) -> list[str]:
 
     gnss = done.log.gnss
     lines = [f"{path}: {NAMES[kind]}" for path, kind in done.formats]
-    span_s = (int(gnss.t_ns[-1]) - int(gnss.t_ns[0])) / 1e9
-    epochs = len(np.unique(gnss.t_ns))
-    lines.append(
-        f"{len(gnss.t_ns)} measurements of {len(np.unique(gnss.sv))} satellites, signals"
-        f" {', '.join(gnss.signal_names)}; {epochs} epochs over {span_s:.1f} s"
-    )
+    if len(gnss.t_ns):
+        span_s = (int(gnss.t_ns[-1]) - int(gnss.t_ns[0])) / 1e9
+        without = int(np.isnan(gnss.pseudorange_m).sum())
+        lines.append(
+            f"{len(gnss.t_ns)} measurements of {len(np.unique(gnss.sv))} satellites, signals"
+            f" {', '.join(gnss.signal_names)}; {len(np.unique(gnss.t_ns))} epochs over {span_s:.1f} s"
+            + (f"; {without} of them without a pseudorange" if without else "")
+        )
+    else:
+        lines.append("no raw measurements: convert the file that holds them in one call with this one")
     if done.messages:
         lines.append(f"{done.messages} broadcast messages")
     if done.log.imu is not None:
         lines.append(f"{len(done.log.imu.t_ns)} inertial samples, in the sensor's axes")
+    if done.log.solution is not None:
+        lines.append(f"{len(done.log.solution.t_ns)} rows of the receiver's own solution")
     lines += [finding.line() for finding in from_events("input", done.events, frozenset())]
     lines += [f"wrote {path}" for path in done.written]
     lines += [f"kept {path}, which was there before" for path in done.kept]

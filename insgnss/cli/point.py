@@ -65,7 +65,7 @@ def point(
             if output is not None:
                 tell("saving the tables")
                 run.save(output, form)
-    n_read = len(loaded.files()) - len(loaded.config.imu.files)
+    n_read = len(loaded.files()) - len(loaded.inertial_files())
     if as_json:
         print_json({**_digest(loaded.name, run), "files_read": n_read, "wrote": output})
         return

@@ -85,6 +85,9 @@ sd_n_m sd_e_m sd_d_m: the estimate's one sigma of position
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what slow errors add to it, as in the navigation table
 sd_vn_mps sd_ve_mps sd_vd_mps: the estimate's one sigma of velocity
 sd_roll_deg sd_pitch_deg sd_yaw_deg: the estimate's one sigma of attitude
+sd_reference_n_m sd_reference_e_m sd_reference_d_m: the reference's own one sigma, where it states any
+sd_reference_vn_mps sd_reference_ve_mps sd_reference_vd_mps: its sigma of velocity
+sd_reference_roll_deg sd_reference_pitch_deg sd_reference_yaw_deg: its sigma of attitude
 """,
     "Only where the flight file names a reference; what the reference has not is empty. A point solution has no"
     " attitude and no sd_slow_*.",

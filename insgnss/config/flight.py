@@ -308,13 +308,16 @@ class GivenStart(StrictModel):
 
 
 class ReferenceColumns(Columns):
-    """Names of the columns of a reference trajectory; velocity, attitude and quality are optional."""
+    """Names of the columns of a reference trajectory; all but time and position are optional."""
 
     time: str = "time_s"
     position: tuple[str, str, str] = ("lat_deg", "lon_deg", "h_m")
     velocity: tuple[str, str, str] = ("vn", "ve", "vd")
     attitude: tuple[str, str, str] = ("roll_deg", "pitch_deg", "yaw_deg")
     quality: str = "quality"
+    sigma_position: tuple[str, str, str] = ("sd_n_m", "sd_e_m", "sd_d_m")
+    sigma_velocity: tuple[str, str, str] = ("sd_vn_mps", "sd_ve_mps", "sd_vd_mps")
+    sigma_attitude: tuple[str, str, str] = ("sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg")
 
 
 class Reference(StrictModel):
@@ -386,7 +389,7 @@ class FlightConfig(StrictModel):
 
     name: str = ""
     gps_week: Annotated[int, Field(ge=0, le=9999)]
-    imu: Imu
+    imu: Imu | None = Field(None, description="the point solution needs none")
     gnss: Gnss
     attitude: Attitude | None = None
     start: GivenStart | Literal["automatic"] = "automatic"

@@ -9,7 +9,7 @@ import numpy as np
 from insgnss.config.flight import Imu
 from insgnss.log.flight import Flight
 from insgnss.log.imu_axes import mounting_matrix, signed_permutation
-from insgnss.log.imu_csv import read_imu_as_logged
+from insgnss.log.imu_csv import inertial, read_imu_as_logged
 from insgnss.tables import Float64, ImuTable
 from insgnss.units import SI_PER_UNIT
 
@@ -36,7 +36,7 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> Declared:
     ------
     InsGnssError : the log cannot be read, or its mounting matrix is no rotation
     """
-    config = flight.config.imu
+    config = inertial(flight.config)
     turned = config.mounting_matrix is not None
     accel = np.eye(3) if turned else signed_permutation(config.axes)
     gyro = accel if config.gyro_axes is None else signed_permutation(config.gyro_axes)

@@ -24,6 +24,7 @@ from insgnss.errors import InsGnssError
 from insgnss.log.doctor import ReadLogs, read_and_check
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
+from insgnss.log.imu_csv import inertial
 from insgnss.log.imu_frozen import DEAD
 from insgnss.log.imu_units import fitting_accel_units, keys_of_accel_unit
 from insgnss.log.report import CheckReport, Finding, Proposal
@@ -73,6 +74,8 @@ def _against_each_other(
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
     track = solve_track(flight, gnss, logs.navigation)
     more += [] if track is None else clock_findings(track)
+    if flight.config.imu is None:
+        return more, False
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     declared = declared_log(flight, None if changed else logs.imu)
     units = _accelerometer_findings(flight, declared, findings)
@@ -103,7 +106,7 @@ def _accelerometer_findings(flight: Flight, declared: Declared, told: list[Findi
     """Return the accelerometers' unit where the reader could not take the log and did not name one."""
     if any(p.key == "imu.accel_unit" for finding in told for p in finding.proposals):
         return []
-    config = flight.config.imu
+    config = inertial(flight.config)
     units = fitting_accel_units(declared.imu, config)
     if not units or units[0] == config.accel_unit:
         return []

@@ -9,6 +9,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.doctor.axis_search import EQUAL
 from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.flight import Flight
+from insgnss.log.imu_csv import inertial
 from insgnss.log.report import Finding, Proposal
 
 WEEK_S: Final = 604_800
@@ -85,7 +86,7 @@ def time_proposals(
     config: FlightConfig, weeks: int, hours: int, leap_s: int, rest_s: float
 ) -> tuple[Proposal, ...]:
     """Return the keys that add so much to the inertial tags; ``leap_s`` is the leap seconds' part, with its sign."""
-    time = config.imu.time
+    time = inertial(config).time
     added = weeks * WEEK_S + hours * HOUR_S + rest_s
     proposals = []
     if leap_s:
@@ -114,7 +115,7 @@ def scale_for(time: TimeScale, leap_s: int) -> str | None:
 
 def _week_is_of_the_imu_alone(config: FlightConfig) -> bool:
     own_week = config.gnss.format != "csv" or config.gnss.time.origin != "gps_week"
-    return config.imu.time.origin == "gps_week" and own_week
+    return inertial(config).time.origin == "gps_week" and own_week
 
 
 def overlapping_shifts(imu_ns: tuple[int, int], gnss_ns: tuple[int, int]) -> list[int]:

@@ -2,7 +2,7 @@
 
 A file holds lines of several kinds in the order in which they came: "Raw,..." (measurements), "UncalAccel,...",
 "UncalGyro,...", "Fix,..." and others. A comment line "# Raw,utcTimeMillis,TimeNanos,..." names the columns of a kind;
-they differ between versions of the application.
+they differ between versions of the application. Tables made of such files begin with "MessageType,..." instead.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from pyarrow import csv
 from insgnss.tables import Float64, Int64
 
 _HEADER: Final = re.compile(r"#\s*(\w+)\s*,(.*)")
+_TABLE_HEADER: Final = "MessageType,"
 _KIND: Final = re.compile(r"[A-Za-z]\w*")
 _INTEGER: Final = r"^-?\d{1,18}$|^-?[1-8]\d{18}$"
 _DECIMAL: Final = r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?$"
@@ -39,28 +40,48 @@ class Lines:
 def lines_by_kind(text: str) -> dict[str, Lines]:
     """Return the data lines of each kind that a header line describes, and those of other kinds without columns."""
     kinds: dict[str, Lines] = {}
+    of_all: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):
         if line.startswith("#"):
             match = _HEADER.match(line)
             if match is not None and "," in match[2]:
-                columns = tuple(name.strip() for name in match[2].split(","))
-                kinds.setdefault(match[1], Lines()).columns = columns
+                kinds.setdefault(match[1], Lines()).columns = _names(match[2])
             continue
-        kind, comma, _ = line.partition(",")
-        if comma and _KIND.fullmatch(kind):
-            of_kind = kinds.setdefault(kind, Lines(first_line=number))
-            of_kind.first_line = of_kind.first_line or number
-            of_kind.texts.append(line)
+        kind, comma, rest = line.partition(",")
+        if number == 1 and line.startswith(_TABLE_HEADER):
+            of_all = _names(rest)
+            continue
+        of_kind = kinds.get(kind)
+        if of_kind is None:
+            if not comma or not _KIND.fullmatch(kind):
+                continue
+            of_kind = kinds[kind] = Lines()
+        if not of_kind.texts:
+            of_kind.first_line = number
+        of_kind.texts.append(line)
+    for of_kind in kinds.values():
+        of_kind.columns = of_kind.columns or of_all
     return kinds
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(","))
 
 
 @dataclass(frozen=True)
 class Cells:
-    """The cells of one kind of line as text, and how many lines did not have as many cells as the header."""
+    """The cells of one kind of line as text, and how many lines did not have as many cells as the others."""
 
-    columns: dict[str, Any]  # name -> pyarrow array of strings
+    columns: dict[str, Any]  # name in lower case -> pyarrow array of strings
     n: int
     refused: int
+    _parsed: dict[tuple[str, str], tuple[Any, Any]] = field(
+        default_factory=dict
+    )  # columns used several times
+
+    def has(self, name: str) -> bool:
+        """Return whether the file has a column of this name, in capitals or not."""
+        return name.lower() in self.columns
 
     def integers(self, name: str) -> tuple[Int64, npt.NDArray[np.bool_]]:
         """Return a column as integers, exact to the last digit, and where there is one; zero elsewhere."""
@@ -73,37 +94,60 @@ class Cells:
 
     def texts(self, name: str) -> list[str]:
         """Return a column as text, empty where the file has no such column."""
-        column = self.columns.get(name)
+        column = self.columns.get(name.lower())
         return [""] * self.n if column is None else ["" if x is None else str(x) for x in column.to_pylist()]
 
     def _numbers(self, name: str, pattern: str, kind: Any, missing: float) -> tuple[Any, Any]:
-        column = self.columns.get(name)
+        column = self.columns.get(name.lower())
         if column is None:
             return np.full(self.n, missing, kind.to_pandas_dtype()), np.zeros(self.n, np.bool_)
-        trimmed = pc.utf8_trim_whitespace(column)
-        readable = pc.fill_null(pc.match_substring_regex(trimmed, pattern), False)
-        chosen = pc.if_else(readable, trimmed, pa.scalar(str(missing), pa.string()))
-        return pc.cast(chosen, kind).to_numpy(), readable.to_numpy(zero_copy_only=False)
+        key = (name, pattern)
+        if key not in self._parsed:
+            trimmed = pc.utf8_trim_whitespace(column)
+            readable = pc.fill_null(pc.match_substring_regex(trimmed, pattern), False)
+            chosen = pc.if_else(readable, trimmed, pa.scalar(str(missing), pa.string()))
+            self._parsed[key] = (pc.cast(chosen, kind).to_numpy(), readable.to_numpy(zero_copy_only=False))
+        values, present = self._parsed[key]
+        return values, present.copy()  # the caller narrows it down
 
 
 def cells(lines: Lines) -> Cells:
-    """Return the lines' cells by column; a line with too few or too many cells is refused and counted."""
+    """Return the lines' cells by column; a line with too few or too many cells is refused and counted.
+
+    Some writers leave out the last columns that their header names, or add cells without a name: what most lines have
+    counts. A name that stands twice in the header is one column, its first cell that is not empty.
+    """
     if not lines.texts or not lines.columns:
         return Cells({}, 0, len(lines.texts))
-    names = ["", *lines.columns]
-    doubled = {name for name, count in Counter(names).items() if count > 1}
-    names = [f"{name}/{k}" if name in doubled or not name else name for k, name in enumerate(names)]
+    names = ["", *(name.lower() for name in lines.columns)]
+    table, refused = _table(lines.texts, len(names))
+    if 2 * refused > len(lines.texts):
+        usual = Counter(text.count(",") + 1 for text in lines.texts).most_common(1)[0][0]
+        if usual > 1:
+            table, refused = _table(lines.texts, usual)
+    found: dict[str, Any] = {}
+    for name, column in zip(names, table.columns, strict=False):
+        column = column.combine_chunks()
+        first = found.get(name)
+        found[name] = (
+            column if first is None else pc.if_else(pc.equal(pc.utf8_length(first), 0), column, first)
+        )
+    return Cells(found, table.num_rows, refused)
+
+
+def _table(texts: list[str], width: int) -> tuple[Any, int]:
+    """Return the lines of ``width`` cells as a table of text, and how many have another number."""
     refused: list[int] = []
 
     def refuse(_: Any) -> str:
         refused.append(1)
         return "skip"
 
+    numbers = [str(k) for k in range(width)]
     table = csv.read_csv(
-        io.BytesIO("\n".join(lines.texts).encode("utf-8", "replace")),
-        read_options=csv.ReadOptions(column_names=names),
+        io.BytesIO("\n".join(texts).encode("utf-8", "replace")),
+        read_options=csv.ReadOptions(column_names=numbers),
         parse_options=csv.ParseOptions(quote_char=False, invalid_row_handler=refuse),
-        convert_options=csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+        convert_options=csv.ConvertOptions(column_types=dict.fromkeys(numbers, pa.string())),
     )
-    columns = {name: table.column(name).combine_chunks() for name in names}
-    return Cells(columns, table.num_rows, len(refused))
+    return table, len(refused)

@@ -25,12 +25,12 @@ from insgnss.gnss.signals import (
     L5_HZ,
     S_HZ,
 )
-from insgnss.log.satellites import MAX_NUMBER
+from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, MAX_NUMBER
 
 SYSTEMS: Final = {1: "G", 2: "S", 3: "R", 4: "J", 5: "C", 6: "E", 7: "I"}
 _QZSS_OFFSET, _SBAS_OFFSET = 192, 100
+_CHANNEL_OFFSET: Final = 100  # of a GLONASS satellite that is known by its channel alone
 _LARGEST_ERROR_HZ: Final = 2e6  # phones log the carrier as a float of single precision, wrong by up to 64 Hz
-CHANNELS: Final = range(-7, 7)
 
 
 class Band(NamedTuple):
@@ -75,10 +75,15 @@ class Signal(NamedTuple):
 
 
 def satellite(constellation: int, svid: int) -> str | None:
-    """Return the satellite's RINEX name, None when there is none (GLONASS known by its channel alone, 93 to 106)."""
+    """Return the satellite's RINEX name, None when there is none.
+
+    A GLONASS satellite that is known by its channel alone (93 to 106) has one of the names R43 to R56.
+    """
     system = SYSTEMS.get(constellation)
     if system is None:
         return None
+    if system == "R" and svid - _CHANNEL_OFFSET in CHANNELS_IN_USE:
+        return f"R{CHANNEL_NAME_ZERO + svid - _CHANNEL_OFFSET}"
     number = svid - (_QZSS_OFFSET if system == "J" else _SBAS_OFFSET if system == "S" else 0)
     return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else None
 
@@ -94,7 +99,7 @@ def signal(system: str, carrier_hz: float, code_type: str) -> Signal | None:
     elif system == "R":
         band = bands[0] if carrier_hz > (G1_HZ + G2_HZ) / 2 else bands[1]
         channel = round((carrier_hz - band.carrier_hz) / _STEPS_HZ[band.band])
-        if channel not in CHANNELS:
+        if channel not in CHANNELS_IN_USE:
             return None
     else:
         band, channel = min(bands, key=lambda b: abs(b.carrier_hz - carrier_hz)), None
@@ -104,3 +109,10 @@ def signal(system: str, carrier_hz: float, code_type: str) -> Signal | None:
     letter = letter if len(letter) == 1 and letter.isalpha() and letter.isascii() else band.letter
     carrier = band.carrier_hz + (_STEPS_HZ[band.band] * channel if channel is not None else 0.0)
     return Signal(f"C{band.band}{letter}", carrier, channel)
+
+
+def on_channel(found: Signal, channel: int) -> Signal:
+    """Return a GLONASS signal whose channel is known from elsewhere."""
+    band = found.code[1]
+    carrier_hz = {"1": G1_HZ, "2": G2_HZ}[band] + _STEPS_HZ[band] * channel
+    return Signal(found.code, carrier_hz, channel)

@@ -7,14 +7,21 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError, ResultError
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.android import read_android
-from insgnss.log.csv_writer import write_gnss_csv, write_imu_csv
+from insgnss.log.csv_writer import write_gnss_csv, write_imu_csv, write_reference_csv
 from insgnss.log.detect import NAMES, Format, detect_format
+from insgnss.log.first_flight_file import (
+    FLIGHT_FILE,
+    GNSS_FILE,
+    IMU_FILE,
+    NAVIGATION_FILE,
+    REFERENCE_FILE,
+    flight_text,
+)
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex import read_navigation
 from insgnss.log.rinex_nav_writer import write_rinex_navigation
@@ -22,11 +29,6 @@ from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
 from insgnss.tables import Event
-
-GNSS_FILE: Final = "gnss_obs.csv"
-IMU_FILE: Final = "imu.csv"
-NAVIGATION_FILE: Final = "navigation.rnx"
-FLIGHT_FILE: Final = "flight.toml"
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,13 @@ class Conversion:
 def convert(inputs: Sequence[Path], output: Path) -> Conversion:
     """Read receivers' files and write what a flight needs into the folder ``output``.
 
-    The observations of all inputs must be of one format, that is of one receiver; RINEX navigation files beside them
-    are copied. A flight file that is already there is kept: somebody may have filled it in.
+    The logs among the inputs must be of one format, that is of one receiver; they may hold inertial samples alone.
+    RINEX navigation files beside them are copied. The receiver's own solution, where the log has one, becomes a
+    reference. A flight file that is already there is kept: somebody may have filled it in.
 
     Raises
     ------
-    InputError and its kin : an input is missing, unknown or unreadable, or there are no observations among them
+    InputError and its kin : an input is missing, unknown or unreadable, or there is no log among them
     ResultError : the folder cannot be written
     """
     formats = tuple((path, detect_format(path)) for path in inputs)
@@ -61,29 +64,44 @@ def convert(inputs: Sequence[Path], output: Path) -> Conversion:
         detail = "no whole ephemeris among the broadcast messages: no navigation file written"
         events.append(Event(None, "navigation_incomplete", detail))
         log = replace(log, navigation=None)
+    if log.gnss.sat is not None and (navigation_files or log.navigation is not None):
+        detail = "the phone's satellite states are not written: the navigation files stand in"
+        events.append(Event(None, "satellite_states_not_used", detail))
+        log = replace(log, gnss=replace(log.gnss, sat=None))
     try:
         output.mkdir(parents=True, exist_ok=True)
         copied = _copies(navigation_files, output)
     except OSError as error:
         raise ResultError(f"cannot be written: {error}", file=output) from error
-    week = int(log.gnss.t_ns[0]) // NS_PER_WEEK
-    written = [output / GNSS_FILE, *copied]
-    write_gnss_csv(written[0], log.gnss, week)
-    messages = 0
-    if log.navigation is not None:
-        created = ns_to_datetime(int(log.gnss.t_ns[-1]))
-        messages = write_rinex_navigation(output / NAVIGATION_FILE, log.navigation, created)
-        written.append(output / NAVIGATION_FILE)
-    if log.imu is not None:
-        write_imu_csv(output / IMU_FILE, log.imu, week)
-        written.append(output / IMU_FILE)
+    written, messages = _tables_written(log, output, copied)
     flight = output / FLIGHT_FILE
     kept = (flight,) if flight.exists() else ()
     if not kept:
-        navigation = [path.name for path in written if path in copied or path.name == NAVIGATION_FILE]
-        _write_text(flight, flight_text(formats, log, week, navigation))
+        _write_text(flight, flight_text([path for path, _ in formats], log, [path.name for path in written]))
         written.append(flight)
     return Conversion(formats, log, tuple(events), messages, tuple(written), kept)
+
+
+def _tables_written(log: ReceiverLog, output: Path, copied: list[Path]) -> tuple[list[Path], int]:
+    """Write what the log has; return the files, those copied included, and the number of messages."""
+    span_ns = log.span_ns()
+    week = span_ns[0] // NS_PER_WEEK
+    written: list[Path] = []
+    messages = 0
+    if len(log.gnss.t_ns):
+        written.append(output / GNSS_FILE)
+        write_gnss_csv(written[-1], log.gnss, week)
+    written += copied
+    if log.navigation is not None:
+        written.append(output / NAVIGATION_FILE)
+        messages = write_rinex_navigation(written[-1], log.navigation, ns_to_datetime(span_ns[1]))
+    if log.imu is not None:
+        written.append(output / IMU_FILE)
+        write_imu_csv(written[-1], log.imu, week)
+    if log.solution is not None:
+        written.append(output / REFERENCE_FILE)
+        write_reference_csv(written[-1], log.solution, week)
+    return written, messages
 
 
 def _has_messages(log: ReceiverLog) -> bool:
@@ -108,6 +126,8 @@ def _read(formats: Sequence[tuple[Path, Format]]) -> tuple[ReceiverLog, list[Eve
     elif kinds[0] == "rinex_observation":
         gnss, events = read_rinex_obs(paths)
         log = ReceiverLog(gnss, events=events)
+    elif kinds[0] == "sbf":
+        log = read_sbf(*paths)
     elif len(paths) > 1:
         raise InputError(
             f"{len(paths)} files of the format {NAMES[kinds[0]]}",
@@ -115,14 +135,14 @@ def _read(formats: Sequence[tuple[Path, Format]]) -> tuple[ReceiverLog, list[Eve
             advice="convert them one by one, each into a folder of its own",
         )
     else:
-        log = read_sbf(paths[0]) if kinds[0] == "sbf" else read_android(paths[0])
+        log = read_android(paths[0])
     return log, list(log.events)
 
 
 def _copies(paths: Sequence[Path], output: Path) -> list[Path]:
     """Copy the navigation files; two of one name, or one of a name written here, get a number."""
     copies: list[Path] = []
-    taken = {GNSS_FILE, IMU_FILE, NAVIGATION_FILE, FLIGHT_FILE}
+    taken = {GNSS_FILE, IMU_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE}
     for number, path in enumerate(paths, 1):
         name = path.name if path.name not in taken else f"{number}_{path.name}"
         taken.add(name)
@@ -137,61 +157,3 @@ def _write_text(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ResultError(f"cannot be written: {error}", file=path) from error
-
-
-def flight_text(
-    formats: Sequence[tuple[Path, Format]], log: ReceiverLog, week: int, navigation: Sequence[str]
-) -> str:
-    """Return a first flight file: what the log says, and in comments what only its user can know."""
-    sources = ", ".join(path.name for path, _ in formats)
-    first = ns_to_datetime(int(log.gnss.t_ns[0]))
-    when = f"{first:%Y-%m-%d %H:%M:%S} GPS time"
-    if log.imu is None:
-        sensor = (
-            "# The log has no inertial samples: put your sensor's CSV beside this file and describe it here."
-        )
-    else:
-        sensor = "# The log's own samples, in the sensor's axes."
-    channels = ", ".join(f"{sv} {channel:+d}" for sv, channel in sorted(log.gnss.glonass_channels.items()))
-    lines = [
-        f"# First flight file, from {_comment(sources)} ({when}).",
-        "# DECLARE marks what no log can tell: settle each of them before trusting a result.",
-        f"gps_week = {week}",
-        "",
-        "[imu]",
-        sensor,
-        f'files = ["{IMU_FILE}"]',
-        'axes = ["+x", "+y", "+z"]  # DECLARE: which sensor axis points forward, right, down',
-        'grade = "mems_consumer"  # DECLARE: the sensor\'s grade, a name of the library or a table of numbers',
-        'sampling = "instant"  # rates at their time tags; "mean" for a sensor that averages over its interval',
-        'gyro_unit = "rad/s"',
-        'accel_unit = "m/s^2"',
-        "",
-        "[gnss]",
-        f'files = ["{GNSS_FILE}"]',
-        _navigation_line(navigation),
-        "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down",
-        'oscillator = "tcxo"  # DECLARE when you know better',
-    ]
-    if channels:
-        lines.append(f"# GLONASS channels stated by the log: {channels}")
-    return "\n".join(lines) + "\n"
-
-
-def _navigation_line(names: Sequence[str]) -> str:
-    if names:
-        listed = ", ".join(f'"{_escaped(name)}"' for name in names)
-        return f"navigation = [{listed}]"
-    return '# navigation = ["..."]  # DECLARE: the log has no broadcast messages; the day\'s RINEX navigation file'
-
-
-def _escaped(name: str) -> str:
-    """Return a file's name as it stands within a TOML string."""
-    return "".join(
-        f"\\u{ord(c):04X}" if c in '"\\' or (not c.isprintable() and ord(c) < 65536) else c for c in name
-    )
-
-
-def _comment(text: str) -> str:
-    """Return a text that fits on a comment's line."""
-    return "".join(c if c.isprintable() else "?" for c in text)

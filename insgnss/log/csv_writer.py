@@ -1,4 +1,4 @@
-"""Writes our CSV pair, GNSS observations and inertial samples, so that reading it gives the same numbers.
+"""Writes our CSV files, GNSS observations, inertial samples, a reference, so that reading them gives the same numbers.
 
 Numbers are written with as many digits as it takes to get the same float64 back; an empty cell is a missing value.
 """
@@ -12,11 +12,14 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
+from insgnss.config.flight import GnssColumns, ReferenceColumns
 from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.tables import Float64, GnssTable, ImuTable
+from insgnss.tables import Float64, GnssTable, ImuTable, ReferenceTable
 
 IMU_COLUMNS: Final = ("time_s", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+_GNSS: Final = GnssColumns()
+_STATE_COLUMNS: Final = (*_GNSS.sat_position, *_GNSS.sat_velocity, _GNSS.sat_clock, _GNSS.sat_clock_drift)
 
 
 def write_gnss_csv(path: Path, gnss: GnssTable, week: int) -> None:
@@ -38,6 +41,8 @@ def write_gnss_csv(path: Path, gnss: GnssTable, week: int) -> None:
     columns |= {name: _nullable(values) for name, values in optional.items() if values is not None}
     if gnss.lli is not None:
         columns["lli"] = pa.array(gnss.lli)
+    if gnss.sat is not None:
+        columns |= {name: _nullable(values) for name, values in zip(_STATE_COLUMNS, gnss.sat.T, strict=True)}
     _write(path, columns)
 
 
@@ -49,8 +54,28 @@ def write_imu_csv(path: Path, imu: ImuTable, week: int) -> None:
     )
 
 
+def write_reference_csv(path: Path, reference: ReferenceTable, week: int) -> None:
+    """Write one row for each time of a reference; columns without a number are left out."""
+    columns = {"time_s": pa.array(ns_to_week_seconds(reference.t_ns, week))}
+    names = ReferenceColumns()
+    parts: list[tuple[tuple[str, ...], Float64]] = [
+        (names.position, np.array([reference.lat_deg, reference.lon_deg, reference.h_m])),
+        (names.velocity, reference.v_n.T),
+        (names.attitude, reference.rpy_deg.T),
+        ((names.quality,), reference.quality[None]),
+    ]
+    if reference.sigma is not None:
+        sigmas = (*names.sigma_position, *names.sigma_velocity, *names.sigma_attitude)
+        parts.append((sigmas, reference.sigma.T))
+    for group, numbers in parts:
+        for name, values in zip(group, numbers, strict=True):
+            if np.isfinite(values).any():
+                columns[name] = _nullable(values)
+    _write(path, columns)
+
+
 def _nullable(values: Float64) -> Any:
-    return pa.array(values, mask=np.isnan(values))
+    return pa.array(np.ascontiguousarray(values), mask=np.isnan(values))
 
 
 def _write(path: Path, columns: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, TypeVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from insgnss.gnss.signals import CHANNELS
 from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
 from insgnss.log.doctor_imu import imu_findings
 from insgnss.log.flight import Flight
+from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_log import has_messages, merged, missing_navigation, read_receiver
 from insgnss.log.imu_csv import read_imu
 from insgnss.log.imu_frozen import DEAD
@@ -37,6 +38,8 @@ NOTICES: Final = frozenset(
         "csv_encoding",
         "csv_header_in_comment",
         "android_lines_not_read",
+        "android_range_not_used",
+        "glonass_slot_found",
         "imu_increment_over_long_step",
         "leap_seconds_by_date",
         "navigation_not_used",
@@ -75,14 +78,22 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     """Return the report of ``check_flight`` and the logs themselves."""
     config = flight.config
     findings: list[Finding] = []
-    imu = _attempt(findings, "imu", lambda: read_imu(config.imu, config.gps_week, flight.imu_grade))
+    imu: ImuTable | None = None
+    if config.imu is None:
+        findings.append(Finding("warning", "imu", "no inertial log", "describe it under [imu] for a replay"))
+    else:
+        declared = config.imu
+        imu = _attempt(findings, "imu", lambda: read_imu(declared, config.gps_week, flight.imu_grade))
     if imu is not None:
         findings += imu_findings(imu, config.gps_week)
     receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))
-    gnss = None if receiver is None else receiver.gnss
     of_messages: list[Finding] = []
     navigation = _read_messages(of_messages, flight, receiver)
-    if gnss is not None:
+    gnss = None
+    if receiver is not None:
+        gnss, events = with_slots(receiver.gnss, navigation)
+        receiver = replace(receiver, gnss=gnss)
+        findings += from_events("gnss", events, NOTICES)
         findings += gnss_findings(gnss, config, _channels(flight, gnss, navigation))
     findings += of_messages
     _check_navigation(findings, flight, receiver, navigation)

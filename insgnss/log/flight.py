@@ -6,6 +6,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import pyarrow as pa
 
@@ -16,10 +17,13 @@ from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
 from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
-from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu_csv import inertial, read_imu
 from insgnss.log.overlap import check_overlap, outside_events
 from insgnss.log.reference import read_reference
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, PreciseProducts, ReferenceTable
+
+# of a flight without an inertial log: nothing is computed with it
+_UNUSED_GRADE: Final = "mems_consumer"
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class Flight:
         """
         path = Path(path)
         config = _with_absolute_paths(load_toml(path, FlightConfig), path.absolute().parent)
-        grade = config.imu.grade
+        grade = _UNUSED_GRADE if config.imu is None else config.imu.grade
         clock = config.gnss.oscillator
         folder = (path.absolute().parent,)
         return cls(
@@ -82,13 +86,15 @@ class Flight:
 
         Raises
         ------
+        ConfigError : the flight file has no [imu]
         InputError and its kin : a log is missing, unreadable, or contradicts the flight file
         TimeError : inertial and GNSS log do not overlap in time
         """
+        declared = inertial(self.config)
         with ThreadPoolExecutor(2) as beside:  # parsing and hashing leave Python's lock free
             gnss = beside.submit(read_gnss_logs, self.config.gnss, self.config.gps_week, self.path)
             hashes = beside.submit(self._hashes)
-            imu, events = read_imu(self.config.imu, self.config.gps_week, self.imu_grade)
+            imu, events = read_imu(declared, self.config.gps_week, self.imu_grade)
             logs = self._checked_logs(imu, gnss.result(), events + gnss.result().events)
             logs = replace(logs, input_hashes=hashes.result())
         pa.default_memory_pool().release_unused()  # what the parsing threads have left there
@@ -126,8 +132,12 @@ class Flight:
         mounted = (*gnss.antenna, *others)
         patterns = tuple(antenna_file(antenna.pattern, (folder,)) for antenna in mounted)
         hiding = tuple(folder / antenna.obstruction for antenna in mounted if antenna.obstruction)
-        files = (self.path, *config.imu.files, *satellites, *told, *patterns, *hiding, *reference)
+        files = (self.path, *self.inertial_files(), *satellites, *told, *patterns, *hiding, *reference)
         return tuple(dict.fromkeys(files))  # two antennas of one type share a pattern
+
+    def inertial_files(self) -> tuple[Path, ...]:
+        """Return the files of the inertial log, none without one."""
+        return () if self.config.imu is None else self.config.imu.files
 
     def _hashes(self) -> dict[str, str]:
         return {str(path): sha256(path) for path in self.files()}
@@ -150,7 +160,7 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
     def absolute(path: Path) -> Path:
         return Path(os.path.normpath(folder / path))
 
-    imu = config.imu.model_copy(update={"files": tuple(map(absolute, config.imu.files))})
+    imu = config.imu and config.imu.model_copy(update={"files": tuple(map(absolute, config.imu.files))})
     gnss = config.gnss.model_copy(
         update={
             "files": tuple(map(absolute, config.gnss.files)),

@@ -11,10 +11,11 @@ import numpy as np
 
 from insgnss.config.flight import Base, Gnss, TimeScale
 from insgnss.constants import NS_PER_S
-from insgnss.errors import NavigationDataError
+from insgnss.errors import InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android import read_android
+from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.navigation_span import check_navigation_time
@@ -57,6 +58,12 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
         from_files, found = read_navigation(config.navigation)
         events += found
         navigation = from_files if navigation is None else merged(from_files, navigation)
+    gnss, found = with_slots(gnss, navigation)
+    events += found
+    if gnss.sat is not None and config.format == "android" and (navigation is not None or config.precise):
+        detail = "the phone's satellite states are not used: messages or products stand in"
+        events.append(Event(None, "satellite_states_not_used", detail))
+        gnss = replace(gnss, sat=None)
     products = antennas = base = None
     if config.precise:
         products, found = read_precise(config.precise)
@@ -98,6 +105,13 @@ def _read_format(config: Gnss, week: int) -> ReceiverLog:
     if config.time != TimeScale(offset_s=config.time.offset_s):
         detail = f"{config.format} states its own time scale: of gnss.time only offset_s is used"
         events.append(Event(None, "time_settings_not_used", detail))
+    if not len(log.gnss.t_ns):
+        raise InputError(
+            "no raw measurement in the log, only inertial samples",
+            file=config.files[0],
+            key="gnss.files",
+            advice="name the file with the measurements, or convert both files in one call",
+        )
     shift_ns = round(config.time.offset_s * NS_PER_S)
     return replace(log, gnss=replace(log.gnss, t_ns=log.gnss.t_ns + shift_ns), events=events)
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from insgnss.config.flight import Imu, ImuGrade
+from insgnss.config.flight import FlightConfig, Imu, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
-from insgnss.errors import InputError
+from insgnss.errors import ConfigError, InputError
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import read_csv_table
 from insgnss.log.imu_axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
@@ -179,3 +179,19 @@ def _trapezoid(values: Float64) -> Float64:
     np.add(values[:-1], values[1:], out=mean[1:])
     mean[1:] *= 0.5
     return mean
+
+
+def inertial(config: FlightConfig) -> Imu:
+    """Return the entry of a flight's inertial log.
+
+    Raises
+    ------
+    ConfigError : the flight file has none
+    """
+    if config.imu is None:
+        raise ConfigError(
+            "the flight has no inertial log",
+            key="imu",
+            advice="describe it under [imu]; without one, 'insgnss point' solves each GNSS epoch",
+        )
+    return config.imu

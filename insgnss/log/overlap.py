@@ -11,6 +11,7 @@ from insgnss.config.flight import FlightConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import TimeError
 from insgnss.gpstime import leap_seconds, ns_to_datetime, ns_to_week_seconds
+from insgnss.log.imu_csv import inertial
 from insgnss.tables import Event, Int64
 
 FROM_ZERO_S: Final = (
@@ -34,7 +35,7 @@ def check_overlap(imu_ns: Int64, gnss_ns: Int64, config: FlightConfig) -> None:
     week = config.gps_week
     raise TimeError(
         f"the logs do not overlap: IMU {_span(imu_ns, week)}, GNSS {_span(gnss_ns, week)}",
-        file=config.imu.files[0],
+        file=inertial(config).files[0],
         advice=_advice(imu_ns, gnss_ns, week),
     )
 

@@ -1,10 +1,10 @@
-"""What a receiver's own file holds: observations, broadcast messages, inertial samples where it has some."""
+"""What a receiver's own file holds: observations, broadcast messages, inertial samples, the receiver's own solution."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from insgnss.tables import Event, GnssTable, ImuTable, NavigationData
+from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
 
 @dataclass(frozen=True)
@@ -15,3 +15,10 @@ class ReceiverLog:
     navigation: NavigationData | None = None
     imu: ImuTable | None = None  # in the sensor's own axes, as logged
     events: list[Event] = field(default_factory=list)
+    solution: ReferenceTable | None = None  # the receiver's own, with its sigmas
+
+    def span_ns(self) -> tuple[int, int]:
+        """Return the first and last GPS time of the measurements, without any of the samples, else of the solution."""
+        parts = (self.gnss, self.imu, self.solution)
+        t_ns = next(part.t_ns for part in parts if part is not None and len(part.t_ns))
+        return int(t_ns[0]), int(t_ns[-1])

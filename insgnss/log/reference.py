@@ -14,14 +14,15 @@ from insgnss.tables import Event, Float64, ReferenceTable
 def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[Event]]:
     """Read a reference trajectory; rows are sorted by time, of rows with one time the first stays.
 
-    Velocity and attitude are NaN where the file has none; quality is 1 where the file does not say.
+    Velocity, attitude and sigmas are NaN where the file has none; quality is 1 where the file does not say.
 
     Raises
     ------
     InputError and its kin : the file or a position column is missing
     """
     names = config.columns
-    optional = (*names.velocity, *names.attitude, names.quality)
+    sigmas = (*names.sigma_position, *names.sigma_velocity, *names.sigma_attitude)
+    optional = (*names.velocity, *names.attitude, names.quality, *sigmas)
     wanted = Wanted(numeric=names.position, optional=optional, chosen=names.chosen_names())
     table = read_csv_table(config.file, wanted_with_time(names.time, config.time, wanted))
     t_ns, rows, events = gps_times(table, names.time, config.time, week)
@@ -42,6 +43,9 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
         np.column_stack([_optional(table, name)[order] for name in names.velocity]),
         np.column_stack([_optional(table, name)[order] for name in names.attitude]),
         np.where(np.isnan(quality), 1.0, quality),
+        np.column_stack([_optional(table, name)[order] for name in sigmas])
+        if any(name in table.columns for name in sigmas)
+        else None,
     )
     return reference, table.events + events
 

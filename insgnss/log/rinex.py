@@ -111,6 +111,10 @@ def _navigation_text(path: Path) -> str:
             file=path,
             advice="the first line must say so: 'N: GNSS NAV DATA'",
         )
+    version = text[:9].strip()
+    if version.isascii() and version.isdigit():
+        # the archives' merged files state "2" where the format asks for F9.2, and sidereon insists on the format
+        text = f"{int(version):9.2f}{text[9:]}"
     return text
 
 

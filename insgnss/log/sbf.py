@@ -1,4 +1,4 @@
-"""Septentrio SBF files become tables: measurements, broadcast messages, inertial samples.
+"""Septentrio SBF files become tables: measurements, broadcast messages, inertial samples, the receiver's solution.
 
 The blocks are decoded here, all of a kind at once: the parser of blocks one by one reads a quarter of a megabyte per
 second (``pysbf2``, which the tests hold this against).
@@ -30,35 +30,39 @@ from insgnss.log.sbf_blocks import (
 )
 from insgnss.log.sbf_measurements import measurements
 from insgnss.log.sbf_navigation import broadcast
+from insgnss.log.sbf_solution import solution
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable
 
 _ACCELERATION, _ANGULAR_RATE = 0, 1  # types of ExtSensorMeas: m/s^2, deg/s
 
 
-def read_sbf(path: Path) -> ReceiverLog:
-    """Read a Septentrio SBF file (plain or gzipped).
+def read_sbf(path: Path, *further: Path) -> ReceiverLog:
+    """Read a Septentrio receiver's SBF file, or several as one (plain or gzipped).
 
     Measurements are those of MeasEpoch (main antenna); the compressed Meas3 blocks have no public definition and are
     told. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
-    Inertial samples (ExtSensorMeas) stay in the sensor's own axes.
+    Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may hold them or the receiver's own solution
+    (INSNavGeod) alone; the table of measurements is empty then.
 
     Raises
     ------
-    InputError : the file holds no SBF block, or no measurement
+    InputError : the file holds no SBF block, or none of what is read
     """
-    data = bytes(file_buffer(path).to_pybytes())
+    data = b"".join(file_buffer(part).to_pybytes() for part in (path, *further))
     blocks = find_blocks(data)
     if not blocks.starts and not blocks.unread:
         raise InputError(
             "no SBF block in the file", file=path, advice="is it a Septentrio receiver's binary log?"
         )
     gnss, events = measurements(data, blocks)
-    if not len(gnss.t_ns):
+    imu, told = _inertial(data, blocks)
+    own, without = solution(data, blocks)
+    if not len(gnss.t_ns) and imu is None and own is None:
         raise InputError(
-            "the SBF file holds no measurement",
+            "the SBF file holds no measurement and no inertial sample",
             file=path,
-            advice=f"log MeasEpoch (block {MEAS_EPOCH}); Meas3 blocks cannot be read",
+            advice=f"log MeasEpoch (block {MEAS_EPOCH}) or ExtSensorMeas ({EXT_SENSOR}); Meas3 blocks cannot be read",
         )
     gnss, reordered = in_time_order(gnss, str(path))
     found = broadcast(data, blocks)
@@ -69,9 +73,8 @@ def read_sbf(path: Path) -> ReceiverLog:
     ]
     if blocks.damaged:
         events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
-    imu, told = _inertial(data, blocks)
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told]
-    return ReceiverLog(gnss, found.navigation(), imu, named)
+    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told + without]
+    return ReceiverLog(gnss, found.navigation(), imu, named, own)
 
 
 def _inertial(data: bytes, blocks: Blocks) -> tuple[ImuTable | None, list[Event]]:

@@ -50,6 +50,7 @@ def _layout(*fields: tuple[str, str] | tuple[str, str, tuple[int, ...]]) -> np.d
 
 MEAS_EPOCH: Final = 4027
 EXT_SENSOR: Final = 4050
+INS_NAV: Final = 4226
 GPS_NAV, GPS_ION, GPS_UTC = 5891, 5893, 5894
 GAL_NAV, GAL_ION = 4002, 4030
 GLO_NAV: Final = 4004
@@ -63,6 +64,11 @@ LAYOUTS: Final = {
         ("", "u1"),
     ),
     EXT_SENSOR: _layout(*_TIME, ("n", "u1"), ("length", "u1")),
+    INS_NAV: _layout(
+        *(*_TIME, ("mode", "u1"), ("error", "u1"), ("info", "<u2"), ("age", "<u2")),
+        *(("lat_rad", "<f8"), ("lon_rad", "<f8"), ("h_m", "<f8"), ("undulation_m", "<f4")),
+        *(("accuracy_cm", "<u2"), ("latency", "<u2"), ("datum", "u1"), ("", "u1"), ("parts", "<u2")),
+    ),
     GPS_NAV: _layout(*_LNAV),
     QZS_NAV: _layout(*_LNAV),
     GPS_ION: _layout(*_KLOBUCHAR),

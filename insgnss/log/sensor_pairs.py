@@ -7,9 +7,9 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
-LONGEST_GAP_S = (
-    0.1  # of the accelerometer, across which it is interpolated; a phone samples it every 2.5 to 20 ms
-)
+# Gap of the accelerometer across which it is interpolated: phones sample every 2.5 to 20 ms; of slower ones (200 ms is
+# Android's ordinary rate) one sample may be missing
+LONGEST_GAP_S, MOST_STEPS, LONGEST_OF_ALL_S = 0.1, 2.5, 0.6
 
 
 def paired(
@@ -18,8 +18,8 @@ def paired(
     """Return one row for each gyro sample, the specific force interpolated linearly to its time.
 
     Interpolation averages the noise of two neighbours: the variance of the specific force falls by up to one half.
-    A gyro sample outside of the accelerometer's span, or in a gap of it longer than 0.1 s, is left out and told; so are
-    repeated and falling times, and samples that are not finite.
+    A gyro sample outside of the accelerometer's span, or in a gap of it longer than 0.1 s and 2.5 of its steps, is left
+    out and told; so are repeated and falling times, and samples that are not finite.
 
     Parameters
     ----------
@@ -44,7 +44,9 @@ def paired(
     right = np.minimum(after, len(accel_ns) - 1)
     left = np.where(accel_ns[right] == gyro_ns, right, np.maximum(right - 1, 0))
     span_ns = accel_ns[right] - accel_ns[left]
-    kept = inside & (span_ns <= LONGEST_GAP_S * NS_PER_S)
+    step_s = float(np.median(np.diff(accel_ns))) / NS_PER_S if len(accel_ns) > 1 else 0.0
+    longest_s = max(LONGEST_GAP_S, min(MOST_STEPS * step_s, LONGEST_OF_ALL_S))
+    kept = inside & (span_ns <= longest_s * NS_PER_S)
     if not kept.all():
         detail = f"{source}: {int((~kept).sum())} angular rate(s) without a specific force near enough in time left out"
         events.append(Event(None, "imu_unpaired", detail))

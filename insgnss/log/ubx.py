@@ -1,7 +1,8 @@
 """u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
 
-Read are RXM-RAWX, RXM-SFRBX, ESF-RAW or ESF-MEAS and TIM-TM2; NAV-PVT serves to tell the time where there is no
-RXM-RAWX yet. Everything else is counted. Read by ``insgnss.log.ubx_frames`` rather than by ``pyubx2``: see there.
+Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS and TIM-TM2; NAV-PVT or
+NAV-TIMEGPS tells the time where there is no raw measurement. Everything else is counted. Read by
+``insgnss.log.ubx_frames`` rather than by ``pyubx2``: see there.
 """
 
 from __future__ import annotations
@@ -19,13 +20,15 @@ from insgnss.gpstime import datetime_to_ns, leap_seconds
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.ubx_frames import UbxFrames, find_frames
 from insgnss.log.ubx_imu import MEAS, RAW, imu_table
+from insgnss.log.ubx_legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx_messages import SFRBX, UbxMessages
 from insgnss.log.ubx_observations import LATEST_WEEK, RAWX, RawEpochs, observation_table, raw_epochs
 from insgnss.tables import Event, ImuTable, Int64
 
 PVT: Final = 0x0107
+TIMEGPS: Final = 0x0120
 TM2: Final = 0x0D03
-KNOWN: Final = {RAWX, SFRBX, MEAS, RAW, PVT, TM2}
+KNOWN: Final = {RAWX, RAW_LEGACY, SFRBX, SFRB, MEAS, RAW, PVT, TIMEGPS, TM2}
 _TM2_LAYOUT: Final = np.dtype(
     [("channel", "u1"), ("flags", "u1"), ("count", "<u2"), ("week_rise", "<u2"), ("week_fall", "<u2")]
     + [(name, "<u4") for name in ("rise_ms", "rise_ns", "fall_ms", "fall_ns", "accuracy_ns")]
@@ -36,14 +39,19 @@ _PVT_LAYOUT: Final = np.dtype(
     + [(name, "u1") for name in ("month", "day", "hour", "minute", "second", "valid")]
 )
 _DATE_AND_TIME_VALID: Final = 3
+_TIMEGPS_LAYOUT: Final = np.dtype(
+    [("tow_ms", "<u4"), ("tow_ns", "<i4"), ("week", "<i2"), ("leap_s", "i1"), ("valid", "u1"), ("", "<u4")]
+)
 
 
 def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
     """Read UBX files (plain or gzipped) of one receiver, merged and in time order.
 
+    A file may hold inertial samples alone; the table of measurements is empty then.
+
     Raises
     ------
-    InputError : a file cannot be read or holds no UBX frame, or there is no raw measurement in any
+    InputError : a file cannot be read or holds no UBX frame, or there is neither measurement nor sample in any
     """
     epochs: list[RawEpochs] = []
     imu: list[ImuTable] = []
@@ -57,7 +65,7 @@ def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
                 file=path,
                 advice="give the receiver's own log; for NMEA or RTCM there is no reader",
             )
-        part, found = raw_epochs(frames)
+        part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
         offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _solution_times(frames)
         messages.add_file(frames, offset, t_ns)
         table, told = imu_table(frames, offset, t_ns)
@@ -65,18 +73,20 @@ def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
         epochs.append(part)
         imu += [] if table is None else [table]
     gnss, told = observation_table(epochs, paths[0])
-    if not len(gnss.t_ns):
+    joined_imu, joining = _joined_imu(imu, str(paths[0]))
+    if not len(gnss.t_ns) and joined_imu is None:
+        why = "; ".join(event.detail for event in events if event.kind == "imu_not_used")
         raise InputError(
-            "the UBX file holds no raw measurement",
+            f"the UBX file holds no raw measurement and no inertial sample{': ' + why if why else ''}",
             file=paths[0],
-            advice="the receiver must be told to log UBX-RXM-RAWX (and UBX-RXM-SFRBX for the ephemerides)",
+            advice="the receiver must be told to log UBX-RXM-RAWX (and UBX-RXM-SFRBX for the ephemerides);"
+            " receivers of the generations 4 to 6: UBX-RXM-RAW (and UBX-RXM-SFRB)",
         )
     leaps = np.concatenate([part.leap_s for part in epochs])
     if (leaps != -128).any():
         messages.broadcast.leap_seconds = int(leaps[leaps != -128][-1])
     events += [*told, *messages.events(str(paths[0]))]
-    joined_imu, told = _joined_imu(imu, str(paths[0]))
-    return ReceiverLog(gnss, messages.broadcast.navigation(), joined_imu, events + told)
+    return ReceiverLog(gnss, messages.broadcast.navigation(), joined_imu, events + joining)
 
 
 def _joined_imu(parts: list[ImuTable], file: str) -> tuple[ImuTable | None, list[Event]]:
@@ -117,7 +127,9 @@ def _time_marks(frames: UbxFrames) -> list[Event]:
 
 
 def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
-    """Return where the receiver's solutions (NAV-PVT) stand in a file and their GPS times."""
+    """Return where the receiver's solutions (NAV-PVT, else NAV-TIMEGPS) stand in a file and their GPS times."""
+    if not frames.of(PVT):
+        return _gps_times(frames)
     size = _PVT_LAYOUT.itemsize
     offsets, times = [], []
     for offset, length in frames.of(PVT):
@@ -137,3 +149,19 @@ def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
         offsets.append(offset)
         times.append(midday + (tow - midday + half) % NS_PER_WEEK - half)
     return np.array(offsets, dtype=np.int64), np.array(times, dtype=np.int64)
+
+
+def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:
+    """Return where NAV-TIMEGPS stands in a file and the GPS times it states."""
+    found = [
+        (o, np.frombuffer(frames.data, _TIMEGPS_LAYOUT, 1, o)[0])
+        for o, n in frames.of(TIMEGPS)
+        if n >= _TIMEGPS_LAYOUT.itemsize
+    ]
+    valid = [
+        (o, r)
+        for o, r in found
+        if r["valid"] & _DATE_AND_TIME_VALID == _DATE_AND_TIME_VALID and 0 < r["week"] <= LATEST_WEEK
+    ]
+    times = [int(r["week"]) * NS_PER_WEEK + int(r["tow_ms"]) * 1_000_000 + int(r["tow_ns"]) for _, r in valid]
+    return np.array([o for o, _ in valid], np.int64), np.array(times, np.int64)

@@ -22,6 +22,7 @@ from insgnss.log.messages.galileo_inav import InavMessages
 from insgnss.log.messages.glonass_strings import GlonassMessages
 from insgnss.log.messages.gps_lnav import LnavMessages, data_bits
 from insgnss.log.ubx_frames import UbxFrames
+from insgnss.log.ubx_legacy import add_legacy_subframes
 from insgnss.log.ubx_observations import CHANNEL_OFFSET, SYSTEMS, satellite_name
 from insgnss.tables import Event, Int64
 
@@ -73,6 +74,7 @@ class UbxMessages:
         frames : the file
         epoch_offset, epoch_ns : where in the file the receiver stated which GPS time, ascending offsets
         """
+        add_legacy_subframes(frames, self._lnav, epoch_offset, epoch_ns)
         found = frames.of(SFRBX)
         # the last time before a message, the first one for those before it
         index = np.searchsorted(epoch_offset, np.array([offset for offset, _ in found], dtype=np.int64)) - 1

@@ -24,7 +24,7 @@ RAWX: Final = 0x0215
 _EPOCH: Final = np.dtype(
     [("tow_s", "<f8"), ("week", "<u2"), ("leap_s", "i1"), ("count", "u1"), ("status", "u1"), ("", "u1", 3)]
 )
-_MEASUREMENT: Final = np.dtype(
+MEASUREMENT: Final = np.dtype(
     [
         ("pseudorange_m", "<f8"),
         ("carrier_cycles", "<f8"),
@@ -121,7 +121,7 @@ def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
         np.where(known, heads["leap_s"], -128).astype(np.int64),
         heads["status"] & CLOCK_RESET > 0,
         heads["count"].astype(np.int64),
-        np.frombuffer(body, _MEASUREMENT),
+        np.frombuffer(body, MEASUREMENT),
     )
     resets = [
         Event(int(t), "clock_reset", f"{frames.path}: the receiver set its clock")

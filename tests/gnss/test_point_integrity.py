@@ -20,8 +20,9 @@ from insgnss.gnss.integrity import (
     protection_levels,
     redundancy,
 )
-from insgnss.gnss.least_squares import workspace
+from insgnss.gnss.least_squares import FitRows, fit, residual, workspace
 from insgnss.gnss.line_of_sight import line_of_sight_range
+from insgnss.gnss.robust_fit import polish, search
 from tests.gnss.point_sky import CLOCK_M, PLACE, R_E, Sky
 
 
@@ -256,3 +257,39 @@ def test_satellite_is_named_only_where_no_other_explains_the_residuals(rng: np.r
             wrong += verdict == EXCLUDED and sky.excluded() != [k]
             undecided += verdict == NOT_IDENTIFIED
     assert wrong <= 6 and found >= 150 and undecided >= 50
+
+
+def exhaustive(rows: FitRows, sky: Sky) -> list[int]:
+    """Return the rows of the largest agreeing set when every drawn subset is fitted, as the module's text says."""
+    work, n, p = workspace(len(sky.x)), len(sky.sigma), len(sky.x)
+    members, state = list(range(n)), n
+    best, chosen = np.inf, np.zeros(n, np.bool_)
+    for _ in range(1000):
+        for i in range(p):
+            state = state * 48271 % 2147483647
+            j = i + state % (n - i)
+            members[i], members[j] = members[j], members[i]
+        trial = np.isin(np.arange(n), members[:p])
+        x = np.zeros(p)
+        while not np.isnan(fit(rows, trial, x, work)):
+            size = np.array([abs(residual(rows, k, x, work)) for k in range(n)]) / sky.sigma
+            score = float(np.minimum(size, 5.0) @ np.minimum(size, 5.0))
+            if not score < best:
+                break
+            best, chosen = score, size < 5.0
+            trial, x = chosen.copy(), np.zeros(p)
+    polish(rows, np.ones(n, np.bool_), np.zeros(p), np.zeros((p, p)), work, chosen)
+    return np.flatnonzero(chosen).tolist()
+
+
+@pytest.mark.parametrize("size_m", [15.0, 120.0, 3e4])
+def test_consensus_is_that_of_fitting_every_subset(rng: np.random.Generator, size_m: float) -> None:
+    sky = Sky(12, groups=[0] * 7 + [1] * 5)
+    for _ in range(3):
+        faults = {int(k): float(rng.uniform(0.5, 2.0) * size_m) for k in rng.choice(12, 4, replace=False)}
+        ranges = sky.noisy(rng, faults)
+        rows = sky.rows(ranges)
+        use, x = np.ones(12, np.bool_), np.zeros(len(sky.x))
+        fit(rows, use, x, workspace(len(x)))
+        search(rows, np.ones(12, np.bool_), np.zeros(len(x)), workspace(len(x)), x, sky.P, use)
+        assert np.flatnonzero(use).tolist() == exhaustive(rows, sky)

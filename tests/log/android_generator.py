@@ -49,6 +49,8 @@ class Sat:
     adr_m: float = 0.0
     offset_ns: float = 0.0
     drop: str = ""  # a column whose cell is left empty
+    sent_uncertainty_ns: float | None = None
+    rate_uncertainty_mps: float | None = None
 
 
 def sent_ns(sat: Sat, gps_ns: int, leap: int) -> int:
@@ -70,18 +72,22 @@ def epoch(
     bias_ns: float = 0.25,
     extra_bias: int = 0,
     leap: int = 18,
+    full: int | None = None,
+    bias_uncertainty_ns: float | None = None,
 ) -> str:
-    """The "Raw" lines of one epoch at the receiver clock's ``time_ns``."""
-    full = BOOT_FULL_BIAS_NS + extra_bias
-    gps_ns = time_ns - full
+    """The "Raw" lines of one epoch at the receiver clock's ``time_ns``; ``full`` is logged instead of the true bias."""
+    gps_ns = time_ns - (BOOT_FULL_BIAS_NS + extra_bias)
     lines = []
     for sat in sats:
         cell = {
             "utcTimeMillis": (gps_ns // 10**6) + 315_964_800_000 - leap * 1000,
             "TimeNanos": time_ns,
             "LeapSecond": leap,
-            "FullBiasNanos": full,
+            "FullBiasNanos": BOOT_FULL_BIAS_NS + extra_bias if full is None else full,
             "BiasNanos": bias_ns,
+            "BiasUncertaintyNanos": _or_empty(bias_uncertainty_ns),
+            "ReceivedSvTimeUncertaintyNanos": _or_empty(sat.sent_uncertainty_ns),
+            "PseudorangeRateUncertaintyMetersPerSecond": _or_empty(sat.rate_uncertainty_mps),
             "HardwareClockDiscontinuityCount": count,
             "Svid": sat.svid,
             "TimeOffsetNanos": sat.offset_ns,
@@ -99,6 +105,10 @@ def epoch(
         cell[sat.drop] = ""
         lines.append("Raw," + ",".join(str(cell.get(name, "")) for name in COLUMNS.split(",")))
     return "\n".join(lines) + "\n"
+
+
+def _or_empty(value: float | None) -> str:
+    return "" if value is None else str(value)
 
 
 def sensor(kind: str, elapsed_ns: int, xyz: tuple[float, float, float]) -> str:

@@ -97,3 +97,18 @@ def sensor(tow_s: float, rates_dps: tuple[float, ...] | None, forces: tuple[floa
     parts = [(1, rates_dps), (0, forces)]
     sets = [struct.pack("<BBBB3d", 1, 2, kind, 0, *xyz) for kind, xyz in parts if xyz is not None]
     return block(4050, time(tow_s) + struct.pack("<BB", len(sets), 28) + b"".join(sets))
+
+
+def ins_solution(tow_s: float, error: int = 0, parts: int = 0b11111, week: int = WEEK) -> bytes:
+    """INSNavGeod: every number a known function of the time; ``parts`` names the sub-blocks that follow."""
+    head = struct.pack("<BBHHdddf", 4, error, 0, 0, 0.5, -1.5, 100.0 + tow_s % 100, -27.0)
+    head += struct.pack("<HHBBH", 40, 0, 0, 0, parts)
+    triples = (
+        (0.3, 0.25, 0.5),  # sigmas of latitude, longitude, height
+        (45.0, -2.0, 1.5),  # heading, pitch, roll
+        (0.2, 0.125, 0.0625),
+        (3.0, 4.0, -0.5),  # east, north, up
+        (0.03125, 0.046875, 0.0546875),
+    )
+    body = b"".join(struct.pack("<3f", *t) for k, t in enumerate(triples) if parts >> k & 1)
+    return block(4226, time(tow_s, week) + head + body, revision=0)

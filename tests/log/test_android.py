@@ -20,6 +20,7 @@ from tests.log.android_generator import (
     Sat,
     epoch,
     sensor,
+    sent_ns,
 )
 
 L1, L5, B1, G1 = 1575.42e6, 1176.45e6, 1561.098e6, 1602e6
@@ -100,22 +101,183 @@ def test_offset_within_the_epoch_moves_the_range_with_its_rate(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("sat", "why"),
     [
-        (dataclasses.replace(GPS_5, state=0x1 | 0x4), "ambiguous"),
-        (dataclasses.replace(GPS_5, state=0x1 | 0x8 | 0x10), "ambiguous"),
-        (Sat(6, 11, 85_000_005, L1, "C", 0x400), "ambiguous"),
-        (Sat(3, 2, 66_000_007, G1, "C", 0x1 | 0x8), "ambiguous"),
-        (Sat(3, 97, 66_000_007, G1, "C", 0x1 | 0x80), "unknown satellite"),
         (dataclasses.replace(GPS_5, constellation=0), "unknown satellite"),
+        (Sat(3, 92, 66_000_007, G1, "C", 0x1 | 0x80), "unknown satellite"),
         (dataclasses.replace(GPS_5, carrier_hz=1400e6), "unknown satellite or signal"),
-        (dataclasses.replace(GPS_5, travel_ns=900_000_000), "impossible travel time"),
-        (dataclasses.replace(GPS_5, drop="FullBiasNanos"), "before the receiver knew"),
-        (dataclasses.replace(GPS_5, drop="ReceivedSvTimeNanos"), "ambiguous"),
+        (dataclasses.replace(GPS_5, drop="TimeNanos"), "before the receiver knew"),
     ],
 )
-def test_measurement_that_cannot_be_used_is_told_with_its_reason(tmp_path: Path, sat: Sat, why: str) -> None:
+def test_line_that_is_no_row_is_told_with_its_reason(tmp_path: Path, sat: Sat, why: str) -> None:
     log = read(tmp_path, epoch(T, [dataclasses.replace(GPS_5, svid=7), sat]))
     assert log.gnss.sv_names == ("G07",) and len(log.gnss.t_ns) == 1
     assert [e.kind for e in log.events] == ["android_not_used"] and why in log.events[0].detail
+
+
+@pytest.mark.parametrize(
+    ("sat", "why"),
+    [
+        (dataclasses.replace(GPS_5, state=0x1 | 0x2), "ambiguous"),
+        (dataclasses.replace(GPS_5, state=0x1 | 0x8 | 0x10), "ambiguous"),
+        (Sat(6, 11, 85_000_005, L1, "C", 0x400), "ambiguous"),
+        (Sat(3, 2, 66_000_007, G1, "C", 0x1 | 0x8), "ambiguous"),
+        (dataclasses.replace(GPS_5, travel_ns=900_000_000), "impossible travel time"),
+        (dataclasses.replace(GPS_5, drop="ReceivedSvTimeNanos"), "ambiguous"),
+    ],
+)
+def test_measurement_without_a_travel_time_keeps_its_rate_and_is_told(
+    tmp_path: Path, sat: Sat, why: str
+) -> None:
+    log = read(tmp_path, epoch(T, [dataclasses.replace(GPS_5, svid=7), sat]))
+    odd = np.flatnonzero(np.isnan(log.gnss.pseudorange_m))
+    assert len(log.gnss.t_ns) == 2 and len(odd) == 1
+    assert sat.carrier_hz is not None
+    assert log.gnss.doppler_hz[odd[0]] == pytest.approx(-12.5 * sat.carrier_hz / C_MPS, rel=1e-6)
+    assert [e.kind for e in log.events] == ["android_range_not_used"] and why in log.events[0].detail
+
+
+@pytest.mark.parametrize(
+    ("sat", "period_ns"),
+    [
+        (dataclasses.replace(GPS_5, state=0x1 | 0x2 | 0x4), 6 * 10**9),  # subframe
+        (Sat(3, 2, 66_000_007, G1, "C", 0x1 | 0x40), 2 * 10**9),  # string
+        (Sat(6, 11, 85_000_005, L1, "C", 0x400 | 0x1000), 2 * 10**9),  # page
+        (Sat(2, 133, 125_000_000, L1, "C", 0x1 | 0x2000), 10**9),  # message of SBAS
+        (Sat(6, 11, 85_000_005, L1, "C", 0x400 | 0x800), 10**8),  # secondary code
+    ],
+)
+def test_time_within_a_subframe_string_page_or_secondary_code_gives_the_range(
+    tmp_path: Path, sat: Sat, period_ns: int
+) -> None:
+    text = epoch(T, [sat])
+    whole = sent_ns(dataclasses.replace(sat, state=0x1 | 0x8), T - BOOT_FULL_BIAS_NS, 18)
+    stated = sent_ns(sat, T - BOOT_FULL_BIAS_NS, 18)
+    log = read(tmp_path, text.replace(f",{stated},", f",{whole % period_ns},"))
+    assert log.events == []
+    assert log.gnss.pseudorange_m.tolist() == pytest.approx([sat.travel_ns * C_MPS / 1e9], abs=1e-6)
+
+
+def test_signals_that_the_phone_searches_for_keep_their_cn0_alone(tmp_path: Path) -> None:
+    searched = dataclasses.replace(GPS_5, state=0x4000, sent_uncertainty_ns=1e9, rate_uncertainty_mps=C_MPS)
+    tracked = dataclasses.replace(GPS_5, svid=7, sent_uncertainty_ns=20.0, rate_uncertainty_mps=0.3)
+    coarse = dataclasses.replace(GPS_5, svid=9, sent_uncertainty_ns=60.0, rate_uncertainty_mps=299.792458)
+    log = read(tmp_path, epoch(T, [searched, tracked, coarse]))
+    assert log.gnss.sv_names == ("G05", "G07", "G09") and log.gnss.cn0_dbhz.tolist() == [35.5] * 3
+    assert np.isnan(log.gnss.pseudorange_m).tolist() == [True, False, False]
+    assert np.isnan(log.gnss.doppler_hz).tolist() == [True, False, True]
+    assert [e.detail.split(": ")[1] for e in log.events] == ["1 signal(s) that the phone was searching for"]
+
+
+# ------------------------------------------------------------------------------------------------ the receiver's clock
+
+
+@pytest.mark.parametrize(
+    "junk", [{"full": 0}, {"full": 1_400_000_000 * 10**9}, {"extra_bias": 0, "bias_uncertainty_ns": 2e9}]
+)
+def test_rows_before_gps_time_is_known_take_the_bias_that_comes_later(
+    tmp_path: Path, junk: dict[str, float]
+) -> None:
+    early = {**junk}
+    if "bias_uncertainty_ns" in junk:  # it wanders by half a second, as one phone's does
+        early["full"] = BOOT_FULL_BIAS_NS + 470_000_000
+    texts = [
+        epoch(T, [GPS_5], **early),
+        *(epoch(T + k * 10**9, [GPS_5], bias_uncertainty_ns=9.0) for k in (1, 2)),
+    ]  # type: ignore[arg-type]
+    log = read(tmp_path, *texts)
+    assert log.events == []
+    assert log.gnss.t_ns.tolist() == [T + k * 10**9 - BOOT_FULL_BIAS_NS for k in range(3)]
+    assert log.gnss.pseudorange_m.tolist() == pytest.approx([70_123_456 * C_MPS / 1e9] * 3, abs=1e-6)
+
+
+def test_clock_that_is_never_certain_is_set_by_the_satellites(tmp_path: Path) -> None:
+    wrong = BOOT_FULL_BIAS_NS - 470_000_000
+    sats = [dataclasses.replace(GPS_5, svid=k, travel_ns=76_000_000 + k * 10**6) for k in (1, 2, 3)]
+    log = read(tmp_path, *(epoch(T + k * 10**9, sats, full=wrong, bias_uncertainty_ns=5e8) for k in range(3)))
+    assert [e.kind for e in log.events] == ["receiver_time_mended"]
+    assert (
+        np.abs(log.gnss.t_ns - [T + k // 3 * 10**9 - BOOT_FULL_BIAS_NS for k in range(9)]).max() < 10_000_000
+    )
+    # one clock for all: the differences between satellites stay
+    ranges = log.gnss.pseudorange_m.reshape(3, 3) / (C_MPS / 1e9)
+    assert np.allclose(np.diff(ranges, axis=1), 1e6, atol=1e-3) and 60e6 < ranges.min() < 100e6
+
+
+def test_clock_that_starts_anew_without_a_count_begins_a_stretch(tmp_path: Path) -> None:
+    # the phone's counter jumps by a day, its bias with it, and the count of discontinuities stays
+    day = 86_400 * 10**9
+    after = epoch(T + 10**9, [GPS_5]).replace(f",{T + 10**9},", f",{T + 10**9 + day},")
+    after = after.replace(f",{BOOT_FULL_BIAS_NS},", f",{BOOT_FULL_BIAS_NS + day},")
+    log = read(tmp_path, epoch(T, [GPS_5]), after)
+    assert [e.kind for e in log.events] == ["receiver_clock_discontinuity"]
+    assert log.gnss.t_ns.tolist() == [T - BOOT_FULL_BIAS_NS, T + 10**9 - BOOT_FULL_BIAS_NS]
+    assert log.gnss.pseudorange_m.tolist() == pytest.approx([70_123_456 * C_MPS / 1e9] * 2, abs=1e-6)
+
+
+# -------------------------------------------------------------------------------------------- writers of other versions
+
+
+def test_columns_in_any_order_case_and_number_are_found(tmp_path: Path) -> None:
+    names = ["svid", "CONSTELLATIONTYPE", "TimeNanos", "State", "ReceivedSvTimeNanos", "FullBiasNanos"]
+    sent = sent_ns(GPS_5, T - BOOT_FULL_BIAS_NS, 18)
+    row = f"Raw,5,1,{T},{GPS_5.state},{sent},{BOOT_FULL_BIAS_NS}\r\n"
+    found = read(tmp_path, row, header="# Raw," + ",".join(names) + "\r\n").gnss
+    assert found.sv_names == ("G05",) and np.isnan(found.cn0_dbhz).all() and np.isnan(found.doppler_hz).all()
+    assert found.pseudorange_m.tolist() == pytest.approx([70_123_456 * C_MPS / 1e9], abs=1e-6)
+
+
+@pytest.mark.parametrize(("extra", "events"), [(",", []), (",1,2,3", [])])
+def test_cells_without_a_name_at_the_end_are_passed_over(
+    tmp_path: Path, extra: str, events: list[str]
+) -> None:
+    lines = [line + extra for line in epoch(T, SKY.values()).splitlines()]
+    log = read(tmp_path, "\n".join(lines) + "\n")
+    assert len(log.gnss.t_ns) == len(SKY) and [e.kind for e in log.events] == events
+
+
+def test_last_columns_that_the_rows_lack_are_absent(tmp_path: Path) -> None:
+    lines = [line.rsplit(",", 1)[0] for line in epoch(T, SKY.values()).splitlines()]
+    log = read(tmp_path, "\n".join(lines) + "\n" + lines[0][:90])
+    assert len(log.gnss.t_ns) == len(SKY) and [e.kind for e in log.events] == ["bad_row"]
+
+
+def test_column_that_stands_twice_is_one(tmp_path: Path) -> None:
+    # version 1.4 named the carrier twice, and filled the second cell
+    header = HEADER.replace(",CodeType,", ",CarrierFrequencyHz,CodeType,")
+    text = epoch(T, [SKY["G08", "C5Q"]]).replace(",1176450048.0,", ",,").replace(",Q,", ",1176450048.0,Q,")
+    assert read(tmp_path, text, header=header).gnss.signal_names == ("C5Q",)
+
+
+def test_table_with_one_header_for_all_kinds_is_read(tmp_path: Path) -> None:
+    header = "MessageType," + HEADER.split("# Raw,")[1].split("\n")[0] + "\n"
+    assert len(read(tmp_path, epoch(T, SKY.values()), header=header).gnss.t_ns) == len(SKY)
+
+
+def test_satellite_states_of_newer_phones_are_read(tmp_path: Path) -> None:
+    names = [f"SvPositionEcef{a}Meters" for a in "XYZ"] + [f"SvVelocityEcef{a}MetersPerSecond" for a in "XYZ"]
+    names += ["SvClockBiasMeters", "SvClockDriftMetersPerSecond"]
+    header = HEADER.replace(",ChipsetElapsedRealtimeNanos", ",ChipsetElapsedRealtimeNanos," + ",".join(names))
+    first, second = epoch(T, [GPS_5, dataclasses.replace(GPS_5, svid=7)]).splitlines()
+    numbers = "-13141427.5,18506243.25,13644837.125,-1563.5,749.25,-2562.125,185005.5,0.0011"
+    gnss = read(tmp_path, f"{first},{numbers}\n{second}{',' * 8}\n", header=header).gnss
+    assert gnss.sat is not None
+    assert gnss.sat[0].tolist() == [float(n) for n in numbers.split(",")] and np.isnan(gnss.sat[1]).all()
+
+
+# ------------------------------------------------------------------------------------- GLONASS without slot or carrier
+
+
+def test_glonass_satellite_known_by_its_channel_alone_has_a_name_of_its_own(tmp_path: Path) -> None:
+    sat = Sat(3, 97, 66_000_007, None, "", 0x1 | 0x80)
+    gnss = read(tmp_path, epoch(T, [sat])).gnss
+    assert gnss.sv_names == ("R47",) and gnss.glonass_channels == {"R47": -3}
+    assert gnss.pseudorange_m.tolist() == pytest.approx([66_000_007 * C_MPS / 1e9], abs=1e-6)
+    assert gnss.doppler_hz.tolist() == pytest.approx([-12.5 * (G1 - 3 * 562.5e3) / C_MPS], rel=1e-12)
+
+
+def test_rate_of_a_wavelength_that_is_not_known_stays_a_rate(tmp_path: Path) -> None:
+    gnss = read(tmp_path, epoch(T, [Sat(3, 7, 66_000_007, None, "", 0x1 | 0x80)])).gnss
+    assert gnss.sv_names == ("R07",) and gnss.range_rate_mps.tolist() == [12.5]
+    assert np.isnan(gnss.doppler_hz).all()
 
 
 @pytest.mark.parametrize(
@@ -143,6 +305,50 @@ def test_log_without_carrier_frequencies_is_the_first_band(tmp_path: Path) -> No
     sats = [dataclasses.replace(sat, carrier_hz=None, code="") for sat in SKY.values()]
     found = read(tmp_path, epoch(T, sats)).gnss
     assert set(found.signal_names) == {"C1C", "C2I", "C5A"} and found.glonass_channels == {}
+
+
+def test_fixes_become_a_reference_with_sigmas(tmp_path: Path) -> None:
+    header = HEADER.replace(
+        "AltitudeMeters\n",
+        "AltitudeMeters,SpeedMps,AccuracyMeters,BearingDegrees,UnixTimeMillis,SpeedAccuracyMps,"
+        "BearingAccuracyDegrees,elapsedRealtimeNanos,VerticalAccuracyMeters\n",
+    )
+    utc_ms = (T - BOOT_FULL_BIAS_NS) // 10**6 + 315_964_800_000 - 18_000
+    lines = [f"Fix,GPS,47.5,8.25,{400 + k},2.0,3.02,90.0,{utc_ms + 1000 * k},0.5,,7,6.0\n" for k in range(3)]
+    lines += ["Fix,FLP,48.0,9.0,1.0,,,,1,,,,\n", f"Fix,GPS,,,,,,,{utc_ms},,,,\n"]
+    own = read(tmp_path, epoch(T, [GPS_5]), *lines, header=header).solution
+    assert own is not None and own.h_m.tolist() == [400.0, 401.0, 402.0] and own.quality.tolist() == [2.0] * 3
+    assert np.abs(own.t_ns - (T - BOOT_FULL_BIAS_NS) - np.arange(3) * 10**9).max() < 10**6
+    assert np.allclose(own.v_n[:, :2], [0.0, 2.0], atol=1e-12) and np.isnan(own.v_n[:, 2]).all()
+    assert own.sigma is not None and own.sigma[0, :5].tolist() == pytest.approx([2.0, 2.0, 6.0, 0.5, 0.5])
+
+
+def test_old_fixes_without_units_in_their_names_are_read(tmp_path: Path) -> None:
+    header = HEADER.replace(
+        "LatitudeDegrees,LongitudeDegrees,AltitudeMeters",
+        "Latitude,Longitude,Altitude,Speed,Accuracy,(UTC)TimeInMs",
+    )
+    utc_ms = (T - BOOT_FULL_BIAS_NS) // 10**6 + 315_964_800_000 - 18_000
+    lines = [f"Fix,gps,47.5,8.25,400,0.0,3.0,{utc_ms + 1000 * k}\n" for k in range(2)]
+    own = read(tmp_path, epoch(T, [GPS_5]), *lines, header=header).solution
+    assert own is not None and own.lat_deg.tolist() == [47.5, 47.5] and own.v_n[0, 0] == 0.0
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    ("name", "kept", "ranges"),
+    [
+        ("pseudoranges_log_2016_06_30_21_26_07", 1379, 1379),
+        ("pseudoranges_log_2016_08_22_14_45_50", 5041, 4400),
+    ],
+)
+def test_real_phone_keeps_its_lines_and_most_of_its_ranges(
+    data_root: Path, name: str, kept: int, ranges: int
+) -> None:
+    log = read_android(data_root / "phone_static_2016" / f"{name}.txt.gz")
+    assert len(log.gnss.t_ns) == kept
+    assert np.isfinite(log.gnss.pseudorange_m).sum() >= ranges
+    assert log.solution is not None and abs(np.median(log.solution.lat_deg) - 37.422578) < 1e-4
 
 
 def test_sensors_are_put_on_gps_time_and_the_accelerometer_on_the_gyros_times(tmp_path: Path) -> None:
@@ -200,10 +406,10 @@ def test_sensors_without_the_chipsets_time_carry_utc_and_an_event(tmp_path: Path
 
 def test_lines_with_a_wrong_number_of_cells_and_other_kinds_are_told(tmp_path: Path) -> None:
     text = epoch(T, [GPS_5])
-    log = read(tmp_path, text, text[:120] + "\n", "Fix,GPS,47.0,8.0,400.0\n", "Nav,1,2\n", "garbage\n")
+    log = read(tmp_path, text, text[:120] + "\n", "Agc,47.0,8.0\n", "Nav,1,2\n", "garbage\n")
     assert len(log.gnss.t_ns) == 1
     assert [e.kind for e in log.events] == ["bad_row", "android_lines_not_read"]
-    assert "1 Fix, 1 Nav" in log.events[1].detail
+    assert "1 Agc, 1 Nav" in log.events[1].detail
 
 
 @pytest.mark.parametrize("text", ["", "# Raw,a,b\nRaw,1,2\n", HEADER, "Raw,1,2,3\n", HEADER + "Raw,,,\n"])

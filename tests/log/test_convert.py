@@ -10,18 +10,19 @@ import typer
 from typer.testing import CliRunner
 
 from insgnss.cli.convert import convert as command
-from insgnss.errors import InputError
+from insgnss.errors import ConfigError, InputError
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu_csv import inertial, read_imu
+from insgnss.log.reference import read_reference
 from insgnss.log.rinex import read_navigation
 from insgnss.tables import GnssTable
 from tests.log.android_generator import ELAPSED_MINUS_TIME_NS
 from tests.log.android_generator import HEADER as ANDROID_HEADER
 from tests.log.android_generator import epoch as android_epoch
 from tests.log.android_generator import sensor as android_sensor
-from tests.log.sbf_encoder import Channel, epoch, satellite, sensor
+from tests.log.sbf_encoder import Channel, epoch, ins_solution, satellite, sensor
 from tests.log.test_android import SKY, T
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
 from tests.log.test_rinex_navigation import message
@@ -104,7 +105,7 @@ def test_septentrio_log_becomes_a_whole_flight(tmp_path: Path) -> None:
     ]
     flight, table = read_again(tmp_path / "out")
     same(done.log.gnss, table)
-    logs, _ = read_imu(flight.config.imu, flight.config.gps_week, flight.imu_grade)
+    logs, _ = read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)
     assert done.log.imu is not None and logs.t_ns[-1] == done.log.imu.t_ns[-1]
     assert read_navigation(flight.config.gnss.navigation)[0].ephemerides.sv_names == ("C20", "E36", "G05")
 
@@ -119,7 +120,91 @@ def test_phone_log_becomes_measurements_and_samples(tmp_path: Path) -> None:
     done = convert([path], tmp_path / "out")
     same(done.log.gnss, read_again(tmp_path / "out")[1])
     text = (tmp_path / "out" / "flight.toml").read_text()
-    assert "R02 -4" in text and "# navigation" in text and "DECLARE" in text and "# lever_arm_m" in text
+    assert "# navigation" in text and "DECLARE" in text and "# lever_arm_m" in text
+    # CSV has no place for the channels, the flight file has
+    assert Flight.load(tmp_path / "out" / "flight.toml").config.gnss.glonass_channels == {"R02": -4}
+
+
+def test_log_without_samples_becomes_a_flight_that_needs_none(tmp_path: Path) -> None:
+    (tmp_path / "obs").write_text(OBS_HEADER + rinex_epoch())
+    convert([tmp_path / "obs"], tmp_path / "out")
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    assert flight.config.imu is None and flight.inertial_files() == ()
+    with pytest.raises(ConfigError, match="no inertial log"):
+        flight.read()
+
+
+def test_satellite_states_of_a_phone_are_written_unless_there_are_messages(tmp_path: Path) -> None:
+    names = [f"SvPositionEcef{a}Meters" for a in "XYZ"] + [f"SvVelocityEcef{a}MetersPerSecond" for a in "XYZ"]
+    names += ["SvClockBiasMeters", "SvClockDriftMetersPerSecond"]
+    header = ANDROID_HEADER.replace(
+        ",ChipsetElapsedRealtimeNanos", ",ChipsetElapsedRealtimeNanos," + ",".join(names)
+    )
+    line = android_epoch(T, [SKY["G05", "C1C"]]).rstrip() + ",1.5e7,1.6e7,1.7e7,10.0,20.0,30.0,1000.0,0.01\n"
+    (tmp_path / "log").write_text(header + line)
+    convert([tmp_path / "log"], tmp_path / "out")
+    assert read_again(tmp_path / "out")[1].sat is not None
+    (tmp_path / "brdc.rnx").write_text(NAV_HEADER + message())
+    done = convert([tmp_path / "log", tmp_path / "brdc.rnx"], tmp_path / "other")
+    assert read_again(tmp_path / "other")[1].sat is None
+    assert [e.kind for e in done.events] == ["satellite_states_not_used"]
+
+
+def test_septentrio_log_of_samples_and_solution_alone_is_converted(tmp_path: Path) -> None:
+    blocks = [sensor(340_000.0 + k / 100, (1.0, 0.0, -k), (0.5 * k, 0.0, -9.8)) for k in range(200)]
+    blocks += [ins_solution(340_000.0 + k / 10) for k in range(20)]
+    path = tmp_path / "ins.sbf"
+    path.write_bytes(b"".join(blocks))
+    done = convert([path], tmp_path / "out")
+    assert [p.name for p in done.written] == ["imu.csv", "reference.csv", "flight.toml"]
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    assert flight.config.reference is not None and flight.config.reference.point == "antenna"
+    reference, events = read_reference(flight.config.reference, flight.config.gps_week)
+    assert events == [] and reference.sigma is not None and done.log.solution is not None
+    assert done.log.solution.sigma is not None
+    assert np.array_equal(reference.rpy_deg, done.log.solution.rpy_deg)
+    assert np.array_equal(reference.sigma, done.log.solution.sigma)
+    assert len(read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)[0].t_ns) == 200
+    with pytest.raises(InputError, match=r"gnss_obs\.csv"):
+        flight.read()
+
+
+def test_septentrio_measurements_and_samples_in_two_files_make_one_flight(tmp_path: Path) -> None:
+    whole = sbf_file(tmp_path).read_bytes()
+    cut = whole.index(sensor(340_000.0, (1.0, 0.0, 0.0), (0.0, 0.0, -9.8)))
+    (tmp_path / "a").write_bytes(whole[cut:])
+    (tmp_path / "b").write_bytes(whole[:cut])
+    done = convert([tmp_path / "a", tmp_path / "b"], tmp_path / "out")
+    assert [p.name for p in done.written] == ["gnss_obs.csv", "navigation.rnx", "imu.csv", "flight.toml"]
+
+
+def test_command_says_that_a_log_of_samples_needs_its_measurements(tmp_path: Path) -> None:
+    path = tmp_path / "ins.sbf"
+    path.write_bytes(
+        b"".join(sensor(340_000.0 + k / 100, (1.0, 0.0, 0.0), (0.0, 0.0, -9.8)) for k in range(200))
+    )
+    result = CliRunner().invoke(APP, [str(path), "--output", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert "no raw measurements" in result.output and "200 inertial samples" in result.output
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    ("name", "samples", "solution"),
+    [
+        ("ubx_inertial/ublox-neo-m8l.log", 210, 0),
+        ("ubx_inertial/ublox-neo-m8u.log", 290, 0),
+        ("sbf_inertial/sbf_binary.sbf", 5564, 5565),
+    ],
+)
+def test_real_file_of_inertial_data_alone_is_converted(
+    data_root: Path, tmp_path: Path, name: str, samples: int, solution: int
+) -> None:
+    done = convert([data_root / name], tmp_path / "out")
+    flight = Flight.load(tmp_path / "out" / "flight.toml")
+    imu, _ = read_imu(inertial(flight.config), flight.config.gps_week, flight.imu_grade)
+    assert len(imu.t_ns) == samples and done.messages == 0
+    assert (0 if done.log.solution is None else len(done.log.solution.t_ns)) == solution
 
 
 def test_navigation_file_given_is_copied_and_named(tmp_path: Path) -> None:

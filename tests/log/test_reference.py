@@ -29,11 +29,24 @@ def test_full_reference_is_read(tmp_path: Path) -> None:
     assert [event.kind for event in events] == ["reference_time_order"]
 
 
+def test_sigmas_of_a_reference_are_read_where_it_has_them(tmp_path: Path) -> None:
+    header = "time_s,lat_deg,lon_deg,h_m,sd_n_m,sd_e_m,sd_d_m,sd_yaw_deg"
+    table, _ = read_reference(config(tmp_path, [header, "1,48,9,300,1,2,3,0.5", "2,48,9,300,,,,"]), WEEK)
+    assert table.sigma is not None and np.isnan(table.sigma[1]).all()
+    assert table.sigma[0, :3].tolist() == [1.0, 2.0, 3.0] and table.sigma[0, 8] == 0.5
+    assert np.isnan(table.sigma[0, 3:8]).all()
+
+
 def test_position_alone_is_enough(tmp_path: Path) -> None:
     table, events = read_reference(
         config(tmp_path, ["time_s,lat_deg,lon_deg,h_m", "1,48,9,300", "2,48,9,300"]), WEEK
     )
-    assert np.isnan(table.v_n).all() and np.isnan(table.rpy_deg).all() and (table.quality == 1.0).all()
+    assert (
+        table.sigma is None
+        and np.isnan(table.v_n).all()
+        and np.isnan(table.rpy_deg).all()
+        and (table.quality == 1.0).all()
+    )
     assert events == []
 
 

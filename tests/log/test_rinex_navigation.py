@@ -229,3 +229,25 @@ def test_rinex_4_message_is_read(tmp_path: Path) -> None:
 def test_file_without_ephemerides_is_an_error(tmp_path: Path, text: str) -> None:
     with pytest.raises(NavigationDataError):
         read_navigation([write(tmp_path, text)])
+
+
+@pytest.mark.parametrize("version", ["     2   ", "2        ", "     2.11", "     2.1 "])
+def test_version_of_the_archives_merged_files_is_read(tmp_path: Path, version: str) -> None:
+    head = f"{version}           N: GPS NAV DATA                         RINEX VERSION / TYPE\n"
+    old = message(toc=" 5 23  6 29 12  0  0.0").replace("G05 ", "", 1)
+    text = head + " " * 60 + "END OF HEADER\n" + old.replace("\n    ", "\n   ")
+    table = read_navigation([write(tmp_path, text)])[0].ephemerides
+    assert table.sv_names == ("G05",) and table.toe_sow_s.tolist() == [388_800.0]
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(("name", "messages"), [("hour1820.16n", 418), ("hour2350.16n", 419)])
+def test_real_file_of_an_archive_is_read_whole(data_root: Path, name: str, messages: int) -> None:
+    path = data_root / "phone_static_2016" / name
+    navigation, events = read_navigation([path])
+    begins = [
+        line for line in path.read_text().splitlines() if line[:2].strip().isdigit() and line[3:5] == "16"
+    ]
+    repeated = sum(int(e.detail.split()[0]) for e in events if e.kind == "navigation_repeated")
+    assert len(navigation.ephemerides.sv_names) == messages == len(begins) - repeated
+    assert navigation.klobuchar is not None and navigation.leap_seconds == 17

@@ -7,6 +7,7 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 import pytest
 from pysbf2 import SBFReader
 
@@ -14,7 +15,7 @@ from insgnss.errors import InputError
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.sbf import read_sbf
 from insgnss.tables import GnssTable
-from tests.log.sbf_encoder import C_MPS, WEEK, Channel, block, epoch, satellite, sensor, time
+from tests.log.sbf_encoder import C_MPS, WEEK, Channel, block, epoch, ins_solution, satellite, sensor, time
 
 L1, L2, L5, E5B, B1, B3 = 1575.42e6, 1227.6e6, 1176.45e6, 1207.14e6, 1561.098e6, 1268.52e6
 START_NS = WEEK * 604_800 * 10**9
@@ -345,3 +346,38 @@ def test_fields_agree_with_the_independent_parser(tmp_path: Path) -> None:
         assert table.m0[row] == message.M_0 * math.pi and table.i0[row] == message.i_0 * math.pi
     measured = SBFReader.parse(sky, scaling=False)
     assert measured.N1 == 1 and measured.CodeLSB_01 == 2.3e7 * 1000 - (int(2.3e10) >> 32 << 32)
+
+
+def test_receivers_own_solution_becomes_a_reference_with_sigmas(tmp_path: Path) -> None:
+    sky = epoch(409_600.0, [satellite(5, [signal(0, L1)])])
+    blocks = [
+        ins_solution(409_600.0),
+        ins_solution(409_600.1, error=3),
+        ins_solution(409_600.2, parts=0b01010),
+    ]
+    log = read(tmp_path, sky, *blocks)
+    own = log.solution
+    assert own is not None and own.t_ns.tolist() == [at(409_600.0), at(409_600.2)]
+    assert np.degrees([0.5, -1.5]).tolist() == pytest.approx([own.lat_deg[0], own.lon_deg[0]], rel=1e-15)
+    assert own.v_n.tolist() == [[4.0, 3.0, 0.5]] * 2 and own.rpy_deg.tolist() == [[1.5, -2.0, 45.0]] * 2
+    assert own.sigma is not None
+    expected = [0.3, 0.25, 0.5, 0.046875, 0.03125, 0.0546875, 0.0625, 0.125, 0.2]
+    assert own.sigma[0].tolist() == pytest.approx(expected, rel=1e-6) and np.isnan(own.sigma[1]).all()
+    assert [e.kind for e in log.events] == ["sbf_no_solution"]
+
+
+@pytest.mark.real_data
+def test_real_solution_agrees_with_its_own_motion(data_root: Path) -> None:
+    own = read_sbf(data_root / "sbf_inertial" / "sbf_binary.sbf").solution
+    assert own is not None and own.sigma is not None and len(own.t_ns) == 5565
+    north, east, down = pymap3d.geodetic2ned(
+        *(own.lat_deg, own.lon_deg, own.h_m), *(own.lat_deg[0], own.lon_deg[0], own.h_m[0])
+    )
+    t_s = (own.t_ns - own.t_ns[0]) / 1e9
+    moved = np.gradient(np.column_stack([north, east, down]), t_s, axis=0)
+    # positions step by centimetres where satellites correct them
+    assert (np.median(np.abs(moved - own.v_n), axis=0) < 0.02).all()
+    fast = np.hypot(own.v_n[:, 0], own.v_n[:, 1]) > 2.0
+    course = np.degrees(np.arctan2(own.v_n[fast, 1], own.v_n[fast, 0]))
+    assert np.median(np.abs((own.rpy_deg[fast, 2] - course + 180.0) % 360.0 - 180.0)) < 10.0
+    assert (own.sigma > 0.0).all() and own.sigma.max() < 3.0

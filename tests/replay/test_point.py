@@ -181,3 +181,26 @@ def test_folder_that_cannot_be_written_is_a_typed_error(run: PointRun, tmp_path:
 def test_errors_without_a_reference_are_a_typed_error(run: PointRun) -> None:
     with pytest.raises(ResultError, match="no reference"):
         replace(run, errors=None).error_summary()
+
+
+def test_flight_without_an_inertial_log_is_solved_alike(path: Path, run: PointRun) -> None:
+    text = path.read_text()
+    begin, end = text.index("[imu]"), text.index("[gnss]")
+    alone = path.with_name("alone.toml")
+    alone.write_text(text[:begin] + text[end:])
+    solved = point(alone)
+    pd.testing.assert_frame_equal(solved.point, run.point)
+    assert not any("imu" in name for name in solved.settings["input_sha256"])
+    result = CliRunner().invoke(APP, [str(alone)])
+    assert result.exit_code == 0, result.output
+
+
+def test_reference_with_sigmas_puts_them_beside_the_errors(path: Path) -> None:
+    reference = pd.read_csv(path.parent / "reference.csv")
+    reference["sd_n_m"], reference["sd_yaw_deg"] = 0.5, 0.25
+    reference.to_csv(path.parent / "stated.csv", index=False)
+    stated = path.with_name("stated.toml")
+    stated.write_text(path.read_text().replace("reference.csv", "stated.csv"))
+    errors = point(stated).errors
+    assert errors is not None and (errors["sd_reference_n_m"] == 0.5).all()
+    assert errors["sd_reference_e_m"].isna().all()

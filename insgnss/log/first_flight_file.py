@@ -1,0 +1,119 @@
+"""The first flight file of a converted log: what the log says, and in comments what only its user can know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from insgnss.constants import NS_PER_WEEK
+from insgnss.gpstime import ns_to_datetime
+from insgnss.log.android_fixes import OWN_SOLUTION
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.satellites import channel_of_name
+
+GNSS_FILE: Final = "gnss_obs.csv"
+IMU_FILE: Final = "imu.csv"
+REFERENCE_FILE: Final = "reference.csv"
+NAVIGATION_FILE: Final = "navigation.rnx"
+FLIGHT_FILE: Final = "flight.toml"
+
+
+def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str]) -> str:
+    """Return the flight file.
+
+    Parameters
+    ----------
+    sources : the inputs
+    log : what they hold
+    written : names of the files beside it
+    """
+    first_ns = log.span_ns()[0]
+    when = f"{ns_to_datetime(first_ns):%Y-%m-%d %H:%M:%S} GPS time"
+    named = _comment(", ".join(path.name for path in sources))
+    others = {GNSS_FILE, IMU_FILE, REFERENCE_FILE}
+    lines = [
+        f"# First flight file, from {named} ({when}).",
+        "# DECLARE marks what no log can tell: settle each of them before trusting a result.",
+        f"gps_week = {first_ns // NS_PER_WEEK}",
+        "",
+        *_imu_lines(log),
+        "",
+        *_gnss_lines(log, [name for name in written if name not in others]),
+        *_reference_lines(log),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _imu_lines(log: ReceiverLog) -> list[str]:
+    lines = [
+        "[imu]",
+        f'files = ["{IMU_FILE}"]',
+        'axes = ["+x", "+y", "+z"]  # DECLARE: which sensor axis points forward, right, down',
+        'grade = "mems_consumer"  # DECLARE: the sensor\'s grade, a name of the library or a table of numbers',
+        'sampling = "instant"  # rates at their time tags; "mean" for a sensor that averages over its interval',
+        'gyro_unit = "rad/s"',
+        'accel_unit = "m/s^2"',
+    ]
+    if log.imu is not None:
+        return ["# The log's own samples, in the sensor's axes.", *lines]
+    return [
+        "# The log has no inertial samples: 'insgnss point' needs none.",
+        "# For a replay put your sensor's CSV beside this file and describe it here.",
+        *(f"# {line}" for line in lines),
+    ]
+
+
+def _gnss_lines(log: ReceiverLog, navigation: Sequence[str]) -> list[str]:
+    lines = ["[gnss]"]
+    if not len(log.gnss.t_ns):
+        lines += [
+            "# DECLARE: the log has no raw measurements.",
+            "# Convert the receiver's other file in one call with this one, or name another receiver's log.",
+        ]
+    lines += [
+        f'files = ["{GNSS_FILE}"]',
+        _navigation_line(navigation, log),
+        "# lever_arm_m = [0.0, 0.0, 0.0]  # DECLARE: IMU to antenna, body axes forward-right-down",
+        'oscillator = "tcxo"  # DECLARE when you know better',
+    ]
+    known = {sv: k for sv, k in log.gnss.glonass_channels.items() if channel_of_name(sv) is None}
+    if known:
+        listed = ", ".join(f"{sv} = {channel}" for sv, channel in sorted(known.items()))
+        lines.append(f"glonass_channels = {{ {listed} }}  # as the log states them")
+    return lines
+
+
+def _navigation_line(names: Sequence[str], log: ReceiverLog) -> str:
+    if names:
+        listed = ", ".join(f'"{_escaped(name)}"' for name in names)
+        return f"navigation = [{listed}]"
+    if log.gnss.sat is not None:
+        return "# The log states where its satellites were: no navigation file is needed."
+    return '# navigation = ["..."]  # DECLARE: the log has no broadcast messages; the day\'s RINEX navigation file'
+
+
+def _reference_lines(log: ReceiverLog) -> list[str]:
+    """Return the entry of the receiver's own solution; it is no truth, and a phone's is not scored tightly."""
+    if log.solution is None:
+        return []
+    mark = " (quality 2: do not score tightly)" if (log.solution.quality >= OWN_SOLUTION).all() else ""
+    return [
+        "",
+        f"# The receiver's own solution with its sigmas{mark}: made of the same signals, no independent truth.",
+        "[reference]",
+        f'file = "{REFERENCE_FILE}"',
+        'point = "antenna"  # DECLARE: the point that the receiver was told to report',
+    ]
+
+
+def _escaped(name: str) -> str:
+    """Return a file's name as it stands within a TOML string."""
+    return "".join(
+        f"\\u{ord(c):04X}" if c in '"\\' or (not c.isprintable() and ord(c) < 65536) else c for c in name
+    )
+
+
+def _comment(text: str) -> str:
+    """Return a text that fits on a comment's line."""
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,0 +1,107 @@
+"""Which GLONASS satellite is behind a frequency channel, for phones that log nothing but the channel.
+
+Two satellites share a channel, and they stand on opposite sides of the Earth: at most one of them is in view. The
+receiver lies in the mean direction of the satellites that its log names, within some 30 deg; a satellite in view is
+less than 76 deg from the receiver's zenith as seen from the Earth's centre, its antipode more than 104 deg.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.gnss.ephemeris_choice import broadcast_messages
+from insgnss.gnss.satellite_state import satellite_states
+from insgnss.log.satellites import channel_of_name
+from insgnss.status import USED
+from insgnss.tables import Event, Float64, GnssTable, Int64, NavigationData, StateVectorTable
+
+_PIECE_NS: Final = 300 * NS_PER_S  # in which a satellite moves 3 deg
+_OLDEST_NS: Final = 1800 * NS_PER_S  # of a message: the satellite has moved 16 deg
+_CLEAR: Final = (
+    0.5  # between the cosines of the candidate and the next one; antipodes differ by 0.5 at the horizon
+)
+
+
+def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[GnssTable, list[Event]]:
+    """Return the log with the satellites known by their channel alone under their own names, where messages tell."""
+    unknown = {
+        k: channel for k, name in enumerate(gnss.sv_names) if (channel := channel_of_name(name)) is not None
+    }
+    of_unknown = np.isin(gnss.sv, list(unknown))
+    if not of_unknown.any():
+        return gnss, []
+    states = None if navigation is None else navigation.state_vectors
+    names = np.array(gnss.sv_names, dtype=object)[gnss.sv]
+    by_name = {gnss.sv_names[k]: channel for k, channel in unknown.items()}
+    found: dict[str, int] = {}
+    if navigation is not None and states is not None:
+        for begin, end in _pieces(gnss.t_ns):
+            part = gnss.take(slice(begin, end))
+            zenith = _zenith(part, of_unknown[begin:end], navigation)
+            if zenith is None:
+                continue
+            for k in np.unique(part.sv[of_unknown[begin:end]]).tolist():
+                slot = _in_view(states, unknown[k], int(part.t_ns[0]), zenith)
+                if slot is not None:
+                    names[begin:end][part.sv == k] = slot
+                    found[slot] = unknown[k]
+    left = sum(channel_of_name(name) is not None for name in names.tolist())
+    events = []
+    if found:
+        listed = ", ".join(f"{slot} on {channel:+d}" for slot, channel in sorted(found.items()))
+        detail = f"{int(of_unknown.sum()) - left} rows of GLONASS satellites known by their channel alone: {listed}"
+        events.append(Event(None, "glonass_slot_found", detail))
+    if left:
+        detail = (
+            f"{left} rows of GLONASS satellites known by their channel alone (R43 to R56) cannot be told apart:"
+            " the messages of GLONASS and of other satellites in the log would do it"
+        )
+        events.append(Event(None, "glonass_slot_unknown", detail))
+    sv_names, sv = np.unique(names.astype(str), return_inverse=True)
+    return replace(
+        gnss,
+        sv=sv.astype(np.int16),
+        sv_names=tuple(sv_names.tolist()),
+        glonass_channels=gnss.glonass_channels | by_name | found,
+    ), events
+
+
+def _pieces(t_ns: Int64) -> list[tuple[int, int]]:
+    """Return first row and end of each stretch of a few minutes."""
+    piece = (t_ns - t_ns[0]) // _PIECE_NS
+    bounds = [0, *(np.flatnonzero(np.diff(piece)) + 1).tolist(), len(t_ns)]
+    return list(pairwise(bounds))
+
+
+def _zenith(
+    part: GnssTable, unknown: np.ndarray[tuple[int], np.dtype[np.bool_]], navigation: NavigationData
+) -> Float64 | None:
+    """Return the mean direction (3,) of the satellites that a stretch names, one row of each, None without any."""
+    rows = np.flatnonzero(~unknown & np.isfinite(part.pseudorange_m))
+    if not len(rows):
+        return None
+    _, first = np.unique(part.sv[rows], return_index=True)
+    chosen = part.take(np.sort(rows[first]))
+    states = satellite_states(chosen, broadcast_messages(navigation))
+    r_e = states.position[states.status == USED]
+    if not len(r_e):
+        return None
+    mean: Float64 = (r_e / np.linalg.norm(r_e, axis=1)[:, None]).sum(axis=0)
+    return mean / np.linalg.norm(mean)
+
+
+def _in_view(states: StateVectorTable, channel: int, t_ns: int, zenith: Float64) -> str | None:
+    """Return the satellite of a channel that is in view, None when that is not clear."""
+    cosines: dict[str, float] = {}
+    near = np.flatnonzero((states.channel == channel) & (np.abs(states.t_ns - t_ns) <= _OLDEST_NS))
+    for k in near[np.argsort(-np.abs(states.t_ns[near] - t_ns), kind="stable")].tolist():
+        cosines[states.sv_names[k]] = float(states.r_e[k] @ zenith / np.linalg.norm(states.r_e[k]))
+    ranked = sorted(cosines.items(), key=lambda item: -item[1])
+    if not ranked or ranked[0][1] <= 0.0 or (len(ranked) > 1 and ranked[0][1] - ranked[1][1] < _CLEAR):
+        return None
+    return ranked[0][0]
