@@ -3,21 +3,52 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Final
 
 SYSTEMS: Final = "GRECJIS"  # GPS, GLONASS, Galileo, BeiDou, QZSS, NavIC, SBAS: letters of RINEX 3
 MAX_NUMBER: Final = {"G": 63, "R": 32, "E": 50, "C": 63, "J": 10, "I": 14, "S": 58}
+# PRNs and NMEA's numbers of constellations that RINEX counts from 1: where they begin, and what is taken off
+OTHER_NUMBERS: Final = {"S": (100, 100), "J": (193, 192), "R": (65, 64)}
+SYSTEM_NAMES: Final = {
+    **{letter: letter for letter in SYSTEMS},
+    **dict.fromkeys(("GPS", "NAVSTAR"), "G"),
+    **dict.fromkeys(("GLONASS", "GLO"), "R"),
+    **dict.fromkeys(("GALILEO", "GAL"), "E"),
+    **dict.fromkeys(("BEIDOU", "BDS", "COMPASS"), "C"),
+    **dict.fromkeys(("QZSS", "QZS"), "J"),
+    **dict.fromkeys(("NAVIC", "IRNSS"), "I"),
+    **dict.fromkeys(("SBAS", "WAAS", "EGNOS"), "S"),
+}
 _NAME: Final = re.compile(r"([A-Za-z])[ _-]?0*(\d{1,3})")
+_NUMBER: Final = re.compile(r"0*(\d{1,3})(?:\.0*)?")
 
 
 def normalised_name(text: str) -> str | None:
     """Return the satellite's name as RINEX 3 writes it ("g5", "G 5", "G05" -> "G05"), None when it cannot be one."""
     match = _NAME.fullmatch(text.strip().strip("\"'").strip())
-    if match is None:
-        return None
-    system, number = match[1].upper(), int(match[2])
-    if system == "S" and number >= 100:
-        number -= 100  # SBAS by its PRN: S120 -> S20
+    return None if match is None else numbered_name(match[1].upper(), int(match[2]))
+
+
+def numbered_name(system: str, number: int) -> str | None:
+    """Return the name of a constellation's satellite by its number, None when there is none such."""
+    first, taken_off = OTHER_NUMBERS.get(system, (0, 0))
+    if taken_off and number >= first:
+        number -= taken_off  # S120 -> S20
     if system not in SYSTEMS or not 1 <= number <= MAX_NUMBER[system]:
         return None
     return f"{system}{number:02d}"
+
+
+def bare_number(text: str) -> int | None:
+    """Return the number of a satellite that is written without its constellation, "5" or "5.0"."""
+    match = _NUMBER.fullmatch(text.strip())
+    return int(match[1]) if match else None
+
+
+def system_letter(text: str, codes: Mapping[str, str]) -> str | None:
+    """Return a constellation's letter in RINEX of its letter, its name or its code, None when it is none of these."""
+    word = text.strip()
+    number = bare_number(word)
+    code = codes.get(word) or (None if number is None else codes.get(str(number)))
+    return code or SYSTEM_NAMES.get(word.upper())
