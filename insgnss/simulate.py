@@ -164,7 +164,9 @@ def _inputs(config: SimulationConfig, folder: Path) -> Inputs:
 
 
 def _reference(follow: LoggedReference, week: int, folder: Path) -> ReferenceTable:
-    told = Reference(file=folder / follow.file, columns=follow.columns, time=follow.time)
+    told = Reference(
+        file=folder / follow.file, columns=follow.columns, time=follow.time, decimal=follow.decimal
+    )
     reference, _ = read_reference(told, week)
     first, last = (
         np.iinfo(np.int64).min if follow.from_s is None else int(week_seconds_to_ns(week, follow.from_s)),

@@ -18,6 +18,7 @@ from insgnss.columns.page import SHEETS, columns_page
 from insgnss.columns.sheet import Sheet, unit_of
 from insgnss.columns.statuses import STATUS_MEANINGS
 from insgnss.config.flight import GnssColumns, ImuColumns, MountedAntenna, ReferenceColumns
+from insgnss.config.log_table import NO_COLUMN
 from insgnss.fusion.output import NAV_COLUMNS
 from insgnss.log.flight import Flight
 from insgnss.point import TABLES as POINT_TABLES
@@ -56,7 +57,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def defaults(model: type[BaseModel]) -> list[str]:
     """Return the names of the columns that are read where the flight file maps none."""
     values: list[Any] = [field.default for field in model.model_fields.values()]
-    return [name for value in values for name in ((value,) if isinstance(value, str) else value)]
+    names = [name for value in values for name in ((value,) if isinstance(value, str) else value)]
+    return [name for name in names if name != NO_COLUMN]
 
 
 @pytest.mark.parametrize("name", TABLES)

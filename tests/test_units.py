@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from insgnss import units
-from insgnss.config.flight import Imu, TimeScale
+from insgnss.config.flight import Imu
+from insgnss.config.log_table import TimeScale
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,18 @@ from typing import Final
 from insgnss.columns.sheet import Sheet
 
 _IMU = """
-time_s: time of the sample; `[imu.time]` tells unit, origin and scale
+time_s: time of the sample; `[imu.time]` tells unit, origin and scale. `columns.date` names a column of dates
+  beside one of times of day, `columns.week` one of GPS weeks
 gyro_x gyro_y gyro_z: angular rate or angle increment along the sensor's axes, in the unit declared by
   `gyro_unit`
 accel_x accel_y accel_z: specific force or velocity increment along the sensor's axes, in the unit declared
   by `accel_unit`; at rest it points up
 """
 _GNSS = """
-time_s: receiver time tag of the epoch; `[gnss.time]` tells unit, origin and scale
-sv: satellite: constellation's letter and number, as G05
+time_s: receiver time tag of the epoch; `[gnss.time]` tells unit, origin and scale; dates and weeks as in
+  `imu.csv`
+sv: satellite: constellation's letter and number, as G05. Bare numbers need the column that `columns.system`
+  names (letters, names as GPS, or codes that `system_codes` explains), or `gnss.system`
 signal: RINEX code, as C1C; where the column is missing each constellation's usual first signal is assumed,
   with an event
 pseudorange_m: code pseudorange
@@ -31,7 +34,7 @@ sat_vx_mps sat_vy_mps sat_vz_mps: its velocity
 sat_clock_m sat_clock_drift_mps: its clock against system time, and its rate
 """
 _REFERENCE = """
-time_s: seconds; `[reference.time]` tells unit, origin and scale
+time_s: seconds; `[reference.time]` tells unit, origin and scale; dates and weeks as in `imu.csv`
 lat_deg lon_deg h_m: position, WGS-84, height above the ellipsoid
 vn ve vd: velocity north, east, down, m/s; optional
 roll_deg pitch_deg yaw_deg: attitude; optional
@@ -44,7 +47,12 @@ sv: satellite
 event: lock, loss, search or detection
 """
 INPUT_SHEETS: Final = (
-    Sheet("imu.csv", "sample", _IMU, "`[imu.columns]` maps other names."),
+    Sheet(
+        "imu.csv",
+        "sample",
+        _IMU,
+        "`[imu.columns]` maps other names; a number is a column of a file without a header, counted from 1.",
+    ),
     Sheet(
         "gnss.csv",
         "satellite, signal and epoch",

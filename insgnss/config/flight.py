@@ -9,8 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from insgnss.config.log_table import NO_COLUMN, ColumnName, Columns, LogTable
 from insgnss.config.strict import StrictModel
 
 Vector3 = tuple[float, float, float]
@@ -26,64 +27,16 @@ Velocity = tuple[_Speed, _Speed, _Speed]  # [m/s]
 Angles = tuple[_Angle, _Angle, _Angle]  # [deg]
 Height = Annotated[float, Field(ge=-1e4, le=1e7)]  # [m]
 AngleSigma = Annotated[float, Field(gt=0.0, le=180.0)]  # [deg]
-TWO_ROLLOVERS_S = 1.3e9  # of a week number of ten bits, 1024 weeks each: what an offset may have to mend
 _ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
-NO_COLUMN = "none"  # instead of a column's name: the log has no such column
 AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
-
-
-class TimeScale(StrictModel):
-    """How the time column of a log counts: ``gps = column * unit + origin + offset_s (+ leap seconds if UTC)``."""
-
-    unit: Literal["s", "ms", "us", "ns"] = "s"
-    origin: Literal["gps_week", "gps_epoch", "unix_epoch"] = "gps_week"
-    scale: Literal["gps", "utc"] = "gps"
-    leap_seconds: Annotated[int, Field(ge=0, le=100)] | None = Field(
-        None, description="GPS minus UTC [s], 18 since 2017; by date when not given"
-    )
-    offset_s: float = Field(
-        0.0, ge=-TWO_ROLLOVERS_S, le=TWO_ROLLOVERS_S, description="added to every time tag of the log [s]"
-    )
-
-    @model_validator(mode="after")
-    def _leap_seconds_are_of_utc(self, info: ValidationInfo) -> TimeScale:
-        # only as a file says it: a proposal of another scale may leave them over
-        if info.mode == "json" and self.leap_seconds is not None and self.scale != "utc":
-            raise ValueError(
-                "leap_seconds are added to UTC alone: write scale = 'utc' too, or leave them out"
-            )
-        return self
-
-
-class Columns(StrictModel):
-    """Names of the columns of a log, no two alike."""
-
-    @model_validator(mode="after")
-    def _names_are_different(self) -> Self:
-        names = list(self.all_names())
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f"'{twice}' is named for two things: each needs a column of its own")
-        return self
-
-    def all_names(self) -> tuple[str, ...]:
-        """Return every name of a column, without ``NO_COLUMN``."""
-        values = [value for _, value in self]
-        names = (name for value in values for name in ((value,) if isinstance(value, str) else value))
-        return tuple(name for name in names if name != NO_COLUMN)
-
-    def chosen_names(self) -> tuple[str, ...]:
-        """Return the names that are not the usual ones: the file must have these columns."""
-        return tuple(name for name in self.all_names() if name not in type(self)().all_names())
 
 
 class ImuColumns(Columns):
     """Names of the columns of an inertial log."""
 
-    time: str = "time_s"
-    gyro: tuple[str, str, str] = ("gyro_x", "gyro_y", "gyro_z")
-    accel: tuple[str, str, str] = ("accel_x", "accel_y", "accel_z")
+    gyro: tuple[ColumnName, ColumnName, ColumnName] = ("gyro_x", "gyro_y", "gyro_z")
+    accel: tuple[ColumnName, ColumnName, ColumnName] = ("accel_x", "accel_y", "accel_z")
 
 
 class ImuGrade(StrictModel):
@@ -122,12 +75,11 @@ class Oscillator(StrictModel):
     source: str = ""
 
 
-class Imu(StrictModel):
+class Imu(LogTable):
     """An inertial log and the sensor behind it."""
 
     files: tuple[Path, ...] = Field(min_length=1)
     columns: ImuColumns = ImuColumns()
-    time: TimeScale = TimeScale()
     values: Literal["rates", "increments"] = "rates"
     sampling: Literal["mean", "instant"] = Field(
         "mean",
@@ -182,31 +134,55 @@ class Imu(StrictModel):
 class GnssColumns(Columns):
     """Names of the columns of a GNSS log; the optional ones are used where the file has them."""
 
-    time: str = "time_s"
-    sv: str = "sv"
-    signal: str = "signal"
-    pseudorange: str = "pseudorange_m"
-    doppler: str = "doppler_hz"
-    range_rate: str = "range_rate_mps"
-    carrier: str = "carrier_phase_cycles"
-    lli: str = "lli"
-    cn0: str = "cn0_dbhz"
-    sigma_pseudorange: str = "sigma_pseudorange_m"
-    sigma_range_rate: str = "sigma_range_rate_mps"
-    sat_position: tuple[str, str, str] = ("sat_x_m", "sat_y_m", "sat_z_m")
-    sat_velocity: tuple[str, str, str] = ("sat_vx_mps", "sat_vy_mps", "sat_vz_mps")
-    sat_clock: str = "sat_clock_m"
-    sat_clock_drift: str = "sat_clock_drift_mps"
+    sv: ColumnName = "sv"
+    system: ColumnName = Field(
+        NO_COLUMN, description="of constellations, where the column of satellites holds bare numbers"
+    )
+    signal: ColumnName = "signal"
+    pseudorange: ColumnName = "pseudorange_m"
+    doppler: ColumnName = "doppler_hz"
+    range_rate: ColumnName = "range_rate_mps"
+    carrier: ColumnName = "carrier_phase_cycles"
+    lli: ColumnName = "lli"
+    cn0: ColumnName = "cn0_dbhz"
+    sigma_pseudorange: ColumnName = "sigma_pseudorange_m"
+    sigma_range_rate: ColumnName = "sigma_range_rate_mps"
+    sat_position: tuple[ColumnName, ColumnName, ColumnName] = ("sat_x_m", "sat_y_m", "sat_z_m")
+    sat_velocity: tuple[ColumnName, ColumnName, ColumnName] = ("sat_vx_mps", "sat_vy_mps", "sat_vz_mps")
+    sat_clock: ColumnName = "sat_clock_m"
+    sat_clock_drift: ColumnName = "sat_clock_drift_mps"
 
 
 GlonassSatellite = Annotated[str, Field(pattern=r"^R\d\d$")]
 LogFormat = Literal["csv", "rinex", "ubx", "sbf", "android"]
+System = Literal["G", "R", "E", "C", "J", "I", "S"]
 
 
-class Base(StrictModel):
-    """A base station at a known place, whose ranges correct those of the flight."""
+class Observations(LogTable):
+    """A log of GNSS observations; columns, time and satellites are declared where it is a table."""
 
     files: tuple[Path, ...] = Field(min_length=1)
+    format: LogFormat = "csv"
+    columns: GnssColumns = GnssColumns()
+    system: System | None = Field(
+        None, description="constellation of satellites written as bare numbers, by its letter in RINEX"
+    )
+    system_codes: dict[str, System] = Field(
+        {}, description="what the column of constellations holds where it is no name or letter: 1 = 'G'"
+    )
+
+    @model_validator(mode="after")
+    def _constellation_is_told_in_one_way(self) -> Self:
+        if self.system is not None and self.columns.system != NO_COLUMN:
+            raise ValueError("system and columns.system say the same thing twice: give one of them")
+        if self.system_codes and self.columns.system == NO_COLUMN:
+            raise ValueError("system_codes are of the column that columns.system names: give it too")
+        return self
+
+
+class Base(Observations):
+    """A base station at a known place, whose ranges correct those of the flight."""
+
     format: LogFormat = "rinex"
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -252,13 +228,9 @@ class MountedAntenna(StrictModel):
         return self
 
 
-class Gnss(StrictModel):
+class Gnss(Observations):
     """A GNSS log, what says where the satellites were, and the antenna."""
 
-    files: tuple[Path, ...] = Field(min_length=1)
-    format: LogFormat = "csv"
-    columns: GnssColumns = GnssColumns()
-    time: TimeScale = TimeScale()
     navigation: tuple[Path, ...] = ()
     precise: tuple[Path, ...] = Field((), description="SP3 orbits and RINEX clocks, instead of the messages")
     antennas: Path | None = Field(
@@ -310,22 +282,20 @@ class GivenStart(StrictModel):
 class ReferenceColumns(Columns):
     """Names of the columns of a reference trajectory; all but time and position are optional."""
 
-    time: str = "time_s"
-    position: tuple[str, str, str] = ("lat_deg", "lon_deg", "h_m")
-    velocity: tuple[str, str, str] = ("vn", "ve", "vd")
-    attitude: tuple[str, str, str] = ("roll_deg", "pitch_deg", "yaw_deg")
-    quality: str = "quality"
-    sigma_position: tuple[str, str, str] = ("sd_n_m", "sd_e_m", "sd_d_m")
-    sigma_velocity: tuple[str, str, str] = ("sd_vn_mps", "sd_ve_mps", "sd_vd_mps")
-    sigma_attitude: tuple[str, str, str] = ("sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg")
+    position: tuple[ColumnName, ColumnName, ColumnName] = ("lat_deg", "lon_deg", "h_m")
+    velocity: tuple[ColumnName, ColumnName, ColumnName] = ("vn", "ve", "vd")
+    attitude: tuple[ColumnName, ColumnName, ColumnName] = ("roll_deg", "pitch_deg", "yaw_deg")
+    quality: ColumnName = "quality"
+    sigma_position: tuple[ColumnName, ColumnName, ColumnName] = ("sd_n_m", "sd_e_m", "sd_d_m")
+    sigma_velocity: tuple[ColumnName, ColumnName, ColumnName] = ("sd_vn_mps", "sd_ve_mps", "sd_vd_mps")
+    sigma_attitude: tuple[ColumnName, ColumnName, ColumnName] = ("sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg")
 
 
-class Reference(StrictModel):
+class Reference(LogTable):
     """A reference trajectory to score against."""
 
     file: Path
     columns: ReferenceColumns = ReferenceColumns()
-    time: TimeScale = TimeScale()
     point: Literal["imu", "antenna"] = "imu"
 
 

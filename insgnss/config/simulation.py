@@ -15,9 +15,9 @@ from insgnss.config.flight import (
     Oscillator,
     PositiveFloat,
     ReferenceColumns,
-    TimeScale,
     Vector3,
 )
+from insgnss.config.log_table import LogTable
 from insgnss.config.manoeuvres import Manoeuvre
 from insgnss.config.signal_faults import SignalFault
 from insgnss.config.strict import StrictModel
@@ -36,12 +36,11 @@ class Place(StrictModel):
     heading_deg: float = 0.0
 
 
-class LoggedReference(StrictModel):
+class LoggedReference(LogTable):
     """A reference trajectory that the vehicle follows, in place of manoeuvres."""
 
     file: Path
     columns: ReferenceColumns = ReferenceColumns()
-    time: TimeScale = TimeScale()
     from_s: float | None = Field(None, description="seconds of the GPS week; its beginning when left out")
     to_s: float | None = None
     smoothing_s: PositiveFloat = Field(0.5, description="distance of the knots: what is faster is left out")

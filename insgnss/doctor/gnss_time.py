@@ -142,7 +142,7 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Findi
     why = "only so do the pseudoranges agree on a place"
     proposals = []
     added = shift.hours * HOUR_S
-    if shift.weeks and config.gnss.format == "csv" and config.gnss.time.origin == "gps_week":
+    if shift.weeks and config.gnss.format == "csv" and config.gnss.counts_in_gps_week:
         proposals.append(Proposal("gps_week", config.gps_week + shift.weeks, why))
     else:
         added += shift.weeks * WEEK_S

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from insgnss.config.flight import FlightConfig, TimeScale
+from insgnss.config.flight import FlightConfig
+from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S
 from insgnss.doctor.axis_search import EQUAL
 from insgnss.gpstime import leap_seconds, ns_to_datetime
@@ -114,8 +115,8 @@ def scale_for(time: TimeScale, leap_s: int) -> str | None:
 
 
 def _week_is_of_the_imu_alone(config: FlightConfig) -> bool:
-    own_week = config.gnss.format != "csv" or config.gnss.time.origin != "gps_week"
-    return inertial(config).time.origin == "gps_week" and own_week
+    own_week = config.gnss.format != "csv" or not config.gnss.counts_in_gps_week
+    return inertial(config).counts_in_gps_week and own_week
 
 
 def overlapping_shifts(imu_ns: tuple[int, int], gnss_ns: tuple[int, int]) -> list[int]:

@@ -16,6 +16,8 @@ DELIMITERS = (",", ";", "\t", "|", " ")
 DELIMITER_NAMES = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "white space"}
 FALLBACK_ENCODING = "cp1252"  # of text that is no UTF-8: what spreadsheets write
 _HEAD_BYTES = 1 << 16  # more than any header with its comments
+_BY_NUMBER = re.compile(r"#([1-9]\d*)")
+_NUMBER_OR_DATE = re.compile(r"[+-]?[.,]?\d")
 
 
 @dataclass(frozen=True)
@@ -23,11 +25,24 @@ class Dialect:
     """The shape of a CSV file; white space as delimiter means any run of blanks or tabs."""
 
     delimiter: str
-    columns: tuple[str, ...]
-    header_line: int  # 1-based
+    columns: tuple[str, ...]  # of a file without a header: "#1", "#2", ...
+    header_line: int  # 1-based; without a header the first line of data
     skip: int  # lines before the data
     header_in_comment: bool = False
     header_is_utf8: bool = True
+
+    def place(self, name: str) -> int | None:
+        """Return where a column stands, from 0, by its name or by its number, None when it is not there."""
+        if name in self.columns:
+            return self.columns.index(name)
+        number = column_number(name)
+        return None if number is None or number > len(self.columns) else number - 1
+
+
+def column_number(name: str) -> int | None:
+    """Return the number that stands in place of a column's name, as in "#3", None when it is a name."""
+    match = _BY_NUMBER.fullmatch(name)
+    return int(match[1]) if match else None
 
 
 def is_comment(line: str) -> bool:
@@ -61,20 +76,32 @@ def _best_delimiter(line: str, wanted: Collection[str]) -> str:
     return max(DELIMITERS, key=score)
 
 
-def is_number(cell: str) -> bool:
-    """Return whether a cell of the first line is a number, so that the line can hardly be a header."""
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def is_data(cell: str) -> bool:
+    """Return whether a cell of the first line is a number or a date, so that the line can hardly be a header."""
+    return _NUMBER_OR_DATE.match(cell) is not None
 
 
-def detect_dialect(data: memoryview, wanted: Collection[str], path: Path) -> Dialect:
+def _without_names(line: str, number: int, numbers: Collection[int], decimal: str, is_utf8: bool) -> Dialect:
+    """Return the dialect of a file whose columns are given by number, from its first line.
+
+    The delimiter is the first that gives as many cells as are needed. A first line without a number or a date in any
+    of the wanted columns is a header.
+    """
+    fitting = [d for d in ("\t", ";", "|", ",", " ") if d != decimal or '"' in line]
+    delimiter = max(fitting, key=lambda d: min(len(split_cells(line, d)), max(numbers)))
+    cells = split_cells(line, delimiter)
+    if any(is_data(cells[k - 1]) for k in numbers if k <= len(cells)):
+        names = tuple(f"#{k}" for k in range(1, len(cells) + 1))
+        return Dialect(delimiter, names, number, number - 1)
+    return Dialect(delimiter, tuple(cells), number, number, False, is_utf8)
+
+
+def detect_dialect(data: memoryview, wanted: Collection[str], decimal: str, path: Path) -> Dialect:
     """Return the dialect of a CSV file from its first lines.
 
     The header is the first line that is neither blank nor a comment. When that line names none of the wanted
-    columns, a comment line before it that does is the header ("# time_s, gyro_x, ...").
+    columns, a comment line before it that does is the header ("# time_s, gyro_x, ..."). Where columns are given
+    by number the file needs no header.
 
     Raises
     ------
@@ -86,23 +113,26 @@ def detect_dialect(data: memoryview, wanted: Collection[str], path: Path) -> Dia
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise InputError("the file is UTF-16", file=path, advice="save it as CSV in UTF-8")
     lines = re.split(rb"\r\n|\n|\r", head.removeprefix(codecs.BOM_UTF8))
+    numbers = {k for name in wanted if (k := column_number(name)) is not None}
     comment: Dialect | None = None
     for number, raw in enumerate(lines, start=1):
-        line, is_utf8 = decoded(raw)
-        line = line.strip()
+        text, is_utf8 = decoded(raw)
+        line = text.strip()
         if not line:
             continue
         if is_comment(line):
-            text = line.lstrip("#%/ \t")
-            delimiter = _best_delimiter(text, wanted)
-            columns = tuple(split_cells(text, delimiter))
+            named = line.lstrip("#%/ \t")
+            delimiter = _best_delimiter(named, wanted)
+            columns = tuple(split_cells(named, delimiter))
             if len(set(columns) & set(wanted)) >= 2:
                 comment = Dialect(delimiter, columns, number, number, True, is_utf8)
             continue
-        delimiter = _best_delimiter(line, wanted)
-        cells = split_cells(line, delimiter)
         if "\0" in line:
             raise InputError("this is a binary file, not CSV", file=path)
+        if numbers:
+            return _without_names(text, number, numbers, decimal, is_utf8)
+        delimiter = _best_delimiter(line, wanted)
+        cells = split_cells(line, delimiter)
         if comment is not None and not set(cells) & set(wanted):
             return replace(comment, skip=number - 1)
         return Dialect(delimiter, tuple(cells), number, number, False, is_utf8)

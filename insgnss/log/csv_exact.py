@@ -6,10 +6,12 @@ seconds; only lines that differ from the rest are handled one by one.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from decimal import ROUND_HALF_EVEN, Decimal
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -17,38 +19,24 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.csv
 
 from insgnss.errors import ColumnError
-from insgnss.log.csv_columns import EMPTY_CELLS, Wanted
+from insgnss.log.csv_calendar import Calendar
+from insgnss.log.csv_cells import EMPTY_CELLS, date_advice, floats, foreign_number, integers, number_advice
+from insgnss.log.csv_columns import CsvRows, TextColumn, Wanted
 from insgnss.log.csv_dialect import DELIMITER_NAMES, Dialect, decoded
 from insgnss.log.first_events import first_events
-from insgnss.tables import Event, Float64, Int64
+from insgnss.tables import Event, Int64
 
 Bool = npt.NDArray[np.bool_]
 
 MAX_BAD_SHARE: Final = 0.05  # more than this: the file is not what the flight file says it is
 MAX_BAD_ROWS_SMALL_FILE: Final = 3  # so that one bad row in a file of ten is still only a bad row
-NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
-_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f_]\d{3})+(\.\d*)?")
-_SEPARATOR: Final = b"\x1f"  # the delimiter inside: a character that no log holds
-_COMMENTS: Final = (b"#", b"%", b"//")
+_SEPARATOR: Final = "\x1f"  # parts the cells of lines whose quotes were taken off: no log holds it
+_NOTHING: Final = r"^\s*($|#|%|//)"  # a line that is blank or a comment
+_NO_NUMBER: Final = "not a finite number"
 _CUT_LINES: Final = 20
 _EXPONENT: Final = re.compile(rb"\d[eE][+-]?(\d+)")
-_INT64_MAX: Final = Decimal(2**63 - 1)
-
-
-@dataclass(frozen=True)
-class ExactRows:
-    """The good rows of a file, and an event for each refused row or unreadable cell."""
-
-    lines: Int64
-    columns: dict[str, Float64]
-    exact: dict[str, Int64]
-    text: dict[str, tuple[npt.NDArray[np.int32], list[str]]]
-    bad_cells: dict[str, Int64]
-    events: list[Event]
 
 
 @dataclass(frozen=True)
@@ -93,16 +81,20 @@ def _lacks_exponent_digits(cell: bytes, before: list[bytes]) -> bool:
 
 def read_exact(
     buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: Wanted
-) -> ExactRows:
+) -> CsvRows:
     """Read the wanted columns line by line.
 
     Raises
     ------
-    ColumnError : decimal commas or thousands separators, or more than 5 % of the rows are bad
+    ColumnError : numbers written in another way than declared, or more than 5 % of the rows are bad
     """
-    rows, lines, complaints = _split_lines(_utf8(buffer), dialect)
-    strings = _string_columns(rows, len(dialect.columns), places)
-    reader = _ColumnReader(path, lines, complaints)
+    data = _utf8(buffer)
+    cut = last_line_is_cut(memoryview(data), dialect.delimiter)
+    rows, lines, complaints = _split_lines(data, dialect, cut)
+    strings = {name: pc.utf8_trim_whitespace(pc.list_element(rows, k)) for name, k in places.items()}
+    reader = _ColumnReader(path, dialect, lines, complaints, wanted.decimal)
+    if wanted.calendar is not None:
+        reader.read_dates(wanted.calendar, [strings[name] for name in wanted.dates])
     for name, digits in wanted.exact.items():
         reader.read_integers(name, strings[name], digits)
     for name in wanted.numeric:
@@ -110,61 +102,83 @@ def read_exact(
     for name in wanted.optional:
         if name in places:
             reader.read_optional(name, strings[name])
-    reader.check_share(dialect)
-    return reader.result(
-        {name: strings[name] for name in (*wanted.text, *wanted.optional_text) if name in places}
-    )
+    reader.check_share()
+    words = {name: strings[name] for name in (*wanted.text, *wanted.optional_text) if name in places}
+    return reader.result(words)
 
 
 class _ColumnReader:
     """Turns columns of strings into numbers and collects what cannot be read."""
 
-    def __init__(self, path: Path, lines: Int64, complaints: list[_Complaint]) -> None:
+    def __init__(
+        self, path: Path, dialect: Dialect, lines: Int64, complaints: list[_Complaint], decimal: str
+    ) -> None:
         self.path = path
+        self.dialect = dialect
         self.lines = lines
+        self.decimal = decimal
         self.refused = complaints
         self.unreadable: dict[str, Bool] = {}
+        self.advice: dict[str, str] = {}  # by column, what its first bad cell suggests
         self.good = np.ones(len(lines), np.bool_)
-        self.columns: dict[str, Float64] = {}
-        self.exact: dict[str, Int64] = {}
-        self.events: list[Event] = []
+        self.rows = CsvRows()
 
-    def read_required(self, name: str, cells: pa.Array) -> None:
-        self.columns[name], readable = _floats(cells)
-        self._refuse_rows(name, cells, readable)
+    def read_dates(self, calendar: Calendar, parts: list[pa.Array]) -> None:
+        self.rows.exact[calendar.columns[-1]], readable = calendar.to_gps(parts)
+        name, advice = "' and '".join(calendar.columns), partial(date_advice, order=calendar.order)
+        self._refuse_rows(name, calendar.joined(parts), readable, "not a date and time", advice)
 
     def read_integers(self, name: str, cells: pa.Array, digits: int) -> None:
-        self.exact[name], readable = _integers(cells, digits)
+        self.rows.exact[name], readable = integers(cells, digits, self.decimal)
+        self._refuse_rows(name, cells, readable)
+
+    def read_required(self, name: str, cells: pa.Array) -> None:
+        self.rows.columns[name], readable = floats(cells, self.decimal)
         self._refuse_rows(name, cells, readable)
 
     def read_optional(self, name: str, cells: pa.Array) -> None:
-        self.columns[name], readable = _floats(cells)
-        empty = pc.is_in(cells, value_set=pa.array(EMPTY_CELLS)).to_numpy(zero_copy_only=False)
+        self.rows.columns[name], readable = floats(cells, self.decimal)
+        empty = pc.is_in(cells, value_set=pa.array(EMPTY_CELLS, cells.type)).to_numpy(zero_copy_only=False)
         self.unreadable[name] = ~(readable | empty)
         bad = np.flatnonzero(self.unreadable[name])
         self._refuse_foreign_numbers(name, cells, bad)
-        complaints = [_Complaint(int(self.lines[i]), name, _reason(cells[int(i)].as_py())) for i in bad]
-        self.events += _bad_events("bad_cell", self.path, complaints, "cell left empty")
+        complaints = self._complaints(name, cells, bad, _NO_NUMBER)
+        self.rows.events += _bad_events("bad_cell", self.path, complaints, "cell left empty")
 
-    def _refuse_rows(self, name: str, cells: pa.Array, readable: Bool) -> None:
+    def _refuse_rows(
+        self,
+        name: str,
+        cells: pa.Array,
+        readable: Bool,
+        fault: str = _NO_NUMBER,
+        advice: Callable[[str], str] = number_advice,
+    ) -> None:
         bad = np.flatnonzero(self.good & ~readable)
-        self._refuse_foreign_numbers(name, cells, bad)
-        self.refused += [_Complaint(int(self.lines[i]), name, _reason(cells[int(i)].as_py())) for i in bad]
+        if fault == _NO_NUMBER:
+            self._refuse_foreign_numbers(name, cells, bad)
+        self.refused += self._complaints(name, cells, bad, fault)
+        if len(bad):
+            self.advice[name] = advice(cells[int(bad[0])].as_py())
         self.good &= readable
+
+    def _complaints(
+        self, name: str, cells: pa.Array, bad: npt.NDArray[np.intp], fault: str
+    ) -> list[_Complaint]:
+        texts = cells.take(pa.array(bad)).to_pylist()
+        return [
+            _Complaint(line, name, f"'{_short(cell)}' is {fault}" if cell else "empty cell")
+            for line, cell in zip(self.lines[bad].tolist(), texts, strict=True)
+        ]
 
     def _refuse_foreign_numbers(self, name: str, cells: pa.Array, bad: npt.NDArray[np.intp]) -> None:
         for i in bad[:1000]:
             cell = cells[int(i)].as_py()
-            if _DECIMAL_COMMA.fullmatch(cell) or _THOUSANDS.fullmatch(cell):
-                raise ColumnError(
-                    f"'{cell}' holds a decimal comma or a thousands separator",
-                    file=self.path,
-                    line=int(self.lines[i]),
-                    column=name,
-                    advice="write the file with a decimal point and without thousands separators",
-                )
+            if (found := foreign_number(cell, self.decimal)) is not None:
+                message, advice = found
+                line = int(self.lines[i])
+                raise ColumnError(message, file=self.path, line=line, column=name, advice=advice)
 
-    def check_share(self, dialect: Dialect) -> None:
+    def check_share(self) -> None:
         """Raise when so many rows are bad that the file is something else than the flight file says."""
         total = len(self.lines) + sum(complaint.column is None for complaint in self.refused)
         if len(self.refused) <= max(MAX_BAD_SHARE * total, MAX_BAD_ROWS_SMALL_FILE):
@@ -173,39 +187,37 @@ class _ColumnReader:
         listed = "; ".join(
             f"line {c.line}" + (f" '{c.column}'" if c.column else "") + f": {c.reason}" for c in first
         )
+        width, mark = len(self.dialect.columns), DELIMITER_NAMES[self.dialect.delimiter]
+        of_lines = (
+            f"line {self.dialect.header_line} has {width} columns parted by {mark}; look for decimal commas,"
+            " a second header or another file's rows"
+        )
         raise ColumnError(
             f"{len(self.refused)} of {total} rows cannot be read: {listed}",
             file=self.path,
             line=first[0].line,
             column=first[0].column,
-            advice=f"the header names {len(dialect.columns)} columns parted by {DELIMITER_NAMES[dialect.delimiter]};"
-            " look for decimal commas, thousands separators, a second header or another file's rows",
+            advice=self.advice.get(first[0].column or "", of_lines),
         )
 
-    def result(self, text: dict[str, pa.Array]) -> ExactRows:
+    def result(self, text: dict[str, pa.Array]) -> CsvRows:
         """Return the good rows only."""
         keep = np.flatnonzero(self.good)
-        everything = len(keep) == len(self.good)
-        words = {}
+        rows = self.rows
+        rows.n, rows.lines = len(keep), self.lines[keep]
+        if len(keep) < len(self.good):
+            rows.columns = {name: values[keep] for name, values in rows.columns.items()}
+            rows.exact = {name: values[keep] for name, values in rows.exact.items()}
+            text = {name: cells.take(pa.array(keep)) for name, cells in text.items()}
         for name, cells in text.items():
-            encoded = (cells if everything else cells.take(pa.array(keep))).dictionary_encode()
-            words[name] = (
-                np.asarray(encoded.indices.to_numpy(zero_copy_only=False)),
-                encoded.dictionary.to_pylist(),
-            )
+            words = cells.dictionary_encode()
+            codes = words.indices.to_numpy(zero_copy_only=False)
+            rows.text[name] = TextColumn(codes, tuple(words.dictionary.to_pylist()))
+        bad = {name: np.flatnonzero(found[keep]) for name, found in self.unreadable.items() if found.any()}
+        rows.bad_cells = {name: found.astype(np.int64) for name, found in bad.items()}
         refused = sorted(self.refused, key=lambda complaint: complaint.line)
-        return ExactRows(
-            self.lines[keep],
-            {name: values if everything else values[keep] for name, values in self.columns.items()},
-            {name: values if everything else values[keep] for name, values in self.exact.items()},
-            words,
-            {
-                name: np.flatnonzero(bad[keep]).astype(np.int64)
-                for name, bad in self.unreadable.items()
-                if bad.any()
-            },
-            _bad_events("bad_row", self.path, refused, "row refused") + self.events,
-        )
+        rows.events = _bad_events("bad_row", self.path, refused, "row refused") + rows.events
+        return rows
 
 
 def _bad_events(kind: str, path: Path, complaints: list[_Complaint], outcome: str) -> list[Event]:
@@ -216,96 +228,61 @@ def _bad_events(kind: str, path: Path, complaints: list[_Complaint], outcome: st
     return first_events(complaints, event, path, outcome)
 
 
-def _reason(cell: str) -> str:
-    if not cell:
-        return "empty cell"
-    shown = cell if len(cell) <= 40 else cell[:37] + "..."
-    return f"'{shown}' is not a finite number"
+def _short(cell: str) -> str:
+    return cell if len(cell) <= 40 else cell[:37] + "..."
 
 
 def _utf8(buffer: pa.Buffer) -> bytes:
-    data = bytes(buffer.to_pybytes())
+    data = bytes(buffer.to_pybytes()).removeprefix(codecs.BOM_UTF8)
     text, is_utf8 = decoded(data)
     return data if is_utf8 else text.encode()
 
 
-def _split_lines(data: bytes, dialect: Dialect) -> tuple[list[bytes], Int64, list[_Complaint]]:
-    """Return the data lines with unified delimiters, their file lines, and the lines with a wrong number of cells."""
-    rows: list[bytes] = []
-    numbers: list[int] = []
-    complaints: list[_Complaint] = []
+def _lines(data: bytes) -> pa.Array:
+    """Return the lines of a text without their ends, whichever they are."""
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data if data.endswith(b"\n") else data + b"\n"
+    ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n")) + 1
+    offsets = np.concatenate(([0], ends)).astype(np.int64)
+    lines = pa.LargeStringArray.from_buffers(len(ends), pa.py_buffer(offsets), pa.py_buffer(data))
+    return pc.ascii_rtrim(lines, "\n")
+
+
+def _split_lines(data: bytes, dialect: Dialect, cut: bool) -> tuple[pa.Array, Int64, list[_Complaint]]:
+    """Return the cells of each line of data, the file lines, and the lines with a wrong number of cells."""
+    lines = _lines(data)
+    filled = pc.invert(pc.match_substring_regex(lines, _NOTHING)).to_numpy(zero_copy_only=False)
+    numbers = np.flatnonzero(filled) + 1
+    numbers = numbers[numbers > dialect.skip]
+    complaints = []
+    if cut and len(numbers) and numbers[-1] == len(lines):
+        complaints.append(_Complaint(len(lines), None, "the file ends in the middle of this line"))
+        numbers = numbers[:-1]
+    rows = _cells(lines.take(pa.array(numbers - 1)), dialect.delimiter)
+    count = pc.list_value_length(rows).to_numpy(zero_copy_only=False)
     expected = len(dialect.columns)
-    raw = data.splitlines()
-    cut = len(raw) if last_line_is_cut(memoryview(data), dialect.delimiter) else 0
-    for number, line in enumerate(raw[dialect.skip :], start=dialect.skip + 1):
-        if not line.strip() or line.lstrip().startswith(_COMMENTS):
-            continue
-        cells = _unify_delimiters(line, dialect.delimiter)
-        count = cells.count(_SEPARATOR) + 1
-        if count == expected + 1 and not cells[cells.rindex(_SEPARATOR) + 1 :].strip():
-            cells, count = cells[: cells.rindex(_SEPARATOR)], expected  # a delimiter at the line's end
-        if number == cut:
-            complaints.append(_Complaint(number, None, "the file ends in the middle of this line"))
-        elif count != expected:
-            complaints.append(_Complaint(number, None, f"{count} cells where the header names {expected}"))
-        else:
-            rows.append(cells)
-            numbers.append(number)
-    return rows, np.array(numbers, dtype=np.int64), complaints
+    fits = count == expected
+    longer = np.flatnonzero(count == expected + 1)
+    last = pc.list_element(rows.take(pa.array(longer)), expected)
+    fits[longer] = pc.match_substring_regex(last, r"^\s*$")  # a delimiter at the line's end
+    complaints += [
+        _Complaint(int(numbers[i]), None, f"{count[i]} cells where line {dialect.header_line} has {expected}")
+        for i in np.flatnonzero(~fits)
+    ]
+    kept = np.flatnonzero(fits)
+    return rows.take(pa.array(kept)), numbers[kept], complaints
 
 
-def _unify_delimiters(line: bytes, delimiter: str) -> bytes:
+def _cells(lines: pa.Array, delimiter: str) -> pa.Array:
+    """Return each line as a list of its cells; quotes are taken off."""
     if delimiter == " ":
-        return _SEPARATOR.join(line.split())
-    if b'"' in line:
-        cells = next(csv.reader([line.decode()], delimiter=delimiter, skipinitialspace=True), [])
-        return _SEPARATOR.join(cell.encode() for cell in cells)
-    return line.replace(delimiter.encode(), _SEPARATOR)
-
-
-def _string_columns(rows: list[bytes], width: int, places: dict[str, int]) -> dict[str, pa.Array]:
-    """Return the wanted columns as strings without white space around them."""
-    if not rows:
-        return {name: pa.array([], pa.string()) for name in places}
-    names = [str(place) for place in range(width)]
-    table = pyarrow.csv.read_csv(
-        pa.BufferReader(b"\n".join(rows) + b"\n"),
-        read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False),
-        parse_options=pyarrow.csv.ParseOptions(
-            delimiter=_SEPARATOR.decode(), quote_char=False, double_quote=False, ignore_empty_lines=False
-        ),
-        convert_options=pyarrow.csv.ConvertOptions(
-            include_columns=[str(place) for place in places.values()],
-            column_types={str(place): pa.large_string() for place in places.values()},
-            strings_can_be_null=False,
-        ),
-    )
-    return {
-        name: pc.utf8_trim_whitespace(table.column(str(p)).combine_chunks()).cast(pa.string())
-        for name, p in places.items()
-    }
-
-
-def _floats(cells: pa.Array) -> tuple[Float64, Bool]:
-    """Return the cells as floats (NaN where unreadable) and which are finite numbers."""
-    is_number = pc.match_substring_regex(cells, NUMBER)
-    plain = pc.utf8_ltrim(pc.if_else(is_number, cells, None), characters="+")
-    values = np.array(plain.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
-    finite = np.isfinite(values)
-    values[~finite] = np.nan
-    return values, finite
-
-
-def _integers(cells: pa.Array, digits: int) -> tuple[Int64, Bool]:
-    """Return the cells in units of 10^-digits, rounded half to even, and which are numbers that fit."""
-    values = np.zeros(len(cells), np.int64)
-    readable = pc.match_substring_regex(cells, NUMBER).to_numpy(zero_copy_only=False)
-    for i in np.flatnonzero(readable):
-        try:
-            scaled = Decimal(cells[int(i)].as_py()).scaleb(digits).to_integral_value(ROUND_HALF_EVEN)
-        except ArithmeticError:  # an exponent beyond any date
-            readable[i] = False
-            continue
-        readable[i] = abs(scaled) <= _INT64_MAX
-        values[i] = int(scaled) if readable[i] else 0
-    return values, readable
+        return pc.ascii_split_whitespace(pc.ascii_trim_whitespace(lines))
+    quoted = pc.match_substring(lines, '"')
+    if not pc.any(quoted).as_py():
+        return pc.split_pattern(lines, delimiter)
+    parted = [
+        _SEPARATOR.join(next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), []))
+        for line in lines.filter(quoted).to_pylist()
+    ]
+    plain = pc.replace_substring(lines, delimiter, _SEPARATOR)
+    return pc.split_pattern(pc.replace_with_mask(plain, quoted, pa.array(parted, lines.type)), _SEPARATOR)

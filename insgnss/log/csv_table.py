@@ -17,36 +17,20 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from insgnss.errors import InputError
-from insgnss.log.csv_columns import Wanted, column_places
+from insgnss.log.csv_columns import CsvRows, TextColumn, Wanted, column_places, unread_columns
 from insgnss.log.csv_dialect import DELIMITER_NAMES, FALLBACK_ENCODING, Dialect, detect_dialect
-from insgnss.log.csv_exact import ExactRows, last_line_is_cut, read_exact
+from insgnss.log.csv_exact import last_line_is_cut, read_exact
 from insgnss.log.csv_fast import read_fast
 from insgnss.log.files import byte_stream, file_buffer
-from insgnss.tables import Event, Float64, Int64
+from insgnss.tables import Event, Int64
 
 
-@dataclass(frozen=True)
-class TextColumn:
-    """A column of words: the index of each row into the distinct words."""
-
-    codes: npt.NDArray[np.int32]  # (n,)
-    words: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class CsvTable:
-    """The numbers of one CSV file, one array of n rows for each column found."""
+@dataclass(kw_only=True)
+class CsvTable(CsvRows):
+    """The numbers of one CSV file."""
 
     path: Path
-    n: int
-    columns: dict[str, Float64]
-    exact: dict[str, Int64]
-    text: dict[str, TextColumn]
-    bad_cells: dict[str, Int64]  # optional columns: rows whose cell could not be read
-    events: list[Event]
     dialect: Dialect
-    lines: Int64 | None = None  # file line of each row, where the exact path found it
-    block: Float64 | None = None  # (n, k) the columns wanted together, where they lie so
 
     @cached_property
     def line(self) -> Int64:
@@ -84,20 +68,19 @@ def read_csv_table(path: Path, wanted: Wanted) -> CsvTable:
     ColumnError : a column is missing, or more than 5 % of the rows cannot be read
     """
     buffer = file_buffer(path)
-    dialect = detect_dialect(memoryview(buffer), wanted.all, path)
+    dialect = detect_dialect(memoryview(buffer), wanted.all, wanted.decimal, path)
     places = column_places(dialect, wanted, path)
-    events = _dialect_events(path, dialect)
-    table = _read_fast(buffer, path, dialect, places, wanted, events)
-    if table is None:
+    rows = _read_fast(buffer, path, dialect, places, wanted)
+    if rows is None:
         rows = read_exact(buffer, path, dialect, places, wanted)
-        table = _from_exact(path, dialect, rows, wanted, events)
     pa.default_memory_pool().release_unused()  # the columns have been copied out of Arrow's memory
-    if table.n == 0:
+    if rows.n == 0:
         raise InputError("the file holds a header but no rows", file=path, line=dialect.header_line)
-    return table
+    events = _dialect_events(path, dialect, unread_columns(dialect, places)) + rows.events
+    return CsvTable(**vars(rows) | {"events": events}, path=path, dialect=dialect)
 
 
-def _dialect_events(path: Path, dialect: Dialect) -> list[Event]:
+def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list[Event]:
     events = []
     if dialect.delimiter != ",":
         events.append(
@@ -109,48 +92,16 @@ def _dialect_events(path: Path, dialect: Dialect) -> list[Event]:
     if not dialect.header_is_utf8:
         detail = f"{path}:{dialect.header_line}: the header is no UTF-8, read as {FALLBACK_ENCODING}"
         events.append(Event(None, "csv_encoding", detail))
+    if unread:
+        events.append(Event(None, "columns_not_read", f"{path}: columns not read: {', '.join(unread)}"))
     return events
 
 
 def _read_fast(
-    buffer: pa.Buffer,
-    path: Path,
-    dialect: Dialect,
-    places: dict[str, int],
-    wanted: Wanted,
-    events: list[Event],
-) -> CsvTable | None:
+    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: Wanted
+) -> CsvRows | None:
     """Return the table as Arrow reads it, None when anything in the file needs the exact path."""
     if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer), dialect.delimiter):
         return None
     with byte_stream(path, buffer) as stream:
-        found = read_fast(stream, buffer.size, dialect, places, wanted)
-    if found is None:
-        return None
-    text = {name: TextColumn(codes, found.words[name]) for name, codes in found.text.items()}
-    return CsvTable(path, found.n, found.columns, found.exact, text, {}, events, dialect, block=found.block)
-
-
-def merge_words(codes: npt.NDArray[np.int32], words: Sequence[str]) -> TextColumn:
-    """Return the column with its words stripped, words that are then equal merged into one."""
-    stripped = [word.strip() for word in words]
-    distinct = list(dict.fromkeys(stripped))
-    renumber = np.array([distinct.index(word) for word in stripped], dtype=np.int32)
-    return TextColumn(renumber[codes] if len(renumber) else codes, tuple(distinct))
-
-
-def _from_exact(
-    path: Path, dialect: Dialect, rows: ExactRows, wanted: Wanted, events: list[Event]
-) -> CsvTable:
-    text = {name: merge_words(*rows.text[name]) for name in rows.text}
-    return CsvTable(
-        path,
-        len(rows.lines),
-        rows.columns,
-        rows.exact,
-        text,
-        rows.bad_cells,
-        events + rows.events,
-        dialect,
-        rows.lines,
-    )
+        return read_fast(stream, buffer.size, dialect, places, wanted)

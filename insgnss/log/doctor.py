@@ -34,6 +34,7 @@ _SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
 # Events that tell how a log was read, and are no defect
 NOTICES: Final = frozenset(
     {
+        "columns_not_read",
         "csv_delimiter",
         "csv_encoding",
         "csv_header_in_comment",

@@ -28,7 +28,11 @@ def gnss_findings(
     """Return what a GNSS log shows by itself; ``channels`` of GLONASS are those of the log when None."""
     week = config.gps_week
     t_ns, starts = epochs(gnss)
-    findings = [_span_finding(t_ns, week), *_gap_findings(t_ns, week), *_satellite_findings(gnss, starts)]
+    findings = [
+        _span_finding(t_ns, week),
+        *_gap_findings(t_ns, week),
+        *_satellite_findings(gnss, starts, config),
+    ]
     findings += _duplicate_findings(gnss, starts)
     channels = gnss.glonass_channels if channels is None else channels
     findings += _channel_findings(gnss, channels)
@@ -58,7 +62,7 @@ def _gap_findings(t_ns: Int64, week: int) -> list[Finding]:
     return [Finding("warning", "gnss", text)]
 
 
-def _satellite_findings(gnss: GnssTable, starts: Int64) -> list[Finding]:
+def _satellite_findings(gnss: GnssTable, starts: Int64, config: FlightConfig) -> list[Finding]:
     findings = []
     usable = np.isfinite(gnss.pseudorange_m)
     count = _distinct_per_epoch(gnss, starts, usable)
@@ -85,7 +89,9 @@ def _satellite_findings(gnss: GnssTable, starts: Int64) -> list[Finding]:
         if not any(np.isfinite(values).any() for values in columns)
     ]
     if missing:
-        findings.append(Finding("warning", "gnss", f"no {' and no '.join(missing)} in the log"))
+        is_table = config.gnss.format == "csv"
+        advice = "if the log has a column of it, name it under gnss.columns" if is_table else ""
+        findings.append(Finding("warning", "gnss", f"no {' and no '.join(missing)} in the log", advice))
     return findings
 
 

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.flight import NO_COLUMN, Gnss
+from insgnss.config.flight import Gnss
+from insgnss.config.log_table import NO_COLUMN
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds

@@ -12,15 +12,16 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.flight import Gnss, GnssColumns, TimeScale
+from insgnss.config.flight import Gnss, GnssColumns
+from insgnss.config.log_table import TimeScale
 from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
 from insgnss.gnss.table_joining import joined
-from insgnss.log.csv_columns import Wanted
-from insgnss.log.csv_table import CsvTable, TextColumn, read_csv_table
+from insgnss.log.csv_columns import TextColumn, Wanted
+from insgnss.log.csv_table import CsvTable, read_csv_table
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.rinex_obs import read_rinex_obs
-from insgnss.log.satellites import normalised_name
+from insgnss.log.satellite_column import read_satellites
 from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
@@ -70,21 +71,13 @@ def _read_rinex(config: Gnss) -> tuple[GnssTable, list[Event]]:
 
 def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> tuple[GnssTable, list[Event]]:
     names = config.columns
-    table = read_csv_table(path, wanted_with_time(names.time, config.time, _wanted(names)))
-    t_ns, rows, timing = gps_times(table, names.time, config.time, week)
+    table = read_csv_table(path, wanted_with_time(config, _wanted(names)))
+    t_ns, rows, timing = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
     t_ns, continued = continued_week(t_ns, previous_ns, str(path))
-    events = table.events + timing + continued
-    sv, sv_names, bad_names = _satellites(table.text[names.sv], path)
+    sv, sv_names, bad_names = read_satellites(table, config, path)
     signal, signal_names, assumed = _signals(table.text.get(names.signal), sv, sv_names, path)
-    events += bad_names + assumed
-    if not (sv >= 0).any():
-        raise ColumnError(
-            f"no cell names a satellite: '{table.text[names.sv].words[0]}', ...",
-            file=path,
-            column=names.sv,
-            advice="write satellites as in RINEX 3, the system's letter and the number: G05, E11",
-        )
+    events = _table_events(table, names) + timing + continued + bad_names + assumed
     pseudorange_m = _values(table, names.pseudorange, path, required=True)
     _check_pseudoranges(pseudorange_m, names.pseudorange, path)
     states, unused = _satellite_states(table, config, path)
@@ -126,10 +119,22 @@ def _wanted(names: GnssColumns) -> Wanted:
             *_state_columns(names),
         ),
         text=(names.sv,),
-        optional_text=(names.signal,),
+        optional_text=(names.signal, names.system),
         together=_state_columns(names),
         chosen=names.chosen_names(),
     )
+
+
+def _table_events(table: CsvTable, names: GnssColumns) -> list[Event]:
+    """Return the table's events; that of the columns not read also names the missing keys of C/N0 and carrier."""
+    keys = [f"gnss.columns.{key}" for key in ("cn0", "carrier") if getattr(names, key) not in table.columns]
+    if not keys:
+        return table.events
+    more = f"; no column is read as {' or '.join(keys)}: name it there if it is one of these"
+    return [
+        replace(event, detail=event.detail + more) if event.kind == "columns_not_read" else event
+        for event in table.events
+    ]
 
 
 def _state_columns(names: GnssColumns) -> tuple[str, ...]:
@@ -230,22 +235,6 @@ def _flags(column: Float64 | None) -> Int8 | None:
         return None
     known = np.isfinite(column) & (column >= 0.0) & (column < 8.0)
     return np.where(known, np.nan_to_num(column), 0.0).astype(np.int8)
-
-
-def _satellites(column: TextColumn, path: Path) -> tuple[Int16, tuple[str, ...], list[Event]]:
-    """Return each row's index into the satellites' names, -1 where the cell names none."""
-    named = [normalised_name(word) for word in column.words]
-    distinct = tuple(dict.fromkeys(name for name in named if name is not None))
-    index = {name: i for i, name in enumerate(distinct)}
-    table = np.array([-1 if name is None else index[name] for name in named], dtype=np.int16)
-    events = []
-    for code, (word, name) in enumerate(zip(column.words, named, strict=True)):
-        if name is None:
-            count = int(np.count_nonzero(column.codes == code))
-            events.append(
-                Event(None, "bad_row", f"{path}: '{word}' names no satellite; {count} row(s) refused")
-            )
-    return table[column.codes], distinct, events
 
 
 def _signals(

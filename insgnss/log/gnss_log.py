@@ -9,7 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.config.flight import Base, Gnss, TimeScale
+from insgnss.config.flight import Base, Gnss, Observations
+from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
@@ -118,7 +119,8 @@ def _read_format(config: Gnss, week: int) -> ReceiverLog:
 
 def read_base(config: Base, week: int) -> ReceiverLog:
     """Read the base station's observations."""
-    return read_receiver(Gnss(files=config.files, format=config.format), week)
+    written = {name: getattr(config, name) for name in Observations.model_fields}
+    return read_receiver(Gnss(**written), week)
 
 
 def _whole(paths: Sequence[Path], read: Callable[[Path], ReceiverLog]) -> ReceiverLog:

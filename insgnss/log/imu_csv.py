@@ -145,9 +145,9 @@ def _joined(parts: list[_Raw]) -> _Raw:
 
 def _read_file(config: Imu, path: Path, week: int, previous_ns: int | None) -> tuple[_Raw, list[Event]]:
     names = config.columns
-    wanted = wanted_with_time(names.time, config.time, Wanted(numeric=(*names.gyro, *names.accel)))
+    wanted = wanted_with_time(config, Wanted(numeric=(*names.gyro, *names.accel)))
     table = read_csv_table(path, wanted)
-    t_ns, rows, events = gps_times(table, names.time, config.time, week)
+    t_ns, rows, events = gps_times(table, config, week)
     columns = [
         table.columns[name] if rows is None else table.columns[name][rows]
         for name in (*names.gyro, *names.accel)

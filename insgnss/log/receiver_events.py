@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from insgnss.antenna.receiver_events import EVENT_NAMES, ReceiverEvents
-from insgnss.config.flight import TimeScale
+from insgnss.config.log_table import LogTable, TimeScale
 from insgnss.errors import ColumnError
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import CsvTable, read_csv_table
@@ -27,10 +27,9 @@ def read_receiver_events(
     InputError and its kin : the file or a column is missing
     ColumnError : a word is no event, or a name no satellite; the line is named, and the nearest event
     """
-    scale = TimeScale() if scale is None else scale
-    wanted = wanted_with_time("time_s", scale, Wanted(text=("sv", "event")))
-    table = read_csv_table(path, wanted)
-    t_ns, rows, events = gps_times(table, "time_s", scale, week)
+    times = LogTable(time=TimeScale() if scale is None else scale)
+    table = read_csv_table(path, wanted_with_time(times, Wanted(text=("sv", "event"))))
+    t_ns, rows, events = gps_times(table, times, week)
     table = table if rows is None else table.take(rows)
     word_code = np.array([_event_code(word, table) for word in table.text["event"].words], np.int64)
     names = [_satellite(word, table) for word in table.text["sv"].words]

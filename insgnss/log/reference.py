@@ -24,8 +24,8 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
     sigmas = (*names.sigma_position, *names.sigma_velocity, *names.sigma_attitude)
     optional = (*names.velocity, *names.attitude, names.quality, *sigmas)
     wanted = Wanted(numeric=names.position, optional=optional, chosen=names.chosen_names())
-    table = read_csv_table(config.file, wanted_with_time(names.time, config.time, wanted))
-    t_ns, rows, events = gps_times(table, names.time, config.time, week)
+    table = read_csv_table(config.file, wanted_with_time(config, wanted))
+    t_ns, rows, events = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
     t_ns, order = np.unique(t_ns, return_index=True)
     if len(order) != table.n or (np.diff(order) < 0).any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Final
 
 SYSTEMS: Final = "GRECJIS"  # GPS, GLONASS, Galileo, BeiDou, QZSS, NavIC, SBAS: letters of RINEX 3
@@ -10,24 +11,54 @@ MAX_NUMBER: Final = {"G": 63, "R": 32, "E": 50, "C": 63, "J": 10, "I": 14, "S": 
 # A GLONASS satellite that a log knows by its frequency channel alone is R50 + channel, R43 to R56
 CHANNEL_NAME_ZERO: Final = 50
 CHANNELS_IN_USE: Final = range(-7, 7)  # since 2005; GLONASS ICD 5.1, table 3.1
+# PRNs and NMEA's numbers of constellations that RINEX counts from 1: where they begin, and what is taken off
+OTHER_NUMBERS: Final = {"S": (100, 100), "J": (193, 192), "R": (65, 64)}
+SYSTEM_NAMES: Final = {
+    **{letter: letter for letter in SYSTEMS},
+    **dict.fromkeys(("GPS", "NAVSTAR"), "G"),
+    **dict.fromkeys(("GLONASS", "GLO"), "R"),
+    **dict.fromkeys(("GALILEO", "GAL"), "E"),
+    **dict.fromkeys(("BEIDOU", "BDS", "COMPASS"), "C"),
+    **dict.fromkeys(("QZSS", "QZS"), "J"),
+    **dict.fromkeys(("NAVIC", "IRNSS"), "I"),
+    **dict.fromkeys(("SBAS", "WAAS", "EGNOS"), "S"),
+}
 _NAME: Final = re.compile(r"([A-Za-z])[ _-]?0*(\d{1,3})")
+_NUMBER: Final = re.compile(r"0*(\d{1,3})(?:\.0*)?")
 
 
 def normalised_name(text: str) -> str | None:
     """Return the satellite's name as RINEX 3 writes it ("g5", "G 5", "G05" -> "G05"), None when it cannot be one."""
     match = _NAME.fullmatch(text.strip().strip("\"'").strip())
-    if match is None:
-        return None
-    system, number = match[1].upper(), int(match[2])
-    if system == "S" and number >= 100:
-        number -= 100  # SBAS by its PRN: S120 -> S20
-    if system not in SYSTEMS:
-        return None
-    name = f"{system}{number:02d}"
-    return name if 1 <= number <= MAX_NUMBER[system] or channel_of_name(name) is not None else None
+    return None if match is None else numbered_name(match[1].upper(), int(match[2]))
 
 
 def channel_of_name(name: str) -> int | None:
     """Return the channel of a GLONASS satellite that is known by nothing else ("R46" -> -4), None for all others."""
     channel = int(name[1:]) - CHANNEL_NAME_ZERO
     return channel if name[0] == "R" and channel in CHANNELS_IN_USE else None
+
+
+def numbered_name(system: str, number: int) -> str | None:
+    """Return the name of a constellation's satellite by its number, None when there is none such."""
+    first, taken_off = OTHER_NUMBERS.get(system, (0, 0))
+    if taken_off and number >= first:
+        number -= taken_off  # S120 -> S20
+    if system not in SYSTEMS:
+        return None
+    name = f"{system}{number:02d}"
+    return name if 1 <= number <= MAX_NUMBER[system] or channel_of_name(name) is not None else None
+
+
+def bare_number(text: str) -> int | None:
+    """Return the number of a satellite that is written without its constellation, "5" or "5.0"."""
+    match = _NUMBER.fullmatch(text.strip())
+    return int(match[1]) if match else None
+
+
+def system_letter(text: str, codes: Mapping[str, str]) -> str | None:
+    """Return a constellation's letter in RINEX of its letter, its name or its code, None when it is none of these."""
+    word = text.strip()
+    number = bare_number(word)
+    code = codes.get(word) or (None if number is None else codes.get(str(number)))
+    return code or SYSTEM_NAMES.get(word.upper())

@@ -10,10 +10,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.flight import TimeScale
+from insgnss.config.log_table import NO_COLUMN, LogTable, TimeScale
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import TimeError
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
+from insgnss.log.csv_calendar import Calendar
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import CsvTable
 from insgnss.log.first_events import first_events
@@ -37,15 +38,22 @@ def is_exact(scale: TimeScale) -> bool:
     return scale.origin != "gps_week"
 
 
-def wanted_with_time(column: str, scale: TimeScale, wanted: Wanted) -> Wanted:
-    """Return ``wanted`` with the time column added in the way its scale needs."""
+def wanted_with_time(log: LogTable, wanted: Wanted) -> Wanted:
+    """Return ``wanted`` with the columns of time added in the way their scale needs, and the decimal mark."""
+    names, scale = log.columns, log.time
+    wanted = replace(wanted, decimal=log.decimal)
+    if scale.origin == "calendar":
+        columns = (names.time,) if names.date == NO_COLUMN else (names.date, names.time)
+        calendar = Calendar(columns, scale.date_order, scale.scale, scale.leap_seconds)
+        return replace(wanted, calendar=calendar)
     if is_exact(scale):
-        return replace(wanted, exact={column: _DIGITS[scale.unit]})
-    return replace(wanted, numeric=(column, *wanted.numeric))
+        return replace(wanted, exact={names.time: _DIGITS[scale.unit]})
+    week = () if names.week == NO_COLUMN else (names.week,)
+    return replace(wanted, numeric=(*week, names.time, *wanted.numeric))
 
 
 def gps_times(
-    table: CsvTable, column: str, scale: TimeScale, week: int
+    table: CsvTable, log: LogTable, week: int
 ) -> tuple[Int64, npt.NDArray[np.intp] | None, list[Event]]:
     """Return GPS time [ns] of the rows of a table that was read with ``wanted_with_time``.
 
@@ -57,21 +65,29 @@ def gps_times(
     ------
     TimeError : most times lie outside any GPS date: wrong unit or origin
     """
+    names, scale = log.columns, log.time
+    column = names.time if names.week == NO_COLUMN else f"{names.week}' and '{names.time}"
     if is_exact(scale):
-        t_ns = table.exact[column]
+        t_ns = table.exact[names.time]
         if scale.origin == "unix_epoch":
             t_ns = t_ns - UNIX_TO_GPS_S * NS_PER_S
         possible = (t_ns >= 0) & (t_ns <= LATEST_NS)
     else:
-        ns = table.columns[column] * NS_PER_UNIT[scale.unit]
+        ns = table.columns[names.time] * NS_PER_UNIT[scale.unit]
         possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
+        if names.week != NO_COLUMN:
+            weeks = table.columns[names.week]
+            possible &= (weeks == np.rint(weeks)) & (weeks >= 0) & (weeks <= LATEST_NS // NS_PER_WEEK)
         t_ns = np.rint(np.where(possible, ns, 0.0) if not possible.all() else ns).astype(np.int64)
+        if names.week != NO_COLUMN:
+            t_ns += np.where(possible, weeks, 0.0).astype(np.int64) * NS_PER_WEEK
     rows, events = _possible_rows(table, column, scale, possible)
-    if is_exact(scale):
+    has_date = is_exact(scale) or names.week != NO_COLUMN
+    if has_date:
         rows, found = _rows_of_one_log(table, column, t_ns, rows)
         events += found
     t_ns = t_ns if rows is None else t_ns[rows]
-    if not is_exact(scale):
+    if not has_date:
         events += _unwrap_week(t_ns, str(table.path), week)
         t_ns += week * NS_PER_WEEK
     return _to_gps(t_ns, scale, str(table.path), events), rows, events
@@ -85,13 +101,18 @@ def _possible_rows(
     rows = np.flatnonzero(possible)
     bad = np.flatnonzero(~possible)
     if len(bad) > len(rows):
-        meant = "seconds of a GPS week" if scale.origin == "gps_week" else f"times since the {scale.origin}"
+        meant = f"times since the {scale.origin} in {scale.unit}"
+        if scale.origin == "gps_week":
+            meant = f"seconds of a GPS week in {scale.unit}"
+        if scale.origin == "calendar":
+            meant = "dates after 1980"
         raise TimeError(
-            f"the time tags are no {meant} in {scale.unit}",
+            f"the time tags are no {meant}",
             file=table.path,
             line=int(table.line[bad[0]]),
             column=column,
-            advice="check time.unit and time.origin ('gps_week', 'gps_epoch', 'unix_epoch') in the flight file",
+            advice="check time.unit and time.origin ('gps_week', 'gps_epoch', 'unix_epoch', 'calendar') in the flight"
+            " file",
         )
     return rows, _refusals(table, column, bad, ["this is no date"] * len(bad))
 
@@ -158,7 +179,8 @@ def _to_gps(t_ns: Int64, scale: TimeScale, file: str, events: list[Event]) -> In
                     None, "leap_seconds_by_date", f"{file}: UTC; {leap} s added by its date, {utc:%Y-%m-%d}"
                 )
             )
-        shift += leap * NS_PER_S
+        if scale.origin != "calendar":  # each date has its own already
+            shift += leap * NS_PER_S
     return t_ns + shift if shift else t_ns
 
 

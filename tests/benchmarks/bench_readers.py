@@ -34,6 +34,14 @@ def write_imu_hour(path: Path) -> None:
     np.savetxt(path, rows, fmt=formats, delimiter=",", header=IMU_HEADER, comments="")
 
 
+def write_imu_hour_of_dates(path: Path, hour: Path) -> None:
+    """Write the same hour with its times as ISO 8601 dates in UTC."""
+    frame = pd.read_csv(hour)
+    start = np.datetime64("2025-08-28T17:30:22.960", "ms")
+    frame["time_s"] = np.datetime_as_string(start + 5 * np.arange(len(frame)), timezone="UTC")
+    frame.to_csv(path, index=False, float_format="%.8f")
+
+
 def write_gnss_million(path: Path) -> None:
     """Write a million GNSS rows of 14 columns, satellite states in the row."""
     rng = np.random.default_rng(2)
@@ -77,13 +85,16 @@ def compare(name: str, path: Path, read: Callable[[], object]) -> float:
 def main() -> int:
     """Return 0 when both ratios are within the limit."""
     with tempfile.TemporaryDirectory() as folder:
-        imu, gnss = Path(folder) / "imu.csv", Path(folder) / "gnss.csv"
+        imu, dates, gnss = (Path(folder) / name for name in ("imu.csv", "dates.csv", "gnss.csv"))
         write_imu_hour(imu)
+        write_imu_hour_of_dates(dates, imu)
         write_gnss_million(gnss)
         settings = imu_config(imu)
+        of_dates = imu_config(dates, time={"origin": "calendar", "scale": "utc"})
         grade = imu_grade("tactical")
         ratios = [
             compare("IMU, 720 000 rows", imu, lambda: read_imu(settings, WEEK, grade)),
+            compare("IMU, ISO 8601 times", dates, lambda: read_imu(of_dates, WEEK, grade)),
             compare("GNSS, 1 000 000 rows", gnss, lambda: read_gnss(gnss_config(gnss), WEEK)),
         ]
     return 0 if max(ratios) <= LIMIT else 1

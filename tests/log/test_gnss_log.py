@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.config.flight import Base, Gnss, TimeScale
+from insgnss.config.flight import Base, Gnss
+from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, InputError, MissingFileError, NavigationDataError
 from insgnss.gnss.table_joining import joined

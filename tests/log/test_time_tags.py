@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.config.flight import TimeScale
+from insgnss.config.log_table import LogTable
 from insgnss.errors import TimeError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.csv_columns import Wanted
@@ -23,10 +23,10 @@ FIRST_UNIX_GPS_NS = FIRST_NS + 315_964_800 * 10**9
 
 
 def times(folder: Path, cells: list[str], **settings: object) -> tuple[Int64, list[Event]]:
-    scale = TimeScale.model_validate(settings)
+    log = LogTable.model_validate({"columns": {"time": "t"}, "time": settings})
     path = write_lines(folder / "log.csv", ["t,x", *(f"{cell},1" for cell in cells)])
-    table = read_csv_table(path, wanted_with_time("t", scale, Wanted(numeric=("x",))))
-    t_ns, _, events = gps_times(table, "t", scale, WEEK)
+    table = read_csv_table(path, wanted_with_time(log, Wanted(numeric=("x",))))
+    t_ns, _, events = gps_times(table, log, WEEK)
     return t_ns, events
 
 

@@ -5,16 +5,19 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import plotly.graph_objects as go
 import pytest
 
 from insgnss.errors import ResultError
 from insgnss.report.page import report_html
+from insgnss.report.sections import settings
 from tests.report.runs import START_S, made_run, words
 
 ALWAYS = ["summary", "map", "motion", "biases", "events", "ledger", "settings"]
@@ -250,3 +253,15 @@ def test_offset_of_a_band_that_was_never_used_is_not_drawn() -> None:
     drawn = [trace["name"] for trace in charts_of(report_html(run))["chart-offsets"]["data"]]
 
     assert drawn == ["offset E (3.00 m)"]
+
+
+def test_page_lists_the_columns_not_read_beside_the_input() -> None:
+    run = made_run()
+    unread = {
+        "time_s": [float("nan")],
+        "kind": ["columns_not_read"],
+        "detail": ["gnss.csv: columns not read: <snr>"],
+    }
+    run = replace(run, events=pd.concat([run.events, pd.DataFrame(unread)], ignore_index=True))
+
+    assert "gnss.csv: columns not read: &lt;snr&gt;" in settings.section(run).before

@@ -20,6 +20,8 @@ def section(run: Run) -> Section:
     took = [[name.removesuffix("_s"), f"{value:.2f} s"] for name, value in settings.get("took", {}).items()]
     before = "<h3>Versions</h3>" + table(("what", "version"), versions)
     before += "<h3>Input</h3>" + table(("file", "SHA-256"), hashes)
+    unread = run.events.loc[run.events["kind"] == "columns_not_read", "detail"]
+    before += "".join(f"<p>{text(detail)}</p>" for detail in unread)
     before += "<h3>What took how long</h3>" + table(("step", "time"), took) if took else ""
     for name, value in settings.items():
         if name not in _SHOWN_APART and value is not None:

@@ -1,0 +1,113 @@
+"""The schema of what a flight file says of any table: how its time counts, and how columns and numbers are written."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+
+from insgnss.config.strict import StrictModel
+
+TWO_ROLLOVERS_S = 1.3e9  # of a week number of ten bits, 1024 weeks each: what an offset may have to mend
+NO_COLUMN = "none"  # instead of a column's name: the log has no such column
+_MOST_COLUMNS = 10_000
+
+
+def _by_number(name: Any) -> Any:
+    """Return the number of a column, counted from 1, as the name "#3"; a name stays."""
+    if not isinstance(name, int) or isinstance(name, bool):
+        return name
+    if not 1 <= name <= _MOST_COLUMNS:
+        raise ValueError(f"columns are counted from 1; got {name}")
+    return f"#{name}"
+
+
+ColumnName = Annotated[str, BeforeValidator(_by_number)]
+
+
+class TimeScale(StrictModel):
+    """How the time column of a log counts: ``gps = column * unit + origin + offset_s (+ leap seconds if UTC)``."""
+
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    origin: Literal["gps_week", "gps_epoch", "unix_epoch", "calendar"] = Field(
+        "gps_week", description="what numbers count from; 'calendar': dates, as 2025-08-28T17:30:22.961Z"
+    )
+    date_order: Literal["ymd", "dmy", "mdy"] = Field("ymd", description="of year, month and day in a date")
+    scale: Literal["gps", "utc"] = Field("gps", description="of dates 'utc' or 'gps' must be given")
+    leap_seconds: Annotated[int, Field(ge=0, le=100)] | None = Field(
+        None, description="GPS minus UTC [s], 18 since 2017; by date when not given"
+    )
+    offset_s: float = Field(
+        0.0, ge=-TWO_ROLLOVERS_S, le=TWO_ROLLOVERS_S, description="added to every time tag of the log [s]"
+    )
+
+    @model_validator(mode="after")
+    def _leap_seconds_are_of_utc(self, info: ValidationInfo) -> TimeScale:
+        # only as a file says it: a proposal of another scale may leave them over
+        if info.mode == "json" and self.leap_seconds is not None and self.scale != "utc":
+            raise ValueError(
+                "leap_seconds are added to UTC alone: write scale = 'utc' too, or leave them out"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _dates_have_a_scale_and_no_unit(self) -> TimeScale:
+        if self.origin != "calendar" and self.date_order != "ymd":
+            raise ValueError("date_order is of dates: write origin = 'calendar' too, or leave it out")
+        if self.origin == "calendar" and self.unit != "s":
+            raise ValueError("unit is of numbers: leave it out where origin = 'calendar'")
+        if self.origin == "calendar" and "scale" not in self.model_fields_set:
+            raise ValueError(
+                "say which time the dates are in: scale = 'utc' (dates that end in Z are), or 'gps'"
+            )
+        return self
+
+
+class Columns(StrictModel):
+    """Names of the columns of a log, no two alike; a number names a column of a file without a header."""
+
+    time: ColumnName = "time_s"
+    date: ColumnName = Field(NO_COLUMN, description="of dates, where the time column holds the time of day")
+    week: ColumnName = Field(
+        NO_COLUMN, description="of GPS weeks, where the time column holds seconds of them"
+    )
+
+    @model_validator(mode="after")
+    def _names_are_different(self) -> Self:
+        names = list(self.all_names())
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"'{twice}' is named for two things: each needs a column of its own")
+        return self
+
+    def all_names(self) -> tuple[str, ...]:
+        """Return every name of a column, without ``NO_COLUMN``."""
+        values = [value for _, value in self]
+        names = (name for value in values for name in ((value,) if isinstance(value, str) else value))
+        return tuple(name for name in names if name != NO_COLUMN)
+
+    def chosen_names(self) -> tuple[str, ...]:
+        """Return the names that are not the usual ones: the file must have these columns."""
+        return tuple(name for name in self.all_names() if name not in type(self)().all_names())
+
+
+class LogTable(StrictModel):
+    """A log that may be a table of text: its columns, its time, its decimal mark."""
+
+    columns: Columns = Columns()
+    time: TimeScale = TimeScale()
+    decimal: Literal[".", ","] = Field(".", description="what stands before the decimals of every number")
+
+    @model_validator(mode="after")
+    def _time_columns_fit_the_origin(self) -> Self:
+        for name, origin in (("date", "calendar"), ("week", "gps_week")):
+            if getattr(self.columns, name) != NO_COLUMN and self.time.origin != origin:
+                raise ValueError(
+                    f"columns.{name} goes with time.origin = '{origin}', not '{self.time.origin}'"
+                )
+        return self
+
+    @property
+    def counts_in_gps_week(self) -> bool:
+        """Whether the times are seconds of the week that the flight file declares."""
+        return self.time.origin == "gps_week" and self.columns.week == NO_COLUMN

@@ -1,0 +1,147 @@
+"""Dates with times of day, such as 2025-08-28T17:30:22.961Z, as GPS time in integer nanoseconds."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from insgnss.constants import NS_PER_S
+from insgnss.gpstime import LEAP_SECONDS, UNIX_TO_GPS_S
+from insgnss.tables import Int64
+
+Bool = npt.NDArray[np.bool_]
+
+_SHORTEST: Final = len("2025-08-28T17:30:22")  # pyarrow takes a date alone for its midnight
+_FIRST_YEAR, _LAST_YEAR = 1969, 2261  # local dates of nanoseconds since 1970 in 64 bits
+_UNIX_EPOCH: Final = dt.datetime(1970, 1, 1)
+_DAY: Final = dt.timedelta(days=1)
+_FRACTION: Final = r"^(?P<before>[^Tt\s]*[Tt\s]+[\d:]+)(?:(?P<mark>[.,])(?P<fraction>\d+))?(?P<after>[^.,]*)$"
+_COMPACT_DATE: Final = re.compile(r"^(\d{4})(\d\d)(\d\d)(?=[Tt\s])")
+_COMPACT_TIME: Final = re.compile(r"(?<=[Tt\s])(\d\d)(\d\d)(\d\d)")
+_MOMENT: Final = re.compile(
+    r"(\d+)([-/.])(\d\d?)\2(\d+)(?:[Tt]|\s+)(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)[.,]?)?"
+    r"\s*(?:(?P<half>[AaPp])[Mm])?\s*(?:[Zz]|UTC|(?P<east>[+-]\d\d):?(?P<minutes>\d\d)?)?",
+    re.ASCII,
+)
+_LEAP_DAYS_S: Final = np.array([day for day, _ in LEAP_SECONDS], "datetime64[s]").astype(np.int64)
+_LEAP_S: Final = np.array([0, *(seconds for _, seconds in LEAP_SECONDS)])
+
+
+class _Moment(NamedTuple):
+    """A date and time of day without the fraction of its second."""
+
+    unix_s: int
+    leap: bool = False  # the second after this one, 60
+    readable: bool = True
+
+
+_UNREADABLE: Final = _Moment(0, readable=False)
+
+
+@dataclass(frozen=True)
+class Calendar:
+    """One column of dates and times, or two, and what they mean.
+
+    The offset of a zone ("Z", "+02:00") is subtracted; the result is UTC or GPS time as ``scale`` says. Leap seconds
+    are those in force at each cell, or ``leap_seconds`` for all.
+    """
+
+    columns: tuple[str, ...]  # the column of both, or that of dates and that of times
+    order: Literal["ymd", "dmy", "mdy"]
+    scale: Literal["gps", "utc"]
+    leap_seconds: int | None
+
+    def to_gps(self, parts: list[pa.Array]) -> tuple[Int64, Bool]:
+        """Return GPS time [ns] of each cell, and which cells are dates with a time; fractions round half to even."""
+        cells = self.joined(parts)
+        found = _iso_8601(cells) if self.order == "ymd" else None
+        unix_ns, leap, readable = _any_form(cells, self.order) if found is None else found
+        unix_s = unix_ns // NS_PER_S
+        readable &= unix_s >= 0
+        shift_s = leap.astype(np.int64) - UNIX_TO_GPS_S
+        if self.scale == "utc":
+            by_date = _leap_seconds(unix_s)
+            readable &= ~leap | (_leap_seconds(unix_s + 1) > by_date)
+            shift_s += by_date if self.leap_seconds is None else self.leap_seconds
+        else:
+            readable &= ~leap
+        return np.where(readable, unix_ns + shift_s * NS_PER_S, 0), readable
+
+    def joined(self, parts: list[pa.Array]) -> pa.Array:
+        """Return the cells of one or two columns as one column of strings."""
+        stripped = [pc.ascii_trim_whitespace(part) for part in parts]
+        return stripped[0] if len(stripped) == 1 else _join(stripped, "T")
+
+
+def _join(parts: list[pa.Array], between: str) -> pa.Array:
+    return pc.binary_join_element_wise(*parts, pa.scalar(between, parts[0].type))
+
+
+def _leap_seconds(unix_s: Int64) -> Int64:
+    return np.asarray(_LEAP_S[np.searchsorted(_LEAP_DAYS_S, unix_s, side="right")])
+
+
+def _iso_8601(cells: pa.Array) -> tuple[Int64, Bool, Bool] | None:
+    """Return Unix time [ns] as pyarrow reads it, None when a cell is in a form that it does not know."""
+    if not len(cells) or pc.min(pc.binary_length(cells)).as_py() < _SHORTEST:
+        return None
+    has_zone = not cells[0].as_py()[_SHORTEST:].strip(".0123456789") == ""
+    try:
+        times = cells.cast(pa.timestamp("ns", tz="UTC" if has_zone else None))
+    except pa.ArrowInvalid:
+        return None
+    unix_ns = times.cast(pa.int64()).to_numpy(zero_copy_only=False)
+    return unix_ns, np.zeros(len(cells), np.bool_), np.ones(len(cells), np.bool_)
+
+
+def _any_form(cells: pa.Array, order: str) -> tuple[Int64, Bool, Bool]:
+    """Return Unix time [ns], which cells are leap seconds, and which can be read.
+
+    What stands around the fraction is alike for all cells of a second, and read once; the fraction is read of each.
+    """
+    parts = pc.extract_regex(cells, _FRACTION)
+    before, mark, fraction, after = (pc.fill_null(part, "") for part in parts.flatten())
+    around = _join([before, mark, after], "").dictionary_encode()
+    moments = [_moment(text, order) for text in around.dictionary.to_pylist()]
+    found = np.array(moments or [_UNREADABLE], np.int64)[around.indices.to_numpy(zero_copy_only=False)]
+    return found[:, 0] * NS_PER_S + _nanoseconds(fraction), found[:, 1] == 1, found[:, 2] == 1
+
+
+def _moment(text: str, order: str) -> _Moment:
+    """Return what a date with its time and zone means; a year has four digits."""
+    match = _MOMENT.fullmatch(_COMPACT_TIME.sub(r"\1:\2:\3", _COMPACT_DATE.sub(r"\1-\2-\3", text)))
+    if match is None:
+        return _UNREADABLE
+    date = dict(zip(order, (match[1], match[3], match[4]), strict=True))
+    hour, second, minutes = int(match["hour"]), int(match["second"] or 0), int(match["minutes"] or 0)
+    if len(date["y"]) != 4 or len(date["d"]) > 2 or minutes > 59 or (match["half"] and not 1 <= hour <= 12):
+        return _UNREADABLE
+    if match["half"]:
+        hour = hour % 12 + (12 if match["half"] in "Pp" else 0)
+    away = dt.timedelta(hours=abs(int(match["east"] or 0)), minutes=minutes)
+    try:
+        when = dt.datetime(
+            int(date["y"]), int(date["m"]), int(date["d"]), hour, int(match["minute"]), min(second, 59)
+        )
+    except ValueError:
+        return _UNREADABLE
+    if not _FIRST_YEAR <= when.year <= _LAST_YEAR or abs(away) >= _DAY or second > 60:
+        return _UNREADABLE
+    utc = when + away if (match["east"] or "+")[0] == "-" else when - away
+    return _Moment((utc - _UNIX_EPOCH) // dt.timedelta(seconds=1), second == 60)
+
+
+def _nanoseconds(fraction: pa.Array) -> Int64:
+    """Return digits behind the decimal mark as nanoseconds, rounded half to even."""
+    kept = pc.ascii_rpad(pc.utf8_slice_codeunits(fraction, 0, 9), 9, "0")
+    ns = kept.cast(pa.int64()).to_numpy(zero_copy_only=False)
+    rest = pc.ascii_rtrim(pc.utf8_slice_codeunits(fraction, 9), "0")
+    above, half = (compare(rest, "5").to_numpy(zero_copy_only=False) for compare in (pc.greater, pc.equal))
+    return np.asarray(ns + (above | (half & (ns % 2 == 1))))

@@ -1,0 +1,122 @@
+"""Cells of a CSV file as numbers, and the advice for cells that are not numbers."""
+
+from __future__ import annotations
+
+import re
+from decimal import ROUND_HALF_EVEN, Decimal
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from insgnss.tables import Float64, Int64
+
+Bool = npt.NDArray[np.bool_]
+
+# Cells that say "no value here"; anything else that is no number is a bad cell
+EMPTY_CELLS: Final = ("", *"nan NaN NAN -nan na NA n/a N/A null NULL none None".split())
+DECIMALS: Final = pa.decimal128(38, 18)
+_NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+_PLAIN: Final = r"^[+-]?\d{1,18}(\.\d{1,18})?$"  # fits ``DECIMALS``
+_OTHER_MARK: Final = {
+    ".": re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?"),
+    ",": re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?"),
+}
+_THOUSANDS: Final = {
+    ".": re.compile(r"[+-]?\d{1,3}([,' \u00a0\u202f_]\d{3})+(\.\d*)?"),
+    ",": re.compile(r"[+-]?\d{1,3}([.' \u00a0\u202f_]\d{3})+(,\d*)?"),
+}
+_DATE: Final = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}|\d{8}(?=[Tt])")
+_CLOCK: Final = re.compile(r"(?:.*[Tt\s])?\d\d?:\d\d")
+_INT64_MAX: Final = 2**63 - 1
+
+
+def _pointed(cells: pa.Array, decimal: str) -> tuple[pa.Array, pa.Array]:
+    """Return the cells with a decimal point and no leading plus, null where they are no number, and which are."""
+    if decimal != ".":
+        cells = pc.replace_substring(pc.replace_substring(cells, ".", "?"), decimal, ".")
+    is_number = pc.match_substring_regex(cells, _NUMBER)
+    return pc.utf8_ltrim(pc.if_else(is_number, cells, None), characters="+"), is_number
+
+
+def floats(cells: pa.Array, decimal: str) -> tuple[Float64, Bool]:
+    """Return the cells as floats (NaN where unreadable) and which are finite numbers."""
+    plain, _ = _pointed(cells, decimal)
+    values = np.array(plain.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+    finite = np.isfinite(values)
+    values[~finite] = np.nan
+    return values, finite
+
+
+def integers(cells: pa.Array, digits: int, decimal: str) -> tuple[Int64, Bool]:
+    """Return the cells in units of 10^-digits, rounded half to even, and which are numbers."""
+    pointed, is_number = _pointed(cells, decimal)
+    readable = is_number.to_numpy(zero_copy_only=False)
+    is_plain = pc.fill_null(pc.match_substring_regex(pointed, _PLAIN), False)
+    values = decimals_to_int64(pc.if_else(is_plain, pointed, "0").cast(DECIMALS), digits)
+    for i in np.flatnonzero(readable & ~is_plain.to_numpy(zero_copy_only=False)):
+        try:
+            scaled = Decimal(pointed[int(i)].as_py()).scaleb(digits).to_integral_value(ROUND_HALF_EVEN)
+        except ArithmeticError:  # an exponent beyond any date
+            readable[i] = False
+            continue
+        values[i] = min(max(int(scaled), -_INT64_MAX), _INT64_MAX)
+    return values, readable
+
+
+def decimals_to_int64(cells: pa.Array, digits: int) -> Int64:
+    """Return decimal cells in units of 10^-digits, rounded half to even; beyond 64 bits the largest integer."""
+    rounded = pc.round(cells, ndigits=digits, round_mode="half_to_even").cast(pa.decimal128(38, digits))
+    words = np.frombuffer(rounded.buffers()[1], np.int64).reshape(-1, 2)[rounded.offset :][: len(rounded)]
+    low, high = words[:, 0], words[:, 1]
+    return np.where(high == low >> 63, low, np.where(high < 0, -_INT64_MAX, _INT64_MAX))
+
+
+def foreign_number(cell: str, decimal: str) -> tuple[str, str] | None:
+    """Return message and advice for a number with another decimal mark or with thousands separators, else None."""
+    if _OTHER_MARK[decimal].fullmatch(cell) and decimal == ",":
+        message = f"'{cell}' has a decimal point, and the flight file declares decimal = ','"
+        return message, "leave out 'decimal', or write the file with one decimal mark throughout"
+    if _OTHER_MARK[decimal].fullmatch(cell) or _THOUSANDS[decimal].fullmatch(cell):
+        return (
+            f"'{cell}' holds a decimal comma or a thousands separator",
+            "for decimal commas write decimal = ',' beside 'columns' in the flight file (in [imu], [gnss] or"
+            " [reference]); thousands separators cannot be read: write the file with a decimal point alone",
+        )
+    return None
+
+
+def number_advice(cell: str) -> str:
+    """Return the advice for a column of numbers that holds cells like this one."""
+    date, clock = _DATE.match(cell), _CLOCK.match(cell)
+    if date and clock:
+        return (
+            "these are dates: write origin = 'calendar' and scale = 'utc' (or 'gps') under [imu.time], [gnss.time] or"
+            " [reference.time]"
+        )
+    if clock:
+        return "these are times of day: name the column of their dates as columns.date, with time.origin = 'calendar'"
+    if date:
+        return "these are dates: name this column as columns.date, that of the times of day as columns.time"
+    return "check under 'columns' in the flight file which column holds what"
+
+
+def date_advice(cell: str, order: str) -> str:
+    """Return the advice for a column of dates and times that holds cells like this one."""
+    date, clock = _DATE.match(cell), _CLOCK.match(cell)
+    if re.match(_NUMBER, cell):
+        return (
+            "these are numbers, not dates: declare time.unit and time.origin ('gps_week', 'gps_epoch' or 'unix_epoch')"
+            " instead of origin = 'calendar'"
+        )
+    if clock and not date:
+        return "there is no date: name the column of dates as columns.date"
+    if date and not clock:
+        return "there is no time of day: name this column as columns.date, that of the times as columns.time"
+    example = {"ymd": "2025-08-28", "dmy": "28.08.2025", "mdy": "08/28/2025"}[order]
+    return (
+        f"time.date_order = '{order}' reads {example} 17:30:22.961, with T or a space between them, and a zone (Z,"
+        " +02:00) after them; the orders are 'ymd', 'dmy' and 'mdy'"
+    )

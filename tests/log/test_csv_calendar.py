@@ -1,0 +1,273 @@
+"""Dates and times of every form become the nanosecond that Python's datetime and decimal compute for them."""
+
+from __future__ import annotations
+
+import datetime as dt
+from decimal import ROUND_HALF_EVEN, Decimal
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from insgnss.config.log_table import LogTable
+from insgnss.errors import ColumnError, TimeError
+from insgnss.log.csv_calendar import Calendar
+from insgnss.log.csv_columns import Wanted
+from insgnss.log.csv_table import read_csv_table
+from insgnss.log.time_tags import gps_times, wanted_with_time
+from insgnss.tables import Event, Int64
+from tests.log.writing import WEEK, write_lines
+
+Order = Literal["ymd", "dmy", "mdy"]
+GPS_EPOCH = dt.datetime(1980, 1, 6)
+# GPS minus UTC from these days on (IERS Bulletin C), written down apart from the package's own table
+LEAPS = [(dt.datetime(1970, 1, 1), 14), (dt.datetime(2009, 1, 1), 15), (dt.datetime(2012, 7, 1), 16)]
+LEAPS += [(dt.datetime(2015, 7, 1), 17), (dt.datetime(2017, 1, 1), 18)]
+
+DATES = st.dates(dt.date(2007, 1, 1), dt.date(2060, 12, 31)) | st.sampled_from(
+    [dt.date(2008, 12, 31), dt.date(2016, 12, 31), dt.date(2017, 1, 1), dt.date(2024, 2, 29)]
+)
+CLOCKS = st.times().map(lambda t: t.replace(microsecond=0)) | st.sampled_from(
+    [dt.time(23, 59, 59), dt.time(0)]
+)
+FRACTIONS = st.text("0123456789", min_size=1, max_size=24) | st.sampled_from(["5" + "0" * 9, "0000000005"])
+ZONES = st.integers(-14 * 60, 14 * 60).map(
+    lambda m: f"{'-' if m < 0 else '+'}{abs(m) // 60:02d}:{abs(m) % 60:02d}"
+)
+PATTERNS = {
+    "ymd": ("%Y-%m-%d", "%Y/%m/%d", "%Y.%m.%d", "%Y%m%d"),
+    "dmy": ("%d.%m.%Y", "%d/%m/%Y", "%d-%m-%Y"),
+    "mdy": ("%m/%d/%Y", "%m-%d-%Y"),
+}
+
+
+def expected_ns(when: dt.datetime, fraction: str, away: dt.timedelta, scale: str) -> int:
+    """Return GPS time [ns] of a local date and time, computed with nothing of the package."""
+    utc = when - away
+    whole = (utc - GPS_EPOCH) // dt.timedelta(seconds=1)
+    leap = max(value for day, value in LEAPS if utc >= day) if scale == "utc" else 0
+    parts = Decimal("0." + (fraction or "0")) * 10**9
+    return (whole + leap) * 10**9 + int(parts.to_integral_value(ROUND_HALF_EVEN))
+
+
+def away_of(zone: str) -> dt.timedelta:
+    if zone in ("", "Z", "z", " UTC"):
+        return dt.timedelta(0)
+    hours, minutes = int(zone[1:3]), int(zone[3:].lstrip(":") or 0)
+    return dt.timedelta(hours=hours, minutes=minutes) * (-1 if zone[0] == "-" else 1)
+
+
+@st.composite
+def cells(draw: st.DrawFn, order: Order, scale: str) -> tuple[str, int]:
+    """Return a cell as somebody may write it, and its GPS time [ns]."""
+    when = dt.datetime.combine(draw(DATES), draw(CLOCKS))
+    pattern = draw(st.sampled_from(PATTERNS[order]))
+    clock = draw(st.sampled_from(["%H:%M:%S", "%H%M%S", "%I:%M:%S"]))
+    fraction = draw(st.just("") | FRACTIONS)
+    zone = draw(st.sampled_from(["", "Z", "z", " UTC", "+02", "-0330"]) | ZONES)
+    text = when.strftime(pattern) + draw(st.sampled_from(["T", " ", "t", "  "])) + when.strftime(clock)
+    text += draw(st.sampled_from(".,")) + fraction if fraction else ""
+    text += (draw(st.sampled_from([" ", ""])) + ("PM" if when.hour >= 12 else "am")) if "%I" in clock else ""
+    return text + zone, expected_ns(when, fraction, away_of(zone), scale)
+
+
+@settings(max_examples=200)
+@given(
+    st.data(),
+    st.sampled_from(["ymd", "ymd", "dmy", "mdy"]),
+    st.sampled_from(["utc", "gps"]),
+)
+def test_cells_of_any_form_are_the_nanosecond_that_decimal_computes(
+    data: st.DataObject, order: Order, scale: Literal["utc", "gps"]
+) -> None:
+    drawn = data.draw(st.lists(cells(order, scale), min_size=1, max_size=20))
+    t_ns, readable = Calendar(("t",), order, scale, None).to_gps([pa.array([text for text, _ in drawn])])
+    assert readable.all()
+    assert t_ns.tolist() == [ns for _, ns in drawn]
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(
+        st.tuples(DATES, CLOCKS, st.text("0123456789", min_size=1, max_size=9)), min_size=1, max_size=20
+    ),
+    st.sampled_from(["", "Z", "+05:30", "-03"]),
+    st.sampled_from("T "),
+)
+def test_columns_of_one_iso_form_are_the_same_nanoseconds(
+    drawn: list[tuple[dt.date, dt.time, str]], zone: str, between: str
+) -> None:
+    """Cells all alike take the short way; the fraction has any length up to nanoseconds."""
+    texts = [f"{date}{between}{clock:%H:%M:%S}.{fraction}{zone}" for date, clock, fraction in drawn]
+    t_ns, readable = Calendar(("t",), "ymd", "utc", None).to_gps([pa.array(texts)])
+    when = [dt.datetime.combine(date, clock) for date, clock, _ in drawn]
+    known = [expected_ns(w, cell[2], away_of(zone), "utc") for w, cell in zip(when, drawn, strict=True)]
+    assert readable.all() and t_ns.tolist() == known
+
+
+@settings(max_examples=300)
+@given(
+    st.lists(
+        st.from_regex(
+            r"\A20[0-3]\d-[0-2]\d-[0-4]\d[T ][0-2]\d:[0-6]\d(:[0-6]\d([.,]\d{0,12})?)?(Z|[+-]\d\d(:[0-6]\d)?)?\Z"
+        )
+        | st.text("0123456789-/.:TZ+ ", max_size=30),
+        min_size=1,
+        max_size=6,
+    )
+)
+def test_whatever_is_read_agrees_with_the_standard_library(texts: list[str]) -> None:
+    """A cell is read or refused by itself, whatever its neighbours; where datetime reads it too, both agree."""
+    calendar = Calendar(("t",), "ymd", "gps", None)
+    t_ns, readable = calendar.to_gps([pa.array(texts)])
+    for text, ns, good in zip(texts, t_ns.tolist(), readable.tolist(), strict=True):
+        alone, good_alone = calendar.to_gps([pa.array([text])])
+        assert (int(alone[0]), bool(good_alone[0])) == (ns, good)
+        try:
+            known = dt.datetime.fromisoformat(text.strip())
+        except ValueError:
+            continue
+        if good:
+            known = known.replace(tzinfo=None) - (known.utcoffset() or dt.timedelta(0))
+            assert (ns // 1000) - (known - GPS_EPOCH) // dt.timedelta(microseconds=1) in (0, 1)
+
+
+def read(
+    folder: Path, header: str, rows: list[str], columns: dict[str, str], **time: object
+) -> tuple[Int64, list[Event]]:
+    log = LogTable.model_validate({"columns": columns, "time": {"origin": "calendar", **time}})
+    path = write_lines(folder / "log.csv", [header, *rows])
+    table = read_csv_table(path, wanted_with_time(log, Wanted(numeric=("x",))))
+    t_ns, _, events = gps_times(table, log, WEEK)
+    return t_ns, table.events + events
+
+
+def ns_of(when: dt.datetime, leap: int = 0) -> int:
+    return ((when - GPS_EPOCH) // dt.timedelta(microseconds=1)) * 1000 + leap * 10**9
+
+
+def test_iso_times_in_utc_take_the_leap_seconds_and_say_so(tmp_path: Path) -> None:
+    rows = ["2025-08-28T17:30:22.961Z,1", "2025-08-28T17:30:22.966Z,2"]
+    t_ns, events = read(tmp_path, "t,x", rows, {"time": "t"}, scale="utc")
+    assert t_ns[0] == ns_of(dt.datetime(2025, 8, 28, 17, 30, 22, 961_000), 18)
+    assert np.diff(t_ns).tolist() == [5_000_000]
+    assert [event.kind for event in events] == ["leap_seconds_by_date"]
+
+
+@pytest.mark.parametrize("leap", [17, 18])
+def test_declared_leap_seconds_count_for_every_row(tmp_path: Path, leap: int) -> None:
+    t_ns, events = read(
+        tmp_path,
+        "t,x",
+        ["2025-08-28 17:30:22,1"],
+        {"time": "t"},
+        scale="utc",
+        leap_seconds=leap,
+        offset_s=0.5,
+    )
+    assert t_ns[0] == ns_of(dt.datetime(2025, 8, 28, 17, 30, 22, 500_000), leap) and not events
+
+
+def test_dates_in_gps_time_get_no_leap_seconds(tmp_path: Path) -> None:
+    t_ns, events = read(tmp_path, "t,x", ["2025-08-28T17:30:22Z,1"], {"time": "t"}, scale="gps")
+    assert t_ns[0] == ns_of(dt.datetime(2025, 8, 28, 17, 30, 22)) and not events
+
+
+def test_date_and_time_in_two_columns_are_one_moment(tmp_path: Path) -> None:
+    rows = ["17:30:22.5,28.08.2025,1", "17:30:23,28.08.2025,1"]
+    t_ns, _ = read(
+        tmp_path, "clock,day,x", rows, {"time": "clock", "date": "day"}, scale="gps", date_order="dmy"
+    )
+    first = ns_of(dt.datetime(2025, 8, 28, 17, 30, 22, 500_000))
+    assert t_ns.tolist() == [first, first + 500_000_000]
+
+
+def test_time_goes_on_evenly_through_a_leap_second(tmp_path: Path) -> None:
+    texts = [
+        "2016-12-31T23:59:59.5Z",
+        "2016-12-31T23:59:60.0Z",
+        "2016-12-31T23:59:60.5Z",
+        "2017-01-01T00:00:00Z",
+    ]
+    t_ns, _ = read(tmp_path, "t,x", [f"{text},1" for text in texts], {"time": "t"}, scale="utc")
+    assert np.diff(t_ns).tolist() == [500_000_000] * 3
+
+
+@pytest.mark.parametrize(
+    ("cell", "scale"),
+    [
+        ("2016-12-30T23:59:60Z", "utc"),  # no leap second came then
+        ("2016-12-31T23:59:60Z", "gps"),  # nor ever in GPS time
+        ("2016-12-31T23:59:61Z", "utc"),
+        ("2025-02-29T00:00:00Z", "utc"),
+        ("2025-08-28T24:00:01Z", "utc"),
+        ("2025-08-28", "utc"),
+        ("17:30:22", "utc"),
+        ("25-08-28T17:30:22", "utc"),
+        ("2025-08-28T17:30:22+25:00", "utc"),
+        ("2025-08-28T13:30:22 PM", "utc"),
+        ("2025-08-28T93022", "utc"),
+        ("1e9", "utc"),
+        ("", "utc"),
+    ],
+)
+def test_cell_that_is_no_moment_refuses_its_row_by_line_and_column(
+    tmp_path: Path, cell: str, scale: str
+) -> None:
+    rows = [f"2016-12-31T12:00:{k:02d}Z,1" for k in range(40)]
+    rows[7] = f"{cell},1"
+    t_ns, events = read(tmp_path, "t,x", rows, {"time": "t"}, scale=scale)
+    bad = [event.detail for event in events if event.kind == "bad_row"]
+    assert len(t_ns) == 39 and len(bad) == 1 and "log.csv:9, column 't'" in bad[0]
+
+
+@pytest.mark.parametrize(
+    ("time", "cell", "advice"),
+    [
+        ({"origin": "calendar", "scale": "utc"}, "1756402222.961", "these are numbers"),
+        ({"origin": "calendar", "scale": "utc"}, "17:30:22.961", "columns.date"),
+        ({"origin": "calendar", "scale": "utc"}, "2025-08-28", "no time of day"),
+        ({"origin": "calendar", "scale": "utc"}, "28.08.2025 17:30:22", "date_order"),
+        ({"origin": "calendar", "scale": "utc", "date_order": "dmy"}, "2025-08-28T17:30:22", "'ymd'"),
+        ({}, "2025-08-28T17:30:22.961Z", "origin = 'calendar' and scale = 'utc'"),
+        ({"origin": "unix_epoch"}, "2025-08-28 17:30:22", "origin = 'calendar' and scale = 'utc'"),
+        ({}, "17:30:22.961", "columns.date"),
+        ({}, "2025-08-28", "columns.date"),
+        ({}, "abc", "which column holds what"),
+    ],
+)
+def test_times_of_another_form_are_an_error_that_names_the_keys(
+    tmp_path: Path, time: dict[str, str], cell: str, advice: str
+) -> None:
+    log = LogTable.model_validate({"columns": {"time": "t"}, "time": time})
+    path = write_lines(tmp_path / "log.csv", ["x,t", *(f"1,{cell}" for _ in range(20))])
+    with pytest.raises(ColumnError) as caught:
+        read_csv_table(path, wanted_with_time(log, Wanted(numeric=("x",))))
+    assert (caught.value.line, caught.value.column) == (2, "t")
+    assert advice in caught.value.advice
+    assert "decimal comma" not in str(caught.value) and "thousands" not in str(caught.value)
+
+
+def test_dates_before_gps_time_began_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(TimeError, match="1980"):
+        read(tmp_path, "t,x", ["1975-01-01T00:00:00Z,1"] * 5, {"time": "t"}, scale="utc")
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"time": {"origin": "calendar"}}, "scale = 'utc'"),
+        ({"time": {"origin": "calendar", "scale": "utc", "unit": "ms"}}, "unit is of numbers"),
+        ({"time": {"date_order": "dmy"}}, "origin = 'calendar'"),
+        ({"columns": {"date": "d"}}, "time.origin = 'calendar'"),
+        ({"columns": {"week": "w"}, "time": {"origin": "unix_epoch"}}, "time.origin = 'gps_week'"),
+        ({"columns": {"time": 0}}, "counted from 1"),
+    ],
+)
+def test_declarations_that_contradict_each_other_are_an_error(settings: dict[str, object], word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        LogTable.model_validate(settings)
