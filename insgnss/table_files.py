@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -32,7 +32,7 @@ def write_table(
     float_format: str = "%.17g",
     **parquet: Any,
 ) -> None:
-    """Write a table into a folder that exists, in place of what stood there by its name; None leaves nothing there.
+    """Write a table into a folder that exists; None writes nothing.
 
     Parameters
     ----------
@@ -43,8 +43,6 @@ def write_table(
     ------
     OSError : the file cannot be written
     """
-    for stale in ("parquet", "csv"):
-        (folder / f"{name}.{stale}").unlink(missing_ok=True)
     if table is None:
         return
     path = folder / f"{name}.{form}"
@@ -52,6 +50,11 @@ def write_table(
         _write_parquet(path, table, **parquet)
     else:
         table.to_csv(path, index=False, float_format=float_format)
+
+
+def table_files(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of all files that tables may be in."""
+    return tuple(f"{name}.{form}" for name in names for form in ("parquet", "csv"))
 
 
 def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
@@ -90,6 +93,10 @@ def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
     frame: pd.DataFrame = table.to_pandas()
     if types is None:
         return frame.astype(dict.fromkeys(frame.columns[frame.dtypes == "str"], "category"))
+    for name, told in types.items():
+        unknown = set(frame[name].dropna()) - set(told) if isinstance(told, list) else set()
+        if unknown:
+            raise ValueError(f"'{min(unknown)}' is none of the words of '{name}'")
     return frame.astype(
         {
             name: pd.CategoricalDtype(pd.Index(told, dtype="str")) if isinstance(told, list) else told

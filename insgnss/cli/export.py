@@ -10,6 +10,8 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force, run_files
+from insgnss.saving import overwriting
 
 
 def export(
@@ -19,11 +21,12 @@ def export(
         str | None,
         typer.Option("--format", help="kml, kmz, gpx, geojson or csv; by default as the file's ending says."),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Write the track of a run for another program; times are UTC, heights above the ellipsoid."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, run_files(run)):
         # pandas is loaded only when the command runs
         from insgnss.report.export import export_run
         from insgnss.run import Run

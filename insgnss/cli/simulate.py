@@ -10,7 +10,9 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
+from insgnss.saving import overwriting
 
 
 def simulate(
@@ -23,11 +25,12 @@ def simulate(
     duration: Annotated[
         float | None, typer.Option("--duration", help="Only the first so many seconds.")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Simulate a flight: IMU and GNSS CSV, RINEX navigation, the true trajectory and a flight file to replay them."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, [Path(scenario)]):
         # NumPy and SciPy are loaded only when there is something to simulate
         from insgnss.simulate import simulate as simulated
 

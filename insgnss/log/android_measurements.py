@@ -169,13 +169,14 @@ def _table(
     sv_index = {name: k for k, name in enumerate(sv_names)}
     code_index = {code: k for k, code in enumerate(codes)}
     cycles, lli = _carrier(raw, clock, kept, carrier_hz)
-    rate = raw.decimals("PseudorangeRateMetersPerSecond")[kept]
+    with np.errstate(over="ignore"):
+        doppler_hz = -raw.decimals("PseudorangeRateMetersPerSecond")[kept] * carrier_hz / C_MPS
     return GnssTable(
         clock.t_ns[kept],
         np.array([sv_index[name] for name, _ in chosen], dtype=np.int16),
         np.array([code_index[found.code] for _, found in chosen], dtype=np.int16),
         travel_ns[kept] * (C_MPS / NS_PER_S),
-        -rate * carrier_hz / C_MPS,
+        np.where(np.isinf(doppler_hz), np.nan, doppler_hz),
         np.full(len(kept), np.nan),
         raw.decimals("Cn0DbHz")[kept],
         sv_names,

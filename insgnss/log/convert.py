@@ -21,6 +21,7 @@ from insgnss.log.rinex_nav_writer import write_rinex_navigation
 from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
+from insgnss.saving import overwriting, saving
 from insgnss.tables import Event
 
 GNSS_FILE: Final = "gnss_obs.csv"
@@ -50,7 +51,7 @@ def convert(inputs: Sequence[Path], output: Path) -> Conversion:
     Raises
     ------
     InputError and its kin : an input is missing, unknown or unreadable, or there are no observations among them
-    ResultError : the folder cannot be written
+    ResultError : the folder cannot be written, or a file of somebody else has one of the names
     """
     formats = tuple((path, detect_format(path)) for path in inputs)
     log, events = _read(formats)
@@ -61,29 +62,32 @@ def convert(inputs: Sequence[Path], output: Path) -> Conversion:
         detail = "no whole ephemeris among the broadcast messages: no navigation file written"
         events.append(Event(None, "navigation_incomplete", detail))
         log = replace(log, navigation=None)
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        copied = _copies(navigation_files, output)
-    except OSError as error:
-        raise ResultError(f"cannot be written: {error}", file=output) from error
-    week = int(log.gnss.t_ns[0]) // NS_PER_WEEK
-    written = [output / GNSS_FILE, *copied]
-    write_gnss_csv(written[0], log.gnss, week)
-    messages = 0
-    if log.navigation is not None:
-        created = ns_to_datetime(int(log.gnss.t_ns[-1]))
-        messages = write_rinex_navigation(output / NAVIGATION_FILE, log.navigation, created)
-        written.append(output / NAVIGATION_FILE)
-    if log.imu is not None:
-        write_imu_csv(output / IMU_FILE, log.imu, week)
-        written.append(output / IMU_FILE)
+    copies = _copies(navigation_files)
+    there = [name for name, path in copies.items() if _is_same(path, output / name)]
+    navigation = [*copies, *(() if log.navigation is None else (NAVIGATION_FILE,))]
+    names = [GNSS_FILE, *navigation, *(() if log.imu is None else (IMU_FILE,))]
     flight = output / FLIGHT_FILE
     kept = (flight,) if flight.exists() else ()
-    if not kept:
-        navigation = [path.name for path in written if path in copied or path.name == NAVIGATION_FILE]
-        _write_text(flight, flight_text(formats, log, week, navigation))
-        written.append(flight)
-    return Conversion(formats, log, tuple(events), messages, tuple(written), kept)
+    names += [] if kept else [FLIGHT_FILE]
+    messages, week = 0, int(log.gnss.t_ns[0]) // NS_PER_WEEK
+    new_names = [name for name in names if name not in there]
+    try:
+        with overwriting(False, inputs), saving(output, new_names, "conversion") as new:
+            write_gnss_csv(new / GNSS_FILE, log.gnss, week)
+            for name in set(copies) - set(there):
+                shutil.copyfile(copies[name], new / name)
+            if log.navigation is not None:
+                created = ns_to_datetime(int(log.gnss.t_ns[-1]))
+                messages = write_rinex_navigation(new / NAVIGATION_FILE, log.navigation, created)
+            if log.imu is not None:
+                write_imu_csv(new / IMU_FILE, log.imu, week)
+            if not kept:
+                text = flight_text(formats, log, week, navigation)
+                (new / FLIGHT_FILE).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ResultError(f"cannot be written: {error}", file=output) from error
+    written = tuple(output / name for name in names)
+    return Conversion(formats, log, tuple(events), messages, written, kept)
 
 
 def _has_messages(log: ReceiverLog) -> bool:
@@ -119,24 +123,19 @@ def _read(formats: Sequence[tuple[Path, Format]]) -> tuple[ReceiverLog, list[Eve
     return log, list(log.events)
 
 
-def _copies(paths: Sequence[Path], output: Path) -> list[Path]:
-    """Copy the navigation files; two of one name, or one of a name written here, get a number."""
-    copies: list[Path] = []
+def _copies(paths: Sequence[Path]) -> dict[str, Path]:
+    """Return the navigation files by the names of their copies, numbered where a name is taken."""
+    copies: dict[str, Path] = {}
     taken = {GNSS_FILE, IMU_FILE, NAVIGATION_FILE, FLIGHT_FILE}
     for number, path in enumerate(paths, 1):
         name = path.name if path.name not in taken else f"{number}_{path.name}"
         taken.add(name)
-        copies.append(output / name)
-        if not copies[-1].exists() or not os.path.samefile(path, copies[-1]):
-            shutil.copyfile(path, copies[-1])
+        copies[name] = path
     return copies
 
 
-def _write_text(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ResultError(f"cannot be written: {error}", file=path) from error
+def _is_same(one: Path, other: Path) -> bool:
+    return other.exists() and os.path.samefile(one, other)
 
 
 def flight_text(

@@ -278,6 +278,11 @@ def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
 def _gps_ns(instant: Any, path: Path) -> int:
     """Return an epoch of any time system as GPS time [ns]."""
     whole_s = round((float(instant.jd_whole) - _GPS_START_JD) * S_PER_DAY)
+    if not 0 <= whole_s <= _LATEST_NS // NS_PER_S:
+        advice = "correct or remove the epoch"
+        raise TimeError(
+            f"an epoch {whole_s / S_PER_DAY:.0f} days after the start of GPS", file=path, advice=advice
+        )
     t_ns = whole_s * NS_PER_S + round(float(instant.fraction) * S_PER_DAY * NS_PER_S)
     scale = sidereon.TimeScale
     if instant.scale in (scale.UTC, scale.GLONASST):
@@ -311,19 +316,23 @@ def read_antennas(path: Path) -> tuple[SatelliteAntennas, list[Event]]:
         raise InputError(f"the ANTEX file cannot be read: {error}", file=path) from error
     rows: list[tuple[str, int, int, Float64]] = []
     without: list[str] = []
+    events: list[Event] = []
     for block in blocks:
         name = (block.serial or "").strip()
         if name[:1] not in _ANTEX_PAIRS or not re.fullmatch(r"[A-Z]\d\d", name):
             continue
-        offset = _pair_offset(block, name[0])
+        try:
+            offset = _pair_offset(block, name[0])
+            first_ns, last_ns = _date_ns(block.valid_from, 0), _date_ns(block.valid_until, _LATEST_NS)
+        except (sidereon.SidereonError, ValueError) as error:
+            events.append(Event(None, "antenna_not_used", f"{path}: {name}: {error}"))
+            continue
         if offset is None:
             without.append(name)
         else:
-            until = _date_ns(block.valid_until, _LATEST_NS)
-            rows.append((name, _date_ns(block.valid_from, 0), until, offset))
+            rows.append((name, first_ns, last_ns, offset))
     if not rows:
         raise InputError("no satellite antenna in the file", file=path, advice="give igs20.atx or the like")
-    events = []
     if without:
         told = f"{path}: {len(without)} antenna(s) without the pair of frequencies: {', '.join(without[:10])}"
         events.append(Event(None, "antenna_not_used", told))
@@ -352,4 +361,4 @@ def _date_ns(date: Any, missing: int) -> int:
         return missing
     midnight = dt.datetime(int(date.year), int(date.month), int(date.day))
     of_day_s = int(date.hour) * 3600 + int(date.minute) * 60 + int(date.second)
-    return datetime_to_ns(midnight) + of_day_s * NS_PER_S
+    return min(max(datetime_to_ns(midnight) + of_day_s * NS_PER_S, 0), _LATEST_NS)

@@ -22,6 +22,7 @@ from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.hatanaka import sound_start
 from insgnss.log.rinex_damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
 from insgnss.log.rinex_rows import UNREADABLE, ObservationValues, observation_rows
+from insgnss.log.rinex_states import IMPOSSIBLE_DATE, is_date
 from insgnss.log.rinex_text import split_epochs
 from insgnss.tables import Event, Float64, GnssTable
 
@@ -145,6 +146,10 @@ def _collect(
     for index in range(product.epoch_count):
         epoch = product.epoch(index)
         t_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds) + shift_ns
+        if t_ns is not None and not is_date(t_ns):
+            detail = f"{path}: epoch of {epoch.epoch.year:04d}-{epoch.epoch.month:02d} passed over: {IMPOSSIBLE_DATE}"
+            events.append(Event(None, "rinex_event", detail))
+            continue
         if epoch.flag not in OBSERVATION_FLAGS or t_ns is None:
             detail = f"{path}: epoch with flag {epoch.flag} and {epoch.declared_record_count} record(s) passed over"
             events.append(Event(t_ns, "rinex_event", detail))

@@ -63,7 +63,8 @@ def gps_times(
             t_ns = t_ns - UNIX_TO_GPS_S * NS_PER_S
         possible = (t_ns >= 0) & (t_ns <= LATEST_NS)
     else:
-        ns = table.columns[column] * NS_PER_UNIT[scale.unit]
+        with np.errstate(over="ignore"):  # 1e308 s: infinite, and refused as such
+            ns = table.columns[column] * NS_PER_UNIT[scale.unit]
         possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
         t_ns = np.rint(np.where(possible, ns, 0.0) if not possible.all() else ns).astype(np.int64)
     rows, events = _possible_rows(table, column, scale, possible)

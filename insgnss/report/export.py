@@ -11,6 +11,7 @@ from insgnss.report.geojson import as_geojson
 from insgnss.report.gpx import as_gpx
 from insgnss.report.kml import as_kml, as_kmz
 from insgnss.run import Run
+from insgnss.saving import write_file
 
 
 def as_csv(run: Run) -> bytes:
@@ -44,8 +45,7 @@ def export_run(run: Run, path: str | Path, format: str | None = None) -> Path:
         raise ResultError("the run has no navigation row to write", advice="replay the flight again")
     content = FORMATS[wanted](run)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
+        write_file(path, content, "export")
     except OSError as error:
         raise ResultError(
             f"the file cannot be written: {error.strerror}", file=path, advice="give another --output"

@@ -11,6 +11,7 @@ import numpy as np
 
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of, sentences
+from insgnss.report.xml_text import xml_bytes
 from insgnss.run import Run
 
 _NAMESPACE: Final = "http://www.opengis.net/kml/2.2"
@@ -46,7 +47,7 @@ def as_kml(run: Run) -> bytes:
     ET.SubElement(line, "coordinates").text = " ".join(_place(*place) for place in places)
     _points(document, run, week)
     ET.indent(root)
-    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
+    return xml_bytes(root)
 
 
 def as_kmz(run: Run) -> bytes:

@@ -54,8 +54,11 @@ def flown(gain_dbi: float = math.nan, settings: dict[str, Any] | None = None) ->
             "roll_deg": np.where(turning, 27.0, 0.0),
             "pitch_deg": 0.0,
             "yaw_deg": 0.0,
+            **dict.fromkeys(("sd_n_m", "sd_e_m", "sd_d_m", "sd_vn_mps", "sd_ve_mps", "sd_vd_mps"), 0.1),
             "sd_roll_deg": 0.02,
             "sd_pitch_deg": 0.01,
+            "sd_yaw_deg": 0.05,
+            "n_used": 2,
         }
     )
     for axis in "xyz":
