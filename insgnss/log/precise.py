@@ -32,6 +32,7 @@ from insgnss.tables import Event, Float64, Int64, PreciseProducts
 _GPS_START_JD: Final = 2_444_244.5
 _TAI_MINUS_GPST_S: Final = 19
 _LATEST_NS: Final = np.iinfo(np.int64).max
+_NO_DATE: Final = -1
 _NUMBER: Final = r"[ ]*-?\d+\.\d*[ ]*"
 _POSITION: Final = re.compile(rf"P[A-Z ][ \d]\d(?=.{{42}}){_NUMBER}")
 _EPOCH: Final = re.compile(r"\*  \d{4} [ \d]\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d\.\d+")
@@ -126,7 +127,13 @@ def _collect_sp3(text: str, path: Path, found: _Collected, use_predicted: bool) 
     clock: dict[str, _Nodes] = {}
     flagged: list[tuple[dict[str, _Nodes], str, int]] = []
     predicted: list[int] = []
+    undated = times.count(_NO_DATE)
+    if undated:
+        told = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
+        found.events.append(Event(None, "precise_damaged", told))
     for k, t_ns in enumerate(times):
+        if t_ns == _NO_DATE:
+            continue
         for name, r_e, clock_s, flags in _records(product, k):
             if flags.orbit_predicted or flags.clock_predicted:
                 predicted.append(t_ns)
@@ -268,7 +275,7 @@ def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
             t_ns = np.rint(series.gps_seconds * 1e6).astype(np.int64) * 1000
         else:
             t_ns = np.array([_gps_ns(epoch, path) for epoch in series.epochs], np.int64)
-        finite = np.isfinite(series.bias_s)
+        finite = np.isfinite(series.bias_s) & (t_ns >= 0)
         clock[series.satellite] = dict(
             zip(t_ns[finite].tolist(), series.bias_s[finite].tolist(), strict=True)
         )
@@ -276,13 +283,10 @@ def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
 
 
 def _gps_ns(instant: Any, path: Path) -> int:
-    """Return an epoch of any time system as GPS time [ns]."""
+    """Return an epoch of any time system as GPS time [ns], ``_NO_DATE`` for the year 1 and its like."""
     whole_s = round((float(instant.jd_whole) - _GPS_START_JD) * S_PER_DAY)
     if not 0 <= whole_s <= _LATEST_NS // NS_PER_S:
-        advice = "correct or remove the epoch"
-        raise TimeError(
-            f"an epoch {whole_s / S_PER_DAY:.0f} days after the start of GPS", file=path, advice=advice
-        )
+        return _NO_DATE
     t_ns = whole_s * NS_PER_S + round(float(instant.fraction) * S_PER_DAY * NS_PER_S)
     scale = sidereon.TimeScale
     if instant.scale in (scale.UTC, scale.GLONASST):

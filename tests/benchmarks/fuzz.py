@@ -18,7 +18,7 @@ from pathlib import Path
 from tests.fuzz.cases import failures
 from tests.fuzz.targets import targets
 
-_PER_PROCESS = 20_000
+_PER_PROCESS = 10_000
 
 
 def main() -> None:
@@ -53,17 +53,13 @@ def _supervise(asked: argparse.Namespace) -> None:
         count = min(_PER_PROCESS, asked.count - done)
         options = ["--count", str(count), "--first", str(asked.first + done), "--only", asked.only]
         options += ["--seed", str(asked.seed), "--output", str(asked.output), "--inside"]
-        ended = subprocess.run(
-            [sys.executable, "-m", "tests.benchmarks.fuzz", *options],
-            stdout=subprocess.PIPE,
-            text=True,
-            check=False,
-        )
-        for line in ended.stdout.splitlines():
-            place = " | ".join(line.split(" | ")[:3])
-            places[place] += 1
-            if places[place] <= 3:
-                print(line, flush=True)
+        command = [sys.executable, "-m", "tests.benchmarks.fuzz", *options]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as ended:
+            for line in ended.stdout or ():
+                place = " | ".join(line.split(" | ")[:3])
+                places[place] += 1
+                if places[place] <= 3:
+                    print(line.rstrip(), flush=True)
         if ended.returncode != 0:
             died = (asked.output / "number").read_text()
             places[f"the process died: {ended.returncode}"] += 1
