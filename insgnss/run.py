@@ -153,7 +153,8 @@ class Run:
     def heading_known_s(self) -> float | None:
         """Return the time from which the heading has been known, None when it never was."""
         known = self.events[self.events["kind"] == "heading_known"]
-        return None if known.empty else float(known["time_s"].iloc[0])
+        times = known["time_s"].dropna()
+        return None if times.empty else float(times.iloc[0])
 
     def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -105,7 +104,8 @@ def _tables(folder: Path, tables: Sequence[str], optional: Sequence[str]) -> dic
 
 def _from_parquet(path: Path) -> pd.DataFrame:
     try:
-        return pd.read_parquet(path, page_checksum_verification=True)
+        with path.open("rb") as file:  # whose name need not be UTF-8, as the library wants it
+            return pd.read_parquet(file, page_checksum_verification=True)
     except Exception as error:  # damaged bytes: the library's errors are of many kinds
         _damaged(path, error)
 
@@ -212,7 +212,7 @@ def _settings(path: Path) -> dict[str, Any]:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST_OF_OTHERS
 
 
 def _at(settings: Mapping[str, Any], keys: Sequence[str]) -> Any:

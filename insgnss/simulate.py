@@ -118,6 +118,8 @@ def simulate(
     """
     path = Path(scenario) if str(scenario).endswith(".toml") else _in_library(str(scenario))
     config = load_toml(path, SimulationConfig)
+    if seed < 0:
+        raise ConfigError(f"{seed} is no seed", key="seed", advice="give a whole number, 0 or above")
     if duration_s is not None and not duration_s > 0.0:
         raise ConfigError(
             f"a duration of {duration_s} s is none", key="duration_s", advice="give seconds, above 0"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -61,7 +62,7 @@ def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
     """Write a table as ``DataFrame.to_parquet`` does, in pieces and without an index."""
     parquet = importlib.import_module("pyarrow.parquet")  # late: 5 MB that the filter can use
     schema = pa.Schema.from_pandas(table, preserve_index=False)
-    with parquet.ParquetWriter(path, schema, **options) as writer:
+    with pa.OSFile(os.fsencode(path), "wb") as file, parquet.ParquetWriter(file, schema, **options) as writer:
         for piece in pieces(table):
             writer.write_table(pa.Table.from_pandas(piece, schema=schema, preserve_index=False, nthreads=1))
 
@@ -88,7 +89,9 @@ def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
         convert.column_types = {name: _arrow_type(told) for name, told in types.items()}
         convert.include_columns = list(types)
     table = pyarrow.csv.read_csv(
-        path, parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True), convert_options=convert
+        pa.memory_map(os.fsencode(path)),
+        parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True),
+        convert_options=convert,
     )
     frame: pd.DataFrame = table.to_pandas()
     if types is None:

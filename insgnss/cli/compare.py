@@ -52,10 +52,11 @@ def compare(
 
 def _names(paths: list[Path]) -> list[str]:
     """Return a name for each folder: its own where that tells them apart, else the path, else numbered."""
-    for names in ([path.resolve().name for path in paths], [str(path) for path in paths]):
+    for given in ([path.resolve().name for path in paths], [str(path) for path in paths]):
+        names = [name.encode("utf-8", "backslashreplace").decode() for name in given]
         if len(set(names)) == len(names):
             return names
-    return [f"{path} ({i})" for i, path in enumerate(paths, 1)]
+    return [f"{name} ({i})" for i, name in enumerate(names, 1)]
 
 
 def _table(comparison: Comparison) -> Table:

@@ -41,7 +41,7 @@ def outage(
         float | None, typer.Option("--bank", help="Wherever the roll is beyond that many degrees.")
     ] = None,
     length: Annotated[float, typer.Option("--length", help="Seconds, with --every and --random.")] = 30.0,
-    seed: Annotated[int, typer.Option("--seed", help="Of --random.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of --random.")] = 1,
     satellites: Annotated[
         str, typer.Option("--sv", help="Take away these alone, as in G01,G07; else all satellites.")
     ] = "",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import os
 import zlib
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -41,7 +42,7 @@ def file_buffer(path: Path) -> pa.Buffer:
             )
         if magic == GZIP_MAGIC:
             return _unpacked(path)
-        return pa.memory_map(str(path)).read_buffer()
+        return pa.memory_map(os.fsencode(path)).read_buffer()
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
             f"the gzip file is damaged or cut short: {error}", file=path, advice="copy it again"

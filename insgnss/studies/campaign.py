@@ -133,6 +133,14 @@ def prepare(
     ResultError : the folder holds another campaign, or cannot be written
     """
     path = Path(folder).absolute()
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise ResultError(
+            "the folder's name is not UTF-8, which Parquet data sets need",
+            file=path,
+            advice="give another --output",
+        ) from error
     stamp = _stamp(config)
     try:
         (path / RESULTS).mkdir(parents=True, exist_ok=True)

@@ -68,7 +68,10 @@ def flown(gain_dbi: float = math.nan, settings: dict[str, Any] | None = None) ->
         "sv": pd.Categorical(np.tile(["G05", "E11"], N)),
         "az_deg": np.tile([90.0, 0.0], N),
         "el_deg": np.tile([30.0, 90.0], N),
+        "body_az_deg": np.tile([90.0, 0.0], N),
+        "body_el_deg": np.tile([30.0, 90.0], N),
         "gain_dbi": gain_dbi,
+        "state": pd.Categorical(["tracked"] * 2 * N),
     }
     nothing = pd.DataFrame()
     return Run(nav, nothing, pd.DataFrame(rows), nothing, settings=SETTINGS if settings is None else settings)
