@@ -143,7 +143,9 @@ def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
     ------
     ResultError : a column is missing, holds no numbers or no words where it should, or impossible numbers
     """
-    for name in _COLUMNS[path.stem] if len(table.columns) else ():
+    # a table in CSV without its types was made by hand, of what its user needs
+    is_ours = path.suffix != ".csv" or (path.parent / COLUMN_TYPES).is_file()
+    for name in _COLUMNS[path.stem] if is_ours and len(table.columns) else ():
         if name not in table:
             raise ResultError("the table has no such column", file=path, column=name, advice=_SAVE_AGAIN)
     if not table.columns.is_unique:

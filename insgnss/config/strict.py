@@ -59,7 +59,7 @@ class StrictModel(BaseModel):
     @classmethod
     def _is_no_wild_number(cls, value: Any, info: ValidationInfo) -> Any:
         least = 0.0 if isinstance(value, tuple | list) else _SMALLEST_NUMBER
-        most = _largest(cls, str(info.field_name))
+        most = largest_size(cls, str(info.field_name)) or _LARGEST_NUMBER
         for number in _numbers(value):
             if abs(number) > most or 0.0 < abs(number) < least:
                 raise ValueError(f"{number!r:.24} is no size that any setting has")
@@ -67,11 +67,11 @@ class StrictModel(BaseModel):
 
 
 @functools.cache
-def _largest(model: type[BaseModel], name: str) -> float:
-    """Return the largest size of a setting: a wide limit where its own schema has one."""
+def largest_size(model: type[BaseModel], name: str) -> float | None:
+    """Return the largest size of a setting whose schema gives no upper limit, None where it gives one."""
     field = model.model_fields[name]
     if _has_upper_limit((field.annotation, *field.metadata)):
-        return _LARGEST_NUMBER
+        return None
     return _LARGEST_BY_UNIT.get(name.rpartition("_")[2], _LARGEST_OF_OTHERS)
 
 
