@@ -166,7 +166,10 @@ def _why_not_ours(path: Path, entry: Mapping[str, str] | None, kind: str) -> str
         return "which this program did not write"
     if entry.get("kind") != kind:
         return f"which belongs to another result ({entry.get('kind')})"
-    return "" if entry.get("sha256") == _sha256(path) else "which was changed after this program wrote it"
+    try:
+        return "" if entry.get("sha256") == _sha256(path) else "which was changed after this program wrote it"
+    except OSError as error:
+        return f"which cannot be read ({error.strerror})"
 
 
 def settle(folder: Path) -> None:
