@@ -86,9 +86,7 @@ def options(
     ] = False,
 ) -> None:
     """Tightly coupled INS/GNSS navigation: logs in, a navigation solution out."""
-    for stream in (
-        sys.stdout,
-        sys.stderr,
-    ):  # a file's name need not be a text, nor the terminal know every letter
+    # a file's name need not be a text, nor the terminal know every letter
+    for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
