@@ -20,6 +20,7 @@ from scipy.optimize import nnls
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.errors import ConfigError, InputError, ResultError
+from insgnss.saving import saving
 from insgnss.tables import Float64, ImuTable, Int64
 from insgnss.units import (
     SQRT_S_PER_SQRT_H,
@@ -185,24 +186,27 @@ class AllanStudy:
         ResultError : the folder cannot be written
         ConfigError : pictures are wanted and matplotlib is not installed
         """
-        paths = [folder / "grade.toml", folder / "allan.csv"]
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            paths[0].write_text(grade_text(self.grade), encoding="utf-8", newline="\n")
-            rows = np.column_stack([self.gyro.tau_s, self.gyro.deviation, self.accel.deviation])
-            axes = [
-                f"{sensor}_{axis}_{unit}"
-                for sensor, unit in (("gyro", "radps"), ("accel", "mps2"))
-                for axis in "xyz"
-            ]
-            header = ",".join(["tau_s", *axes])
-            np.savetxt(paths[1], rows, fmt="%.8g", delimiter=",", header=header, comments="")
-            if pictures:
-                paths.append(folder / "allan.png")
-                _draw(self, paths[-1])
+            with saving(folder, ("grade.toml", "allan.csv", "allan.png"), "Allan study") as new:
+                names = self._write(new, pictures)
         except OSError as error:
             raise ResultError(f"cannot be written: {error}", file=folder) from error
-        return paths
+        return [folder / name for name in names]
+
+    def _write(self, folder: Path, pictures: bool) -> list[str]:
+        (folder / "grade.toml").write_text(grade_text(self.grade), encoding="utf-8", newline="\n")
+        rows = np.column_stack([self.gyro.tau_s, self.gyro.deviation, self.accel.deviation])
+        axes = [
+            f"{sensor}_{axis}_{unit}"
+            for sensor, unit in (("gyro", "radps"), ("accel", "mps2"))
+            for axis in "xyz"
+        ]
+        header = ",".join(["tau_s", *axes])
+        np.savetxt(folder / "allan.csv", rows, fmt="%.8g", delimiter=",", header=header, comments="")
+        if not pictures:
+            return ["grade.toml", "allan.csv"]
+        _draw(self, folder / "allan.png")
+        return ["grade.toml", "allan.csv", "allan.png"]
 
 
 def allan_study(imu: ImuTable, like: ImuGrade | None = None) -> AllanStudy:

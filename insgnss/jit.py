@@ -3,6 +3,8 @@
 Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
 Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
 calls. A new folder is the moment at which those of earlier versions that nobody has used for 30 days are removed.
+Each file ends in its SHA-256: a damaged one is compiled again. The files are pickles and machine code, so files of
+another user are never loaded, nor is a folder of another user used.
 ``NUMBA_DISABLE_JIT=1`` runs every kernel as plain Python (slow, for tests and debuggers).
 
 With an empty cache the compiler takes most of the time of a first run, on one core. ``compiled_beside`` lets a second
@@ -11,18 +13,23 @@ process fill the cache with one large kernel while the first goes on with everyt
 
 from __future__ import annotations
 
+import atexit
 import gc
 import hashlib
 import importlib
 import os
+import pickle
 import re
 import shutil
 import signal
+import stat
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -31,12 +38,15 @@ from typing import Any, Final, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.caching import IndexDataCacheFile
 
 UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
 _S_PER_DAY: Final = 86_400.0
 _LONGEST_COMPILATION_S: Final = 300.0  # then whoever waits compiles on their own
 _RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
 _WITH_BOUNDS: Final = ("checks bounds",) if numba.config.BOUNDSCHECK else ()
+_SEAL_BYTES: Final = hashlib.sha256().digest_size
+_OTHERS_MAY_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -64,6 +74,34 @@ def cache_root() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "insgnss"
 
 
+def trusted_cache(root: Path) -> Path:
+    """Return ``root``, made if needed, or a folder of this process alone where ``root`` belongs to another user.
+
+    Processes that this one starts use the same folder. A folder of this user that others may write is closed to them.
+    """
+    with suppress(OSError):  # Numba compiles without a folder that cannot be made
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = root.stat()
+        if not _is_trusted(status):
+            warnings.warn(
+                f"compiled code in {root} is not used: the folder belongs to another user, and loading it would run"
+                " that user's code. Kernels are compiled again in each session; INSGNSS_CACHE names another folder",
+                stacklevel=2,
+            )
+            private = tempfile.mkdtemp(prefix="insgnss-")
+            atexit.register(shutil.rmtree, private, ignore_errors=True)
+            os.environ["INSGNSS_CACHE"] = private
+            return Path(private)
+        if status.st_mode & _OTHERS_MAY_WRITE and hasattr(os, "geteuid") and status.st_uid == os.geteuid():
+            root.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_MAY_WRITE)
+    return root
+
+
+def _is_trusted(status: os.stat_result) -> bool:
+    """Return whether a file belongs to this user or to the administrator; Windows does not tell."""
+    return not hasattr(os, "geteuid") or status.st_uid in (0, os.geteuid())
+
+
 def tend_caches(folder: Path) -> None:
     """Mark a folder of compiled code as used today; where it is new, remove those beside it that nobody uses.
 
@@ -84,7 +122,7 @@ def tend_caches(folder: Path) -> None:
                 shutil.rmtree(other, ignore_errors=True)
 
 
-_CACHE_DIR = cache_root() / source_hash()
+_CACHE_DIR = trusted_cache(cache_root()) / source_hash()
 tend_caches(_CACHE_DIR)
 
 
@@ -125,12 +163,54 @@ def _compiled(function: _F, folder: str = "", **options: Any) -> _F:
         )(function)
     finally:
         numba.config.CACHE_DIR = previous
-    _write_to_own_files(dispatcher)
+    _seal_files(dispatcher)
     return cast(_F, dispatcher)
 
 
-def _write_to_own_files(dispatcher: Any) -> None:
-    """Give the files of machine code that this process writes names of their own.
+class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
+    """A kernel's files in the cache, each with its hash at the end; what is damaged or not ours counts as not there."""
+
+    def save(self, key: Any, data: Any) -> None:
+        with suppress(OSError):  # a full disk: the code is compiled again next time
+            super().save(key, data)
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_index(self) -> dict[Any, str]:
+        found = _unsealed(self._index_path)
+        version, stamp, overloads = (None, None, {}) if found is None else pickle.loads(found)
+        fresh = (version, stamp) == (self._version, self._source_stamp)
+        return cast(dict[Any, str], overloads) if fresh else {}
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _load_data(self, name: str) -> Any:
+        found = _unsealed(self._data_path(name))
+        if found is None:
+            raise FileNotFoundError(name)  # upon which Numba compiles
+        return pickle.loads(found)
+
+    def _write(self, path: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(path) as file:
+            file.write(content + hashlib.sha256(content).digest())
+
+
+def _unsealed(path: str) -> bytes | None:
+    """Return what a file of the cache holds before its hash; None where it is absent, damaged or another user's."""
+    try:
+        with open(path, "rb") as file:
+            sealed = file.read() if _is_trusted(os.fstat(file.fileno())) else b""
+    except OSError:
+        return None
+    content = sealed[:-_SEAL_BYTES]
+    return content if content and hashlib.sha256(content).digest() == sealed[-_SEAL_BYTES:] else None
+
+
+def _seal_files(dispatcher: Any) -> None:
+    """Seal the files of machine code that this process writes, and give them names of their own.
 
     Numba numbers the files of a kernel's signatures. Two processes that compile two signatures of one kernel at the
     same moment would take the same number, and one would later load the other's code. With names of their own the
@@ -138,6 +218,8 @@ def _write_to_own_files(dispatcher: Any) -> None:
     """
     file: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
     pattern = getattr(file, "_data_name_pattern", None)
+    if isinstance(file, IndexDataCacheFile):
+        file.__class__ = _SealedFile
     if isinstance(pattern, str):
         file._data_name_pattern = pattern.replace("{number:d}", _PROCESS + "-{number:d}")
 

@@ -41,11 +41,14 @@ from insgnss.log.reference import read_reference
 from insgnss.point_tables import point_table, residual_table
 from insgnss.replay import setup_filter
 from insgnss.result_tables import event_table
-from insgnss.table_files import write_table
+from insgnss.saving import saving
+from insgnss.table_files import table_files, write_table
 from insgnss.tables import Float64, ImuTable
 from insgnss.version import __version__
 
 TABLES: Final = ("point", "residuals", "events", "errors")
+_SETTINGS: Final = "point_settings.json"
+FILES: Final = (*table_files(TABLES), _SETTINGS)
 # beyond it a metre of error in the ranges is dozens in the position; the usual limit of receivers
 MAX_GDOP: Final = 30.0
 TRUSTED: Final = ("ok", "fault excluded", "not tested")
@@ -69,15 +72,15 @@ class PointRun:
 
         Raises
         ------
-        ResultError : the folder cannot be written
+        ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name in TABLES:
-                write_table(folder, name, getattr(self, name), format)
-            text = json.dumps(self.settings, indent=1, default=str)
-            (folder / "point_settings.json").write_text(text, encoding="utf-8")
+            with saving(folder, FILES, "point solution") as new:
+                for name in TABLES:
+                    write_table(new, name, getattr(self, name), format)
+                text = json.dumps(self.settings, indent=1, default=str)
+                (new / _SETTINGS).write_text(text, encoding="utf-8")
         except OSError as error:
             raise ResultError(
                 f"the solution cannot be written: {error.strerror}",

@@ -236,9 +236,14 @@ def event_table(events: list[Event], week: int) -> pd.DataFrame:
         {
             "time_s": np.array(times, np.float64),
             "kind": pd.Series([e.kind for e in ordered], dtype="str"),
-            "detail": pd.Series([e.detail for e in ordered], dtype="str"),
+            "detail": pd.Series([_as_text(e.detail) for e in ordered], dtype="str"),
         }
     )
+
+
+def _as_text(detail: str) -> str:
+    """Return words that may name a file, of which a name need not be UTF-8, as a text that a table can hold."""
+    return detail.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def words(codes: npt.NDArray[Any], names: tuple[str, ...]) -> pd.Categorical:

@@ -32,7 +32,9 @@ from pandas.api.types import is_float_dtype
 
 from insgnss.datum import annotate_all, with_heading, with_sea_level, with_utc
 from insgnss.errors import ResultError
-from insgnss.table_files import column_types, pieces, read_csv, write_table
+from insgnss.run_folder import COLUMN_TYPES, SETTINGS, read_run
+from insgnss.saving import saving
+from insgnss.table_files import column_types, pieces, table_files, write_table
 
 _OPTIONAL = (
     "errors",
@@ -44,8 +46,7 @@ _OPTIONAL = (
     "receiver_events",
 )
 TABLES = ("nav", "measurements", "satellites", "events", *_OPTIONAL)
-_SETTINGS = "settings.json"
-_COLUMN_TYPES = "columns.json"  # beside tables in CSV, which does not tell them
+FILES = (*table_files(TABLES), SETTINGS, COLUMN_TYPES)
 
 
 @dataclass
@@ -94,23 +95,22 @@ class Run:
         """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.
 
         As CSV with ``columns.json``: the width of each number and the order of the words, which CSV does not tell.
+        The folder holds the old run or the new one, never parts of both (``insgnss.saving``).
 
         Raises
         ------
-        ResultError : the folder cannot be written
+        ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name, table in self._tables():  # one by one: two threads would save 0.1 s and take 30 MB
-                _save_table(folder, name, table, format)
-            (folder / _COLUMN_TYPES).unlink(missing_ok=True)
-            if format == "csv":
-                types = {name: column_types(table) for name, table in self._tables() if table is not None}
-                (folder / _COLUMN_TYPES).write_text(json.dumps(types, indent=1), encoding="utf-8")
-            (folder / _SETTINGS).write_text(
-                json.dumps(self.settings, indent=1, default=str), encoding="utf-8"
-            )
+            with saving(folder, FILES, "run") as new:
+                for name, table in self._tables():  # one by one: two threads would save 0.1 s and take 30 MB
+                    _save_table(new, name, table, format)
+                if format == "csv":
+                    types = {name: column_types(table) for name, table in self._tables() if table is not None}
+                    (new / COLUMN_TYPES).write_text(json.dumps(types, indent=1), encoding="utf-8")
+                settings = json.dumps(self.settings, indent=1, default=str)
+                (new / SETTINGS).write_text(settings, encoding="utf-8")
         except OSError as error:
             raise ResultError(
                 f"the run cannot be written: {error.strerror}",
@@ -128,26 +128,10 @@ class Run:
 
         Raises
         ------
-        ResultError : the folder holds no complete run
+        ResultError : there is no such folder, it holds no complete run, or a file of it is damaged
         """
-        folder = Path(folder)
-        tables: dict[str, pd.DataFrame | None] = {}
-        for name in TABLES:
-            parquet, csv = folder / f"{name}.parquet", folder / f"{name}.csv"
-            if parquet.exists():
-                tables[name] = pd.read_parquet(parquet)
-            elif csv.exists():
-                tables[name] = _table_from_csv(csv)
-            elif name in _OPTIONAL:
-                tables[name] = None
-            else:
-                raise ResultError(
-                    f"no table '{name}' in the folder", file=folder, advice="save the run again"
-                )
-        settings = folder / _SETTINGS
-        if not settings.exists():
-            raise ResultError(f"no {_SETTINGS} in the folder", file=folder, advice="save the run again")
-        return cls(**tables, settings=json.loads(settings.read_text(encoding="utf-8")))  # type: ignore[arg-type]
+        tables, settings = read_run(Path(folder), TABLES, _OPTIONAL)
+        return cls(**tables, settings=settings)  # type: ignore[arg-type]
 
     def report(self, path: str | Path) -> Path:
         """Write the run's page, one HTML file that opens without a network; return its path.
@@ -195,7 +179,8 @@ class Run:
     def heading_known_s(self) -> float | None:
         """Return the time from which the heading has been known, None when it never was."""
         known = self.events[self.events["kind"] == "heading_known"]
-        return None if known.empty else float(known["time_s"].iloc[0])
+        times = known["time_s"].dropna()
+        return None if times.empty else float(times.iloc[0])
 
     def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
@@ -237,17 +222,4 @@ def _save_table(
     columns = () if table is None else table.dtypes.items()
     # a dictionary of numbers that hardly repeat costs a third of the time and makes the file larger
     repeated = [name for name, dtype in columns if name == "time_s" or not is_float_dtype(dtype)]
-    write_table(folder, name, table, format, use_dictionary=repeated)
-
-
-def _table_from_csv(path: Path) -> pd.DataFrame:
-    told = path.parent / _COLUMN_TYPES
-    try:
-        types = json.loads(told.read_text(encoding="utf-8"))[path.stem] if told.is_file() else None
-        return read_csv(path, types)
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise ResultError(
-            f"the table cannot be read as {_COLUMN_TYPES} beside it says: {error}",
-            file=path,
-            advice="save the run again",
-        ) from error
+    write_table(folder, name, table, format, use_dictionary=repeated, write_page_checksum=True)

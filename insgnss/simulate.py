@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,12 +14,13 @@ from insgnss.config.simulation import LoggedReference, RinexSky, SimulationConfi
 from insgnss.config.strict import load_toml
 from insgnss.config.toml_lines import key_lines, line_of
 from insgnss.constants import NS_PER_S
-from insgnss.errors import ConfigError, InputError
+from insgnss.errors import ConfigError, ResultError
 from insgnss.gpstime import ns_to_datetime, week_seconds_to_ns
 from insgnss.library import find
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex import read_navigation
 from insgnss.log.yuma import read_yuma
+from insgnss.saving import saving
 from insgnss.simulation.assembly import Inputs, assemble, missing_messages
 from insgnss.simulation.chosen_messages import without
 from insgnss.simulation.flight_text import (
@@ -28,7 +30,7 @@ from insgnss.simulation.flight_text import (
     NAVIGATION_FILE,
     REFERENCE_FILE,
     antenna_file_name,
-    copy_antenna_files,
+    antenna_files,
     flight_text,
 )
 from insgnss.simulation.itinerary import ManoeuvreError
@@ -59,20 +61,30 @@ class Simulation:
 
         Raises
         ------
-        InputError : the folder cannot be written
+        ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            return self._write(folder)
+            copied = antenna_files(self.config, self.folder, folder)
+            names = [path.name for path in (*self._paths(folder), *copied)]
+            with saving(folder, names, "simulation") as new:
+                self._write(self._paths(new))
+                for path in copied:
+                    shutil.copyfile(path, new / path.name)
         except OSError as error:
-            raise InputError(f"cannot be written: {error}", file=folder) from error
+            raise ResultError(
+                f"the logs cannot be written: {error.strerror}", file=folder, advice="give another folder"
+            ) from error
+        return [folder / name for name in names]
 
-    def _write(self, folder: Path) -> list[Path]:
+    def _paths(self, folder: Path) -> list[Path]:
+        """Return the files of the logs, those of further antennas last."""
+        further = () if self.config.attitude is None else self.config.attitude.antenna
+        names = (IMU_FILE, GNSS_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE)
+        return [folder / name for name in (*names, *(antenna_file_name(a.name) for a in further))]
+
+    def _write(self, paths: list[Path]) -> None:
         week, imu = self.config.gps_week, self.config.imu
-        paths = [
-            folder / name for name in (IMU_FILE, GNSS_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE)
-        ]
         if imu.values == "increments":
             write_increments(paths[0], self.log.imu, week, 1.0 / imu.rate_hz)
         else:
@@ -82,11 +94,8 @@ class Simulation:
         write_rinex_navigation(paths[2], sent, ns_to_datetime(self.scenario.start_ns))
         write_reference(paths[3], self.reference(), week)
         paths[4].write_bytes(flight_text(self.config, self.scenario).encode("utf-8"))
-        further = () if self.config.attitude is None else self.config.attitude.antenna
-        for antenna, log in zip(further, self.log.further, strict=True):
-            paths.append(folder / antenna_file_name(antenna.name))
-            write_gnss(paths[-1], log, week)
-        return paths + copy_antenna_files(self.config, self.folder, folder)
+        for path, log in zip(paths[5:], self.log.further, strict=True):
+            write_gnss(path, log, week)
 
 
 def simulate(
@@ -109,6 +118,8 @@ def simulate(
     """
     path = Path(scenario) if str(scenario).endswith(".toml") else _in_library(str(scenario))
     config = load_toml(path, SimulationConfig)
+    if seed < 0:
+        raise ConfigError(f"{seed} is no seed", key="seed", advice="give a whole number, 0 or above")
     if duration_s is not None and not duration_s > 0.0:
         raise ConfigError(
             f"a duration of {duration_s} s is none", key="duration_s", advice="give seconds, above 0"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -33,7 +34,7 @@ def write_table(
     float_format: str = "%.17g",
     **parquet: Any,
 ) -> None:
-    """Write a table into a folder that exists, in place of what stood there by its name; None leaves nothing there.
+    """Write a table into a folder that exists; None writes nothing.
 
     Parameters
     ----------
@@ -44,8 +45,6 @@ def write_table(
     ------
     OSError : the file cannot be written
     """
-    for stale in ("parquet", "csv"):
-        (folder / f"{name}.{stale}").unlink(missing_ok=True)
     if table is None:
         return
     path = folder / f"{name}.{form}"
@@ -55,6 +54,11 @@ def write_table(
         table.to_csv(path, index=False, float_format=float_format)
 
 
+def table_files(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of all files that tables may be in."""
+    return tuple(f"{name}.{form}" for name in names for form in ("parquet", "csv"))
+
+
 def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
     """Write a table as ``DataFrame.to_parquet`` does, in pieces and without an index."""
     parquet = importlib.import_module("pyarrow.parquet")  # late: 5 MB that the filter can use
@@ -62,7 +66,7 @@ def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
     if table.attrs:  # under the name that pandas writes and reads; older versions of pyarrow do not write it
         about = {"PANDAS_ATTRS": json.dumps(table.attrs)}
         schema = schema.with_metadata({**(schema.metadata or {}), **about})
-    with parquet.ParquetWriter(path, schema, **options) as writer:
+    with pa.OSFile(os.fsencode(path), "wb") as file, parquet.ParquetWriter(file, schema, **options) as writer:
         for piece in pieces(table):
             writer.write_table(pa.Table.from_pandas(piece, schema=schema, preserve_index=False, nthreads=1))
 
@@ -89,11 +93,17 @@ def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
         convert.column_types = {name: _arrow_type(told) for name, told in types.items()}
         convert.include_columns = list(types)
     table = pyarrow.csv.read_csv(
-        path, parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True), convert_options=convert
+        pa.memory_map(os.fsencode(path)),
+        parse_options=pyarrow.csv.ParseOptions(newlines_in_values=True),
+        convert_options=convert,
     )
     frame: pd.DataFrame = table.to_pandas()
     if types is None:
         return frame.astype(dict.fromkeys(frame.columns[frame.dtypes == "str"], "category"))
+    for name, told in types.items():
+        unknown = set(frame[name].dropna()) - set(told) if isinstance(told, list) else set()
+        if unknown:
+            raise ValueError(f"'{min(unknown)}' is none of the words of '{name}'")
     return frame.astype(
         {
             name: pd.CategoricalDtype(pd.Index(told, dtype="str")) if isinstance(told, list) else told

@@ -288,3 +288,60 @@ def test_borrowing_kernel_may_not_allocate() -> None:
 
     with pytest.raises(numba.core.errors.TypingError):
         jit.borrowing(doubled)(np.ones(3))
+
+
+# ------------------------------------------------------------------------------------------- damage and other users
+
+CALL = "from insgnss.callee import term; print(term(1.0), sum(term.stats.cache_hits.values()))"
+
+
+def cached_files(folder: Path) -> list[Path]:
+    return sorted(path for path in (folder / "cache").rglob("*.nb[ic]"))
+
+
+@pytest.mark.parametrize("damage", ["flip", "cut", "empty", "text"])
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+def test_damaged_cache_is_compiled_again(tiny_package: Path, ending: str, damage: str) -> None:
+    settings = {"INSGNSS_CACHE": str(tiny_package / "cache")}
+    assert python("-c", CALL, folder=tiny_package, **settings) == "2.0 0"
+    for path in (p for p in cached_files(tiny_package) if p.suffix == ending):
+        data = path.read_bytes()
+        at = len(data) // 2
+        flipped = data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+        path.write_bytes({"flip": flipped, "cut": data[:at], "empty": b"", "text": b"no code"}[damage])
+
+    assert python("-c", CALL, folder=tiny_package, **settings) == "2.0 0"
+    assert python("-c", CALL, folder=tiny_package, **settings) == "2.0 1"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give files away")
+@pytest.mark.parametrize("whose", ["folder", "files"])
+def test_code_of_another_user_is_not_loaded(tiny_package: Path, whose: str) -> None:
+    settings = {"INSGNSS_CACHE": str(tiny_package / "cache")}
+    python("-c", CALL, folder=tiny_package, **settings)
+    for path in [tiny_package / "cache"] if whose == "folder" else cached_files(tiny_package):
+        os.chown(path, 12345, -1)
+
+    assert python("-W", "ignore", "-c", CALL, folder=tiny_package, **settings) == "2.0 0"
+
+
+def test_cache_of_another_user_is_told_and_replaced_by_a_folder_of_our_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("INSGNSS_CACHE", str(tmp_path))
+    monkeypatch.setattr(jit, "_is_trusted", lambda status: False)
+    with pytest.warns(UserWarning, match="belongs to another user"):
+        private = jit.trusted_cache(tmp_path)
+
+    assert private != tmp_path and private.stat().st_mode & 0o077 == 0
+    assert os.environ["INSGNSS_CACHE"] == str(private)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="access by groups is POSIX's")
+def test_cache_folder_is_closed_to_others(tmp_path: Path) -> None:
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    folder.chmod(0o777)
+
+    assert jit.trusted_cache(folder) == folder
+    assert folder.stat().st_mode & 0o777 == 0o755

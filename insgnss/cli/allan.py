@@ -10,8 +10,10 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
+from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
     from insgnss.allan import NoiseFit
@@ -38,11 +40,12 @@ def allan(
         str, typer.Option("--accel-unit", help="Of a CSV log: m/s^2, g, mg, m/s, g*s.")
     ] = "m/s^2",
     pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure a sensor's noise from a log at rest: random walk, bias instability, rate random walk."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, [log]):
         from insgnss.allan import allan_study
         from insgnss.library import imu_grade
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.progress import counting
@@ -48,14 +48,12 @@ def campaign(
     """Run what is left of a campaign, write one Parquet file a task, and print a summary of all results."""
     began = time.perf_counter()
     with own_errors_told():
-        from rich.console import Console
-
         from insgnss.studies.campaign import load_campaign
         from insgnss.studies.campaign_results import failures, summary, with_parameters
 
         config = load_campaign(campaign)
         done = _run(config, output, workers, scheduler, retry_failed=retry_failed)
-        console = Console(file=sys.stdout, width=140)
+        console = result_console(140)
         table = with_parameters(summary(output, [name.strip() for name in by.split(",")]), config)
         failed = failures(output)
     if as_json:

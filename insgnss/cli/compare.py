@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
+from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,14 +28,13 @@ def compare(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="The page; none is written without it.")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare runs of a flight: differences over time, statistics, sigma beside each other."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, run_files(*runs)):
         # pandas and Plotly are loaded only when the command runs
-        from rich.console import Console
-
         from insgnss.report.compare import compare_runs, write_comparison
         from insgnss.run import Run
 
@@ -44,17 +45,18 @@ def compare(
     if as_json:
         print_json({**comparison.as_json(), "wrote": page})
         return
-    Console(file=sys.stdout, width=120).print(_table(comparison))
+    result_console().print(_table(comparison))
     where = f"wrote {page}" if page is not None else "nothing was written (no --output)"
     typer.echo(f"read {len(runs)} runs; {where}; {time.perf_counter() - began:.2f} s in all")
 
 
 def _names(paths: list[Path]) -> list[str]:
     """Return a name for each folder: its own where that tells them apart, else the path, else numbered."""
-    for names in ([path.resolve().name for path in paths], [str(path) for path in paths]):
+    for given in ([path.resolve().name for path in paths], [str(path) for path in paths]):
+        names = [name.encode("utf-8", "backslashreplace").decode() for name in given]
         if len(set(names)) == len(names):
             return names
-    return [f"{path} ({i})" for i, path in enumerate(paths, 1)]
+    return [f"{name} ({i})" for i, name in enumerate(names, 1)]
 
 
 def _table(comparison: Comparison) -> Table:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
+from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,13 +35,12 @@ def consistency(
         typer.Option("--from", help="Seconds of the week where it begins; else at the heading known."),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Test innovations, errors and sigmas of a run against each other, and say in words what they mean."""
     began = time.perf_counter()
-    with own_errors_told():
-        from rich.console import Console
-
+    with own_errors_told(), overwriting(force, run_files(run)):
         from insgnss.studies.consistency import consistency_study
 
         with telling("studying the run"):
@@ -51,7 +52,7 @@ def consistency(
         found = {"from_s": study.asked["from_s"], **tables, "verdict": list(study.verdict)}
         print_json({**found, "wrote": output})
         return
-    console = Console(file=sys.stdout, width=120)
+    console = result_console()
     console.print(_table("innovations", "kind", study.kinds, ("used", "refused", "mean_nis", "low", "high",
                                                               "share_95", "factor")))  # fmt: skip
     if not study.states.empty:

@@ -10,7 +10,9 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
+from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
     from insgnss.log.convert import Conversion
@@ -22,6 +24,7 @@ def convert(
         typer.Argument(help="UBX, SBF, Android GnssLogger, RINEX observation (and navigation) files."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Read a receiver's files of any format and write CSV, a RINEX navigation file and a first flight file.
@@ -33,7 +36,7 @@ def convert(
     # the readers and their libraries are loaded only when the command runs
     from insgnss.log.convert import convert as convert_files
 
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, inputs):
         with telling("converting"):
             done = convert_files(inputs, output)
     if as_json:

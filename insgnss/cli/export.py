@@ -10,6 +10,8 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force, run_files
+from insgnss.saving import overwriting
 
 
 def export(
@@ -19,6 +21,7 @@ def export(
         str | None,
         typer.Option("--format", help="One of the formats above; by default the file's ending."),
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a run for another program.
@@ -34,7 +37,7 @@ def export(
     Mean sea level is the geoid of EGM96.
     """
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, run_files(run)):
         # pandas is loaded only when the command runs
         from insgnss.report.export import export_run
         from insgnss.run import Run

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import sys
 from collections.abc import Callable
 from typing import Annotated, Final
 
@@ -84,3 +86,7 @@ def options(
     ] = False,
 ) -> None:
     """Tightly coupled INS/GNSS navigation: logs in, a navigation solution out."""
+    # a file's name need not be a text, nor the terminal know every letter
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")

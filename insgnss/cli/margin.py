@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import counting, telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
+from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -80,19 +82,18 @@ def margin(
     ] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Tell which J/S a phase loop stands with an oscillator and an INS, and where along a run it would lose lock."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, _inputs(run, emitters)):
         form = table_form(format)
         if (run is None) != (emitters is None):
             raise ConfigError(
                 "a run and emitters belong together", key="--emitters", advice="give both, or neither"
             )
-        from rich.console import Console
-
-        console = Console(file=sys.stdout, width=120, quiet=as_json)
+        console = result_console(quiet=as_json)
         if run is not None and emitters is not None:
             told, written = _flown(console, run, emitters, output, form, step, pictures)
         else:
@@ -112,6 +113,10 @@ def margin(
         return
     where = f"wrote {', '.join(str(p) for p in written)}" if written else "nothing was written"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _inputs(run: Path | None, emitters: Path | None) -> list[Path]:
+    return [] if run is None or emitters is None else [*run_files(run), emitters]
 
 
 def _loops(

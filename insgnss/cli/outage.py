@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
+from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,7 +41,7 @@ def outage(
         float | None, typer.Option("--bank", help="Wherever the roll is beyond that many degrees.")
     ] = None,
     length: Annotated[float, typer.Option("--length", help="Seconds, with --every and --random.")] = 30.0,
-    seed: Annotated[int, typer.Option("--seed", help="Of --random.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of --random.")] = 1,
     satellites: Annotated[
         str, typer.Option("--sv", help="Take away these alone, as in G01,G07; else all satellites.")
     ] = "",
@@ -59,11 +61,12 @@ def outage(
         typer.Option("--output", "-o", help="Folder for tables and picture; none is written without it."),
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Take measurements away in windows, replay, and tell drift, predicted sigma and the time to come back."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, [flight]):
         windows = _windows(window, every, random, bank, length, seed)
         from insgnss.studies.outage import outage_study
         from insgnss.studies.outage_windows import Removal
@@ -133,9 +136,7 @@ def _window(text: str) -> tuple[float, float]:
 
 
 def _print(study: OutageStudy) -> None:
-    from rich.console import Console
-
-    console = Console(file=sys.stdout, width=120)
+    console = result_console()
     for against in study.percentiles["against"].unique():
         console.print(_table(study, str(against)))
     back = study.windows["sd_back_s"].dropna()

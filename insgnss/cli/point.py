@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
+from insgnss.saving import check_replaceable, overwriting
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,20 +43,22 @@ def point(
         ),
     ] = 1e-3,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve each GNSS epoch alone: position, velocity, clocks, dilution, residuals, fault exclusion."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force):
         form = table_form(format)
         # pandas and the compiled code are loaded only once the options are known to be right
-        from rich.console import Console
-
         from insgnss.log.flight import Flight
+        from insgnss.point import FILES
         from insgnss.point import point as solve
 
         loaded = Flight.load(flight)
-        with telling("starting") as tell:
+        with overwriting(force, loaded.files()), telling("starting") as tell:
+            if output is not None:
+                check_replaceable(output, FILES, "point solution")
             run = solve(
                 loaded,
                 filter,
@@ -69,7 +73,7 @@ def point(
     if as_json:
         print_json({**_digest(loaded.name, run), "files_read": n_read, "wrote": output})
         return
-    _print_summary(Console(file=sys.stdout, width=120), loaded.name, run)
+    _print_summary(result_console(), loaded.name, run)
     where = f"; wrote {output}" if output is not None else "; nothing was written (no --output)"
     typer.echo(f"read {n_read} files{where}; {time.perf_counter() - began:.2f} s in all")
 
@@ -93,7 +97,7 @@ def _print_summary(console: Console, name: str, run: PointRun) -> None:
     """Print verdicts, errors against the reference, satellites and dilution, residuals by satellite."""
     table, took = run.point, run.settings["took"]
     console.print(
-        f"[bold]{name}[/bold]: {len(table)} epochs, {int(run.trusted().sum())} with a trusted position",
+        f"{name}: {len(table)} epochs, {int(run.trusted().sum())} with a trusted position",
         highlight=False,
     )
     console.print(_count_table(run))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +13,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
@@ -24,7 +25,8 @@ from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
 from insgnss.report.digest import digest
-from insgnss.run import Run
+from insgnss.run import FILES, Run
+from insgnss.saving import check_replaceable, overwriting
 
 _EVENTS_SHOWN = 25
 _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}
@@ -58,16 +60,18 @@ def replay(
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Run the filter over a flight's logs, print a summary, write the result tables."""
     began = time.perf_counter()
     give_back_what_is_freed()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force):
         form = table_form(format)
         wanted = _rate(rate)
         loaded = Flight.load(flight)
-        with telling("starting") as tell:
+        with overwriting(force, loaded.files()), telling("starting") as tell:
+            check_outputs(output, report)
             run = run_replay(
                 loaded,
                 filter,
@@ -78,6 +82,14 @@ def replay(
             )
             written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)
+
+
+def check_outputs(output: Path | None, report: Path | None) -> None:
+    """Refuse outputs that would replace files of somebody else, before any work is done."""
+    if output is not None:
+        check_replaceable(output, FILES, "run")
+    if report is not None:
+        check_replaceable(report.parent, (report.name,), "page")
 
 
 def write_run(
@@ -125,13 +137,11 @@ def _rate(text: str) -> OutputRate:
 
 def _print_summary(flight: Flight, run: Run) -> None:
     """Print what the run gave: times, errors and sigmas, satellites, refusals, NIS, events."""
-    console = Console(file=sys.stdout, width=120)
+    console = result_console()
     nav = run.nav
     took = run.settings["took"]
     span = nav["time_s"].iloc[-1] - nav["time_s"].iloc[0]
-    console.print(
-        f"[bold]{flight.name}[/bold]: {len(nav)} navigation rows over {span:.1f} s", highlight=False
-    )
+    console.print(f"{flight.name}: {len(nav)} navigation rows over {span:.1f} s", highlight=False)
     console.print(_accuracy_table(run))
     console.print(_measurement_table(run))
     used = run.nav["n_used"]

@@ -10,7 +10,9 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
+from insgnss.saving import overwriting
 
 
 def report(
@@ -24,11 +26,12 @@ def report(
         typer.Option("--figures", help="Also write figures for a paper into this folder (needs matplotlib)."),
     ] = None,
     form: Annotated[str, typer.Option("--form", help="Of the figures: pdf, svg or png.")] = "pdf",
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Write the page of a run: summary, map, errors, satellites, innovations, events, settings."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, run_files(run)):
         # pandas and Plotly are loaded only when the command runs
         from insgnss.report.figures import save_figures
         from insgnss.report.page import write_report

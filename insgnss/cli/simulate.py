@@ -10,24 +10,27 @@ import typer
 
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
+from insgnss.saving import overwriting
 
 
 def simulate(
     scenario: Annotated[str, typer.Argument(help="A scenario file (.toml), or a name in models/scenarios.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the logs.")],
     seed: Annotated[
-        int, typer.Option("--seed", help="Of the random numbers: the same gives the same files.")
+        int, typer.Option("--seed", min=0, help="Of the random numbers: the same gives the same files.")
     ] = 1,
     clean: Annotated[bool, typer.Option("--clean", help="No noise, no sensor errors; faults stay.")] = False,
     duration: Annotated[
         float | None, typer.Option("--duration", help="Only the first so many seconds.")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Simulate a flight: IMU and GNSS CSV, RINEX navigation, the true trajectory and a flight file to replay them."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, [Path(scenario)]):
         # NumPy and SciPy are loaded only when there is something to simulate
         from insgnss.simulate import simulate as simulated
 

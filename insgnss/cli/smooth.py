@@ -11,11 +11,13 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
+from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
-from insgnss.cli.replay import tell_run, write_run
+from insgnss.cli.replay import check_outputs, tell_run, write_run
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
+from insgnss.saving import overwriting
 
 
 def smooth(
@@ -30,15 +32,17 @@ def smooth(
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
     ] = None,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Run the filter forward and the smoother back over a flight's logs: for what is looked at afterwards."""
     began = time.perf_counter()
     give_back_what_is_freed()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force):
         form = table_form(format)
         loaded = Flight.load(flight)
-        with telling("starting") as tell:
+        with overwriting(force, loaded.files()), telling("starting") as tell:
+            check_outputs(output, report)
             run = run_replay(loaded, filter, smooth=True, progress=tell)
             written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
 import time
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.progress import counting
@@ -49,7 +49,7 @@ def track(
     ] = False,
     seconds: Annotated[float, typer.Option("--time", help="Simulated seconds of each channel.")] = 20.0,
     channels: Annotated[int, typer.Option("--channels", "-n", help="Channels with noise of their own.")] = 12,
-    seed: Annotated[int, typer.Option("--seed", help="Of all noise.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all noise.")] = 1,
     threads: Annotated[int, typer.Option("--threads", help="The numbers do not depend on it.")] = 1,
     as_json: AsJson = False,
 ) -> None:
@@ -114,7 +114,6 @@ def _digest(
 
 def _print_result(simulation: Simulation, history: ChannelHistory, cn0: float, chip_hz: float) -> None:
     """Print errors beside what the linear loop would have, lock and C/N0."""
-    from rich.console import Console
     from rich.table import Table
 
     from insgnss.tracking.trial import assess
@@ -128,7 +127,7 @@ def _print_result(simulation: Simulation, history: ChannelHistory, cn0: float, c
     metres = [value * C_MPS / chip_hz for value in (found.delay_rms_chips, found.delay_noise_chips)]
     table.add_row("code delay", *(f"{value:.3f} m" for value in metres))
     table.add_row("carrier frequency", f"{found.rate_rms_radps / (2.0 * math.pi):.3f} Hz", "")
-    console = Console(file=sys.stdout, width=100)
+    console = result_console(100)
     console.print(table)
     console.print(
         f"true noise bandwidth {simulation.design.carrier.noise_bandwidth_hz():.3f} Hz, "

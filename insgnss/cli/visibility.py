@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
+from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,17 +46,16 @@ def visibility(
     step: Annotated[float, typer.Option("--step", help="Seconds between two attitudes; 0 takes all.")] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+    force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Tell which satellites antennas and airframe hid, when, and what that cost in geometry."""
     began = time.perf_counter()
-    with own_errors_told():
+    with own_errors_told(), overwriting(force, run_files(source)):
         form = table_form(format)
         if not step >= 0.0:
             raise ConfigError(f"{step} is no step", key="--step", advice="give seconds, 0 for every row")
         # pandas and the compiled code are loaded only once the options are known to be right
-        from rich.console import Console
-
         from insgnss.library import filter_config
         from insgnss.log.flight import Flight
         from insgnss.visibility.figures import save_figures
@@ -65,8 +66,9 @@ def visibility(
             settings = {"threshold": "gain", "threshold_gain_dbic": threshold}
             changed = config.visibility.model_copy(update=settings)
             config = config.model_copy(update={"visibility": changed})
-        with telling("studying") as tell:
-            study = visibility_of(source, Flight.load(flight), config, antenna, step)
+        loaded = Flight.load(flight)
+        with overwriting(force, loaded.files()), telling("studying") as tell:
+            study = visibility_of(source, loaded, config, antenna, step)
             written: list[Path] = []
             if output is not None:
                 tell("saving")
@@ -78,7 +80,7 @@ def visibility(
         found = {"satellites": records(_shares(study).reset_index()), "dop": dop}
         print_json({**found, "events": records(study.events), "wrote": output if written else None})
         return
-    console = Console(file=sys.stdout, width=120)
+    console = result_console()
     console.print(_satellite_table(study))
     console.print(_dop_line(study), highlight=False)
     for _, event in study.events.iterrows():

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Any, Final, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
 from insgnss.config.files import existing_file
@@ -42,6 +43,10 @@ _TABLE_BRANCHES: Final = ("model_type", "model_attributes_type", "dict_type")
 # in which sums of squares still are numbers; a smaller one is zero with a slip of the keyboard. A component of a vector
 # may be as small as it likes: a velocity of 1e-68 m/s comes out of a computation.
 _LARGEST_NUMBER: Final = 1e15
+# Of settings whose schema gives no upper limit, by the unit at the end of their names: a power of ten of 1000 dB is
+# a number, as is its square
+_LARGEST_BY_UNIT: Final = {"db": 1e3, "dbhz": 1e3, "dbic": 1e3, "hz": 1e12}
+_LARGEST_OF_OTHERS: Final = 1e9
 _SMALLEST_NUMBER: Final = 1e-40  # a thousandth of a thousandth of the quietest clock's h_-2
 
 
@@ -52,12 +57,31 @@ class StrictModel(BaseModel):
 
     @field_validator("*", mode="after")
     @classmethod
-    def _is_no_wild_number(cls, value: Any) -> Any:
+    def _is_no_wild_number(cls, value: Any, info: ValidationInfo) -> Any:
         least = 0.0 if isinstance(value, tuple | list) else _SMALLEST_NUMBER
+        most = largest_size(cls, str(info.field_name)) or _LARGEST_NUMBER
         for number in _numbers(value):
-            if abs(number) > _LARGEST_NUMBER or 0.0 < abs(number) < least:
-                raise ValueError(f"{number:g} is no size that any setting has")
+            if abs(number) > most or 0.0 < abs(number) < least:
+                raise ValueError(f"{number!r:.24} is no size that any setting has")
         return value
+
+
+@functools.cache
+def largest_size(model: type[BaseModel], name: str) -> float | None:
+    """Return the largest size of a setting whose schema gives no upper limit, None where it gives one."""
+    field = model.model_fields[name]
+    if _has_upper_limit((field.annotation, *field.metadata)):
+        return None
+    return _LARGEST_BY_UNIT.get(name.rpartition("_")[2], _LARGEST_OF_OTHERS)
+
+
+def _has_upper_limit(parts: Iterable[Any]) -> bool:
+    """Return whether an annotation or its metadata hold an upper limit, at any depth."""
+    for part in parts:
+        limits = (getattr(part, "le", None), getattr(part, "lt", None))
+        if limits != (None, None) or _has_upper_limit((*get_args(part), *getattr(part, "metadata", ()))):
+            return True
+    return False
 
 
 def _numbers(value: Any) -> Iterator[float]:
@@ -92,6 +116,8 @@ def load_toml(path: str | Path, model: type[Model]) -> Model:
         problems = _without_other_branches(error.errors(include_url=False), data)
         lines = key_lines(text)
         raise _config_error(path, [_describe(problem, data, model, lines) for problem in problems]) from None
+    except RecursionError:
+        raise _too_deep(path) from None
 
 
 def _parse(path: Path) -> tuple[str, dict[str, Any]]:
@@ -100,6 +126,8 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
         return text, tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise ConfigError("this is no text in UTF-8", file=path, advice="save the file in UTF-8") from error
+    except RecursionError:
+        raise _too_deep(path) from None
     except tomllib.TOMLDecodeError as error:
         found = re.search(r"line (\d+)", str(error))
         raise ConfigError(
@@ -108,6 +136,10 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
             line=int(found[1]) if found else None,
             advice="texts need quotes, tables look like [imu], arrays like [1, 2, 3]",
         ) from error
+
+
+def _too_deep(path: Path) -> ConfigError:
+    return ConfigError("tables or arrays are nested too deep", file=path, advice="remove the inner brackets")
 
 
 class _Problem:

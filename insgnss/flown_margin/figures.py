@@ -13,6 +13,7 @@ import numpy as np
 from insgnss.errors import ResultError
 from insgnss.flown_margin.study import FlownMargin
 from insgnss.pictures import new_figure
+from insgnss.saving import saving
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +40,8 @@ def picture(study: FlownMargin, path: str | Path) -> Path:
     """
     path = Path(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        flown_figure(study).savefig(path, dpi=120)
+        with saving(path.parent, (path.name,), "picture") as new:
+            flown_figure(study).savefig(new / path.name, dpi=120)
     except OSError as error:
         raise ResultError(
             f"the picture cannot be written: {error.strerror}", file=path, advice="give another folder"

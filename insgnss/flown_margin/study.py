@@ -38,7 +38,8 @@ from insgnss.flown_margin.loops import Disturbances, SignalLoop, disturbances, s
 from insgnss.flown_margin.path import FlownPath, aiding_sigma, flown_path
 from insgnss.interference.margin import db, ratio
 from insgnss.run import Run
-from insgnss.table_files import write_table
+from insgnss.saving import saving
+from insgnss.table_files import table_files, write_table
 from insgnss.tables import Float64
 
 TABLES: Final = ("satellites", "emitters", "events")
@@ -59,13 +60,13 @@ class FlownMargin:
 
         Raises
         ------
-        ResultError : the folder cannot be written
+        ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name in TABLES:
-                write_table(folder, f"margin_{name}", getattr(self, name), format, float_format="%.10g")
+            with saving(folder, table_files(f"margin_{name}" for name in TABLES), "margin study") as new:
+                for name in TABLES:
+                    write_table(new, f"margin_{name}", getattr(self, name), format, float_format="%.10g")
         except OSError as error:
             raise ResultError(
                 f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"

@@ -18,6 +18,7 @@ from insgnss.interference.lock_threshold import LIFETIME, LockThreshold
 from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
 from insgnss.interference.trade_off import diagram, trade_off
 from insgnss.pictures import new_figure as any_figure
+from insgnss.saving import saving
 from insgnss.tables import Float64
 
 if TYPE_CHECKING:
@@ -131,8 +132,8 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     """
     path = Path(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=120)
+        with saving(path.parent, (path.name,), "picture") as new:
+            figure.savefig(new / path.name, dpi=120)
     except OSError as error:
         raise ResultError(
             f"the picture cannot be written: {error.strerror}", file=path, advice="give another folder"

@@ -198,12 +198,15 @@ def _table(
     rate = np.where(measured, _rates(raw), np.nan)[kept]
     # a wavelength that is not known, GLONASS without its channel, makes no Doppler
     channel_missing = np.array([name[0] == "R" and found.channel is None for name, found in chosen], np.bool_)
+    with np.errstate(over="ignore"):
+        doppler_hz = -rate * carrier_hz / C_MPS
+    doppler_hz[np.isinf(doppler_hz)] = np.nan
     return GnssTable(
         clock.t_ns[kept],
         np.array([sv_index[name] for name, _ in chosen], dtype=np.int16),
         np.array([code_index[found.code] for _, found in chosen], dtype=np.int16),
         travel_ns[kept] * (C_MPS / NS_PER_S),
-        np.where(channel_missing, np.nan, -rate * carrier_hz / C_MPS),
+        np.where(channel_missing, np.nan, doppler_hz),
         np.where(channel_missing, rate, np.nan),
         raw.decimals("Cn0DbHz")[kept],
         sv_names,

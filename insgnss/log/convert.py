@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from insgnss.log.rinex_nav_writer import write_rinex_navigation
 from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
+from insgnss.saving import overwriting, saving
 from insgnss.tables import Event
 
 
@@ -53,7 +54,7 @@ def convert(inputs: Sequence[Path], output: Path) -> Conversion:
     Raises
     ------
     InputError and its kin : an input is missing, unknown or unreadable, or there is no log among them
-    ResultError : the folder cannot be written
+    ResultError : the folder cannot be written, or a file of somebody else has one of the names
     """
     formats = tuple((path, detect_format(path)) for path in inputs)
     log, events = _read(formats)
@@ -68,40 +69,55 @@ def convert(inputs: Sequence[Path], output: Path) -> Conversion:
         detail = "the phone's satellite states are not written: the navigation files stand in"
         events.append(Event(None, "satellite_states_not_used", detail))
         log = replace(log, gnss=replace(log.gnss, sat=None))
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-        copied = _copies(navigation_files, output)
-    except OSError as error:
-        raise ResultError(f"cannot be written: {error}", file=output) from error
-    written, messages = _tables_written(log, output, copied)
+    copies = _copies(navigation_files)
+    there = [name for name, path in copies.items() if _is_same(path, output / name)]
+    tables = _names(log, copies)
     flight = output / FLIGHT_FILE
     kept = (flight,) if flight.exists() else ()
-    if not kept:
-        _write_text(flight, flight_text([path for path, _ in formats], log, [path.name for path in written]))
-        written.append(flight)
-    return Conversion(formats, log, tuple(events), messages, tuple(written), kept)
+    names = tables if kept else [*tables, FLIGHT_FILE]
+    try:
+        with (
+            overwriting(False, inputs),
+            saving(output, [name for name in names if name not in there], "conversion") as new,
+        ):
+            for name in set(copies) - set(there):
+                shutil.copyfile(copies[name], new / name)
+            messages = _write_tables(log, new)
+            if not kept:
+                text = flight_text([path for path, _ in formats], log, tables)
+                (new / FLIGHT_FILE).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ResultError(f"cannot be written: {error}", file=output) from error
+    written = tuple(output / name for name in names)
+    return Conversion(formats, log, tuple(events), messages, written, kept)
 
 
-def _tables_written(log: ReceiverLog, output: Path, copied: list[Path]) -> tuple[list[Path], int]:
-    """Write what the log has; return the files, those copied included, and the number of messages."""
+def _names(log: ReceiverLog, copies: Iterable[str]) -> list[str]:
+    """Return the names of the files that hold what the log has."""
+    return [
+        *((GNSS_FILE,) if len(log.gnss.t_ns) else ()),
+        *copies,
+        *((NAVIGATION_FILE,) if log.navigation is not None else ()),
+        *((IMU_FILE,) if log.imu is not None else ()),
+        *((REFERENCE_FILE,) if log.solution is not None else ()),
+    ]
+
+
+def _write_tables(log: ReceiverLog, folder: Path) -> int:
+    """Write what the log has; return the number of navigation messages."""
     span_ns = log.span_ns()
     week = span_ns[0] // NS_PER_WEEK
-    written: list[Path] = []
     messages = 0
     if len(log.gnss.t_ns):
-        written.append(output / GNSS_FILE)
-        write_gnss_csv(written[-1], log.gnss, week)
-    written += copied
+        write_gnss_csv(folder / GNSS_FILE, log.gnss, week)
     if log.navigation is not None:
-        written.append(output / NAVIGATION_FILE)
-        messages = write_rinex_navigation(written[-1], log.navigation, ns_to_datetime(span_ns[1]))
+        created = ns_to_datetime(span_ns[1])
+        messages = write_rinex_navigation(folder / NAVIGATION_FILE, log.navigation, created)
     if log.imu is not None:
-        written.append(output / IMU_FILE)
-        write_imu_csv(written[-1], log.imu, week)
+        write_imu_csv(folder / IMU_FILE, log.imu, week)
     if log.solution is not None:
-        written.append(output / REFERENCE_FILE)
-        write_reference_csv(written[-1], log.solution, week)
-    return written, messages
+        write_reference_csv(folder / REFERENCE_FILE, log.solution, week)
+    return messages
 
 
 def _has_messages(log: ReceiverLog) -> bool:
@@ -139,21 +155,16 @@ def _read(formats: Sequence[tuple[Path, Format]]) -> tuple[ReceiverLog, list[Eve
     return log, list(log.events)
 
 
-def _copies(paths: Sequence[Path], output: Path) -> list[Path]:
-    """Copy the navigation files; two of one name, or one of a name written here, get a number."""
-    copies: list[Path] = []
+def _copies(paths: Sequence[Path]) -> dict[str, Path]:
+    """Return the navigation files by the names of their copies, numbered where a name is taken."""
+    copies: dict[str, Path] = {}
     taken = {GNSS_FILE, IMU_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE}
     for number, path in enumerate(paths, 1):
         name = path.name if path.name not in taken else f"{number}_{path.name}"
         taken.add(name)
-        copies.append(output / name)
-        if not copies[-1].exists() or not os.path.samefile(path, copies[-1]):
-            shutil.copyfile(path, copies[-1])
+        copies[name] = path
     return copies
 
 
-def _write_text(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ResultError(f"cannot be written: {error}", file=path) from error
+def _is_same(one: Path, other: Path) -> bool:
+    return other.exists() and os.path.samefile(one, other)

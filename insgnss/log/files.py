@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import os
 import zlib
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 import pyarrow as pa
 
@@ -15,6 +16,10 @@ from insgnss.errors import InputError
 
 GZIP_MAGIC = b"\x1f\x8b"
 COMPRESS_MAGIC = b"\x1f\x9d"
+# Logs shrink to a third or a twentieth; a file of zeros to a thousandth
+_MOST_TIMES: Final = 100
+_ALWAYS_ALLOWED_BYTES: Final = 1 << 26
+_PIECE_BYTES: Final = 1 << 22
 
 
 def file_buffer(path: Path) -> pa.Buffer:
@@ -36,17 +41,37 @@ def file_buffer(path: Path) -> pa.Buffer:
                 "packed with 'compress' (.Z)", file=path, advice="unpack it first, or pack it with gzip"
             )
         if magic == GZIP_MAGIC:
-            data = gzip.decompress(path.read_bytes())
-            if not data:
-                raise InputError("the gzip file holds nothing", file=path)
-            return pa.py_buffer(data)
-        return pa.memory_map(str(path)).read_buffer()
+            return _unpacked(path)
+        return pa.memory_map(os.fsencode(path)).read_buffer()
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(
             f"the gzip file is damaged or cut short: {error}", file=path, advice="copy it again"
         ) from error
     except OSError as error:
         raise InputError(f"cannot be read: {error}", file=path) from error
+
+
+def _unpacked(path: Path) -> pa.Buffer:
+    """Return what a gzip file holds, read in pieces; a file that grows beyond belief is no log.
+
+    Raises
+    ------
+    InputError : it holds nothing, or grows more than a hundredfold
+    OSError, EOFError, zlib.error : it is damaged or cut
+    """
+    pieces = bytearray()
+    with path.open("rb") as packed, gzip.GzipFile(fileobj=packed) as stream:
+        while piece := stream.read(_PIECE_BYTES):
+            pieces += piece
+            if len(pieces) > max(_MOST_TIMES * packed.tell(), _ALWAYS_ALLOWED_BYTES):
+                raise InputError(
+                    f"the gzip file grows to more than {_MOST_TIMES} times its size, which no log does",
+                    file=path,
+                    advice="if it is one, unpack it and name the unpacked file",
+                )
+    if not pieces:
+        raise InputError("the gzip file holds nothing", file=path)
+    return pa.py_buffer(pieces)
 
 
 def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:

@@ -32,6 +32,7 @@ from insgnss.tables import Event, Float64, Int64, PreciseProducts
 _GPS_START_JD: Final = 2_444_244.5
 _TAI_MINUS_GPST_S: Final = 19
 _LATEST_NS: Final = np.iinfo(np.int64).max
+_NO_DATE: Final = -1
 _NUMBER: Final = r"[ ]*-?\d+\.\d*[ ]*"
 _POSITION: Final = re.compile(rf"P[A-Z ][ \d]\d(?=.{{42}}){_NUMBER}")
 _EPOCH: Final = re.compile(r"\*  \d{4} [ \d]\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d\.\d+")
@@ -126,7 +127,13 @@ def _collect_sp3(text: str, path: Path, found: _Collected, use_predicted: bool) 
     clock: dict[str, _Nodes] = {}
     flagged: list[tuple[dict[str, _Nodes], str, int]] = []
     predicted: list[int] = []
+    undated = times.count(_NO_DATE)
+    if undated:
+        told = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
+        found.events.append(Event(None, "precise_damaged", told))
     for k, t_ns in enumerate(times):
+        if t_ns == _NO_DATE:
+            continue
         for name, r_e, clock_s, flags in _records(product, k):
             if flags.orbit_predicted or flags.clock_predicted:
                 predicted.append(t_ns)
@@ -268,7 +275,7 @@ def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
             t_ns = np.rint(series.gps_seconds * 1e6).astype(np.int64) * 1000
         else:
             t_ns = np.array([_gps_ns(epoch, path) for epoch in series.epochs], np.int64)
-        finite = np.isfinite(series.bias_s)
+        finite = np.isfinite(series.bias_s) & (t_ns >= 0)
         clock[series.satellite] = dict(
             zip(t_ns[finite].tolist(), series.bias_s[finite].tolist(), strict=True)
         )
@@ -276,8 +283,10 @@ def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
 
 
 def _gps_ns(instant: Any, path: Path) -> int:
-    """Return an epoch of any time system as GPS time [ns]."""
+    """Return an epoch of any time system as GPS time [ns], ``_NO_DATE`` for the year 1 and its like."""
     whole_s = round((float(instant.jd_whole) - _GPS_START_JD) * S_PER_DAY)
+    if not 0 <= whole_s <= _LATEST_NS // NS_PER_S:
+        return _NO_DATE
     t_ns = whole_s * NS_PER_S + round(float(instant.fraction) * S_PER_DAY * NS_PER_S)
     scale = sidereon.TimeScale
     if instant.scale in (scale.UTC, scale.GLONASST):
@@ -311,19 +320,23 @@ def read_antennas(path: Path) -> tuple[SatelliteAntennas, list[Event]]:
         raise InputError(f"the ANTEX file cannot be read: {error}", file=path) from error
     rows: list[tuple[str, int, int, Float64]] = []
     without: list[str] = []
+    events: list[Event] = []
     for block in blocks:
         name = (block.serial or "").strip()
         if name[:1] not in _ANTEX_PAIRS or not re.fullmatch(r"[A-Z]\d\d", name):
             continue
-        offset = _pair_offset(block, name[0])
+        try:
+            offset = _pair_offset(block, name[0])
+            first_ns, last_ns = _date_ns(block.valid_from, 0), _date_ns(block.valid_until, _LATEST_NS)
+        except (sidereon.SidereonError, ValueError) as error:
+            events.append(Event(None, "antenna_not_used", f"{path}: {name}: {error}"))
+            continue
         if offset is None:
             without.append(name)
         else:
-            until = _date_ns(block.valid_until, _LATEST_NS)
-            rows.append((name, _date_ns(block.valid_from, 0), until, offset))
+            rows.append((name, first_ns, last_ns, offset))
     if not rows:
         raise InputError("no satellite antenna in the file", file=path, advice="give igs20.atx or the like")
-    events = []
     if without:
         told = f"{path}: {len(without)} antenna(s) without the pair of frequencies: {', '.join(without[:10])}"
         events.append(Event(None, "antenna_not_used", told))
@@ -352,4 +365,4 @@ def _date_ns(date: Any, missing: int) -> int:
         return missing
     midnight = dt.datetime(int(date.year), int(date.month), int(date.day))
     of_day_s = int(date.hour) * 3600 + int(date.minute) * 60 + int(date.second)
-    return datetime_to_ns(midnight) + of_day_s * NS_PER_S
+    return min(max(datetime_to_ns(midnight) + of_day_s * NS_PER_S, 0), _LATEST_NS)

@@ -22,12 +22,14 @@ from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.hatanaka import sound_start
 from insgnss.log.rinex_damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
 from insgnss.log.rinex_rows import UNREADABLE, ObservationValues, observation_rows
+from insgnss.log.rinex_states import IMPOSSIBLE_DATE, is_date
 from insgnss.log.rinex_text import split_epochs
 from insgnss.tables import Event, Float64, GnssTable
 
 # 1: after a power failure, the values are good; 2 to 6 carry no measurements
 OBSERVATION_FLAGS: Final = (0, 1)
 _LINE_END: Final = re.compile(r"\r*\n|\r")
+_NO_DATE: Final = -1
 
 
 def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTable, list[Event]]:
@@ -144,7 +146,12 @@ def _collect(
     events = []
     for index in range(product.epoch_count):
         epoch = product.epoch(index)
-        t_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds) + shift_ns
+        civil_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds)
+        t_ns = None if civil_ns is None else civil_ns + shift_ns
+        if t_ns is not None and (civil_ns == _NO_DATE or not is_date(t_ns)):
+            detail = f"{path}: epoch of {epoch.epoch.year:04d}-{epoch.epoch.month:02d} passed over: {IMPOSSIBLE_DATE}"
+            events.append(Event(None, "rinex_event", detail))
+            continue
         if epoch.flag not in OBSERVATION_FLAGS or t_ns is None:
             detail = f"{path}: epoch with flag {epoch.flag} and {epoch.declared_record_count} record(s) passed over"
             events.append(Event(t_ns, "rinex_event", detail))
@@ -172,8 +179,11 @@ def _marked(series: Any, damaged_cells: Sequence[DamagedCell]) -> Float64:
 
 
 def _civil_ns(civil: Any, picoseconds: int | None = None) -> int:
-    """Return a civil date of any time scale as nanoseconds since 1980-01-06 of that scale."""
-    minute = dt.datetime(civil.year, civil.month, civil.day, civil.hour, civil.minute)
+    """Return a civil date of any time scale as nanoseconds since 1980-01-06 of that scale; -1 for no date."""
+    try:
+        minute = dt.datetime(civil.year, civil.month, civil.day, civil.hour, civil.minute)
+    except ValueError:  # the year 0
+        return _NO_DATE
     fraction = float(civil.second) * NS_PER_S + (picoseconds or 0) / 1000.0
     return datetime_to_ns(minute) + round(fraction)
 
@@ -187,5 +197,8 @@ def _scale_shift_ns(product: Any) -> int:
     if scale == sidereon.TimeScale.BDT:
         return -BDT_MINUS_GPST_S * NS_PER_S
     if scale in (sidereon.TimeScale.UTC, sidereon.TimeScale.GLONASST):
-        return leap_seconds(dt.datetime(civil.year, civil.month, civil.day)) * NS_PER_S
+        try:
+            return leap_seconds(dt.datetime(civil.year, civil.month, civil.day)) * NS_PER_S
+        except ValueError:
+            return 0
     return 0

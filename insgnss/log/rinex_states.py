@@ -102,7 +102,7 @@ def _glonass(record: Any) -> StateVector:
     delay = record.l1_l2_group_delay_s
     return StateVector(
         sv=record.satellite,
-        t_ns=utc_to_ns(_J2000 + dt.timedelta(seconds=record.toe_utc_j2000_s)),
+        t_ns=_utc_j2000_to_ns(record.toe_utc_j2000_s),
         r_e=np.asarray(record.position_m),
         v_e=np.asarray(record.velocity_m_s),
         a_e=np.asarray(record.acceleration_m_s2),
@@ -113,6 +113,14 @@ def _glonass(record: Any) -> StateVector:
         health=0.0 if record.is_healthy else max(float(record.sv_health), 1.0),
         channel=record.freq_channel if record.freq_channel in CHANNELS else NO_CHANNEL,
     )
+
+
+def _utc_j2000_to_ns(seconds: float) -> int:
+    """Return GPS time [ns] of UTC seconds since J2000; no date for what is none."""
+    try:
+        return utc_to_ns(_J2000 + dt.timedelta(seconds=seconds))
+    except (OverflowError, ValueError):
+        return -1
 
 
 def _read_alone(lines: list[str], line: int, result: StateVectors) -> None:

@@ -73,7 +73,8 @@ def gps_times(
             t_ns = t_ns - UNIX_TO_GPS_S * NS_PER_S
         possible = (t_ns >= 0) & (t_ns <= LATEST_NS)
     else:
-        ns = table.columns[names.time] * NS_PER_UNIT[scale.unit]
+        with np.errstate(over="ignore"):  # 1e308 s: infinite, and refused as such
+            ns = table.columns[names.time] * NS_PER_UNIT[scale.unit]
         possible = np.abs(ns) <= MAX_WEEK_SECONDS_NS
         if names.week != NO_COLUMN:
             weeks = table.columns[names.week]

@@ -33,6 +33,9 @@ _LABELS: Final = {
     "week": "week",
 }
 _WEEKS_OF_A_CYCLE: Final = 1024  # almanacs may count weeks from the last rollover
+# Of the numbers that are computed with at once; the others may be as large as float32 has them
+_LIMITS: Final = {"id": (1, 999), "week": (0, 9999), "toa": (0, 1e6), "e": (0, 0.999), "sqrt_a": (1.0, 1e5)}
+_LARGEST: Final = 3.4e38
 _LINE: Final = re.compile(r"^\s*([^:*]+?)\s*:\s*(\S+)\s*$")
 
 
@@ -70,9 +73,12 @@ def _blocks(path: Path, shown: Path) -> list[tuple[int, dict[str, float]]]:
             continue
         try:
             value = float(found[2])
+            least, most = _LIMITS.get(name, (-_LARGEST, _LARGEST))
+            if not least <= value <= most:
+                raise ValueError(value)
         except ValueError:
             raise InputError(
-                f"'{found[2]}' is no number",
+                f"'{found[2]}' is no number that an almanac has there",
                 file=shown,
                 line=number,
                 column=found[1],

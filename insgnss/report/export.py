@@ -17,6 +17,7 @@ from insgnss.report.rtklib_pos import as_pos
 from insgnss.report.sbet import as_sbet, as_smrmsg
 from insgnss.report.utc_csv import as_csv
 from insgnss.run import Run
+from insgnss.saving import write_file
 
 # by the ending of the file, which --format may replace
 FORMATS: Final[dict[str, Callable[[Run], bytes]]] = {
@@ -52,8 +53,7 @@ def export_run(run: Run, path: str | Path, format: str | None = None) -> Path:
         raise ResultError("the run has no navigation row to write", advice="replay the flight again")
     content = FORMATS[wanted](run)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
+        write_file(path, content, "export")
     except OSError as error:
         raise ResultError(
             f"the file cannot be written: {error.strerror}", file=path, advice="give another --output"

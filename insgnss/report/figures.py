@@ -27,6 +27,7 @@ from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sections.satellites import STATE_COLOURS
 from insgnss.report.sections.track import east_north, horizontal_sigma
 from insgnss.run import Run
+from insgnss.saving import saving
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -198,9 +199,8 @@ def save(figure: Figure, path: str | Path) -> Path:
     # no date inside: the same figure is the same file
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix, {})
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with _style():
-            figure.savefig(path, dpi=300, metadata=metadata)
+        with _style(), saving(path.parent, (path.name,), "picture") as new:
+            figure.savefig(new / path.name, dpi=300, metadata=metadata)
     except OSError as error:
         raise ResultError(
             f"the figure cannot be written: {error.strerror}", file=path, advice="give another folder"

@@ -8,6 +8,7 @@ from typing import Final
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of
 from insgnss.report.thinning import breaks
+from insgnss.report.xml_text import xml_bytes
 from insgnss.run import Run
 from insgnss.version import __version__
 
@@ -34,4 +35,4 @@ def as_gpx(run: Run) -> bytes:
         ET.SubElement(point, "time").text = when
         ET.SubElement(point, "geoidheight").text = f"{geoid_m:.3f}"
     ET.indent(root, space=" ")
-    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
+    return xml_bytes(root)

@@ -12,6 +12,7 @@ from typing import Final
 
 from insgnss.errors import ResultError
 from insgnss.report.charts import Chart, as_json
+from insgnss.saving import write_file
 
 
 @dataclass(frozen=True)
@@ -124,8 +125,7 @@ def write(path: str | Path, content: str) -> Path:
     """
     path = Path(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content, encoding="utf-8")
+        write_file(path, content.encode("utf-8", "backslashreplace"), "page")
     except OSError as error:
         raise ResultError(
             f"the file cannot be written: {error.strerror}", file=path, advice="give another --output"

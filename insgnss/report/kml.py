@@ -12,6 +12,7 @@ import pandas as pd
 
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of, sentences
+from insgnss.report.xml_text import xml_bytes
 from insgnss.run import Run
 
 _NAMESPACE: Final = "http://www.opengis.net/kml/2.2"
@@ -40,7 +41,7 @@ def as_kml(run: Run) -> bytes:
     _track(document, nav, dates)
     _points(document, run, nav, dates)
     ET.indent(root)
-    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
+    return xml_bytes(root)
 
 
 def as_kmz(run: Run) -> bytes:

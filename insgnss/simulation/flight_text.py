@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -102,7 +101,7 @@ def grade_lines(model: ImuGrade | Oscillator) -> list[str]:
 
 
 def _antenna_lines(antenna: MountedAntenna) -> list[str]:
-    """Return the lines of an antenna; files of its own are named as ``copy_antenna_files`` leaves them."""
+    """Return the lines of an antenna; its own files are named as their copies are (``antenna_files``)."""
     values = antenna.model_dump(exclude_defaults=True, exclude={"clock_bias_m"}, mode="json")
     for key in ("pattern", "obstruction"):
         if str(values.get(key, "")).endswith((".csv", ".toml")):
@@ -110,15 +109,14 @@ def _antenna_lines(antenna: MountedAntenna) -> list[str]:
     return [f"{key} = {json.dumps(value)}" for key, value in values.items()]
 
 
-def copy_antenna_files(config: SimulationConfig, folder: Path, to: Path) -> list[Path]:
-    """Copy patterns and obstructions that are files beside the scenario; return the copies."""
-    copies = []
+def antenna_files(config: SimulationConfig, folder: Path, to: Path) -> list[Path]:
+    """Return patterns and obstructions that are files of the scenario's folder and not in the folder ``to`` already."""
+    found: dict[Path, None] = {}
     further = () if config.attitude is None else config.attitude.antenna
     for antenna in (*config.gnss.antenna, *further):
         named = [Path(antenna.pattern)] if antenna.pattern.endswith(".csv") else []
         named += [] if antenna.obstruction is None else [antenna.obstruction]
-        for path in named:
-            copies.append(to / path.name)
-            if (folder / path).resolve() != copies[-1].resolve():
-                shutil.copyfile(folder / path, copies[-1])
-    return copies
+        found |= {
+            folder / path: None for path in named if (folder / path).resolve() != (to / path.name).resolve()
+        }
+    return list(found)

@@ -33,6 +33,7 @@ from pydantic import Field
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
 from insgnss.library import find
+from insgnss.saving import write_file
 from insgnss.studies.campaign_cluster import on_cluster
 from insgnss.studies.campaign_tasks import CAMPAIGN_FILE, RESULTS, Task, TaskReport, case_function, run_task
 
@@ -46,8 +47,8 @@ class CampaignConfig(StrictModel):
 
     name: str
     case: str = Field(description="a name in campaign_cases, or 'package.module:function'")
-    seeds: Annotated[int, Field(ge=1)] | tuple[int, ...]
-    seeds_per_task: Annotated[int, Field(ge=1)] = 10
+    seeds: Annotated[int, Field(ge=1, le=_MOST_RUNS)] | tuple[Annotated[int, Field(ge=0)], ...]
+    seeds_per_task: Annotated[int, Field(ge=1, le=_MOST_RUNS)] = 10
     fixed: dict[str, Value] = Field(default_factory=dict)
     grid: dict[str, Annotated[tuple[Value, ...], Field(min_length=1)]] = Field(default_factory=dict)
 
@@ -132,13 +133,21 @@ def prepare(
     ResultError : the folder holds another campaign, or cannot be written
     """
     path = Path(folder).absolute()
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise ResultError(
+            "the folder's name is not UTF-8, which Parquet data sets need",
+            file=path,
+            advice="give another --output",
+        ) from error
     stamp = _stamp(config)
     try:
         (path / RESULTS).mkdir(parents=True, exist_ok=True)
         told = path / CAMPAIGN_FILE
         if not told.exists():
-            told.write_text(json.dumps(stamp, indent=1), encoding="utf-8")
-        elif json.loads(told.read_text(encoding="utf-8"))["hash"] != stamp["hash"]:
+            write_file(told, json.dumps(stamp, indent=1).encode(), "campaign")
+        elif _hash_in(told) != stamp["hash"]:
             raise ResultError(
                 "the folder holds the results of another campaign",
                 file=path,
@@ -149,6 +158,15 @@ def prepare(
         raise ResultError(f"cannot be written: {error.strerror}", file=path, advice=advice) from error
     tasks = tasks_of(config, path)
     return path, [task for task in tasks if not task.is_done(retry_failed=retry_failed)]
+
+
+def _hash_in(path: Path) -> str:
+    """Return of which campaign a folder's results are."""
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["hash"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        advice = "give another --output; if the results are of this campaign, remove the file"
+        raise ResultError(f"the file is damaged: {error}", file=path, advice=advice) from error
 
 
 def _stamp(config: CampaignConfig) -> Mapping[str, Any]:

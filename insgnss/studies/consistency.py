@@ -40,7 +40,7 @@ from insgnss.studies.innovation_statistics import (
     period_of,
     whiteness_of,
 )
-from insgnss.studies.result_files import write_figures, write_tables
+from insgnss.studies.result_files import write_study
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -90,10 +90,8 @@ class Consistency:
         """
         tables = {f"consistency_{name}": getattr(self, name) for name in TABLES}
         told = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
-        path = write_tables(folder, tables, {"consistency_verdict": json.dumps(told, indent=1)})
-        if pictures:
-            write_figures(path, {"consistency": self.figure})
-        return path
+        settings = {"consistency_verdict": json.dumps(told, indent=1)}
+        return write_study(folder, tables, settings, {"consistency": self.figure}, draws=pictures)
 
 
 def consistency_study(

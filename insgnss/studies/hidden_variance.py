@@ -19,7 +19,7 @@ from insgnss.errors import ConfigError
 from insgnss.library import scenario_config
 from insgnss.studies import figures
 from insgnss.studies.covariance_run import CovarianceRun, OutageCause, Sensors, Update
-from insgnss.studies.result_files import write_figures, write_tables
+from insgnss.studies.result_files import write_study
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -94,10 +94,8 @@ class HiddenVariance:
         }
         settings = json.dumps({**asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
         tables = {"hidden_variance": self.table, "hidden_variance_summary": self.summary()}
-        path = write_tables(folder, tables, {"hidden_variance_settings": settings})
-        if pictures:
-            write_figures(path, {"hidden_variance": self.figure})
-        return path
+        told = {"hidden_variance_settings": settings}
+        return write_study(folder, tables, told, {"hidden_variance": self.figure}, draws=pictures)
 
 
 def hidden_satellite_variance(

@@ -30,7 +30,7 @@ from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace
 from insgnss.library import scenario_config
 from insgnss.studies import manoeuvre_pictures
 from insgnss.studies.covariance_run import CovarianceRun, Update
-from insgnss.studies.result_files import write_figures, write_tables
+from insgnss.studies.result_files import write_study
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -76,10 +76,7 @@ class ManoeuvreStudy:
         """
         tables = {f"manoeuvre_{name}": getattr(self, name) for name in _TABLES}
         told = json.dumps(self.scenario.model_dump(mode="json"), indent=1)
-        path = write_tables(folder, tables, {"manoeuvre_scenario": told})
-        if pictures:
-            write_figures(path, self.figures())
-        return path
+        return write_study(folder, tables, {"manoeuvre_scenario": told}, self.figures(), draws=pictures)
 
 
 def manoeuvre_study(

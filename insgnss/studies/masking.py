@@ -43,7 +43,7 @@ from insgnss.studies.banked_flight import BankedFlight, Spell
 from insgnss.studies.masking_cases import CASES, CaseResult, fly
 from insgnss.studies.masking_decisions import decision_table
 from insgnss.studies.receiver_channels import ChannelSpell
-from insgnss.studies.result_files import write_figures, write_tables
+from insgnss.studies.result_files import write_study
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 
 if TYPE_CHECKING:
@@ -99,10 +99,7 @@ class MaskingStudy:
         """
         settings = json.dumps({**self.asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
         tables = {f"masking_{name}": getattr(self, name) for name in TABLES}
-        path = write_tables(folder, tables, {"masking_settings": settings})
-        if pictures:
-            write_figures(path, self.figures())
-        return path
+        return write_study(folder, tables, {"masking_settings": settings}, self.figures(), draws=pictures)
 
     def _outage_s(self) -> tuple[float, float]:
         return float(self.reacquisition["lost_s"].min()), float(self.reacquisition["returned_s"].max())

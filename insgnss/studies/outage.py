@@ -43,7 +43,7 @@ from insgnss.studies.outage_windows import (
     periodic_windows,
     random_windows,
 )
-from insgnss.studies.result_files import write_figures, write_tables
+from insgnss.studies.result_files import write_study
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -118,10 +118,8 @@ class OutageStudy:
         """
         tables = {f"outage_{name}": getattr(self, name) for name in TABLES}
         told = {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
-        path = write_tables(folder, tables, {"outage_settings": json.dumps(told, indent=1, default=str)})
-        if pictures:
-            write_figures(path, {"outage": self.figure})
-        return path
+        settings = {"outage_settings": json.dumps(told, indent=1, default=str)}
+        return write_study(folder, tables, settings, {"outage": self.figure}, draws=pictures)
 
 
 def outage_study(

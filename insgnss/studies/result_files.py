@@ -9,48 +9,41 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from insgnss.errors import ResultError
+from insgnss.saving import saving
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 
-def write_tables(folder: str | Path, tables: Mapping[str, pd.DataFrame], settings: Mapping[str, str]) -> Path:
-    """Write each table as CSV and each text of settings as JSON, by their names, into ``folder``; return it.
+def write_study(
+    folder: str | Path,
+    tables: Mapping[str, pd.DataFrame],
+    settings: Mapping[str, str],
+    pictures: Mapping[str, Callable[[], Figure]],
+    *,
+    draws: bool,
+) -> Path:
+    """Write each table as CSV, each text of settings as JSON and each picture as PNG into ``folder``; return it.
+
+    All files by their names, all at once or none. Pictures of an earlier study go where ``draws`` is not set.
 
     Raises
     ------
-    ResultError : the folder cannot be written
+    ResultError : the folder cannot be written, a file of somebody else has one of the names, or matplotlib is not
+        installed
     """
     path = Path(folder)
     try:
-        path.mkdir(parents=True, exist_ok=True)
-        for name, table in tables.items():
-            table.to_csv(path / f"{name}.csv", index=False, float_format="%.10g")
-        for name, text in settings.items():
-            (path / f"{name}.json").write_text(text, encoding="utf-8")
+        names = [*(f"{name}.csv" for name in tables), *(f"{name}.json" for name in settings)]
+        with saving(path, [*names, *(f"{name}.png" for name in pictures)], "study") as new:
+            for name, table in tables.items():
+                table.to_csv(new / f"{name}.csv", index=False, float_format="%.10g")
+            for name, text in settings.items():
+                (new / f"{name}.json").write_text(text, encoding="utf-8")
+            for name, draw in pictures.items() if draws else ():
+                draw().savefig(new / f"{name}.png", dpi=120)
     except OSError as error:
-        raise _not_written(path, error) from error
+        raise ResultError(
+            f"the study cannot be written: {error.strerror}", file=path, advice="give another folder"
+        ) from error
     return path
-
-
-def write_figures(folder: Path, pictures: Mapping[str, Callable[[], Figure]]) -> list[Path]:
-    """Draw each picture and write it as PNG, by its name, into ``folder``, which exists; return the files.
-
-    Raises
-    ------
-    ResultError : a file cannot be written, or matplotlib is not installed
-    """
-    paths = []
-    for name, draw in pictures.items():
-        paths.append(folder / f"{name}.png")
-        try:
-            draw().savefig(paths[-1], dpi=120)
-        except OSError as error:
-            raise _not_written(folder, error) from error
-    return paths
-
-
-def _not_written(folder: Path, error: OSError) -> ResultError:
-    return ResultError(
-        f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"
-    )

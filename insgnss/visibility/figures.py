@@ -17,6 +17,7 @@ from insgnss.antenna.gain_map import gain_map
 from insgnss.antenna.visibility import DECISIONS
 from insgnss.errors import ResultError
 from insgnss.pictures import new_figure as any_figure
+from insgnss.saving import saving
 from insgnss.visibility.study import VisibilityStudy
 
 if TYPE_CHECKING:
@@ -46,8 +47,8 @@ def save_figures(study: VisibilityStudy, folder: str | Path) -> list[Path]:
     for name, draw in pictures.items():
         path = Path(folder) / f"visibility_{name}.png"
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            draw(study).savefig(path, dpi=120)
+            with saving(path.parent, (path.name,), "picture") as new:
+                draw(study).savefig(new / path.name, dpi=120)
         except OSError as error:
             raise ResultError(
                 f"the picture cannot be written: {error.strerror}", file=path, advice="give another folder"

@@ -26,8 +26,9 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.result_tables import event_table
+from insgnss.saving import saving
 from insgnss.status import MASKED_ELEVATION, NAMES, USED
-from insgnss.table_files import write_table
+from insgnss.table_files import table_files, write_table
 from insgnss.tables import Event, Float64, Int8, Int64
 from insgnss.visibility.attitude_history import AttitudeHistory
 from insgnss.visibility.sky import Sky
@@ -54,13 +55,15 @@ class VisibilityStudy:
 
         Raises
         ------
-        ResultError : the folder cannot be written
+        ResultError : the folder cannot be written, or a file of somebody else has one of the names
         """
         folder = Path(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name in TABLES:
-                write_table(folder, f"visibility_{name}", getattr(self, name), format, float_format="%.10g")
+            with saving(
+                folder, table_files(f"visibility_{name}" for name in TABLES), "visibility study"
+            ) as new:
+                for name in TABLES:
+                    write_table(new, f"visibility_{name}", getattr(self, name), format, float_format="%.10g")
         except OSError as error:
             raise ResultError(
                 f"the study cannot be written: {error.strerror}", file=folder, advice="give another folder"

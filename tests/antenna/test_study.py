@@ -327,7 +327,7 @@ def test_command_writes_tables_and_pictures(tmp_path: Path, form: str) -> None:
     assert "behind the airframe" in result.output
     tables = {f"visibility_{name}.{form}" for name in ("satellites", "dop", "events")}
     pictures = {f"visibility_{name}.png" for name in ("sky", "timeline", "dop")}
-    assert {path.name for path in out.iterdir()} == tables | pictures
+    assert {path.name for path in out.glob("[!.]*")} == tables | pictures
     assert all((out / name).read_bytes().startswith(b"\x89PNG") for name in pictures)
     read = pd.read_parquet if form == "parquet" else pd.read_csv
     assert len(read(out / f"visibility_dop.{form}")) == 61

@@ -54,8 +54,11 @@ def flown(gain_dbi: float = math.nan, settings: dict[str, Any] | None = None) ->
             "roll_deg": np.where(turning, 27.0, 0.0),
             "pitch_deg": 0.0,
             "yaw_deg": 0.0,
+            **dict.fromkeys(("sd_n_m", "sd_e_m", "sd_d_m", "sd_vn_mps", "sd_ve_mps", "sd_vd_mps"), 0.1),
             "sd_roll_deg": 0.02,
             "sd_pitch_deg": 0.01,
+            "sd_yaw_deg": 0.05,
+            "n_used": 2,
         }
     )
     for axis in "xyz":
@@ -65,7 +68,10 @@ def flown(gain_dbi: float = math.nan, settings: dict[str, Any] | None = None) ->
         "sv": pd.Categorical(np.tile(["G05", "E11"], N)),
         "az_deg": np.tile([90.0, 0.0], N),
         "el_deg": np.tile([30.0, 90.0], N),
+        "body_az_deg": np.tile([90.0, 0.0], N),
+        "body_el_deg": np.tile([30.0, 90.0], N),
         "gain_dbi": gain_dbi,
+        "state": pd.Categorical(["tracked"] * 2 * N),
     }
     nothing = pd.DataFrame()
     return Run(nav, nothing, pd.DataFrame(rows), nothing, settings=SETTINGS if settings is None else settings)

@@ -126,7 +126,7 @@ def test_run_without_events_or_reference_is_loaded_as_it_was(run: Run, tmp_path:
 def test_saving_again_in_the_other_form_leaves_nothing_behind(run: Run, tmp_path: Path) -> None:
     run.save(tmp_path, "csv")
     run.save(tmp_path, "parquet")
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
+    assert sorted(p.name for p in tmp_path.glob("[!.]*")) == sorted(
         [*(f"{t}.parquet" for t in TABLES if getattr(run, t) is not None), "settings.json"]
     )
 

@@ -139,7 +139,7 @@ def test_study_is_saved_with_its_settings_and_picture(tmp_path: Path) -> None:
 
     study.save(tmp_path / "out")
 
-    names = {path.name for path in (tmp_path / "out").iterdir()}
+    names = {path.name for path in (tmp_path / "out").glob("[!.]*")}
     assert names == {
         *("hidden_variance.csv", "hidden_variance_summary.csv"),
         *("hidden_variance_settings.json", "hidden_variance.png"),

@@ -157,7 +157,7 @@ def test_study_is_saved_with_tables_settings_and_three_pictures(tmp_path: Path) 
     tables = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps", "decisions")
     expected = {f"masking_{name}.csv" for name in tables} | {"masking_settings.json"}
     expected |= {f"masking_{name}.png" for name in ("errors", "rows", "reacquisition")}
-    assert {path.name for path in tmp_path.iterdir()} == expected
+    assert {path.name for path in tmp_path.glob("[!.]*")} == expected
     panels = study().rows_figure().axes
     assert [axes.get_title(loc="left")[:3] for axes in panels] == ["(a)", "(b)", "(c)", "(d)"]
     for axes in panels:

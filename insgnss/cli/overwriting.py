@@ -1,0 +1,19 @@
+"""``--force``, and which files a command reads: those it never replaces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+Force: TypeAlias = Annotated[
+    bool, typer.Option("--force", help="Replace files that this program did not write, or that were changed.")
+]
+
+
+def run_files(*runs: Path | None) -> list[Path]:
+    """Return the files that saved runs may be made of, and any other source as it is."""
+    from insgnss.run import FILES  # with pandas, late
+
+    return [path for run in runs if run is not None for path in (run, *(run / name for name in FILES))]

@@ -1,0 +1,228 @@
+"""What is read, from which sound bytes the damage starts, and what has to hold of a result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from insgnss.antenna.obstruction import read_obstruction
+from insgnss.antenna.pattern_file import read_pattern
+from insgnss.config.filter import FilterConfig
+from insgnss.config.flight import FlightConfig, Reference
+from insgnss.config.interference import InterferenceConfig
+from insgnss.config.simulation import SimulationConfig
+from insgnss.config.strict import load_toml
+from insgnss.config.vehicle import Vehicle
+from insgnss.log.android import read_android
+from insgnss.log.detect import detect_format
+from insgnss.log.gnss_csv import read_gnss
+from insgnss.log.imu_csv import read_imu
+from insgnss.log.precise import read_antennas, read_precise
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver_events import read_receiver_events
+from insgnss.log.reference import read_reference
+from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.sbf import read_sbf
+from insgnss.log.ubx import read_ubx
+from insgnss.log.yuma import read_yuma
+from insgnss.report.digest import digest
+from insgnss.report.export import as_csv
+from insgnss.report.geojson import as_geojson
+from insgnss.report.gpx import as_gpx
+from insgnss.report.kml import as_kml
+from insgnss.run import Run
+from insgnss.saving import RECORD, saving, write_file
+from insgnss.studies.campaign import load_campaign, tasks_of
+from insgnss.tables import GnssTable
+from tests.antenna import test_obstruction, test_pattern_file
+from tests.config import test_simulation, test_strict
+from tests.gnss import precise_sample
+from tests.interference import test_command
+from tests.log import test_fuzz, test_fuzz_receivers, test_ubx_fuzz
+from tests.log.test_rinex_navigation import message
+from tests.log.writing import WEEK, gnss_config, imu_config
+from tests.small_run import small_run
+
+ROOT = Path(__file__).resolve().parents[2]
+MODELS = ROOT / "models"
+MINIMISED = ROOT / "tests/fuzz/minimised"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader, or all that is done with a saved run."""
+
+    name: str
+    seeds: Sequence[bytes]
+    read: Callable[[Path], None]  # of the damaged file
+    weight: float = 1.0  # share of the cases
+    ending: str = ""
+
+
+def _check(table: GnssTable) -> None:
+    assert len(table.t_ns) > 0 and (np.diff(table.t_ns) >= 0).all()
+    for values in (table.pseudorange_m, table.doppler_hz, table.range_rate_mps, table.cn0_dbhz):
+        assert not np.isinf(values).any()
+
+
+def _check_log(log: ReceiverLog) -> None:
+    if len(log.gnss.t_ns):
+        _check(log.gnss)
+    if log.imu is not None:
+        assert (np.diff(log.imu.t_ns) > 0).all() and np.isfinite(log.imu.f_b).all()
+
+
+def _imu(path: Path) -> None:
+    table, _ = read_imu(imu_config(path), WEEK)
+    assert (np.diff(table.t_ns) > 0).all()
+    assert np.isfinite(table.w_ib_b).all() and np.isfinite(table.f_b).all()
+
+
+def _campaign(path: Path) -> None:
+    config = load_campaign(path)
+    if config.n_runs < 10_000:
+        tasks_of(config, path.parent)
+
+
+def _use(run: Run) -> None:
+    """Do what commands do with a run that was loaded."""
+    run.status_counts()
+    if not run.nav.empty:
+        digest(run)
+        for form in (as_csv, as_kml, as_gpx, as_geojson):
+            form(run)
+
+
+def _run(folder: Path, form: str, name: str) -> Target:
+    """Return the saved run of which one file is damaged."""
+    folder = small_run(seconds=5.0).save(folder / form, form)  # type: ignore[arg-type]
+    sound = (folder / name).read_bytes()
+
+    def read(path: Path) -> None:
+        (folder / name).write_bytes(path.read_bytes())
+        try:
+            _use(Run.load(folder))
+        finally:
+            (folder / name).write_bytes(sound)
+
+    return Target(f"run {name}", [sound], read, 0.2)
+
+
+def _saved_over(folder: Path) -> Target:
+    """Return a save into a folder whose record of what is ours is damaged."""
+    place = folder / "record"
+    with saving(place, ("a", "b"), "run") as new:
+        (new / "a").write_bytes(b"a")
+    sound = (place / RECORD).read_bytes()
+
+    def read(path: Path) -> None:
+        (place / RECORD).write_bytes(path.read_bytes())
+        try:
+            write_file(place / "a", b"a", "run")
+        finally:
+            (place / RECORD).write_bytes(sound)
+
+    return Target("record", [sound], read, 0.2)
+
+
+def _minimised(kind: str) -> list[bytes]:
+    return _files(*sorted(MINIMISED.glob(f"{kind}_*.min")))
+
+
+def _files(*paths: Path) -> list[bytes]:
+    return [path.read_bytes() for path in paths]
+
+
+def _toml(name: str, *seeds: bytes, read: Callable[[Path], object]) -> Target:
+    return Target(f"{name}.toml", seeds, lambda path: _drop(read(path)), 1.0, ".toml")
+
+
+def _clocks(sp3: bytes) -> Callable[[Path], None]:
+    """Return how clocks are read, beside the orbits that belong to them."""
+
+    def read(path: Path) -> None:
+        orbits = path.with_name("orbits.sp3")
+        orbits.write_bytes(sp3)
+        read_precise([orbits, path])
+
+    return read
+
+
+def _drop(_: object) -> None:
+    return None
+
+
+def targets(folder: Path) -> list[Target]:
+    """Return all targets; the saved runs lie in ``folder``."""
+    gnss, imu = test_fuzz.GNSS_TEXT.encode(), test_fuzz.IMU_TEXT.encode()
+    nav = [
+        test_fuzz.NAV_TEXT.encode(),
+        b"\n".join((ROOT / "data/sample_flight/nav.rnx").read_bytes().splitlines()[:60]),
+    ]
+    nav += [precise_sample.NAVIGATION.encode(), (test_fuzz.NAV_HEADER + message("R07")).encode()]
+    obs = [text.encode() for text in test_fuzz_receivers.TEXTS.values()]
+    reference = b"\n".join((ROOT / "data/sample_flight/reference.csv").read_bytes().splitlines()[:25])
+    sp3, clocks = precise_sample.sp3_text().encode(), precise_sample.clock_text().encode()
+    yuma = (ROOT / "tests/fuzz/week.alm").read_bytes()
+    events = b"time_s,sv,event\n293700.0,G05,lock\n293710.0,G07,loss\n293720.5,E11,lock\n"
+    return [
+        Target("imu csv", [imu, *_minimised("imu")], _imu),
+        Target("gnss csv", [gnss], lambda path: _check(read_gnss(gnss_config(path), WEEK)[0])),
+        Target("reference csv", [reference], lambda path: _drop(read_reference(Reference(file=path), WEEK))),
+        Target("receiver events", [events], lambda path: _drop(read_receiver_events(path, WEEK))),
+        Target("rinex navigation", [*nav, *_minimised("nav")], lambda path: _drop(read_navigation([path]))),
+        Target(
+            "rinex observations", [*obs, *_minimised("obs")], lambda path: _check(read_rinex_obs([path])[0])
+        ),
+        Target("sp3", [sp3, *_minimised("sp3")], lambda path: _drop(read_precise([path]))),
+        Target("rinex clock", [clocks], _clocks(sp3)),
+        Target(
+            "antex",
+            [precise_sample.antex_text().encode(), *_minimised("antex")],
+            lambda path: _drop(read_antennas(path)),
+        ),
+        Target("yuma", [yuma, *_minimised("yuma")], lambda path: _drop(read_yuma(path, WEEK))),
+        Target("ubx", [test_ubx_fuzz.SMALL], lambda path: _check_log(read_ubx([path]))),
+        Target("sbf", [b"".join(test_fuzz_receivers.SBF_BLOCKS)], lambda path: _check_log(read_sbf(path))),
+        Target(
+            "android",
+            [test_fuzz_receivers.ANDROID.encode(), *_minimised("android")],
+            lambda path: _check_log(read_android(path)),
+        ),
+        Target("format", [obs[0], imu, test_ubx_fuzz.SMALL], lambda path: _drop(detect_format(path)), 0.3),
+        Target("antenna pattern", [test_pattern_file.GOOD.encode()], lambda path: _drop(read_pattern(path))),
+        _toml("obstruction", test_obstruction.FILE.encode(), read=read_obstruction),
+        _toml("flight", test_strict.GOOD.encode(), read=lambda path: load_toml(path, FlightConfig)),
+        _toml(
+            "filter",
+            *_files(MODELS / "filters/tight17.toml"),
+            read=lambda path: load_toml(path, FilterConfig),
+        ),
+        _toml(
+            "scenario",
+            test_simulation.GOOD.encode(),
+            *_files(MODELS / "scenarios/three_antennas.toml"),
+            read=lambda path: load_toml(path, SimulationConfig),
+        ),
+        _toml(
+            "vehicle",
+            *_files(MODELS / "vehicles/triangle_1m.toml"),
+            read=lambda path: load_toml(path, Vehicle),
+        ),
+        _toml("campaign", *_files(MODELS / "campaigns/imu_grades.toml"), read=_campaign),
+        _toml(
+            "emitters", test_command.EMITTERS.encode(), read=lambda path: load_toml(path, InterferenceConfig)
+        ),
+        *(
+            _run(folder, "parquet", f"{name}.parquet")
+            for name in ("nav", "measurements", "events", "errors", "aiding")
+        ),
+        *(_run(folder, "csv", f"{name}.csv") for name in ("nav", "measurements", "events", "transitions")),
+        _run(folder, "parquet", "settings.json"),
+        _saved_over(folder),
+        _run(folder, "csv", "columns.json"),
+    ]

@@ -1,0 +1,97 @@
+"""No command replaces a file that this program did not write, or that it reads, and each ends with its exit code."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from insgnss.cli.main import app
+from tests.small_run import small_run
+
+SAMPLE = Path(__file__).resolve().parents[1] / "data" / "sample_flight"
+
+
+def ended(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return done.exit_code, done.output
+
+
+@pytest.fixture
+def flight(tmp_path: Path) -> Path:
+    """Return the sample flight's file in a folder of its own, beside files of the user."""
+    shutil.copytree(SAMPLE, tmp_path / "flight")
+    for name in ("errors.csv", "notes.html"):
+        (tmp_path / "flight" / name).write_text("mine")
+    return tmp_path / "flight" / "flight.toml"
+
+
+@pytest.mark.parametrize("command", ["replay", "smooth"])
+def test_own_table_stops_a_replay_before_it_begins(flight: Path, command: str) -> None:
+    before = {path.name: path.read_bytes() for path in flight.parent.iterdir()}
+    code, told = ended(command, flight, "--output", flight.parent)
+    assert code == 5 and "errors.csv" in told and "--force" in told
+
+    for page in (flight, flight.parent / "notes.html", flight.parent / "imu.csv.gz"):
+        code, told = ended(command, flight, "--report", page)
+        assert code == 5 and page.name in told
+    code, told = ended(command, flight, "--report", flight, "--force")
+    assert code == 5 and "input" in told
+    assert {path.name: path.read_bytes() for path in flight.parent.iterdir()} == before
+
+
+def test_simulation_takes_no_recorded_flight_and_no_edited_one(tmp_path: Path) -> None:
+    arguments = ("simulate", "at_rest", "--duration", 20, "--output", tmp_path)
+    (tmp_path / "imu.csv").write_text("recorded")
+    code, told = ended(*arguments)
+    assert code == 5 and "imu.csv" in told
+    assert [path.name for path in tmp_path.iterdir()] == ["imu.csv"]
+
+    (tmp_path / "imu.csv").unlink()
+    assert ended(*arguments)[0] == 0 and ended(*arguments)[0] == 0
+    (tmp_path / "flight.toml").write_text("# mine\n" + (tmp_path / "flight.toml").read_text())
+    code, told = ended(*arguments)
+    assert code == 5 and "changed" in told
+    assert (tmp_path / "flight.toml").read_text().startswith("# mine")
+    assert ended(*arguments, "--force")[0] == 0
+    assert not (tmp_path / "flight.toml").read_text().startswith("# mine")
+
+
+def test_export_and_report_replace_their_own_files_alone(tmp_path: Path) -> None:
+    run = small_run().save(tmp_path / "run")
+    saved = {path.name: path.read_bytes() for path in run.iterdir()}
+    mine = tmp_path / "track.kml"
+    mine.write_text("mine")
+    assert ended("export", run, "--output", mine)[0] == 5 and mine.read_text() == "mine"
+    for _ in range(2):
+        assert ended("export", run, "--output", tmp_path / "ours.gpx")[0] == 0
+        assert ended("report", run)[0] == 0
+    for name in ("nav.parquet", "settings.json"):
+        assert ended("export", run, "--output", run / name, "--format", "csv", "--force")[0] == 5
+        assert ended("report", run, "--output", run / name)[0] == 5
+    assert {name: (run / name).read_bytes() for name in saved if name[0] != "."} == {
+        name: data for name, data in saved.items() if name[0] != "."
+    }
+
+
+def test_conversion_takes_no_file_of_the_user(tmp_path: Path) -> None:
+    (tmp_path / "gnss_obs.csv").write_text("mine")
+    rover = SAMPLE.parent / "sample_receiver" / "rover.obs"
+    code, told = ended("convert", rover, "--output", tmp_path)
+    assert code == 5 and "gnss_obs.csv" in told
+    assert (tmp_path / "gnss_obs.csv").read_text() == "mine"
+    assert ended("convert", rover, "--output", tmp_path / "new")[0] == 0
+    assert ended("convert", rover, "--output", tmp_path / "new")[0] == 0
+
+
+@pytest.mark.parametrize("command", ["report", "compare", "consistency"])
+def test_damaged_and_missing_runs_end_with_the_code_of_a_result(tmp_path: Path, command: str) -> None:
+    run = small_run().save(tmp_path / "run")
+    code, told = ended(command, tmp_path / "rum", *([run] if command == "compare" else []))
+    assert code == 5 and "no such folder" in told and "nearest: run" in told
+
+    (run / "nav.parquet").write_bytes(b"PAR1 and nothing else")
+    code, told = ended(command, run, *([run] if command == "compare" else []))
+    assert code == 5 and "nav.parquet" in told and "Traceback" not in told
