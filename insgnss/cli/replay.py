@@ -20,7 +20,6 @@ from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
-from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
 from insgnss.report.digest import digest
@@ -107,7 +106,7 @@ def tell_run(flight: Flight, run: Run, written: list[str], began: float, *, as_j
     typer.echo(f"read {len(flight.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
 
 
-def _rate(text: str) -> OutputRate:
+def _rate(text: str) -> Literal["gnss", "imu"] | float:
     """Return the output rate an option names."""
     if text == "gnss":
         return "gnss"
