@@ -111,12 +111,19 @@ def _no_times(what: str) -> ConfigError:
 
 
 def times_without_row(output: OutputRate, nav_ns: Int64, week: int) -> list[Event]:
-    """Return the event of output times at which there was no filter."""
+    """Return the event of output times at which there was no filter.
+
+    Raises
+    ------
+    ConfigError : there was none at any of them
+    """
     if not isinstance(output, np.ndarray):
         return []
     without = output[~np.isin(output, nav_ns)]
     if not len(without):
         return []
+    if len(without) == len(output):
+        raise _no_times("lie before the filter's start or after the last inertial sample, all of them")
     first_s, last_s = ns_to_week_seconds(without[[0, -1]], week).tolist()
     detail = (
         f"{len(without)} of {len(output)} output times have no row, {first_s:.3f} to {last_s:.3f} s: there were no"

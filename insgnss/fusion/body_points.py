@@ -34,6 +34,7 @@ _W_IE: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 _PAIRS: Final = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _AXES: Final = "ned"
 _VELOCITY: Final = slice(NAV_COLUMNS.index("vn_mps"), NAV_COLUMNS.index("vd_mps") + 1)
+_ATTITUDE: Final = slice(NAV_COLUMNS.index("roll_deg"), NAV_COLUMNS.index("yaw_deg") + 1)
 _BIAS: Final = NAV_COLUMNS.index("gyro_bias_x_radps")
 _N: Final = BG + 3  # error states that matter here
 
@@ -130,8 +131,7 @@ def further_values(wanted: Wanted, value: Float64, P: Float64, w_ib_b: Float64, 
     noise : (m,) variance of its noise, of an axis [rad^2/s^2]
     """
     m = len(value)
-    row = _Rows(*(np.zeros((m, *shape)) for shape in ((3,), (3, 3), (3, 3), (3, 3), (4,))))
-    place_rows(value, *row)
+    row = _rows_of(value[:, :3], value[:, _ATTITUDE])
     parts: list[Float64] = [row.q_nb] if wanted.quaternion else []
     if wanted.covariance:
         own = np.broadcast_to(np.eye(6, _N), (m, 6, _N))
@@ -143,6 +143,30 @@ def further_values(wanted: Wanted, value: Float64, P: Float64, w_ib_b: Float64, 
     if wanted.lever_b is not None:
         parts += _of_point(wanted, row, value[:, _VELOCITY], P, w_ib_b, noise)
     return np.concatenate(parts, axis=1)
+
+
+def places_of(geodetic: Float64) -> tuple[Float64, Float64]:
+    """Return positions in ECEF (m, 3) and C_ne (m, 3, 3) of latitude, longitude [deg] and height [m] (m, 3)."""
+    return _rows_of(geodetic, np.zeros_like(geodetic))[:2]
+
+
+def attitudes_of(rpy_deg: Float64) -> Float64:
+    """Return C_nb (m, 3, 3) of roll, pitch and yaw (m, 3) [deg]."""
+    return _rows_of(np.zeros_like(rpy_deg), rpy_deg).C_nb
+
+
+def local_levels_of(r_e: Float64) -> tuple[Float64, Float64]:
+    """Return latitude, longitude [deg] and height [m] (m, 3) of positions in ECEF (m, 3), and their C_ne (m, 3, 3)."""
+    geodetic, C_ne = np.zeros(r_e.shape), np.zeros((len(r_e), 3, 3))
+    place_points(r_e, geodetic, C_ne, np.zeros_like(C_ne))
+    return geodetic, C_ne
+
+
+def _rows_of(geodetic: Float64, rpy_deg: Float64) -> _Rows:
+    m = len(geodetic)
+    row = _Rows(*(np.zeros((m, *shape)) for shape in ((3,), (3, 3), (3, 3), (3, 3), (4,))))
+    place_rows(np.ascontiguousarray(geodetic), np.ascontiguousarray(rpy_deg), *row)
+    return row
 
 
 class _Rows(NamedTuple):
@@ -210,15 +234,17 @@ def cross_matrices(v: Float64) -> Float64:
 
 
 @borrowing
-def place_rows(value: Float64, r_e: Float64, C_ne: Float64, T: Float64, C_nb: Float64, q_nb: Float64) -> None:
-    """Write where the vehicle is and how it stands by navigation rows ``value`` (m, N_NAV)."""
-    for k in range(value.shape[0]):
-        row = value[k]
-        lat, lon = math.radians(row[0]), math.radians(row[1])
-        geodetic_to_ecef(lat, lon, row[2], r_e[k])
+def place_rows(
+    geodetic: Float64, rpy_deg: Float64, r_e: Float64, C_ne: Float64, T: Float64, C_nb: Float64, q_nb: Float64
+) -> None:
+    """Write positions, local levels and attitudes of latitude, longitude [deg], height [m], and angles (m, 3) [deg]."""
+    for k in range(geodetic.shape[0]):
+        lat, lon, h = math.radians(geodetic[k, 0]), math.radians(geodetic[k, 1]), geodetic[k, 2]
+        geodetic_to_ecef(lat, lon, h, r_e[k])
         ecef_to_ned_matrix(lat, lon, C_ne[k])
-        level_turn(lat, row[2], C_ne[k], T[k])
-        euler_to_matrix(math.radians(row[6]), math.radians(row[7]), math.radians(row[8]), C_nb[k])
+        level_turn(lat, h, C_ne[k], T[k])
+        angles = rpy_deg[k]
+        euler_to_matrix(math.radians(angles[0]), math.radians(angles[1]), math.radians(angles[2]), C_nb[k])
         matrix_to_quaternion(C_nb[k], q_nb[k])
 
 
