@@ -1,16 +1,21 @@
 """Between two epochs: the filter's state at any time with its covariance, and what the later epochs tell of it.
 
-From one epoch to the next there is no measurement, so an error at the time t only follows the transition. With lambda
-and Lambda what the smoother knows at the next epoch, of its prediction (x^-, P^-),
+From one epoch to the next there is no measurement, so an error at the time t only follows the transition. With x^-, P^-
+the filter's prediction for the next epoch and x^s, P^s what the whole log tells of that,
 
-    lambda_k+1 = (P^-)^-1 (x^s - x^-),         Lambda_k+1 = (P^-)^-1 (P^- - P^s) (P^-)^-1
-    lambda(t) = Phi(k+1, t)^T lambda_k+1,      Lambda(t) = Phi(k+1, t)^T Lambda_k+1 Phi(k+1, t)
-    x^s(t) = x(t) + P(t) lambda(t),            P^s(t) = P(t) - P(t) Lambda(t) P(t)
+    x^s(t) = x(t) + C (x^s - x^-),  P^s(t) = P(t) + C (P^s - P^-) C^T,  C = P(t) Phi(k+1, t)^T (P^-)^-1
 
-which is the same as x(t) + C (x^s - x^-), C = P(t) Phi^T (P^-)^-1, and needs one inverse a step, whatever the number of
-times.                                                                       [Bryson & Frazier 1963; Bierman 1973]
-Phi is read off a prediction that carries a unit matrix along, in pieces of at most a second, over which it has a
-harmless inverse: of a minute without measurements it would not.
+which is a step of Rauch, Tung and Striebel from k+1 to an epoch without measurements, however many there are between.
+Phi is read off a prediction that carries a unit matrix along, in pieces of about a second, over which it has a harmless
+inverse: of a minute without measurements it would not.
+
+At the end of such a minute P^s is 1e-4 of P, so P(t) and P^- have to be of one and the same way: the filter's, whose
+covariance goes in steps. The equations hold for the end t' of the last whole step; from there to t, with F and Q of the
+step's part,
+
+    x^s(t) = x(t) + F (x^s(t') - x(t')),    P^s(t) = F P^s(t') F^T + Q
+
+which leaves out only that the later epochs know something of Q itself, the noise of 0.05 s as a rule.
 """
 
 from __future__ import annotations
@@ -23,7 +28,6 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.closed_loop import close_loop
-from insgnss.fusion.loop import newest_sample
 from insgnss.fusion.output import COUNT_DTYPE, N_USED, Table, write_nav
 from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
 from insgnss.fusion.state import STATE_DTYPE, Bank, StateArray, copy_state
@@ -35,21 +39,24 @@ _PIECE_NS: Final = NS_PER_S
 _AT_ONCE: Final = 1000  # times, whose matrices are then some megabytes
 
 
-class Costate(NamedTuple):
-    """What the smoother knows at an epoch, of the prediction for it."""
+class Onward(NamedTuple):
+    """What the smoother knows at the next epoch."""
 
     t_ns: int
-    value: Float64  # (q,) lambda
-    information: Float64  # (q, q) Lambda
+    prior: Float64  # (q, q) predicted for it
+    step: Float64  # (q,) smoothed state minus the predicted one
+    change: Float64  # (q, q) smoothed covariance minus the predicted one
     imu: Imu  # the samples on the way to it, with what is not known of them
 
 
 class Nodes(NamedTuple):
-    """The filter at some times after an epoch."""
+    """The filter at some times after the beginning of a piece, and at the end of its last whole step before each."""
 
     state: StateArray  # (m,) of STATE_DTYPE
     P: Float64  # (m, q, q)
     Phi: Float64  # (m, q, q) from the beginning of the piece
+    P_step: Float64  # (m, q, q)
+    Phi_step: Float64  # (m, q, q)
 
 
 class Between(NamedTuple):
@@ -77,7 +84,7 @@ def filtered(
 
 
 def smoothed(
-    bank: Bank, times_ns: Int64, onward: Costate, parameters: npt.NDArray[Any], n: int
+    bank: Bank, times_ns: Int64, onward: Onward, parameters: npt.NDArray[Any], n: int
 ) -> Iterator[Between]:
     """Yield the smoothed states at times between an epoch and the next, the last piece of time first.
 
@@ -88,28 +95,50 @@ def smoothed(
     onward : what is known at the next
     n : error states that are written, without the clone
     """
-    imu = onward.imu
     begun: list[Bank] = []
-    for end_ns in _pieces(int(bank.head[0].now_ns), onward.t_ns, imu):
-        piece = _with_unit_matrix(bank)
-        begun.append(one_hypothesis(*piece[:3]))
-        bank = _flushed(piece, end_ns, imu, parameters)
-    value, information, end_ns = onward.value, onward.information, onward.t_ns
+    while int(bank.head[0].now_ns) < onward.t_ns:
+        begun.append(_with_unit_matrix(bank))
+        bank = _after_a_piece(bank, onward, parameters)
+    way, end_ns = np.eye(len(onward.step)), onward.t_ns  # Phi from the end of the piece to the next epoch
     for piece in reversed(begun):
         begin_ns = int(piece.head[0].now_ns)
-        first, last = np.searchsorted(times_ns, [begin_ns, end_ns], side="right")
-        last = min(int(last), len(times_ns))
-        nodes = _nodes(piece, np.append(times_ns[first:last], end_ns), imu, parameters)
-        value, information = nodes.Phi[-1].T @ value, nodes.Phi[-1].T @ information @ nodes.Phi[-1]
+        first, last = map(int, np.searchsorted(times_ns, [begin_ns, end_ns], side="right"))
+        nodes = _nodes(piece, np.append(times_ns[first:last], end_ns), onward.imu, parameters)
+        way = way @ nodes.Phi[-1]
         if last > first:
-            back = np.linalg.inv(nodes.Phi[:-1])
-            own = np.einsum("kji,j->ki", back, value)
-            P = nodes.P[:-1]
-            gain = P @ back.transpose(0, 2, 1)
-            shrunk = P - gain @ information @ gain.transpose(0, 2, 1)
-            correction = np.einsum("kij,kj->ki", P, own)
-            yield Between(slice(first, last), nodes.state[:-1], correction[:, :n], shrunk[:, :n, :n])
+            some = Nodes(*(column[:-1] for column in nodes))
+            yield Between(slice(first, last), some.state, *_told_of(some, way, onward, n))
         end_ns = begin_ns
+
+
+def _told_of(nodes: Nodes, way: Float64, onward: Onward, n: int) -> tuple[Float64, Float64]:
+    """Return correction (m, n) and covariance (m, n, n); ``way`` is Phi from the piece's beginning to the epoch."""
+    back = np.linalg.inv(nodes.Phi_step)
+    cross = nodes.P_step[:, :n] @ (way @ back).transpose(0, 2, 1)
+    gain = regression(cross.reshape(-1, len(way)), onward.prior).reshape(cross.shape)
+    P_step = nodes.P_step[:, :n, :n]
+    smoothed = P_step + gain @ onward.change @ gain.transpose(0, 2, 1)
+    F = (nodes.Phi @ back)[:, :n, :n]
+    Q = nodes.P[:, :n, :n] - F @ P_step @ F.transpose(0, 2, 1)
+    return np.einsum("kij,kj->ki", F, gain @ onward.step), F @ smoothed @ F.transpose(0, 2, 1) + Q
+
+
+def regression(cross: Float64, P: Float64) -> Float64:
+    """Return ``cross @ P^-1`` of a covariance whose states differ in size by ten powers of ten.
+
+    States without variance, such as the clone at an epoch of a start, tell nothing.
+    """
+    known = np.flatnonzero(np.diagonal(P) > 0.0)
+    scale = 1.0 / np.sqrt(np.diagonal(P)[known])
+    unit = P[np.ix_(known, known)] * np.outer(scale, scale)
+    scaled = (cross[:, known] * scale).T
+    try:
+        solved = np.linalg.solve(unit, scaled)
+    except np.linalg.LinAlgError:
+        solved = np.linalg.lstsq(unit, scaled, rcond=None)[0]
+    found = np.zeros(cross.shape)
+    found[:, known] = solved.T * scale
+    return found
 
 
 def write_smoothed(out_nav: Table, optional: Float64, first: int, found: Between) -> None:
@@ -126,14 +155,6 @@ def write_smoothed(out_nav: Table, optional: Float64, first: int, found: Between
     )
 
 
-def _pieces(begin_ns: int, end_ns: int, imu: Imu) -> list[int]:
-    """Return where the pieces of a way end: at samples, the last at ``end_ns``."""
-    wanted = np.arange(begin_ns + _PIECE_NS, end_ns, _PIECE_NS)
-    at = np.minimum(np.searchsorted(imu.t_ns, wanted), len(imu.t_ns) - 1)
-    found = np.unique(imu.t_ns[at])
-    return [*found[(found > begin_ns) & (found < end_ns)].tolist(), end_ns]
-
-
 def _with_unit_matrix(bank: Bank) -> Bank:
     """Return a copy of a bank of one hypothesis whose covariance has the unit matrix beside it (1, 2 q, 2 q)."""
     q = bank.P.shape[1]
@@ -143,27 +164,44 @@ def _with_unit_matrix(bank: Bank) -> Bank:
     return Bank(bank.state.copy(), P, bank.head.copy(), np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)))
 
 
-def _flushed(piece: Bank, end_ns: int, imu: Imu, parameters: npt.NDArray[Any]) -> Bank:
-    """Return the bank (1, q, q) at the end of a piece, its covariance carried all the way."""
-    scratch, q = new_scratch(piece.P.shape[1]), piece.P.shape[1] // 2
-    carry_bank(piece, end_ns, imu, parameters[0], scratch)
-    predict_covariance(piece.state[0], piece.P[0], parameters[0], scratch)
-    return piece._replace(P=np.ascontiguousarray(piece.P[:, :q, :q]))
+def _after_a_piece(bank: Bank, onward: Onward, parameters: npt.NDArray[Any]) -> Bank:
+    """Return the bank at the end of the piece that begins where it is."""
+    carried = one_hypothesis(bank.state, bank.P, bank.head)
+    least_ns, scratch = int(bank.head[0].now_ns) + _PIECE_NS, new_scratch(bank.P.shape[1])
+    carry_whole_steps(carried, least_ns, onward.t_ns, onward.imu, parameters, scratch)
+    return carried
 
 
 def _nodes(piece: Bank, times_ns: Int64, imu: Imu, parameters: npt.NDArray[Any]) -> Nodes:
-    """Return the filter at times after the beginning of a piece."""
+    """Return the filter at times after the beginning of a piece, to the last of which the piece is carried."""
     m, q = len(times_ns), piece.P.shape[1] // 2
-    nodes = Nodes(np.zeros(m, STATE_DTYPE), np.empty((m, q, q)), np.empty((m, q, q)))
-    spare = one_hypothesis(*piece[:3])
-    carry_through(piece, spare, times_ns, imu, parameters, nodes, new_scratch(2 * q))
+    nodes = Nodes(np.zeros(m, STATE_DTYPE), *(np.empty((m, q, q)) for _ in range(4)))
+    spare, step = one_hypothesis(*piece[:3]), np.empty((2 * q, 2 * q))
+    carry_through(piece, spare, step, times_ns, imu, parameters, nodes, new_scratch(2 * q))
     return nodes
+
+
+@borrowing
+def carry_whole_steps(
+    bank: Bank, least_ns: int, stop_ns: int, imu: Imu, parameters: Table, scratch: Scratch
+) -> None:
+    """Carry a bank of one hypothesis to the end of a covariance's step from ``least_ns`` on, or to ``stop_ns``."""
+    par, head = parameters[0], bank.head[0]
+    while head.now_ns < stop_ns:
+        goal_ns = stop_ns
+        if head.next < imu.t_ns.shape[0] and imu.t_ns[head.next] < stop_ns:
+            goal_ns = imu.t_ns[head.next]
+        carry_bank(bank, goal_ns, imu, par, scratch)
+        if head.now_ns >= least_ns and bank.state[0].sum_dt == 0.0:
+            return
+    predict_covariance(bank.state[0], bank.P[0], par, scratch)
 
 
 @borrowing
 def carry_through(
     bank: Bank,
     spare: Bank,
+    step: Float64,
     times_ns: Int64,
     imu: Imu,
     parameters: Table,
@@ -173,11 +211,16 @@ def carry_through(
     """Carry a bank of one hypothesis by way of increasing times, and write what it is at each.
 
     Its covariance (2 q, 2 q) has the unit matrix beside it. It is carried from sample to sample, as in the filter's
-    loop; what lies between samples, or within a step of the covariance, is made on ``spare``.
+    loop; what lies between samples, or within a step of the covariance, is made on ``spare``. ``step`` (2 q, 2 q) keeps
+    the covariance at the end of the last step.
     """
     par, head, q = parameters[0], bank.head[0], nodes.P.shape[1]
+    copy_matrix(bank.P[0], step)
     for i in range(times_ns.shape[0]):
-        carry_bank(bank, newest_sample(head, imu, times_ns[i]), imu, par, scratch)
+        while head.next < imu.t_ns.shape[0] and imu.t_ns[head.next] <= times_ns[i]:
+            carry_bank(bank, imu.t_ns[head.next], imu, par, scratch)
+            if bank.state[0].sum_dt == 0.0:
+                copy_matrix(bank.P[0], step)
         copy_state(bank.state[0], spare.state[0])
         copy_matrix(bank.P[0], spare.P[0])
         spare.head[0].now_ns, spare.head[0].next = head.now_ns, head.next
@@ -186,8 +229,8 @@ def carry_through(
         copy_state(spare.state[0], nodes.state[i])
         for a in range(q):
             for b in range(q):
-                nodes.P[i, a, b] = spare.P[0, a, b]
-                nodes.Phi[i, a, b] = spare.P[0, a, q + b]
+                nodes.P[i, a, b], nodes.Phi[i, a, b] = spare.P[0, a, b], spare.P[0, a, q + b]
+                nodes.P_step[i, a, b], nodes.Phi_step[i, a, b] = step[a, b], step[a, q + b]
 
 
 @kernel

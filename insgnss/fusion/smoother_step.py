@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.between import Costate, one_hypothesis
+from insgnss.fusion.between import Onward, one_hypothesis, regression
 from insgnss.fusion.closed_loop import close_loop
 from insgnss.fusion.heading_bank import difference
 from insgnss.fusion.lines import CLONE_ROWS, Epoch
@@ -58,7 +58,7 @@ class Smoothed(NamedTuple):
     kept: Kept
     e: Float64  # (n,) to be added to the filter's state
     P: Float64  # (n, n)
-    onward: Costate | None  # at the epoch after it; None where nothing comes after
+    onward: Onward | None  # at the epoch after it; None where nothing comes after
 
     def state(self) -> StateRecord:
         """Return the smoothed state."""
@@ -98,38 +98,37 @@ def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
 
 def one_back(kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any], layout: Layout) -> Smoothed:
     """Return an epoch as the ``later`` one tells of it."""
-    n = len(later.e)
+    n, q = len(later.e), kept.bank.P.shape[1]
     if later.kept.reset:
-        imu, total, P_y = across_reset(kept, later, imu, parameters, layout)
+        imu, d = across_reset(kept, later, imu, parameters, layout)
         prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], layout)
-        d = total**2
-        for block in (BA, BG):
-            prior[range(block, block + 3), range(block, block + 3)] += d[block : block + 3].sum()
-        stepped = [CLOCK, DRIFT, *range(OFFSETS, n)]
-        prior[stepped, stepped] += _STEP_VARIANCE
-        prior, cross = prior[:n, :n], cross[:, :n]
+        doubt_what_jumped(prior, d)
+        step, P_y = np.zeros(q), prior.copy()  # of a clone from before nothing is known
+        step[:n], P_y[:n, :n] = d, later.P
+        cross[:, n:] = prior[n:] = prior[:, n:] = P_y[n:] = P_y[:, n:] = 0.0
     else:
         e_y, P_y = with_clone(later.kept, later.e, later.P)
         prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], layout)
-        total = later.kept.correction + e_y
-    known = np.flatnonzero(np.diagonal(prior) > 0.0)  # an epoch of a start has left no clone yet
-    P_known = prior[np.ix_(known, known)]
-    gain = regression(cross[:, known], P_known)
-    change = (P_y - prior)[np.ix_(known, known)]
+        step = later.kept.correction + e_y
+    gain, change = regression(cross, prior), P_y - prior
     smoothed = kept.bank.P[0, :n, :n] + gain @ change @ gain.T
-    q = kept.bank.P.shape[1]
-    inverse = regression(np.eye(len(known)), P_known)
-    value, information = np.zeros(q), np.zeros((q, q))
-    value[known] = inverse @ total[known]
-    information[np.ix_(known, known)] = -inverse @ change @ inverse.T
-    onward = Costate(later.kept.t_ns, value, 0.5 * (information + information.T), imu)
-    return Smoothed(kept, gain @ total[known], 0.5 * (smoothed + smoothed.T), onward)
+    onward = Onward(later.kept.t_ns, prior, step, change, imu)
+    return Smoothed(kept, gain @ step, 0.5 * (smoothed + smoothed.T), onward)
+
+
+def doubt_what_jumped(prior: Float64, d: Float64) -> None:
+    """Let a step at a reset tell nothing of the clocks before it, and of the biases only what it leaves of them."""
+    for block in (BA, BG):
+        jump = d[block : block + 3]
+        prior[range(block, block + 3), range(block, block + 3)] += float(jump @ jump)
+    clocks = [CLOCK, DRIFT, *range(OFFSETS, len(d))]
+    prior[clocks, clocks] += _STEP_VARIANCE
 
 
 def across_reset(
     kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any], layout: Layout
-) -> tuple[Imu, Float64, Float64]:
-    """Return the samples on the way to a reset, the step from the filter's prediction (n,), and what is known there.
+) -> tuple[Imu, Float64]:
+    """Return the samples on the way to a reset, and the step of the state from what they make of the filter (n,).
 
     What the filter was off by at the reset had grown since the epoch that last fitted it. By what the samples are off
     is not known, so what they do not show counts as a motion that makes just such a step of one sigma.
@@ -144,7 +143,7 @@ def across_reset(
     unknown = np.zeros((len(imu.t_ns), 2))
     unknown[: len(imu.unknown)] = imu.unknown
     unknown += [psi2 / seconds, max(v2 / seconds, 3.0 * r2 / seconds**3)]
-    return imu._replace(unknown=unknown), d, later.P
+    return imu._replace(unknown=unknown), d
 
 
 def with_clone(later: Kept, e: Float64, P: Float64) -> tuple[Float64, Float64]:
@@ -183,14 +182,3 @@ def predicted(
     for state in later.stepped:
         P[state, state] += _STEP_VARIANCE
     return P[:q, :q].copy(), P[q:, :q].copy()
-
-
-def regression(cross: Float64, P: Float64) -> Float64:
-    """Return ``cross @ P^-1`` of a covariance whose states differ in size by ten powers of ten."""
-    scale = 1.0 / np.sqrt(np.diagonal(P))
-    unit = P * np.outer(scale, scale)
-    try:
-        solved = np.linalg.solve(unit, (cross * scale).T)
-    except np.linalg.LinAlgError:
-        solved = np.linalg.lstsq(unit, (cross * scale).T, rcond=None)[0]
-    return np.asarray(solved.T * scale)
