@@ -10,12 +10,11 @@ Phi is read off a prediction that carries a unit matrix along, in pieces of abou
 inverse: of a minute without measurements it would not.
 
 At the end of such a minute P^s is 1e-4 of P, so P(t) and P^- have to be of one and the same way: the filter's, whose
-covariance goes in steps. The equations hold for the end t' of the last whole step; from there to t, with F and Q of the
-step's part,
+covariance goes in steps. The equations hold so for the end t' of the last whole step. From there to t, with F and Q of
+the step's part and D = P^s - P^-,
 
-    x^s(t) = x(t) + F (x^s(t') - x(t')),    P^s(t) = F P^s(t') F^T + Q
-
-which leaves out only that the later epochs know something of Q itself, the noise of 0.05 s as a rule.
+    C = F C' + K,  K = Q Phi(k+1, t)^T (P^-)^-1
+    P^s(t) = F P^s(t') F^T + Q + F C' D K^T + K D C'^T F^T + K D K^T
 """
 
 from __future__ import annotations
@@ -113,14 +112,19 @@ def smoothed(
 
 def _told_of(nodes: Nodes, way: Float64, onward: Onward, n: int) -> tuple[Float64, Float64]:
     """Return correction (m, n) and covariance (m, n, n); ``way`` is Phi from the piece's beginning to the epoch."""
-    back = np.linalg.inv(nodes.Phi_step)
-    cross = nodes.P_step[:, :n] @ (way @ back).transpose(0, 2, 1)
-    gain = regression(cross.reshape(-1, len(way)), onward.prior).reshape(cross.shape)
-    P_step = nodes.P_step[:, :n, :n]
-    smoothed = P_step + gain @ onward.change @ gain.transpose(0, 2, 1)
-    F = (nodes.Phi @ back)[:, :n, :n]
-    Q = nodes.P[:, :n, :n] - F @ P_step @ F.transpose(0, 2, 1)
-    return np.einsum("kij,kj->ki", F, gain @ onward.step), F @ smoothed @ F.transpose(0, 2, 1) + Q
+    at_step, at_time = np.linalg.inv(nodes.Phi_step), np.linalg.inv(nodes.Phi)
+    F, P_step = (nodes.Phi @ at_step)[:, :n], nodes.P_step
+    Q = nodes.P[:, :n] - F @ P_step @ (nodes.Phi @ at_step).transpose(0, 2, 1)
+    gain, of_noise = (
+        regression((P @ (way @ back).transpose(0, 2, 1)).reshape(-1, len(way)), onward.prior).reshape(P.shape)
+        for P, back in ((P_step, at_step), (Q, at_time))
+    )
+    carried = F @ gain
+    crossed = carried @ onward.change @ of_noise.transpose(0, 2, 1)
+    smoothed = F @ (P_step + gain @ onward.change @ gain.transpose(0, 2, 1)) @ F.transpose(0, 2, 1)
+    smoothed += Q[:, :, :n] + crossed + crossed.transpose(0, 2, 1)
+    smoothed += of_noise @ onward.change @ of_noise.transpose(0, 2, 1)
+    return (carried + of_noise) @ onward.step, smoothed
 
 
 def regression(cross: Float64, P: Float64) -> Float64:

@@ -68,10 +68,7 @@ def parts_of(found: Smoothed, times_ns: Int64, smoother: Smoother) -> list[Betwe
 
 
 def test_time_between_epochs_is_smoothed_like_an_epoch_without_measurements() -> None:
-    """By steps of Rauch, Tung and Striebel over one such epoch a second, each with an inverse of its own.
-
-    The variances may differ by the noise of 0.05 s, a step of the covariance: less than a hundredth.
-    """
+    """By steps of Rauch, Tung and Striebel over one such epoch a second, each with an inverse of its own."""
     log, smoother = flown(matched_simulator(), matched_setup(), 7)
     navigator, imu = smoother.navigator, smoother.imu
     last, back = before_the_gap(smoother, int(log.at_gnss.t_ns[LAST]))
@@ -91,8 +88,8 @@ def test_time_between_epochs_is_smoothed_like_an_epoch_without_measurements() ->
         for e, P, t_ns in zip(part.correction, part.P, times_ns[part.rows], strict=True):
             step = expected[int(t_ns)]
             sigma = np.sqrt(np.diagonal(step.P))
-            np.testing.assert_allclose(e / sigma, step.e / sigma, atol=2e-3)
-            np.testing.assert_allclose(P / np.outer(sigma, sigma), step.P / np.outer(sigma, sigma), atol=1e-2)
+            np.testing.assert_allclose(e / sigma, step.e / sigma, atol=2e-5)
+            np.testing.assert_allclose(P / np.outer(sigma, sigma), step.P / np.outer(sigma, sigma), atol=2e-5)
 
 
 def test_states_at_both_ends_of_a_way_are_those_of_its_epochs() -> None:
