@@ -25,12 +25,11 @@ from insgnss.fusion.headings import turn_about, yaw_variance
 from insgnss.fusion.hindsight import quiet
 from insgnss.fusion.loop import COVARIANCE_LOST, new_workspace, run_epochs
 from insgnss.fusion.output import CLOCK_STEP, DRIFT_STEP, new_output
-from insgnss.fusion.past import Stretch
 from insgnss.fusion.prediction import Imu, carry_bank, new_scratch
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.smoother_step import Kept, Smoothed, apart, keep, kept_as_opened
 from insgnss.fusion.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
-from insgnss.gnss.observation_rows import one_epoch
+from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64, Int64
 
 _STEPPED: Final = {int(CLOCK_STEP): CLOCK, int(DRIFT_STEP): DRIFT}
@@ -44,10 +43,10 @@ class OpenPhase:
 
     bank: Bank
     linked: bool  # whether the filter of one heading before it was kept, at the same time
-    stretches: list[Stretch] = field(default_factory=list)
+    epochs: list[Rows] = field(default_factory=list)  # each alone
 
 
-def alone(
+def gone_over_alone(
     phase: OpenPhase, found: Smoothed, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
 ) -> list[Kept]:
     """Return the epochs of a phase as the hypothesis that was ``found`` goes over them, the one at its end too.
@@ -57,20 +56,16 @@ def alone(
     bank = _opened_right(phase.bank, found, setup, imu, parameters)
     chain = [kept_as_opened(bank)]
     calm, layout = quiet(parameters), setup.layout
-    largest = max(
-        (int(np.diff(s.rows.first[s.first : s.last + 1]).max()) for s in phase.stretches), default=1
-    )
+    largest = max((len(rows.observation) for rows in phase.epochs), default=0)
     work = new_workspace(max(largest, 1), layout, setup.installation, setup.visibility_limits)
-    for stretch in phase.stretches:
-        for epoch in range(stretch.first, stretch.last):
-            rows = one_epoch(stretch.rows, epoch)
-            out = new_output(rows, 1, 32, np.zeros(0, np.int64), layout.n_values)
-            code, _ = run_epochs(bank, 0, 1, rows, imu, calm, -math.inf, out, work)
-            if code == COVARIANCE_LOST:
-                return []
-            kinds = map(int, out.events["kind"][: out.counts[0].events])
-            stepped = tuple(_STEPPED[kind] for kind in kinds if kind in _STEPPED)
-            chain.append(keep(bank, work.epoch, layout, linked=True, stepped=stepped))
+    for rows in phase.epochs:
+        out = new_output(rows, 1, 32, np.zeros(0, np.int64), layout.n_values)
+        code, _ = run_epochs(bank, 0, 1, rows, imu, calm, -math.inf, out, work)
+        if code == COVARIANCE_LOST:
+            return []
+        kinds = map(int, out.events["kind"][: out.counts[0].events])
+        stepped = tuple(_STEPPED[kind] for kind in kinds if kind in _STEPPED)
+        chain.append(keep(bank, work.epoch, layout, linked=True, stepped=stepped))
     d = apart(found.state(), bank.state[0], layout)[_COMPARED]
     P = bank.P[0][_COMPARED, _COMPARED]
     return chain if float(d @ np.linalg.solve(P, d)) < _AGREES else []

@@ -6,6 +6,7 @@ still in the work space; rows between epochs are made once more from a copy of t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,19 @@ from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, mixture_covariance
 from insgnss.fusion.prediction import Imu, carry_bank, new_scratch
 from insgnss.fusion.state import Bank, copy_bank
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import Rows, one_epoch
 from insgnss.tables import Float64, Int64
+
+
+def each_epoch(rows: Rows, first: int, last: int, out: Output) -> Iterator[tuple[Rows, Output]]:
+    """Yield the rows of each of some epochs, and the output with room for their ledger alone.
+
+    What the filter remembers of an epoch is then no more than that.
+    """
+    for epoch in range(first, last):
+        own = slice(int(rows.first[epoch]), int(rows.first[epoch + 1]))
+        carrier = out.carrier[own] if len(out.carrier) else out.carrier
+        yield one_epoch(rows, epoch), out._replace(ledger=out.ledger[own], carrier=carrier)
 
 
 @dataclass
@@ -31,16 +43,16 @@ class RowCovariances:
 
     def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``."""
-        for epoch in range(first, last):
-            self.run(rows, epoch, out)
+        for alone, written in each_epoch(rows, first, last, out):
+            self.run(alone, written)
 
-    def run(self, rows: Rows, epoch: int, out: Output) -> None:
+    def run(self, rows: Rows, out: Output) -> None:
         """Process an epoch as ``Navigator.run`` does, and fill what belongs to the rows that it writes."""
         navigator, first = self.navigator, int(out.counts[0].nav)
         before = None if navigator.bank is None else copy_bank(navigator.bank)
-        navigator.run(self.imu, rows, epoch, epoch + 1, out)
+        navigator.run(self.imu, rows, 0, 1, out)
         last = int(out.counts[0].nav)
-        if last > first and out.nav["t_ns"][last - 1] == rows.epoch_ns[epoch]:
+        if last > first and out.nav["t_ns"][last - 1] == rows.epoch_ns[0]:
             last -= 1
             self._write(slice(last, last + 1), navigator.workspace(rows).P_out[None], out)
         self._write_between(before if before is not None else navigator.opened, first, last, out)

@@ -29,11 +29,10 @@ import numpy as np
 from insgnss.fusion.between import Between, smoothed, write_smoothed
 from insgnss.fusion.body_points import Further
 from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.open_phase import OpenPhase, alone
+from insgnss.fusion.open_phase import OpenPhase, gone_over_alone
 from insgnss.fusion.output import Output
-from insgnss.fusion.past import Stretch
 from insgnss.fusion.prediction import Imu
-from insgnss.fusion.row_covariances import RowCovariances
+from insgnss.fusion.row_covariances import RowCovariances, each_epoch
 from insgnss.fusion.smoother_step import Kept as Kept
 from insgnss.fusion.smoother_step import Smoothed, keep, kept_as_opened, last_of_all, one_back, same_time
 from insgnss.fusion.state import CLOCK, DRIFT, Bank, copy_bank
@@ -59,28 +58,28 @@ class Smoother:
     def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
         navigator = self.navigator
-        for epoch in range(first, last):
+        for alone, written in each_epoch(rows, first, last, out):
             told, before = len(navigator.events), navigator.bank
             if self.further is None:
-                navigator.run(self.imu, rows, epoch, epoch + 1, out)
+                navigator.run(self.imu, alone, 0, 1, written)
             else:
-                RowCovariances(navigator, self.imu, self.further).run(rows, epoch, out)
+                RowCovariances(navigator, self.imu, self.further).run(alone, written)
             kinds = {event.kind for event in navigator.events[told:]}
-            self._take(before, rows, epoch, kinds)
+            self._take(before, alone, kinds)
 
-    def _take(self, before: Bank | None, rows: Rows, epoch: int, kinds: set[str]) -> None:
+    def _take(self, before: Bank | None, rows: Rows, kinds: set[str]) -> None:
         """Keep what an epoch has made of the filter ``before`` it, ``kinds`` of event what was told."""
         navigator, bank = self.navigator, self.navigator.bank
         if bank is None:
             self._linked, self._phase = False, None
             return
-        replaced = bank is not before and int(bank.head[0].renewed_ns) == int(rows.epoch_ns[epoch])
+        replaced = bank is not before and int(bank.head[0].renewed_ns) == int(rows.epoch_ns[0])
         if before is None or kinds & _BEGUN_ANEW or (replaced and self._phase is not None):
             self._linked, self._phase = False, None
         if before is None and navigator.opened is not None:
             self._open(navigator.opened)
         if self._phase is not None:
-            self._phase.stretches.append(Stretch(rows, epoch, epoch + 1))
+            self._phase.epochs.append(rows)
         work, layout = navigator.workspace(rows).epoch, navigator.setup.layout
         stepped = tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys())
         if len(bank.state) == 1:
@@ -167,7 +166,7 @@ class Smoother:
     def _through(self, phase: OpenPhase, found: Smoothed) -> Iterator[Smoothed]:
         """Yield the epochs of an open phase before its end, where one heading was ``found``, the last first."""
         navigator = self.navigator
-        chain = alone(phase, found, navigator.setup, self.imu, navigator.parameters)
+        chain = gone_over_alone(phase, found, navigator.setup, self.imu, navigator.parameters)
         if chain:
             later = same_time(chain[-1], found, navigator.setup.layout)
             for kept in reversed(chain[:-1]):
