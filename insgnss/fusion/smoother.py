@@ -147,20 +147,17 @@ class Smoother:
         layout = self.navigator.setup.layout
         later: Smoothed | None = None  # that tells of the epoch before it
         for kept in reversed(self.kept):
-            if later is None:
-                found = last_of_all(kept, layout)
-            elif later.kept.t_ns == kept.t_ns:  # the other end of a phase
-                found = same_time(kept, later, layout)
-            else:
-                found = self._one_back(kept, later)
+            if later is not None and later.kept.t_ns == kept.t_ns:  # as it was before its heading was split
+                later = same_time(kept, later, layout) if kept.linked else None
+                continue
+            found = last_of_all(kept, layout) if later is None else self._one_back(kept, later)
             yield found
             later = found if kept.linked else None
             phase = self.phases.get(kept.t_ns)
             if phase is not None:
                 later = None
                 for later in self._through(phase, found):
-                    if not (phase.linked and later.kept.t_ns == int(phase.bank.head[0].now_ns)):
-                        yield later
+                    yield later
                 later = later if phase.linked else None
 
     def _through(self, phase: OpenPhase, found: Smoothed) -> Iterator[Smoothed]:

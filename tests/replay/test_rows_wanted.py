@@ -16,9 +16,20 @@ from insgnss.errors import ConfigError
 from insgnss.fusion.body_points import local_levels_of
 from insgnss.library import imu_grade
 from insgnss.run import Run
-from insgnss.simulation.journeys import airborne_turns
+from insgnss.simulation.course import Course
+from insgnss.simulation.journeys import AIRFIELD, KNOT_S, airborne_turns
 from insgnss.simulation.simulated_log import Simulator
-from tests.replay.scenes import LEVER_ARM_B, START_NS, START_S, flight, rows_where, simulator, turns
+from tests.replay.scenes import (
+    LEVER_ARM_B,
+    START_NS,
+    START_S,
+    even_sky,
+    flight,
+    rows_where,
+    simulator,
+    true_start,
+    turns,
+)
 from tests.statistics_bounds import mean_chi_square_bounds
 
 SAMPLE = "data/sample_flight/flight.toml"
@@ -100,6 +111,26 @@ def test_smoothed_run_knows_the_heading_before_the_filter_did() -> None:
     for name in ("n_m", "vn_mps", "roll_deg"):
         errors = [np.sqrt(np.mean(run.errors[f"d_{name}"][before] ** 2)) for run in (smoothed, filtered)]
         assert errors[0] < errors[1]
+
+
+def test_smoother_goes_through_a_heading_that_was_lost_and_found() -> None:
+    """A consumer's gyros lose the heading at rest: the filter opens it, the next corner finds it again."""
+    course = Course().hold(5.0).change_speed(14.0, 8.0).hold(12.0).steer(90.0, 5.0).hold(10.0)
+    course.change_speed(0.0, 5.0).hold(400.0).change_speed(14.0, 8.0).hold(12.0).steer(-90.0, 5.0).hold(15.0)
+    drive = course.lay(*AIRFIELD, 80.0, knot_s=KNOT_S)
+    base = simulator(drive, course.clock_s - 1.0, grade=imu_grade("mems_consumer"), navigation=even_sky())
+    flown = flight(base, start=true_start(base, 1.0), seed=2)
+
+    filtered, smoothed = (insgnss.replay(flown, output=2.0, smooth=smooth) for smooth in (False, True))
+
+    assert {"heading_open", "heading_single"} <= set(filtered.events["kind"])
+    assert (smoothed.nav["n_hypotheses"] == 1).all()
+    tables = [inside(run, 200.0, 440.0) for run in (filtered, smoothed)]
+    assert rms([tables[1]], ("yaw_deg",)) < 0.25 * rms([tables[0]], ("yaw_deg",))
+    assert (np.abs(tables[1]["d_yaw_deg"]) < 3.0 * tables[1]["sd_yaw_deg"]).all()
+    assert tables[1]["sd_yaw_deg"].max() < 2.0
+    steps_m = smoothed.nav["h_m"].diff().abs()
+    assert steps_m.max() < 0.5  # no leap where one filter takes over from the other
 
 
 def test_smoothed_rows_at_epochs_are_the_same_at_any_rate() -> None:
