@@ -2,7 +2,7 @@
 
 | table          | one row per | columns |
 |----------------|-------------|---------|
-| nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position |
+| nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position; where asked for q_nb_*, cov_*, point_* |
 | measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
 | satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
