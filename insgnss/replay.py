@@ -26,11 +26,12 @@ from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
+from insgnss.fusion.body_points import Further
 from insgnss.fusion.inertial_stream import screened
 from insgnss.fusion.output import Output
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
-from insgnss.fusion.whole_log import LedgerPart, OutputRate, TraceWanted, run_blocks
+from insgnss.fusion.whole_log import LedgerPart, TraceWanted, run_blocks
 from insgnss.fusion.whole_log import run_filter as run_filter
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
@@ -55,6 +56,15 @@ from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
 from insgnss.version import __version__
+from insgnss.wanted_rows import (
+    AtTimes,
+    Point,
+    described,
+    further_of,
+    output_of,
+    times_without_row,
+    with_further,
+)
 
 Progress = Callable[[str], None]
 
@@ -142,7 +152,10 @@ def replay(
     flight: Flight | str | Path,
     filter: str | Path | FilterConfig = "tight17",
     *,
-    output: OutputRate = "gnss",
+    output: AtTimes = "gnss",
+    point: Point | None = None,
+    quaternion: bool = False,
+    covariance: bool = False,
     aiding: float | AidingConfig | None = None,
     supervise: bool = False,
     smooth: bool = False,
@@ -154,18 +167,26 @@ def replay(
     ----------
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
-    output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), or at a rate [Hz]
+    output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), at a rate [Hz], or at given
+        times: increasing seconds of the flight's GPS week. The filter itself is carried to each, so attitudes of a
+        camera are right however the vehicle turns; a time without a filter has no row, which an event tells
+    point : a point of the body (camera, radar, antenna) whose position, velocity and sigmas the rows are to have too:
+        forward, right, down from the IMU [m], or a name of the flight file: "antenna", an antenna's, one of [points]
+    quaternion : whether the rows are to have the attitude as a quaternion too, body to north-east-down, scalar first
+    covariance : whether they are to have the covariances of position, velocity and attitude, and of the point
     aiding : rate [Hz] of ``run.aiding``, the filter's other settings of the aiding kept, or all settings; None: no
         aiding
     supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
         ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
-    smooth : whether ``run.nav`` has what the whole log tells of each epoch, not only what came before it
-        (``fusion.smoother``); the measurements are then still those of the filter
+    smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
+        outages and while several headings were open too (``fusion.smoother``); the measurements are then still those
+        of the filter
     progress : is told in words what is being done
 
     Raises
     ------
-    ConfigError : smoothing gives a row for each epoch and neither aiding nor supervision, which live on the past
+    ConfigError : no such output, times or point; smoothing gives neither aiding nor supervision, which live on the
+        past, and knows one antenna
     InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
         aiding or supervision is asked for and nothing says where the satellites are
     """
@@ -175,12 +196,14 @@ def replay(
         flight = Flight.load(flight)
     config = filter_config(filter)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
-    if smooth and (output != "gnss" or aided is not None or supervise or flight.config.attitude is not None):
+    if smooth and (aided is not None or supervise or flight.config.attitude is not None):
         raise ConfigError(
-            "a smoothed run has a row for each GNSS epoch, no aiding, no supervision and one antenna",
+            "a smoothed run has no aiding, no supervision and one antenna",
             key="smooth",
-            advice="leave output, aiding, supervise and [attitude] out, or replay without smoothing",
+            advice="leave aiding, supervise and [attitude] out, or replay without smoothing",
         )
+    rows_at = output_of(output, flight.config.gps_week)
+    further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
     with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
         read = time.perf_counter()
@@ -191,8 +214,9 @@ def replay(
             loop.wait()  # a given start itself calls a kernel that is compiled there
         wanted = _trace_wanted(aided, record.supervised)
         out, ledger, events = run_blocks(
-            setup, *work, output, trace=wanted, before_loop=loop.wait, smooth=smooth
+            setup, *work, rows_at, trace=wanted, before_loop=loop.wait, smooth=smooth, further=further
         )
+    events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
     if wanted is not None:
@@ -204,7 +228,7 @@ def replay(
     settled = time.perf_counter()
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
-    run = _as_run(flight, record, setup, out, ledger, events)
+    run = _as_run(flight, record, setup, out, ledger, events, further)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
         setattr(run, name, table)
@@ -213,7 +237,8 @@ def replay(
     took |= {} if aided is None else {"aiding_s": given - filtered}
     took |= {"supervision_s": settled - given} if supervise else {}
     resolved = None if aided is None else aided.model_dump(mode="json")
-    run.settings = {**run.settings, "took": took, "output": output, "smooth": smooth, "aiding": resolved}
+    run.settings = {**run.settings, "took": took, "output": described(output), "smooth": smooth}
+    run.settings |= {"aiding": resolved, "point": None if further is None else further.wanted.lever_b}
     return run
 
 
@@ -301,9 +326,10 @@ def _as_run(
     out: Output,
     ledger: list[LedgerPart],
     events: list[Event],
+    further: Further | None,
 ) -> Run:
     week = flight.config.gps_week
-    nav = nav_table(out, week, setup)
+    nav = with_further(nav_table(out, week, setup), further)
     slow = slow_variances(
         ledger, record.keys, record.names, setup, with_base=flight.config.gnss.base is not None
     )

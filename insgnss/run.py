@@ -2,7 +2,7 @@
 
 | table          | one row per | columns |
 |----------------|-------------|---------|
-| nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position |
+| nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position; where asked for q_nb_*, cov_*, point_* |
 | measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
 | satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
@@ -27,9 +27,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 from pandas.api.types import is_float_dtype
 
+from insgnss.between_rows import Limits, rows_at
 from insgnss.datum import annotate_all, with_heading, with_sea_level, with_utc
 from insgnss.errors import ResultError
 from insgnss.run_folder import COLUMN_TYPES, SETTINGS, read_run
@@ -143,6 +145,35 @@ class Run:
         # the page is drawn from a run, so it stands above it, and is loaded when one is asked for
         written: Path = importlib.import_module("insgnss.report.page").write_report(self, path)
         return written
+
+    def at(
+        self,
+        times_s: npt.ArrayLike,
+        *,
+        most_deg: float = 0.2,
+        most_m: float = 0.2,
+        most_mps: float = 0.5,
+    ) -> pd.DataFrame:
+        """Return rows of ``nav`` at any times of the run, in their order: interpolated between the rows that it has.
+
+        Position by a cubic with the velocities at both rows, attitude by the shortest turn, all else straight. What a
+        vehicle does between rows is lost: how much, is estimated by how rate and acceleration change from step to
+        step, and added to the sigmas (``between_rows``). For a camera on a vehicle that turns, rows at GNSS epochs are
+        too few: ``replay(..., output=times)`` gives the filter's own rows at these times, ``output="imu"`` rows that
+        can be interpolated.
+
+        Parameters
+        ----------
+        times_s : seconds of the GPS week, as in ``nav["time_s"]``, in any order
+        most_deg, most_m, most_mps : how much may be lost of attitude, position and velocity, one sigma
+
+        Raises
+        ------
+        ResultError : a time is outside the run or in a gap of its rows, or more than that may be lost
+        """
+        rows = rows_at(self.nav, times_s, Limits(most_deg, most_m, most_mps))
+        rows.attrs = dict(self.nav.attrs)  # the GPS week and the units
+        return rows
 
     def status_counts(self) -> pd.DataFrame:
         """Return how many measurements of each kind had each status; the sums are the input's."""

@@ -46,7 +46,9 @@ def with_everything(folder: Path) -> Flight:
 
 @cache
 def whole_run(folder: Path) -> Run:
-    return insgnss.replay(with_everything(folder), supervise=True, aiding=0.1)
+    return insgnss.replay(
+        with_everything(folder), supervise=True, aiding=0.1, point="antenna", quaternion=True, covariance=True
+    )
 
 
 @pytest.fixture(scope="module")

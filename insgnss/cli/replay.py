@@ -19,9 +19,8 @@ from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
+from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
-from insgnss.errors import ConfigError
-from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
 from insgnss.report.digest import digest
@@ -40,12 +39,11 @@ def replay(
     filter: Annotated[
         str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
     ] = "tight17",
-    rate: Annotated[
-        str,
-        typer.Option(
-            "--rate", help="Navigation rows: 'gnss' (each epoch), 'imu' (each sample) or a rate in Hz."
-        ),
-    ] = "gnss",
+    rate: Rate = "gnss",
+    times: Times = None,
+    point: PointOption = None,
+    quaternion: Quaternion = False,
+    covariance: Covariance = False,
     supervise: Annotated[
         bool,
         typer.Option("--supervise", help="Also tell what the receiver should do about each satellite, when."),
@@ -68,17 +66,17 @@ def replay(
     give_back_what_is_freed()
     with own_errors_told(), overwriting(force):
         form = table_form(format)
-        wanted = _rate(rate)
+        wanted = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("starting") as tell:
             check_outputs(output, report)
             run = run_replay(
                 loaded,
                 filter,
-                output=wanted,
                 aiding=aiding,
                 supervise=supervise,
                 progress=tell,
+                **wanted,
             )
             written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)
@@ -117,22 +115,6 @@ def tell_run(flight: Flight, run: Run, written: list[str], began: float, *, as_j
     _print_summary(flight, run)
     where = f"; wrote {' and '.join(written)}" if written else "; nothing was written (no --output)"
     typer.echo(f"read {len(flight.files())} files{where}; {time.perf_counter() - began:.2f} s in all")
-
-
-def _rate(text: str) -> OutputRate:
-    """Return the output rate an option names."""
-    if text == "gnss":
-        return "gnss"
-    if text == "imu":
-        return "imu"
-    advice = "write 'gnss', 'imu' or a rate in Hz, as in --rate 10"
-    try:
-        rate = float(text)
-    except ValueError:
-        raise ConfigError(f"'{text}' is no output rate", key="--rate", advice=advice) from None
-    if not 0.0 < rate <= 1e5:
-        raise ConfigError(f"a rate of {text} Hz cannot be written", key="--rate", advice=advice)
-    return rate
 
 
 def _print_summary(flight: Flight, run: Run) -> None:

@@ -1,4 +1,4 @@
-"""``insgnss smooth``: a flight's logs in, out comes what the whole log tells of each epoch."""
+"""``insgnss smooth``: a flight's logs in, out comes what the whole log tells of each time."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.cli.replay import check_outputs, tell_run, write_run
+from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
 from insgnss.replay import replay as run_replay
@@ -28,6 +29,11 @@ def smooth(
     filter: Annotated[
         str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
     ] = "tight17",
+    rate: Rate = "gnss",
+    times: Times = None,
+    point: PointOption = None,
+    quaternion: Quaternion = False,
+    covariance: Covariance = False,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
@@ -40,9 +46,10 @@ def smooth(
     give_back_what_is_freed()
     with own_errors_told(), overwriting(force):
         form = table_form(format)
+        wanted = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("starting") as tell:
             check_outputs(output, report)
-            run = run_replay(loaded, filter, smooth=True, progress=tell)
+            run = run_replay(loaded, filter, smooth=True, progress=tell, **wanted)
             written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)

@@ -31,6 +31,23 @@ ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (c
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (orbits and clocks of the
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
   empty where no epoch of the log has used ranges enough to tell
+q_nb_w q_nb_x q_nb_y q_nb_z: attitude as a quaternion, body to north-east-down, scalar first and not negative;
+  with `--quaternion`
+cov_n_n_m2 cov_n_e_m2 cov_n_d_m2 cov_e_e_m2 cov_e_d_m2 cov_d_d_m2: covariance of position north, east, down; this
+  and the next two with `--covariance`
+cov_vn_vn_m2ps2 cov_vn_ve_m2ps2 cov_vn_vd_m2ps2 cov_ve_ve_m2ps2 cov_ve_vd_m2ps2 cov_vd_vd_m2ps2: covariance of
+  velocity north, east, down
+cov_turn_n_turn_n_deg2 cov_turn_n_turn_e_deg2 cov_turn_n_turn_d_deg2 cov_turn_e_turn_e_deg2
+  cov_turn_e_turn_d_deg2 cov_turn_d_turn_d_deg2: covariance of the attitude's error: the small turns about north, east
+  and down that bring the true attitude to the estimated one
+point_lat_deg point_lon_deg point_h_m: where the point of the body is, WGS-84; with `--point`, as the next three lines
+point_vn_mps point_ve_mps point_vd_mps: its velocity against the Earth: north, east, down
+sd_point_n_m sd_point_e_m sd_point_d_m: one sigma of its position
+sd_point_vn_mps sd_point_ve_mps sd_point_vd_mps: one sigma of its velocity
+cov_point_n_n_m2 cov_point_n_e_m2 cov_point_n_d_m2 cov_point_e_e_m2 cov_point_e_d_m2 cov_point_d_d_m2: covariance of
+  its position; this and the next with `--point` and `--covariance`
+cov_point_vn_vn_m2ps2 cov_point_vn_ve_m2ps2 cov_point_vn_vd_m2ps2 cov_point_ve_ve_m2ps2 cov_point_ve_vd_m2ps2
+  cov_point_vd_vd_m2ps2: covariance of its velocity
 """
 _EXPORT = """
 utc: UTC date of time_s in ISO 8601; in NetCDF the coordinate time, of `run.nav_with(utc=True)` the index

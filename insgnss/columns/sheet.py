@@ -15,6 +15,7 @@ UNITS: Final[dict[str, str]] = {
     "m2ps2": "m²/s²",
     "m2ps4": "m²/s⁴",
     "m2": "m²",
+    "deg2": "°²",
     "mps3": "m/s³",
     "mps2": "m/s²",
     "mps": "m/s",

@@ -364,3 +364,6 @@ class FlightConfig(StrictModel):
     attitude: Attitude | None = None
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None
+    points: dict[str, LeverArm] = Field(
+        {}, description="points of the body by their names, IMU to the point in metres, forward, right, down"
+    )

@@ -74,6 +74,7 @@ class Navigator:
     starter: Starter = field(init=False)
     aid: EpochAid | None = field(init=False)  # by several antennas, None without
     bank: Bank | None = None
+    opened: Bank | None = None  # as a given start has opened it, before its first epoch
     health: Health = field(init=False)
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
@@ -225,6 +226,7 @@ class Navigator:
         bank.head["renewed_ns"] = self.started_ns
         self._tell_heading()
         if fix is None:
+            self.opened = copy_bank(bank)
             # where the attitude chooses the satellites, hypotheses cannot be judged by the same ones
             chooses = self.aid is not None or self._parameters[0].visibility != 0
             self.trial = None if chooses else Trial(self.setup)
@@ -334,7 +336,7 @@ class Navigator:
     def _restart(self, t_ns: int, reason: str) -> None:
         """Give the filter up and wait for a new automatic start."""
         self.events += still_uncertain(self.bank, self.setup.config.visibility)
-        self.bank = None
+        self.bank = self.opened = None
         self.health.forget()
         self.starter = Starter(self.setup, given=False)
         self.events.append(Event(t_ns, "restart", f"{reason}: the filter starts anew"))

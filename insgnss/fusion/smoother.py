@@ -11,41 +11,36 @@ with the filter's own mechanization and covariance. A carrier difference at k+1 
 next epoch is taken together with that clone; the clone follows from the smoothed state of k+1 by regression, for all
 later measurements know it only by way of that state. [Rauch, Tung & Striebel 1965; Roumeliotis & Burdick 2002]
 
-Smoothing stops where the filter was set anew (reset, restart, long gap) and where more than one heading was possible:
-what comes before a reset is smoothed by itself, what comes before the one heading stays as the filter had it.
+Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
+was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
+while: from the last epoch that fitted it to the reset the samples count as so unsure that the step is one sigma of
+theirs, and of the clock nothing is carried back. Smoothing stops where the filter began anew: after a restart or a
+long gap in the samples.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from insgnss.fusion.closed_loop import close_loop
-from insgnss.fusion.lines import CLONE_ROWS
+from insgnss.fusion.between import Between, smoothed, write_smoothed
+from insgnss.fusion.body_points import Further
 from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import Output, write_nav
-from insgnss.fusion.prediction import Imu, carry_bank, new_scratch, predict_covariance
-from insgnss.fusion.state import CLOCK, DRIFT, N_CLONE, OFFSETS, Bank, Layout, StateArray
+from insgnss.fusion.open_phase import OpenPhase, gone_over_alone
+from insgnss.fusion.output import Output
+from insgnss.fusion.prediction import Imu
+from insgnss.fusion.row_covariances import RowCovariances, each_epoch
+from insgnss.fusion.smoother_step import Kept as Kept
+from insgnss.fusion.smoother_step import Smoothed, keep, kept_as_opened, last_of_all, one_back, same_time
+from insgnss.fusion.state import CLOCK, DRIFT, Bank, copy_bank
 from insgnss.gnss.observation_rows import Rows
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
 
 _STEPPED_CLOCK: Final = {"clock_jump": CLOCK, "clock_drift_jump": DRIFT}
-_SET_ANEW: Final = frozenset({"reset", "restart", "start"})
-_STEP_VARIANCE: Final = 1e14  # (10 000 km)^2, of a clock that may have stepped anywhere
-
-
-class Kept(NamedTuple):
-    """One epoch as the filter left it."""
-
-    bank: Bank  # of one hypothesis
-    correction: Float64  # (q,) what its update added to the prediction
-    clone: Float64  # (N_CLONE, q) rows of the covariance that the epoch before had after the update
-    nav: int  # its navigation row
-    linked: bool  # whether it follows from the epoch kept before it
-    stepped: tuple[int, ...]  # states of the clock that stepped in between
+_BEGUN_ANEW: Final = frozenset({"restart", "start"})
 
 
 @dataclass
@@ -54,130 +49,133 @@ class Smoother:
 
     navigator: Navigator
     imu: Imu
+    further: Further | None = None  # columns that are wanted beside those of a row
     kept: list[Kept] = field(default_factory=list)
+    phases: dict[int, OpenPhase] = field(default_factory=dict)  # by the time of the epoch at which each ended
     _linked: bool = False  # whether the next epoch follows from the one kept last
-
-    def finish(self, out: Output) -> None:
-        """Write the navigation rows of all that ``forward`` has kept, as ``backward`` makes them."""
-        for kept, e, P in self.backward():
-            if e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
-                _write(out, kept, e, P)
+    _phase: OpenPhase | None = None  # several headings are open
 
     def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
         navigator = self.navigator
-        for epoch in range(first, last):
-            told, written = len(navigator.events), int(out.counts[0].nav)
-            navigator.run(self.imu, rows, epoch, epoch + 1, out)
+        for alone, written in each_epoch(rows, first, last, out):
+            told, before = len(navigator.events), navigator.bank
+            if self.further is None:
+                navigator.run(self.imu, alone, 0, 1, written)
+            else:
+                RowCovariances(navigator, self.imu, self.further).run(alone, written)
             kinds = {event.kind for event in navigator.events[told:]}
-            bank = navigator.bank
-            linked = self._linked and not kinds & _SET_ANEW
-            if bank is None or len(bank.state) > 1 or out.counts[0].nav == written:
-                self._linked = False
-                continue
-            vectors, q = navigator.workspace(rows).epoch.vectors, bank.P.shape[1]
-            n_clone = N_CLONE * navigator.setup.layout.clone
-            self.kept.append(
-                Kept(
-                    _alone(bank.state, bank.P, bank.head),
-                    vectors[0, :q].copy(),
-                    vectors[CLONE_ROWS : CLONE_ROWS + n_clone, :q].copy(),
-                    written,
-                    linked,
-                    tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys()),
-                )
-            )
+            self._take(before, alone, kinds)
+
+    def _take(self, before: Bank | None, rows: Rows, kinds: set[str]) -> None:
+        """Keep what an epoch has made of the filter ``before`` it, ``kinds`` of event what was told."""
+        navigator, bank = self.navigator, self.navigator.bank
+        if bank is None:
+            self._linked, self._phase = False, None
+            return
+        replaced = bank is not before and int(bank.head[0].renewed_ns) == int(rows.epoch_ns[0])
+        if before is None or kinds & _BEGUN_ANEW or (replaced and self._phase is not None):
+            self._linked, self._phase = False, None
+        if before is None and navigator.opened is not None:
+            self._open(navigator.opened)
+        if self._phase is not None:
+            self._phase.epochs.append(rows)
+        work, layout = navigator.workspace(rows).epoch, navigator.setup.layout
+        stepped = tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys())
+        if len(bank.state) == 1:
+            kept = keep(bank, work, layout, linked=self._linked, stepped=stepped, fits=_fits(bank, navigator))
+            self._keep(kept._replace(reset=replaced and self._linked))
+        elif self._phase is None:
+            split = self._linked and before is not None and not replaced
+            if split and before is not None:  # into several: it stands as the update has left it
+                self.kept.append(keep(before, work, layout, linked=True, stepped=stepped))
+            self._phase = OpenPhase(copy_bank(bank), linked=split)
+
+    def _keep(self, kept: Kept) -> None:
+        """Keep an epoch after which one heading is left."""
+        while kept.reset and self.kept[-1].linked and not self.kept[-1].fits:
+            if self.kept[-1].t_ns in self.phases:
+                break
+            self.kept.pop()
+        if self._phase is not None:
+            kept = kept._replace(linked=self._phase.linked)
+            self.phases[kept.t_ns] = self._phase
+        self.kept.append(kept)
+        self._linked, self._phase = True, None
+
+    def _open(self, opened: Bank) -> None:
+        """Keep a given start, at which there is no epoch."""
+        if len(opened.state) > 1:
+            self._phase = OpenPhase(opened, linked=False)
+        else:
+            self.kept.append(kept_as_opened(opened))
             self._linked = True
+
+    def finish(self, out: Output) -> None:
+        """Write the navigation rows of all that ``forward`` has kept, as the way back makes them."""
+        t_ns: Int64 = out.nav["t_ns"][: out.counts[0].nav].copy()
+        parameters = self.navigator.parameters
+        for found in self._back():
+            row = int(np.searchsorted(t_ns, found.kept.t_ns))
+            if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
+                if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
+                    state = found.kept.bank.state[:1].copy()
+                    at_epoch = Between(slice(0, 1), state, found.e[None], found.P[None])
+                    self._write(row, at_epoch, out)
+                row += 1
+            if found.onward is None:
+                continue
+            last = int(np.searchsorted(t_ns, found.onward.t_ns))
+            if last > row:
+                times_ns, n = t_ns[row:last], len(found.e)
+                for part in smoothed(found.kept.bank, times_ns, found.onward, parameters, n):
+                    self._write(row + part.rows.start, part, out)
+
+    def _write(self, first: int, found: Between, out: Output) -> None:
+        write_smoothed(out.nav, out.optional, first, found)
+        if self.further is not None:
+            rows = slice(first, first + len(found.state))
+            self.further.write(rows, out.nav, found.P, self.imu, self.navigator.parameters[0])
 
     def backward(self) -> Iterator[tuple[Kept, Float64, Float64]]:
         """Yield the epochs kept from the last to the first: what to add to the filter's state, and its covariance."""
+        for found in self._back():
+            yield found.kept, found.e, found.P
+
+    def _back(self) -> Iterator[Smoothed]:
+        """Yield the epochs from the last to the first, those of open headings in their place."""
         layout = self.navigator.setup.layout
-        n = OFFSETS + layout.n_values
-        later: Kept | None = None
-        e, P = np.zeros(n), np.zeros((n, n))
+        later: Smoothed | None = None  # that tells of the epoch before it
         for kept in reversed(self.kept):
-            if later is None or not later.linked:
-                e, P = np.zeros(n), kept.bank.P[0, :n, :n].copy()
-            else:
-                e, P = self._one_back(kept, later, layout, e, P)
-            yield kept, e, P
-            later = kept
+            if later is not None and later.kept.t_ns == kept.t_ns:  # as it was before its heading was split
+                later = same_time(kept, later, layout) if kept.linked else None
+                continue
+            found = last_of_all(kept, layout) if later is None else self._one_back(kept, later)
+            yield found
+            later = found if kept.linked else None
+            phase = self.phases.get(kept.t_ns)
+            if phase is not None:
+                later = None
+                for later in self._through(phase, found):
+                    yield later
+                later = later if phase.linked else None
 
-    def _one_back(
-        self, kept: Kept, later: Kept, layout: Layout, e: Float64, P: Float64
-    ) -> tuple[Float64, Float64]:
-        """Return correction and covariance of an epoch from those of the ``later`` one."""
-        e_y, P_y = with_clone(later, e, P)
-        prior, cross = predicted(kept.bank, later, self.imu, self.navigator.parameters[0], layout)
-        known = np.flatnonzero(np.diagonal(prior) > 0.0)  # an epoch of a start has left no clone yet
-        gain = regression(cross[:, known], prior[np.ix_(known, known)])
-        filtered = kept.bank.P[0, : len(e), : len(e)]
-        total = (later.correction + e_y)[known]
-        change = (P_y - prior)[np.ix_(known, known)]
-        smoothed = filtered + gain @ change @ gain.T
-        return gain @ total, 0.5 * (smoothed + smoothed.T)
+    def _through(self, phase: OpenPhase, found: Smoothed) -> Iterator[Smoothed]:
+        """Yield the epochs of an open phase before its end, where one heading was ``found``, the last first."""
+        navigator = self.navigator
+        chain = gone_over_alone(phase, found, navigator.setup, self.imu, navigator.parameters)
+        if chain:
+            later = same_time(chain[-1], found, navigator.setup.layout)
+            for kept in reversed(chain[:-1]):
+                later = self._one_back(kept, later)
+                yield later
 
-
-def with_clone(later: Kept, e: Float64, P: Float64) -> tuple[Float64, Float64]:
-    """Return smoothed correction (q,) and covariance (q, q) of an epoch together with the clone it was updated with.
-
-    Equation: G = P_cx P_xx^-1 of the filter after the update; e_c = G e_x, P^s_cx = G P^s_xx, P^s_cc = P_cc + G
-              (P^s_xx - P_xx) G^T
-    """
-    n, q = len(e), later.bank.P.shape[1]
-    if q == n:
-        return e, P
-    filtered = later.bank.P[0, :n, :n]
-    G = regression(later.clone[:, :n], filtered)
-    P_y = np.empty((q, q))
-    P_y[:n, :n] = P
-    P_y[n:, :n] = G @ P
-    P_y[:n, n:] = P_y[n:, :n].T
-    P_y[n:, n:] = later.clone[:, n:] + G @ (P - filtered) @ G.T
-    return np.concatenate([e, G @ e]), P_y
+    def _one_back(self, kept: Kept, later: Smoothed) -> Smoothed:
+        navigator = self.navigator
+        return one_back(kept, later, self.imu, navigator.parameters, navigator.setup.layout)
 
 
-def predicted(
-    bank: Bank, later: Kept, imu: Imu, parameters: np.record, layout: Layout
-) -> tuple[Float64, Float64]:
-    """Return the covariance (q, q) predicted for the ``later`` epoch, and that of the state now with it (n, q)."""
-    q, n = bank.P.shape[1], OFFSETS + layout.n_values
-    carried = _alone(bank.state, np.empty((1, q + n, q + n)), bank.head)
-    P = carried.P[0]
-    P[:q, :q] = bank.P[0]
-    P[:q, q:] = bank.P[0][:, :n]
-    P[q:, :q] = P[:q, q:].T
-    P[q:, q:] = bank.P[0][:n, :n]
-    scratch = new_scratch(q + n)
-    carry_bank(carried, int(later.bank.head[0].epoch_ns), imu, parameters, scratch)
-    predict_covariance(carried.state[0], P, parameters, scratch)
-    for state in later.stepped:
-        P[state, state] += _STEP_VARIANCE
-    return P[:q, :q].copy(), P[q:, :q].copy()
-
-
-def _alone(state: StateArray, P: Float64, head: StateArray) -> Bank:
-    """Return a copy of a bank without what only updates need."""
-    return Bank(state.copy(), P.copy(), head.copy(), np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)))
-
-
-def regression(cross: Float64, P: Float64) -> Float64:
-    """Return ``cross @ P^-1`` of a covariance whose states differ in size by ten powers of ten."""
-    scale = 1.0 / np.sqrt(np.diagonal(P))
-    unit = P * np.outer(scale, scale)
-    try:
-        solved = np.linalg.solve(unit, (cross * scale).T)
-    except np.linalg.LinAlgError:
-        solved = np.linalg.lstsq(unit, (cross * scale).T, rcond=None)[0]
-    return np.asarray(solved.T * scale)
-
-
-def _write(out: Output, kept: Kept, e: Float64, P: Float64) -> None:
-    """Write the navigation row of an epoch anew."""
-    state: StateArray = kept.bank.state[:1].copy()
-    close_loop(state[0], e, len(e))
-    old = out.nav[kept.nav].copy()
-    count = np.zeros(1, out.counts.dtype)
-    count["nav"] = kept.nav
-    used = int(old["value"][34])
-    write_nav(out.nav, out.optional, count[0], int(old["t_ns"]), state[0], P, used, 1)
+def _fits(bank: Bank, navigator: Navigator) -> bool:
+    """Return whether a filter agreed with the epoch that it has just taken."""
+    head = bank.head[0]
+    return bool(head.locked_out == 0 and head.strained_ns == 0 and navigator.health.doubt is None)

@@ -15,19 +15,22 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, StartError
+from insgnss.fusion.body_points import Further
 from insgnss.fusion.carried_start import Carried, kept_over
 from insgnss.fusion.inertial_stream import screened
 from insgnss.fusion.loop import run_to
 from insgnss.fusion.masking import still_uncertain
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, Table, mark_without_imu, new_ledger, new_output
+from insgnss.fusion.row_covariances import RowCovariances
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.smoother import Smoother
 from insgnss.fusion.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
 from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gpstime import ns_to_week_seconds
 from insgnss.tables import Event, ImuTable, Int64
 
-OutputRate = Literal["gnss", "imu"] | float
+OutputRate = Literal["gnss", "imu"] | float | Int64  # the last: times themselves [ns]
 MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row tells nothing new
 
 
@@ -68,6 +71,7 @@ def run_blocks(
     trace: TraceWanted | None = None,
     before_loop: Callable[[], object] = lambda: None,
     smooth: bool = False,
+    further: Further | None = None,
 ) -> tuple[Output, list[LedgerPart], list[Event]]:
     """Run a filter over samples and the blocks of a log's rows.
 
@@ -82,7 +86,8 @@ def run_blocks(
     blocks : one after the other in time; the list is emptied on the way
     trace : asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of ``out.trace``
     before_loop : is called when the compiled loop is needed, after the start
-    smooth : gives the navigation rows, one an epoch then, what the rest of their stretch tells of them
+    smooth : gives the navigation rows what the rest of their stretch tells of them
+    further : columns that are wanted beside those that every navigation row has; filled
 
     The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
     leaves behind.
@@ -95,6 +100,8 @@ def run_blocks(
     no_rows = from_epoch(blocks[-1], len(blocks[-1].epoch_ns))
     n_nav, n_values = max(len(times), n_epochs), setup.layout.n_values
     out = new_output(no_rows, n_nav, 4 * n_epochs + 16, times, n_values, room)
+    if further is not None:
+        further.room(n_nav)
     passage = _Passage(blocks, out)
     events: list[Event] = list(samples.events)
     started = False
@@ -107,16 +114,21 @@ def run_blocks(
         passage.without_imu(int(e0))
         navigator = Navigator(setup, before_loop)
         navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
-        smoother = Smoother(navigator, part)
+        smoother = Smoother(navigator, part, further)
         for rows, begin, end, written in passage.until(int(e1)):
             if smooth:
                 smoother.forward(rows, begin, end, written)
+            elif further is not None:
+                RowCovariances(navigator, part, further).forward(rows, begin, end, written)
             else:
                 navigator.run(part, rows, begin, end, written)
         smoother.finish(out)
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
-            work = navigator.workspace(no_rows)
-            run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
+            if further is not None:
+                RowCovariances(navigator, part, further).to_the_end(navigator.bank, no_rows, out)
+            else:
+                work = navigator.workspace(no_rows)
+                run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
         navigator.note_silence(int(part.t_ns[-1]))
         events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
         kept = navigator.leave(part)
@@ -195,13 +207,28 @@ def trace_room(trace: TraceWanted | None, t_ns: Int64, n_epochs: int, n_offsets:
     return new_trace_room(times_ns, trace.sigma_interval_s, n_epochs, n_offsets, trace.epoch_samples_ns)
 
 
+def _no_times(t_ns: Int64) -> ConfigError:
+    first_s, last_s = (ns_to_week_seconds(t_ns[[0, -1]], int(t_ns[0] // NS_PER_WEEK))).tolist()
+    return ConfigError(
+        "no output time lies inside the inertial samples",
+        key="output",
+        advice=f"they reach from {first_s:.3f} to {last_s:.3f} s of the GPS week",
+    )
+
+
 def output_times(t_ns: Int64, output: OutputRate) -> Int64:
-    """Return the output times: none for one row per epoch, every sample, or whole multiples of the given period.
+    """Return the output times: none for one row per epoch, every sample, multiples of a period, or times as given.
 
     Raises
     ------
-    ConfigError : ``output`` is neither "gnss" nor "imu" nor a rate [Hz] from one in the log to ten in a sample
+    ConfigError : ``output`` is neither "gnss" nor "imu" nor a rate [Hz] from one in the log to ten in a sample, nor
+        has it times inside the log
     """
+    if isinstance(output, np.ndarray):
+        inside: Int64 = output[(output >= t_ns[0]) & (output <= t_ns[-1])]
+        if not len(inside):
+            raise _no_times(t_ns)
+        return inside
     if output == "gnss":
         return np.zeros(0, np.int64)
     if output == "imu":

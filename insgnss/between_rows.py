@@ -1,0 +1,185 @@
+"""A run's rows at any time between them: position by Hermite's cubic, velocity straight, attitude by the shortest turn.
+
+Between the rows at t_0 and t_1, T apart, with u = (t - t_0) / T and axes of ECEF:
+
+    r = r_0 + u (r_1 - r_0) + u (1 - u) ((1 - u) (T v_0 - r_1 + r_0) + u (r_1 - r_0 - T v_1))
+    v = v_0 + u (v_1 - v_0)
+    C = exp(u log(C_1 C_0^T)) C_0
+
+What the vehicle does between rows is lost as far as they do not show it. With w and a the mean rate and acceleration of
+a step, what is lost is taken to be, one sigma and at its largest,
+
+    of attitude |dw| T / 8,    of velocity |da| T / 8,    of position |da| T^2 / 64
+
+where d is the difference of the steps after and before: a rate that grows steadily gives half of that in the middle of
+a step, one that leaps there twice. It is added to the sigmas of the rows, and where it is too much there is an error.
+An oscillation that the rows do not resolve stays unseen.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from insgnss.errors import ResultError
+from insgnss.fusion.body_points import attitudes_of, local_levels_of, places_of
+from insgnss.tables import Float64, Int64
+
+_GAP: Final = 1.5  # times the usual step of the rows: farther apart, and by more than a second, is a gap
+_LONGEST_S: Final = 5.0  # of any step: a vehicle does what it likes in it
+_SHARE: Final = 0.125
+_SHARE_POSITION: Final = 1.0 / 64.0
+_PLACE: Final = ("lat_deg", "lon_deg", "h_m")
+_VELOCITY: Final = ("vn_mps", "ve_mps", "vd_mps")
+_ATTITUDE: Final = ("roll_deg", "pitch_deg", "yaw_deg")
+_QUATERNION: Final = ("q_nb_w", "q_nb_x", "q_nb_y", "q_nb_z")
+_SD_PLACE: Final = ("n_m", "e_m", "d_m")
+_ADVICE: Final = (
+    "replay(..., output=times) carries the filter itself to each time; so do rows at a higher rate"
+)
+
+
+class Limits(NamedTuple):
+    """What may be lost between rows, one sigma."""
+
+    attitude_deg: float
+    position_m: float
+    velocity_mps: float
+
+
+def rows_at(nav: pd.DataFrame, times_s: npt.ArrayLike, limits: Limits) -> pd.DataFrame:
+    """Return navigation rows at times [s] in any order, each between two rows of ``nav`` or at one.
+
+    Raises
+    ------
+    ResultError : a time is outside the rows or in a gap of them, or they are too far apart for the motion there
+    """
+    times = np.atleast_1d(np.asarray(times_s, np.float64))
+    t = nav["time_s"].to_numpy()
+    _check_inside(t, times)
+    before = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
+    after = np.minimum(before + 1, len(t) - 1)
+    at_row = (times == t[before]) | (times == t[after])
+    _check_steps(t, times[~at_row], before[~at_row])
+    span = np.where(after > before, t[after] - t[before], 1.0)
+    u = np.where(after > before, (times - t[before]) / span, 0.0)[:, None]
+    numbers = nav.to_numpy(np.float64)
+    found = pd.DataFrame((1.0 - u) * numbers[before] + u * numbers[after], columns=nav.columns)
+    found["time_s"] = times
+    lost = _filled_in(found, nav, before, after, u, span)
+    lost[at_row] = 0.0
+    _check_lost(times, lost, span, limits)
+    exact = np.where(times == t[before], before, after)[at_row]
+    found.loc[at_row] = numbers[exact]
+    for name, most in (("n_used", False), ("n_hypotheses", True)):
+        values = nav[name].to_numpy()
+        one = np.where(times == t[after], values[after], values[before])
+        both = np.maximum(values[before], values[after])
+        found[name] = np.where(at_row, one, both if most else one)
+    return found
+
+
+def _filled_in(
+    found: pd.DataFrame, nav: pd.DataFrame, before: Int64, after: Int64, u: Float64, span: Float64
+) -> Float64:
+    """Write what is not straight between rows, and the sigmas; return what may be lost (m, 3), as ``Limits``."""
+    t = nav["time_s"].to_numpy()
+    lost = np.zeros((len(found), 3))
+    for point in ("", "point_"):
+        names = [f"{point}{name}" for name in (*_PLACE, *_VELOCITY)]
+        if names[0] not in nav:
+            continue
+        r_e, C_ne = places_of(nav[names[:3]].to_numpy())
+        v_e = np.einsum("kji,kj->ki", C_ne, nav[names[3:]].to_numpy())
+        T, way = span[:, None], r_e[after] - r_e[before]
+        bend = (1.0 - u) * (T * v_e[before] - way) + u * (way - T * v_e[after])
+        geodetic, C_now = local_levels_of(r_e[before] + u * way + u * (1.0 - u) * bend)
+        found[names[:3]] = geodetic
+        v = v_e[before] + u * (v_e[after] - v_e[before])
+        found[names[3:]] = np.einsum("kij,kj->ki", C_now, v)
+        change = _changes(t, np.diff(v_e, axis=0))[before]
+        lost[:, 1] = np.maximum(lost[:, 1], _SHARE_POSITION * change * span**2)
+        lost[:, 2] = np.maximum(lost[:, 2], _SHARE * change * span)
+        _widen(found, [f"sd_{point}{name}" for name in _SD_PLACE], u, _SHARE_POSITION * change * span**2)
+        _widen(found, [f"sd_{point}{name}" for name in _VELOCITY], u, _SHARE * change * span)
+    C_en = places_of(nav[list(_PLACE)].to_numpy())[1].transpose(0, 2, 1)
+    C_eb = Rotation.from_matrix(C_en @ attitudes_of(nav[list(_ATTITUDE)].to_numpy()))
+    turn = (C_eb[after] * C_eb[before].inv()).as_rotvec()
+    C_now = places_of(found[list(_PLACE)].to_numpy())[1]
+    C_nb = Rotation.from_matrix(C_now) * Rotation.from_rotvec(u * turn) * C_eb[before]
+    found[list(_ATTITUDE)] = C_nb.as_euler("ZYX", degrees=True)[:, ::-1]
+    if _QUATERNION[0] in nav:
+        found[list(_QUATERNION)] = C_nb.as_quat(canonical=True)[:, [3, 0, 1, 2]]
+    steps = (C_eb[1:] * C_eb[:-1].inv()).as_rotvec(degrees=True) if len(nav) > 1 else np.zeros((0, 3))
+    lost[:, 0] = _SHARE * _changes(t, steps)[before] * span
+    _widen(found, [f"sd_{name}" for name in _ATTITUDE], u, lost[:, 0])
+    return lost
+
+
+def _changes(t: Float64, steps: Float64) -> Float64:
+    """Return, for each step of rows, by how much the rate differs between the steps around it (n,).
+
+    ``steps`` (n - 1, 3) is what each step makes; the last row, which begins none, has the change of the last step.
+    """
+    if not len(steps):
+        return np.zeros(len(t))
+    rates = steps / np.diff(t)[:, None]
+    if len(rates) == 1:
+        change = np.linalg.norm(rates, axis=1)  # nothing tells how it changes
+    else:
+        change = np.empty(len(rates))
+        change[1:-1] = np.linalg.norm(rates[2:] - rates[:-2], axis=1)
+        change[[0, -1]] = 2.0 * np.linalg.norm(rates[[1, -1]] - rates[[0, -2]], axis=1)
+    return np.append(change, change[-1])
+
+
+def _widen(found: pd.DataFrame, names: list[str], u: Float64, lost: Float64) -> None:
+    """Add what is lost to sigmas: nothing at a row, all of it in the middle."""
+    part = (4.0 * u[:, 0] * (1.0 - u[:, 0]) * lost)[:, None]
+    found[names] = np.sqrt(found[names].to_numpy() ** 2 + part**2)
+
+
+def _check_inside(t: Float64, times: Float64) -> None:
+    if not len(t):
+        raise ResultError("the run has no navigation row", advice="replay the flight again")
+    wrong = times[~((times >= t[0]) & (times <= t[-1]))]
+    if len(wrong):
+        raise ResultError(
+            f"{len(wrong)} of {len(times)} times are outside the run, the first is {wrong[0]:.9g} s",
+            advice=f"its rows reach from {t[0]:.9g} to {t[-1]:.9g} s of the GPS week",
+        )
+
+
+def _check_steps(t: Float64, times: Float64, before: Int64) -> None:
+    """Raise an error where a time is in a gap of the rows."""
+    if not len(times):
+        return
+    steps = np.diff(t)
+    longest = min(max(_GAP * float(np.median(steps)), 1.0), _LONGEST_S)
+    wrong = np.flatnonzero(steps[before] > longest + 1e-6)
+    if len(wrong):
+        i = int(before[wrong[0]])
+        raise ResultError(
+            f"no row between {t[i]:.9g} and {t[i + 1]:.9g} s, where {times[wrong[0]]:.9g} s lies"
+            f" ({len(wrong)} times are in such gaps)",
+            advice=_ADVICE,
+        )
+
+
+def _check_lost(times: Float64, lost: Float64, span: Float64, limits: Limits) -> None:
+    """Raise an error where too much may be lost."""
+    share = lost / np.array(limits)
+    wrong = np.flatnonzero(share.max(axis=1) > 1.0)
+    if len(wrong):
+        i = int(np.argmax(share.max(axis=1)))
+        angle, metres, speed = lost[i]
+        raise ResultError(
+            f"rows {span[i]:.3g} s apart are too far for the motion at {times[i]:.9g} s: between them the attitude may"
+            f" be {angle:.2g} deg off, the position {metres:.2g} m, the velocity {speed:.2g} m/s"
+            f" ({len(wrong)} of {len(times)} times)",
+            advice=_ADVICE,
+        )

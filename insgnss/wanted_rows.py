@@ -1,0 +1,148 @@
+"""At which times, for which point of the body, and with what beside its sigmas a run is to have its rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from insgnss.errors import ConfigError
+from insgnss.fusion.body_points import Further, Wanted
+from insgnss.fusion.whole_log import OutputRate
+from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
+from insgnss.log.flight import Flight
+from insgnss.tables import Event, Float64, Int64
+
+AtTimes: TypeAlias = Literal["gnss", "imu"] | float | Sequence[float] | Float64 | pd.Series
+Point: TypeAlias = str | Sequence[float] | Float64
+_FARTHEST_M: Final = 1e3  # from the IMU
+_ANTENNA: Final = "antenna"  # that of the GNSS log
+
+
+def further_of(flight: Flight, point: Point | None, *, quaternion: bool, covariance: bool) -> Further | None:
+    """Return room for what is wanted beside the columns that every row has, None for nothing.
+
+    Raises
+    ------
+    ConfigError : no such point
+    """
+    lever_b = None if point is None else point_of(flight, point)
+    wanted = Wanted(lever_b, quaternion=quaternion, covariance=covariance)
+    return Further(wanted) if wanted.columns else None
+
+
+def point_of(flight: Flight, point: Point) -> tuple[float, float, float]:
+    """Return a point of the body, IMU to the point [m], given as such or by its name in the flight file.
+
+    Raises
+    ------
+    ConfigError : the flight file has no such name, or these are no coordinates
+    """
+    if isinstance(point, str):
+        known = named_points(flight)
+        if point not in known:
+            names = ", ".join(f"'{name}'" for name in known) or "none"
+            raise ConfigError(
+                f"no point '{point}' in the flight file; it names {names}",
+                file=flight.path,
+                key="point",
+                advice="add it under [points] as name = [forward, right, down] in metres from the IMU, or give"
+                " its coordinates",
+            )
+        return known[point]
+    try:
+        x, y, z = (float(value) for value in point)
+    except (TypeError, ValueError):
+        x = y = z = math.nan
+    if not max(abs(x), abs(y), abs(z)) <= _FARTHEST_M or math.isnan(x + y + z):
+        raise ConfigError(
+            f"{point!r} is no point of the body",
+            key="point",
+            advice=f"give three numbers, forward, right, down in metres from the IMU, up to {_FARTHEST_M:g}",
+        )
+    return x, y, z
+
+
+def named_points(flight: Flight) -> dict[str, tuple[float, float, float]]:
+    """Return the points that a flight file names: its own, its antennas, and 'antenna', that of the GNSS log."""
+    gnss, attitude = flight.config.gnss, flight.config.attitude
+    found = {_ANTENNA: gnss.lever_b}
+    found |= {antenna.name: antenna.lever_arm_m or gnss.lever_b for antenna in gnss.antenna if antenna.name}
+    found |= {one.name: one.lever_arm_m for one in (() if attitude is None else attitude.antenna)}
+    found |= flight.config.points
+    return {name: lever for name, lever in found.items() if lever is not None}
+
+
+def output_of(output: AtTimes, week: int) -> OutputRate:
+    """Return the output as the filter takes it: times [s] of the GPS week become nanoseconds.
+
+    Raises
+    ------
+    ConfigError : times that are no numbers, none at all, or not increasing
+    """
+    try:
+        if np.ndim(output) == 0:
+            return output  # type: ignore[return-value]  # what it says is looked at beside the samples' rate
+        times_s = np.asarray(output, np.float64)
+    except (TypeError, ValueError):
+        times_s = np.full(1, math.nan)
+    if times_s.ndim != 1 or not len(times_s) or not np.isfinite(times_s).all():
+        raise _no_times("are no list of numbers")
+    if float(np.abs(times_s).max()) > np.iinfo(np.int64).max / 4e9:
+        raise _no_times("are no seconds of the GPS week")
+    t_ns = week_seconds_to_ns(week, times_s)
+    late = np.flatnonzero(np.diff(t_ns) <= 0)
+    if len(late):
+        i = int(late[0])
+        raise _no_times(f"do not increase: {times_s[i]:.9g} s is followed by {times_s[i + 1]:.9g} s")
+    return t_ns
+
+
+def _no_times(what: str) -> ConfigError:
+    return ConfigError(
+        f"the output times {what}",
+        key="output",
+        advice="give increasing seconds of the flight's GPS week, as run.nav['time_s'] has them",
+    )
+
+
+def times_without_row(output: OutputRate, nav_ns: Int64, week: int) -> list[Event]:
+    """Return the event of output times at which there was no filter.
+
+    Raises
+    ------
+    ConfigError : there was none at any of them
+    """
+    if not isinstance(output, np.ndarray):
+        return []
+    without = output[~np.isin(output, nav_ns)]
+    if not len(without):
+        return []
+    if len(without) == len(output):
+        raise _no_times("lie before the filter's start or after the last inertial sample, all of them")
+    first_s, last_s = ns_to_week_seconds(without[[0, -1]], week).tolist()
+    detail = (
+        f"{len(without)} of {len(output)} output times have no row, {first_s:.3f} to {last_s:.3f} s: there were no"
+        " inertial samples, or the filter had not started"
+    )
+    return [Event(None, "output_times", detail)]
+
+
+def described(output: AtTimes) -> Any:
+    """Return the output as a run's settings tell it: times are those of its rows."""
+    if isinstance(output, str):
+        return output
+    return float(output) if np.ndim(output) == 0 else "times"  # type: ignore[arg-type]
+
+
+def with_further(nav: pd.DataFrame, further: Further | None) -> pd.DataFrame:
+    """Return the navigation table with the columns that were wanted."""
+    if further is None:
+        return nav
+    values: npt.NDArray[Any] = further.values[: len(nav)]
+    names = list(further.wanted.columns)
+    return pd.concat([nav, pd.DataFrame(values, columns=names, index=nav.index)], axis=1)

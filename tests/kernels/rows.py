@@ -1,0 +1,51 @@
+"""Sample calls of the kernels behind the rows that users ask for: between epochs, and of points of the body."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from insgnss.fusion.between import Onward, filtered, smoothed, write_smoothed
+from insgnss.fusion.body_points import Wanted, further_values
+from insgnss.fusion.output import N_NAV, NAV_DTYPE
+from insgnss.fusion.state import BG, OFFSETS, Layout, select_members
+from tests.kernels import KernelCase
+from tests.kernels.fusion import START_NS, bank, imu, parameters
+
+
+def between_epochs() -> list[Any]:
+    """Return what 1.1 s without measurements make of a filter, and what a later epoch tells of it."""
+    layout = Layout(n_offsets=1)
+    made, par = select_members(bank(layout), np.zeros(1, np.int64)), parameters(layout)
+    times_ns = START_NS + np.array([3, 50, 51, 700, 1_030]) * 1_000_000
+    (_, P), *_ = filtered(made, times_ns, imu(), par)
+    n, end_ns = OFFSETS + 1, START_NS + 1_100_000_000
+    ((_, prior),) = filtered(made, np.array([end_ns]), imu(), par)
+    step = np.sqrt(np.diagonal(prior[0])) * np.cos(np.arange(n))
+    onward = Onward(end_ns, prior[0], step, -0.9 * prior[0], imu())
+    nav, optional = np.zeros(len(times_ns), NAV_DTYPE), np.zeros((len(times_ns), 1))
+    for part in smoothed(made, times_ns, onward, par, n):
+        write_smoothed(nav, optional, part.rows.start, part)
+    return [P, nav, optional]
+
+
+def point_of_the_body() -> list[Any]:
+    """Return all that can be asked for beside two rows."""
+    value = np.zeros((2, N_NAV))
+    value[:, :9] = [59.9, 30.3, 120.0, 30.0, -20.0, 1.0, 20.0, -5.0, 130.0]
+    value[1, 1] = -75.0
+    P = np.diag(np.repeat([4.0, 0.01, 1e-6, 1e-4, 1e-10], 3))
+    P[:3, 6:9] = P[6:9, :3] = 1e-4
+    wanted = Wanted((1.0, -2.0, 3.0), quaternion=True, covariance=True)
+    rates = np.array([[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]])
+    return [
+        further_values(wanted, value, np.stack([P, 2.0 * P])[:, : BG + 3, : BG + 3], rates, np.full(2, 1e-7))
+    ]
+
+
+CASES = [
+    # a smoothed variance is a tenth of the difference of two, seen through an inverse
+    KernelCase("tests.kernels.rows:between_epochs", rtol=1e-7),
+    KernelCase("tests.kernels.rows:point_of_the_body", rtol=1e-11),
+]
