@@ -1,6 +1,6 @@
 """Pictures of the angular discriminator: Fig. 3 to 9 of Dneprov and Korogodin (2015).
 
-They need matplotlib, an optional part (``pip install insgnss[plots]``), which is loaded when a picture is asked for.
+matplotlib is loaded when a picture is asked for.
 """
 
 from __future__ import annotations

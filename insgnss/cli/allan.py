@@ -37,7 +37,7 @@ def allan(
     accel_unit: Annotated[
         str, typer.Option("--accel-unit", help="Of a CSV log: m/s^2, g, mg, m/s, g*s.")
     ] = "m/s^2",
-    pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Measure a sensor's noise from a log at rest: random walk, bias instability, rate random walk."""

@@ -32,7 +32,7 @@ def consistency(
         float | None,
         typer.Option("--from", help="Seconds of the week where it begins; else at the heading known."),
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Test innovations, errors and sigmas of a run against each other, and say in words what they mean."""

@@ -79,7 +79,7 @@ def margin(
         float, typer.Option("--step", help="Seconds between two epochs of the run; 0 all.")
     ] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Tell which J/S a phase loop stands with an oscillator and an INS, and where along a run it would lose lock."""

@@ -1,7 +1,7 @@
 """Figures for papers, each one function: track, errors within their sigma, innovations, satellites.
 
 They return matplotlib's ``Figure``; ``save`` writes it, as vectors where the file's ending says so (.pdf, .svg). Units stand
-on every axis. matplotlib is an optional part (``pip install insgnss[plots]``), loaded when a figure is drawn::
+on every axis. matplotlib is loaded when a figure is drawn::
 
     from insgnss.report import figures
     figures.save(figures.errors(run, "position"), "position.pdf")
@@ -65,18 +65,9 @@ def _styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def _style() -> AbstractContextManager[None]:
-    """Return the style as a context.
+    """Return the style as a context."""
+    import matplotlib as mpl
 
-    Raises
-    ------
-    ResultError : matplotlib is not installed
-    """
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise ResultError(
-            "figures need matplotlib, which is not installed", advice="pip install 'insgnss[plots]'"
-        ) from error
     return mpl.rc_context(STYLE)
 
 

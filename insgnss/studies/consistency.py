@@ -71,12 +71,7 @@ class Consistency:
         return {str(kind): float(f) for kind, f in found.items() if np.isfinite(f)}
 
     def figure(self) -> Figure:
-        """Return the picture: NIS over time, by satellite, autocorrelation, sigmas.
-
-        Raises
-        ------
-        ResultError : matplotlib is not installed
-        """
+        """Return the picture: NIS over time, by satellite, autocorrelation, sigmas."""
         return consistency_pictures.consistency_figure(
             self.innovations, self.kinds, self.satellites, self.whiteness, self.sigmas
         )
@@ -86,7 +81,7 @@ class Consistency:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         tables = {f"consistency_{name}": getattr(self, name) for name in TABLES}
         told = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}

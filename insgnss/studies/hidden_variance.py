@@ -68,12 +68,7 @@ class HiddenVariance:
         return d.reset_index()
 
     def figure(self) -> Figure:
-        """Return the picture: D of the hidden satellites over time, the outage shaded.
-
-        Raises
-        ------
-        ResultError : matplotlib is not installed
-        """
+        """Return the picture: D of the hidden satellites over time, the outage shaded."""
         outage = self.scenario.outage
         of_sensors = f", {self.sensors} sensors" if self.outage == "bank" else ""
         title = f"{self.imu} IMU, {self.oscillator} clock, outage by {self.outage}{of_sensors}"
@@ -84,7 +79,7 @@ class HiddenVariance:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         asked = {
             "imu": self.imu,

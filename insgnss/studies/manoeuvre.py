@@ -55,7 +55,6 @@ class ManoeuvreStudy:
         Raises
         ------
         ConfigError : ``cases`` has no such column of numbers
-        ResultError : matplotlib is not installed
         """
         numbers = self.cases.select_dtypes("number").columns
         if column not in numbers:
@@ -72,7 +71,7 @@ class ManoeuvreStudy:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         tables = {f"manoeuvre_{name}": getattr(self, name) for name in _TABLES}
         told = json.dumps(self.scenario.model_dump(mode="json"), indent=1)

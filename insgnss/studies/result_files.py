@@ -38,7 +38,7 @@ def write_figures(folder: Path, pictures: Mapping[str, Callable[[], Figure]]) ->
 
     Raises
     ------
-    ResultError : a file cannot be written, or matplotlib is not installed
+    ResultError : a file cannot be written
     """
     paths = []
     for name, draw in pictures.items():
