@@ -23,7 +23,7 @@ Conventions, assumed by every file:
 The main job is two calls::
 
     flight = insgnss.Flight.load("flight.toml")
-    run = insgnss.replay(flight, filter="tight17")
+    run = insgnss.replay(flight, filter="tight")
 """
 
 from __future__ import annotations

@@ -128,8 +128,9 @@ class PointRun:
 
 def point(
     flight: Flight | str | Path,
-    filter: str | Path | FilterConfig = "tight17",
+    filter: str | Path | FilterConfig = "tight",
     *,
+    settings: Mapping[str, Any] | None = None,
     false_alarm: float = 1e-3,
     missed_detection: float = 1e-3,
     progress: Callable[[str], None] | None = None,
@@ -142,6 +143,7 @@ def point(
     ----------
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
+    settings : of the filter, to be otherwise, as in ``replay``
     false_alarm : probability that the chi-square test refuses an epoch without a fault
     missed_detection : probability of a fault beyond the protection level that passes the test
     progress : is told in words what is being done
@@ -157,7 +159,7 @@ def point(
             raise ConfigError(f"{value} is no probability", key=name, advice="give one between 0 and 0.5")
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter)
+    config = filter_config(filter, settings)
     tell("reading the logs")
     logs = read_logs(flight)
     tell("computing the satellites")

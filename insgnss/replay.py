@@ -6,7 +6,7 @@ import datetime as dt
 import importlib
 import platform
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -69,8 +69,9 @@ def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> Filt
 
 def engine_settings(
     flight: Flight | str | Path,
-    filter: str | Path | FilterConfig = "tight17",
+    filter: str | Path | FilterConfig = "tight",
     *,
+    settings: Mapping[str, Any] | None = None,
     signals: Iterable[Pair] | None = None,
     carrier: bool = False,
 ) -> FilterSetup:
@@ -83,13 +84,14 @@ def engine_settings(
     ----------
     flight : the flight or its file
     filter : a name in the library, a file, or the settings themselves
+    settings : of the filter, to be otherwise, as in ``replay``
     signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
         the filter's settings gets its clock, for each constellation that has an ephemeris
     carrier : whether the epochs will bring carrier phases
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter)
+    config = filter_config(filter, settings)
     wanted = config.measurements.signals_of()
     if not flight.config.gnss.navigation:
         return _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
@@ -140,8 +142,9 @@ def _setup(
 
 def replay(
     flight: Flight | str | Path,
-    filter: str | Path | FilterConfig = "tight17",
+    filter: str | Path | FilterConfig = "tight",
     *,
+    settings: Mapping[str, Any] | None = None,
     output: OutputRate = "gnss",
     aiding: float | AidingConfig | None = None,
     supervise: bool = False,
@@ -154,6 +157,7 @@ def replay(
     ----------
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
+    settings : of the filter, to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
     output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), or at a rate [Hz]
     aiding : rate [Hz] of ``run.aiding``, the filter's other settings of the aiding kept, or all settings; None: no
         aiding
@@ -173,7 +177,7 @@ def replay(
     began = time.perf_counter()
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter)
+    config = filter_config(filter, settings)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
     if smooth and (output != "gnss" or aided is not None or supervise or flight.config.attitude is not None):
         raise ConfigError(

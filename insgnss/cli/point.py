@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
@@ -28,9 +29,8 @@ def point(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the tables; none is written without it.")
     ] = None,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     false_alarm: Annotated[
         float, typer.Option("--false-alarm", help="Probability that an epoch without a fault is refused.")
     ] = 1e-3,
@@ -53,11 +53,12 @@ def point(
         from insgnss.log.flight import Flight
         from insgnss.point import point as solve
 
+        chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)
         with telling("starting") as tell:
             run = solve(
                 loaded,
-                filter,
+                chosen,
                 false_alarm=false_alarm,
                 missed_detection=missed_detection,
                 progress=tell,

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.progress import telling
@@ -35,9 +36,8 @@ def replay(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
     ] = None,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     rate: Annotated[
         str,
         typer.Option(
@@ -66,11 +66,12 @@ def replay(
     with own_errors_told():
         form = table_form(format)
         wanted = _rate(rate)
+        chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)
         with telling("starting") as tell:
             run = run_replay(
                 loaded,
-                filter,
+                chosen,
                 output=wanted,
                 aiding=aiding,
                 supervise=supervise,

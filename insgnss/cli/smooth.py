@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.progress import telling
@@ -23,9 +24,8 @@ def smooth(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
     ] = None,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write the run's page, as 'insgnss report' does.")
@@ -37,8 +37,9 @@ def smooth(
     give_back_what_is_freed()
     with own_errors_told():
         form = table_form(format)
+        chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)
         with telling("starting") as tell:
-            run = run_replay(loaded, filter, smooth=True, progress=tell)
+            run = run_replay(loaded, chosen, smooth=True, progress=tell)
             written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)

@@ -21,7 +21,7 @@ from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData
 
 Bool = npt.NDArray[np.bool_]
 
-FILTER: Final = "tight17"  # its signals, masks and noise
+FILTER: Final = "tight"  # its signals, masks and noise
 # on and above the Earth, where logs come from; a solution elsewhere has wrong satellites
 NEAREST_M: Final = 6.33e6
 FARTHEST_M: Final = 4.0e7

@@ -275,7 +275,7 @@ def _flown(scenario: str | None, duration_s: float) -> tuple[Trajectory, Navigat
 
 def _config() -> FilterConfig:
     """Return the library's filter with white noise, in empty air, not adapting."""
-    base = filter_config("tight17")
+    base = filter_config("tight")
     use = base.measurements.model_copy(
         update={"ionosphere": "none", "troposphere": "none", "elevation_mask_deg": 0.0, "carrier": False}
     )
