@@ -35,10 +35,12 @@ from insgnss.fusion.engine import NavState
 from insgnss.log.flight import Flight
 from insgnss.point import PointRun, point
 from insgnss.replay import engine_settings, replay
+from insgnss.report.compare import Comparison, compare
 from insgnss.run import Run
 from insgnss.version import __version__
 
 __all__ = [
+    "Comparison",
     "Engine",
     "Flight",
     "InsGnssError",
@@ -47,6 +49,7 @@ __all__ = [
     "Run",
     "__version__",
     "check_flight",
+    "compare",
     "engine_settings",
     "point",
     "replay",

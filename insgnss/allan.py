@@ -21,6 +21,7 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.errors import InputError, ResultError
 from insgnss.pictures import new_figure
+from insgnss.shown import Shown
 from insgnss.tables import Float64, ImuTable, Int64
 from insgnss.units import (
     SQRT_S_PER_SQRT_H,
@@ -167,8 +168,8 @@ def _trial(
     return _Trial(float(residual**2 + _WORTH_A_PARAMETER * free), powers, time_s)
 
 
-@dataclass(frozen=True)
-class AllanStudy:
+@dataclass(frozen=True, repr=False)
+class AllanStudy(Shown):
     """Curves, fitted terms and grade of a resting log."""
 
     gyro: AllanCurve

@@ -73,6 +73,16 @@ def find(kind: str, name: str, extra_paths: Sequence[Path] = ()) -> Path:
     )
 
 
+def about(kind: str, name: str) -> str:
+    """Return what a model is: the comment that its file begins with, up to the first full stop that ends a line."""
+    told: list[str] = []
+    for line in find(kind, name).read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#") or (told and told[-1].endswith((".", "?"))):
+            break
+        told.append(line.removeprefix("#").strip())
+    return " ".join(told)
+
+
 def _suffix(kind: str) -> str:
     return ".csv" if kind in _TABLES else ".toml"
 

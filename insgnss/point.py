@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import NormalDist
@@ -40,6 +40,7 @@ from insgnss.log.reference import read_reference
 from insgnss.point_tables import point_table, residual_table
 from insgnss.replay import setup_filter
 from insgnss.result_tables import event_table
+from insgnss.shown import Shown
 from insgnss.table_files import write_table
 from insgnss.tables import Float64, ImuTable
 from insgnss.version import __version__
@@ -50,8 +51,8 @@ MAX_GDOP: Final = 30.0
 TRUSTED: Final = ("ok", "fault excluded", "not tested")
 
 
-@dataclass(frozen=True)
-class PointRun:
+@dataclass(frozen=True, repr=False)
+class PointRun(Shown):
     """What ``point`` gives. Tables are DataFrames, ``settings`` is all that is needed to repeat it."""
 
     point: pd.DataFrame
@@ -59,6 +60,9 @@ class PointRun:
     events: pd.DataFrame
     errors: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def _about(self) -> Iterator[str]:
+        yield f"{int(self.trusted().sum())} of {len(self.point)} epochs with a position that no test speaks against"
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``point_settings.json`` into ``folder`` (made if needed); return the folder.

@@ -31,6 +31,7 @@ import pandas as pd
 from pandas.api.types import is_float_dtype
 
 from insgnss.errors import ResultError
+from insgnss.shown import Shown
 from insgnss.table_files import column_types, pieces, read_csv, write_table
 
 _OPTIONAL = (
@@ -47,8 +48,8 @@ _SETTINGS = "settings.json"
 _COLUMN_TYPES = "columns.json"  # beside tables in CSV, which does not tell them
 
 
-@dataclass
-class Run:
+@dataclass(repr=False)
+class Run(Shown):
     """What a replay gives. Tables are DataFrames, ``settings`` is all that is needed to repeat the run."""
 
     nav: pd.DataFrame
@@ -63,6 +64,17 @@ class Run:
     search_times: pd.DataFrame | None = None
     receiver_events: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def _about(self) -> Iterator[str]:
+        flight, filter_ = (dict(self.settings.get(key) or {}).get("name") for key in ("flight", "filter"))
+        smoothed = ", smoothed" if self.settings.get("smooth") else ""
+        yield f"'{flight or 'run'}', filter '{filter_ or ''}'{smoothed}"
+        if len(self.nav):
+            yield f"{self.nav['time_s'].iloc[0]:.1f} to {self.nav['time_s'].iloc[-1]:.1f} s of the week"
+        known_s = self.heading_known_s()
+        yield "no event 'heading_known'" if known_s is None else f"heading known at {known_s:.1f} s"
+        used = int((self.measurements["status"] == "used").sum())
+        yield f"{used} of {len(self.measurements)} measurements used"
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.
@@ -150,13 +162,17 @@ class Run:
         counts = counts.iloc[np.flatnonzero(table.any(axis=1)), np.flatnonzero(table.any(axis=0))]
         return counts.loc[counts.sum(axis=1).sort_values(ascending=False).index]
 
-    def nis_summary(self) -> pd.DataFrame:
-        """Return, per kind, how many were used, the mean NIS (1 is right) and the share below the 95 % bound (0.95)."""
+    def nis_summary(self, from_s: float | None = None) -> pd.DataFrame:
+        """Return, per kind, how many were used, the mean NIS (1 is right) and the share below the 95 % bound (0.95).
+
+        Of the time from ``from_s`` on; when None from the heading known on, where it became known.
+        """
+        begin_s = self._settled_s(from_s)
         chi_square_95 = 3.841458820694124  # one degree of freedom
         kinds = self.measurements["kind"].cat.categories
         sums = np.zeros((len(kinds), 3))  # of one, NIS, and whether it is below the bound
         for piece in pieces(self.measurements):
-            used = (piece["status"] == "used").to_numpy()
+            used = ((piece["status"] == "used") & (piece["time_s"] >= begin_s)).to_numpy()
             kind, nis = piece["kind"].cat.codes.to_numpy()[used], piece["nis"].to_numpy()[used]
             for column, values in enumerate((np.ones(len(nis)), nis, nis <= chi_square_95)):
                 sums[:, column] += np.bincount(kind, values, minlength=len(kinds))
@@ -171,20 +187,29 @@ class Run:
         known = self.events[self.events["kind"] == "heading_known"]
         return None if known.empty else float(known["time_s"].iloc[0])
 
+    def _settled_s(self, from_s: float | None) -> float:
+        """Return the time from which a summary is made: what is asked for, else the heading known, else the start."""
+        known_s = self.heading_known_s() if from_s is None else from_s
+        return -np.inf if known_s is None else known_s
+
     def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
 
         ``rms_over_total`` is that against the sigma with the slow errors, sqrt(sd^2 + sd_slow^2).
 
-        ``quality`` keeps only the reference rows of at most that quality number, ``from_s`` those from that time on.
+        Parameters
+        ----------
+        quality : keeps only the reference rows of at most that quality number
+        from_s : keeps only the rows from that time on [s of the week]; when None from the heading known on, where it
+            became known within the reference. ``-math.inf`` keeps all.
         """
         if self.errors is None:
             raise ResultError("the run has no reference", advice="name a [reference] in the flight file")
         table = self.errors
         if quality is not None:
             table = table[table["quality"] <= quality]
-        if from_s is not None:
-            table = table[table["time_s"] >= from_s]
+        settled = table[table["time_s"] >= self._settled_s(from_s)]
+        table = table if settled.empty and from_s is None else settled
         rows = {}
         for name in [c for c in table.columns if c.startswith("d_")]:
             values = table[name].dropna()

@@ -198,6 +198,8 @@ def _print_supervision(console: Console, run: Run) -> None:
 def _accuracy_table(run: Run) -> Table:
     """Return errors beside sigmas where there is a reference, sigmas alone elsewhere."""
     known_s = run.heading_known_s()
+    if known_s is not None and run.errors is not None and not known_s <= run.errors["time_s"].max():
+        known_s = None  # the summary is of the whole reference then
     since = "" if known_s is None else f", from the heading known at {known_s:.1f} s"
     table = Table(
         title=f"estimate against reference{since}" if run.errors is not None else "sigma (no reference)"
@@ -214,7 +216,7 @@ def _accuracy_table(run: Run) -> Table:
                 _label(name[3:]), f"{values.iloc[0]:.3f}", f"{values.median():.3f}", f"{values.iloc[-1]:.3f}"
             )
         return table
-    summary = run.error_summary(from_s=known_s)
+    summary = run.error_summary()
     for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma", "with slow errors"):
         table.add_column(name, justify="right")
     columns = ["mean", "rms", "p95", "max", "mean_sigma", "rms_over_sigma", "rms_over_total"]

@@ -33,6 +33,7 @@ from pydantic import Field
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
 from insgnss.library import find
+from insgnss.shown import Shown
 from insgnss.studies import campaign_cluster
 from insgnss.studies.campaign_processes import on_processes
 from insgnss.studies.campaign_tasks import CAMPAIGN_FILE, RESULTS, Task, TaskReport, case_function, run_task
@@ -76,8 +77,8 @@ class CampaignConfig(StrictModel):
         return self.n_cases * len(self.seed_list)
 
 
-@dataclass(frozen=True)
-class CampaignDone:
+@dataclass(frozen=True, repr=False)
+class CampaignDone(Shown):
     """What is known when a campaign has run: its folder, runs, those found done and those that failed."""
 
     folder: Path

@@ -17,6 +17,7 @@ import pandas as pd
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.library import scenario_config
+from insgnss.shown import Shown
 from insgnss.studies import figures
 from insgnss.studies.covariance_run import CovarianceRun, OutageCause, Sensors, Update
 from insgnss.studies.result_files import write_figures, write_tables
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 
-@dataclass(frozen=True)
-class HiddenVariance:
+@dataclass(frozen=True, repr=False)
+class HiddenVariance(Shown):
     """What ``hidden_satellite_variance`` gives.
 
     ``table`` has one row for each satellite and update: time_s sv az_deg el_deg body_el_deg hidden waits

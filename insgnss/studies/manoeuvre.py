@@ -28,6 +28,7 @@ from insgnss.fusion.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
 from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace
 from insgnss.library import scenario_config
+from insgnss.shown import Shown
 from insgnss.studies import manoeuvre_pictures
 from insgnss.studies.covariance_run import CovarianceRun, Update
 from insgnss.studies.result_files import write_figures, write_tables
@@ -41,8 +42,8 @@ _STEEPEST_DEG: Final = 90.0
 _TABLES: Final = ("cases", "satellites")
 
 
-@dataclass(frozen=True)
-class ManoeuvreStudy:
+@dataclass(frozen=True, repr=False)
+class ManoeuvreStudy(Shown):
     """What ``manoeuvre_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     cases: pd.DataFrame

@@ -38,6 +38,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.library import filter_config, scenario_config
+from insgnss.shown import Shown
 from insgnss.studies import study_pictures
 from insgnss.studies.banked_flight import BankedFlight, Spell
 from insgnss.studies.masking_cases import CASES, CaseResult, fly
@@ -55,8 +56,8 @@ _AROUND_S: Final = 30.0
 _SENSITIVITIES_DBHZ: Final = (35.0, 30.0, 25.0, 20.0)  # the paper's table 1
 
 
-@dataclass(frozen=True)
-class MaskingStudy:
+@dataclass(frozen=True, repr=False)
+class MaskingStudy(Shown):
     """What ``masking_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     cases: pd.DataFrame

@@ -31,6 +31,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.errors import ConfigError
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight
+from insgnss.shown import Shown
 from insgnss.studies import outage_pictures
 from insgnss.studies.outage_drift import back_after, differences, percentile_table, to_reference
 from insgnss.studies.outage_runs import Branch, OutageLog, branches, undisturbed
@@ -79,8 +80,8 @@ class Banked:
 Windows = Sequence[tuple[float, float]] | Periodic | Random | Banked
 
 
-@dataclass(frozen=True)
-class OutageStudy:
+@dataclass(frozen=True, repr=False)
+class OutageStudy(Shown):
     """What ``outage_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     windows: pd.DataFrame
