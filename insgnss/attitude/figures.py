@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from insgnss.attitude.angular_discriminator import (
+from insgnss.attitude.angular_discriminators import (
     angular_discriminator,
     discriminator_curve,
     pair_discriminator,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from insgnss.flown_margin import FlownMargin
-    from insgnss.interference.lock_threshold import LockThreshold
+    from insgnss.interference.lock_thresholds import LockThreshold
     from insgnss.interference.margin import PhaseLoop
 
 
@@ -238,7 +238,7 @@ def _simulated(console: Console, seed: int) -> list[LockThreshold]:
     import numpy as np
 
     from insgnss.interference.discriminators import DISCRIMINATORS
-    from insgnss.interference.lock_threshold import LIFETIME, lock_threshold
+    from insgnss.interference.lock_thresholds import LIFETIME, lock_threshold
 
     found = []
     with counting() as bar:

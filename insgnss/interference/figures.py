@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ResultError
-from insgnss.interference.lock_threshold import LIFETIME, LockThreshold
+from insgnss.interference.lock_thresholds import LIFETIME, LockThreshold
 from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
-from insgnss.interference.trade_off import diagram, trade_off
+from insgnss.interference.trade_off_diagram import diagram, trade_off
 from insgnss.pictures import new_figure
 from insgnss.tables import Float64
 
