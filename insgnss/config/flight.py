@@ -324,6 +324,10 @@ class Reference(StrictModel):
     columns: ReferenceColumns = ReferenceColumns()
     time: TimeScale = TimeScale()
     point: Literal["imu", "antenna"] = "imu"
+    quality_max: PositiveFloat | None = Field(
+        None,
+        description="rows of a larger quality number are left out, as float (2) and single (5) of RTKLIB by 1",
+    )
 
 
 class FurtherAntenna(MountedAntenna):

@@ -19,7 +19,7 @@ from insgnss.tables import Float64
 QUIET: Final = frozenset(
     "start heading_single heading_known measurements_back masking_on masking_waits masking_uncertain csv_delimiter "
     "csv_encoding csv_header_in_comment leap_seconds_by_date navigation_not_used navigation_repeated signal_assumed "
-    "time_mark week_crossover imu_increment_over_long_step "
+    "reference_rows_left_out time_mark week_crossover imu_increment_over_long_step "
     "ubx_foreign_bytes ubx_not_used android_lines_not_read rinex_event".split()
 )
 FEW: Final = 4  # satellites, below which a receiver alone has no position
