@@ -27,7 +27,7 @@ from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
 from insgnss.fusion.inertial_stream import screened
-from insgnss.fusion.output import Output
+from insgnss.fusion.output import Output, Table
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
 from insgnss.fusion.whole_log import LedgerPart, OutputRate, TraceWanted, run_blocks
@@ -36,6 +36,7 @@ from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.imu_summary import imu_spectrum, imu_table
 from insgnss.jit import compiled_beside
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
@@ -46,6 +47,7 @@ from insgnss.result_tables import (
     aiding_budget,
     aiding_table,
     event_table,
+    filtered_table,
     ledger_tables,
     nav_table,
     row_keys,
@@ -194,8 +196,9 @@ def replay(
             compile_loop.compile_rivals()
             loop.wait()  # a given start itself calls a kernel that is compiled there
         wanted = _trace_wanted(aided, record.supervised)
+        forward: list[Table] | None = [] if smooth else None
         out, ledger, events = run_blocks(
-            setup, *work, output, trace=wanted, before_loop=loop.wait, smooth=smooth
+            setup, *work, output, trace=wanted, before_loop=loop.wait, smooth=smooth, filtered=forward
         )
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
@@ -209,6 +212,7 @@ def replay(
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, ledger, events)
+    run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
         setattr(run, name, table)
@@ -260,6 +264,7 @@ class _Record(NamedTuple):
     aiding: AidingSources | None
     supervised: SupervisionSources | None
     further: Callable[[pd.DataFrame, int], pd.DataFrame] | None  # adds several antennas to the ledger
+    imu: tuple[pd.DataFrame, pd.DataFrame]  # extremes over time, spectrum
 
 
 def _prepared(
@@ -273,7 +278,9 @@ def _prepared(
             compile_loop.fetch_loop()  # from the cache, while the logs are parsed
         logs = reading.result()
         del reading  # it would keep the logs
-    tell("computing the satellites")
+    # what computes them is compiled at its first call, beside the filter
+    compiling = "" if compile_loop.is_ready() else " and compiling, once per installation"
+    tell(f"computing the satellites{compiling}")
     setup = setup_filter(flight, logs, config)
     sources = None
     if aided is not None:
@@ -293,7 +300,8 @@ def _prepared(
     events = logs.events + _installed(flight)[1] + refused_messages(logs.navigation) + found
     names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
     keys = row_keys(logs.gnss, blocks)
-    record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger)
+    imu = imu_table(logs.imu, flight.config.gps_week), imu_spectrum(logs.imu)
+    record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger, imu)
     return setup, (logs.imu, blocks), record
 
 
@@ -326,6 +334,8 @@ def _as_run(
         satellites=satellites,
         events=event_table(record.events + events, week),
         errors=errors,
+        imu=record.imu[0],
+        imu_spectrum=record.imu[1],
         settings=_settings(flight, record.input_hashes, setup),
     )
 

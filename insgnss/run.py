@@ -4,9 +4,12 @@
 |----------------|-------------|---------|
 | nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position |
 | measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
-| satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi state sd_range_m sd_range_rate_mps |
+| satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi cn0_dbhz state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
 | errors         | nav row inside the reference | time_s and estimate minus reference with its sigma |
+| filtered       | row of nav, of a smoothed run | time_s, position, velocity and attitude with sd_* as the filter had them |
+| imu            | stretch of the inertial log | time_s, smallest and largest rate and specific force of each axis |
+| imu_spectrum   | frequency   | frequency_hz, amplitude spectral density of each axis |
 | aiding         | output time of the aiding and satellite above the horizon | time_s sv range_rate_mps range_acceleration_mps2 range_jerk_mps3 doppler_hz doppler_rate_hz_per_s pseudorange_m code_delay_rate_s_per_s, sd_* of each, age_s |
 | aiding_budget  | satellite, whenever its sigma are found anew | time_s sv, what the sigma of rate and acceleration are made of |
 | supervision    | satellite above the horizon and epoch | time_s sv state decision receiver el_deg gain_dbi cn0_dbhz pseudorange_m doppler_hz sd_range_m sd_range_rate_mps within_aperture, search window and times |
@@ -36,6 +39,9 @@ from insgnss.table_files import column_types, pieces, read_csv, write_table
 
 _OPTIONAL = (
     "errors",
+    "filtered",
+    "imu",
+    "imu_spectrum",
     "aiding",
     "aiding_budget",
     "supervision",
@@ -63,6 +69,9 @@ class Run(Shown):
     transitions: pd.DataFrame | None = None
     search_times: pd.DataFrame | None = None
     receiver_events: pd.DataFrame | None = None
+    filtered: pd.DataFrame | None = None
+    imu: pd.DataFrame | None = None
+    imu_spectrum: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def _about(self) -> Iterator[str]:

@@ -68,6 +68,7 @@ def run_blocks(
     trace: TraceWanted | None = None,
     before_loop: Callable[[], object] = lambda: None,
     smooth: bool = False,
+    filtered: list[Table] | None = None,
 ) -> tuple[Output, list[LedgerPart], list[Event]]:
     """Run a filter over samples and the blocks of a log's rows.
 
@@ -82,6 +83,7 @@ def run_blocks(
     blocks : one after the other in time; the list is emptied on the way
     trace : asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of ``out.trace``
     before_loop : is called when the compiled loop is needed, after the start
+    filtered : takes the filter's own navigation rows of each part before they are smoothed
     smooth : gives the navigation rows, one an epoch then, what the rest of their stretch tells of them
 
     The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
@@ -107,12 +109,14 @@ def run_blocks(
         passage.without_imu(int(e0))
         navigator = Navigator(setup, before_loop)
         navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
-        smoother = Smoother(navigator, part)
+        smoother, first = Smoother(navigator, part), int(out.counts[0].nav)
         for rows, begin, end, written in passage.until(int(e1)):
             if smooth:
                 smoother.forward(rows, begin, end, written)
             else:
                 navigator.run(part, rows, begin, end, written)
+        if filtered is not None:
+            filtered.append(out.nav[first : out.counts[0].nav].copy())
         smoother.finish(out)
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             work = navigator.workspace(no_rows)

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.comparison import errors_against
+from insgnss.comparison import errors_against, trajectory_of
 from insgnss.errors import ResultError
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.report.charts import Chart, Rows, colour_of, line_trace
@@ -23,7 +23,6 @@ from insgnss.report.sentences import name_of
 from insgnss.report.settings_compared import settings_that_differ
 from insgnss.run import Run
 from insgnss.shown import Shown
-from insgnss.tables import ReferenceTable
 from insgnss.version import __version__
 
 COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names)
@@ -109,7 +108,8 @@ def compare_runs(runs: Mapping[str, Run]) -> Comparison:
         raise ResultError("a comparison needs two runs or more", advice="insgnss compare RUN RUN")
     first, *others = runs
     base = runs[first]
-    reference, week = _as_reference(base), gps_week(base)
+    week = gps_week(base)
+    reference = trajectory_of(base.nav, week)
     differences = {}
     for name in others:
         nav = runs[name].nav
@@ -143,20 +143,6 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     ]
     foot = f"insgnss {__version__}; a difference is the run minus '{comparison.first}'."
     return write(path, page(f"Comparison: {', '.join(comparison.runs)}", sections, foot))
-
-
-def _as_reference(run: Run) -> ReferenceTable:
-    """Return a run's navigation rows as the trajectory that others are measured against."""
-    nav = run.nav
-    return ReferenceTable(
-        t_ns=week_seconds_to_ns(gps_week(run), nav["time_s"].to_numpy()),
-        lat_deg=nav["lat_deg"].to_numpy(),
-        lon_deg=nav["lon_deg"].to_numpy(),
-        h_m=nav["h_m"].to_numpy(),
-        v_n=nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy(),
-        rpy_deg=nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy(),
-        quality=np.ones(len(nav)),
-    )
 
 
 def _statistics(runs: Mapping[str, Run], first: str, differences: Mapping[str, pd.DataFrame]) -> pd.DataFrame:

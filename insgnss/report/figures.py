@@ -26,6 +26,7 @@ from insgnss.report.sections.errors import opening_range
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sections.satellites import STATE_COLOURS
 from insgnss.report.sections.track import east_north, horizontal_sigma
+from insgnss.report.sentences import name_and_utc
 from insgnss.run import Run
 
 if TYPE_CHECKING:
@@ -59,9 +60,19 @@ def _styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with _style():
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            run = args[0]
+            if isinstance(run, Run) and not run.nav.empty:
+                figure.suptitle(_two_lines(name_and_utc(run), figure), fontsize=6.5, color="#555555")
+            return figure
 
     return drawn
+
+
+def _two_lines(words: str, figure: Figure) -> str:
+    """Return name and time below each other where the figure is one column wide."""
+    name, _, when = words.rpartition(", ")
+    return f"{name}\n{when}" if name and figure.get_figwidth() < PAGE_IN else words
 
 
 def _style() -> AbstractContextManager[None]:

@@ -86,6 +86,16 @@ def name_of(run: Run) -> str:
     return f"{flight or 'run'}" + (f" ({filter_})" if filter_ else "")
 
 
+def name_and_utc(run: Run) -> str:
+    """Return the flight's and the filter's name and the run's time in UTC: what a picture carries."""
+    first, last = float(run.nav["time_s"].iloc[0]), float(run.nav["time_s"].iloc[-1])
+    try:
+        week = gps_week(run)
+    except ResultError:
+        return name_of(run)
+    return f"{name_of(run)}, {utc(first, week):%Y-%m-%d %H:%M:%S} to {utc(last, week):%H:%M:%S} UTC"
+
+
 def sentences(run: Run) -> list[str]:
     """Return the run in sentences, the most important first."""
     told = [

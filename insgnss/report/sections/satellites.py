@@ -33,6 +33,11 @@ STATE_COLOURS: Final = {
     "drifting": "#e69f00",
     "reflected": "#56b4e9",
     "absent": "#b0b0b0",
+    "no_ephemeris": "#56b4e9",
+    "stale_ephemeris": "#56b4e9",
+    "unhealthy": "#882255",
+    "not_started": "#b0b0b0",
+    "no_imu": "#b0b0b0",
 }
 _OTHER_STATE: Final = "#0072b2"
 
@@ -50,8 +55,26 @@ def section(run: Run) -> Section | None:
     caption = (
         "Where the picture is too coarse for every epoch, what was refused is drawn over what was tracked."
     )
-    timeline = timeline_chart(run.satellites, "chart-timeline", "Satellites and their state", caption)
+    timeline = timeline_chart(_all_of_the_log(run), "chart-timeline", "Satellites and their state", caption)
     return Section("satellites", "Satellites", charts=(timeline, count))
+
+
+def _all_of_the_log(run: Run) -> pd.DataFrame:
+    """Return time_s, sv and state of every satellite of the log, those too that nothing was computed for.
+
+    A satellite without ephemeris has no direction, and no row in the table of satellites: its state is then that of
+    its first measurement.
+    """
+    seen = run.satellites[["time_s", "sv", "state"]]
+    ledger = run.measurements
+    ledger = ledger.loc[(ledger["status"] != "used").to_numpy(), ["time_s", "sv", "status"]]
+    ledger = ledger.drop_duplicates(["time_s", "sv"]).astype({"sv": "str", "status": "str"})
+    keys = pd.MultiIndex.from_frame(seen[["time_s", "sv"]].astype({"sv": "str"}))
+    unseen = ledger[~pd.MultiIndex.from_frame(ledger[["time_s", "sv"]]).isin(keys)]
+    if unseen.empty:
+        return seen
+    seen = seen.astype({"sv": "str", "state": "str"})
+    return pd.concat([seen, unseen.rename(columns={"status": "state"})], ignore_index=True)
 
 
 def timeline_chart(table: pd.DataFrame, name: str, title: str, caption: str = "") -> Chart:
