@@ -20,6 +20,8 @@ ROOT = Path(__file__).resolve().parents[1]
 BOUND = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)>=(?P<version>[0-9.]+)")
 NOT_FOR_TESTS = {"import-linter", "mypy", "pandas-stubs", "ruff"}  # they look at the text alone
 EXTRAS = ("campaign",)  # whose lower bounds count
+# what an old library calls may be deprecated in the newest of those below it, as click is to typer
+WARNINGS = ("-W", "default::DeprecationWarning")
 
 
 def lowest(project: dict[str, list[str] | dict[str, list[str]]]) -> list[str]:
@@ -61,7 +63,9 @@ def main(arguments: list[str]) -> int:
     print(f"Python {sys.version.split()[0]}")
     print("\n".join(line for line in listed.stdout.split() if line.split("==")[0].lower() in names))
     sys.stdout.flush()
-    return subprocess.run([str(python), "-m", "pytest", "-q", *chosen], check=False, cwd=ROOT).returncode
+    return subprocess.run(
+        [str(python), "-m", "pytest", "-q", *WARNINGS, *chosen], check=False, cwd=ROOT
+    ).returncode
 
 
 if __name__ == "__main__":

@@ -110,7 +110,7 @@ def _satellites(rng: np.random.Generator, time_s: np.ndarray, names: list[str], 
 
 def _imu(time_s: np.ndarray) -> ImuTable:
     """Return a log of 100 Hz without noise, with a line at 20 Hz."""
-    t_s = np.arange(time_s[0], time_s[-1], 0.01)
+    t_s = np.arange(time_s[0], time_s[-1] + 0.02, 0.01)
     wave = np.sin(2.0 * np.pi * 20.0 * (t_s - t_s[0]))
     w, f = np.column_stack([0.01 * wave, wave * 0.0, 0.0 * wave + 0.02]), np.zeros((len(t_s), 3))
     f[:, 2] = -9.81 + 0.1 * wave

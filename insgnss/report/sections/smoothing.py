@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from insgnss.comparison import errors_against, trajectory_of
 from insgnss.errors import ResultError
-from insgnss.report.charts import BAND_SIGMAS, Chart, Rows, band_trace, colour_of, line_trace
+from insgnss.report.charts import Chart, Rows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
 from insgnss.report.run_time import gps_week
@@ -62,6 +62,6 @@ def _chart(
     for row, column in enumerate(columns):
         rows.add(row, band_trace(time_s, np.zeros(len(time_s)), taken[row], colour_of(row)))
         rows.add(row, line_trace(time_s, values[row], label(column).words, colour_of(row)))
-        rows.ranges[row] = opening_range(values[row][settled], BAND_SIGMAS * taken[row][settled])
+        rows.ranges[row] = opening_range(values[row][settled], taken[row][settled])
     name, title = f"chart-smoothing-{group}", f"Filter minus smoother: {group}"
     return rows.chart(name, title, row_px=140, caption=_CAPTION, showlegend=False)
