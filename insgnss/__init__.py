@@ -33,8 +33,8 @@ from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import NavState
 from insgnss.log.flight import Flight
-from insgnss.point import PointRun, point
-from insgnss.replay import engine_settings, replay
+from insgnss.log_replay import engine_settings, replay
+from insgnss.point_solutions import PointRun, point
 from insgnss.report.compare import Comparison, compare
 from insgnss.run import Run
 from insgnss.version import __version__

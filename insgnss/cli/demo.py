@@ -15,7 +15,7 @@ from insgnss.cli.progress import telling
 from insgnss.cli.replay import tell_run, write_run
 from insgnss.errors import ResultError
 from insgnss.log.flight import Flight
-from insgnss.replay import replay as run_replay
+from insgnss.log_replay import replay as run_replay
 from insgnss.simulation.sample_flight import FILES, flight_file, write_sample_flight
 
 FLIGHT_FOLDER: Final = "flight"

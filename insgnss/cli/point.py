@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from insgnss.point import PointRun
+    from insgnss.point_solutions import PointRun
 
 _MEDIANS: Final = ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m", "sd_e_m", "sd_d_m"]
 
@@ -51,7 +51,7 @@ def point(
         from rich.console import Console
 
         from insgnss.log.flight import Flight
-        from insgnss.point import point as solve
+        from insgnss.point_solutions import point as solve
 
         chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)

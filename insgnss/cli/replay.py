@@ -23,7 +23,7 @@ from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
 from insgnss.fusion.whole_log import OutputRate
 from insgnss.log.flight import Flight
-from insgnss.replay import replay as run_replay
+from insgnss.log_replay import replay as run_replay
 from insgnss.report.digest import digest
 from insgnss.run import Run
 

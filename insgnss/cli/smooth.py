@@ -16,7 +16,7 @@ from insgnss.cli.progress import telling
 from insgnss.cli.replay import tell_run, write_run
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
-from insgnss.replay import replay as run_replay
+from insgnss.log_replay import replay as run_replay
 
 
 def smooth(

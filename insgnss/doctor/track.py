@@ -15,8 +15,8 @@ from insgnss.gnss.point_rows import PointLog
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.precise import read_precise
-from insgnss.point import solve_rows
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
+from insgnss.point_solutions import solve_rows
 from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData
 
 Bool = npt.NDArray[np.bool_]

@@ -18,7 +18,7 @@ from insgnss.cli.main import app
 from insgnss.config.filter import FilterConfig
 from insgnss.errors import ConfigError, ResultError
 from insgnss.library import filter_config
-from insgnss.replay import replay
+from insgnss.log_replay import replay
 from insgnss.run import Run
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.studies.consistency import Consistency, consistency_study

@@ -37,8 +37,8 @@ from insgnss.log.files import sha256
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
+from insgnss.log_replay import setup_filter
 from insgnss.point_tables import point_table, residual_table
-from insgnss.replay import setup_filter
 from insgnss.result_tables import event_table
 from insgnss.shown import Shown
 from insgnss.table_files import write_table
