@@ -133,6 +133,10 @@ def filter_config(
     ConfigError : the file does not fit the schema, is based on itself, or a setting does not fit
     """
     config = filter if isinstance(filter, FilterConfig) else _filter_of_file(_filter_file(filter))
+    if settings and "based_on" in settings:
+        raise ConfigError(
+            "what a filter is based on cannot be set here", key="based_on", advice="name that filter instead"
+        )
     return changed(config, settings) if settings else config
 
 

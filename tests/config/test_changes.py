@@ -74,6 +74,7 @@ def test_settings_are_dotted_or_tables(settings: dict[str, Any]) -> None:
         ("gates.pseudorange_sigma=-4", "greater than 0"),
         ("gates=4", "expected a table of keys"),
         ("name.of=4", "expected a text"),
+        ("based_on=tight", "name that filter instead"),
         ("gates.pseudorange_sigma", "KEY=VALUE"),
         ("=4", "KEY=VALUE"),
         ("gates.pseudorange_sigma=", "KEY=VALUE"),
