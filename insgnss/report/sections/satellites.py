@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from pandas.api.types import union_categoricals
 
 from insgnss.report.charts import TIME_AXIS, Chart, Rows, Trace, line_trace, packed
 from insgnss.report.epochs import satellites_of, satellites_used
@@ -39,6 +40,7 @@ STATE_COLOURS: Final = {
     "not_started": "#b0b0b0",
     "no_imu": "#b0b0b0",
 }
+_SAME_TIME_S: Final = 1e-4
 _OTHER_STATE: Final = "#0072b2"
 
 
@@ -68,13 +70,19 @@ def _all_of_the_log(run: Run) -> pd.DataFrame:
     seen = run.satellites[["time_s", "sv", "state"]]
     ledger = run.measurements
     ledger = ledger.loc[(ledger["status"] != "used").to_numpy(), ["time_s", "sv", "status"]]
-    ledger = ledger.drop_duplicates(["time_s", "sv"]).astype({"sv": "str", "status": "str"})
-    keys = pd.MultiIndex.from_frame(seen[["time_s", "sv"]].astype({"sv": "str"}))
-    unseen = ledger[~pd.MultiIndex.from_frame(ledger[["time_s", "sv"]]).isin(keys)]
-    if unseen.empty:
-        return seen
-    seen = seen.astype({"sv": "str", "state": "str"})
-    return pd.concat([seen, unseen.rename(columns={"status": "state"})], ignore_index=True)
+    ledger = ledger.rename(columns={"status": "state"})
+    # words stay numbers into their lists: an hour's table has a million rows
+    sv, states = (
+        union_categoricals([pd.Categorical(part[name]) for part in (seen, ledger)])
+        for name in ("sv", "state")
+    )
+    time_s = np.concatenate([seen["time_s"], ledger["time_s"]])
+    key = np.rint(time_s / _SAME_TIME_S).astype(np.int64) * len(sv.categories) + sv.codes
+    n = len(seen)
+    _, first = np.unique(key[n:], return_index=True)
+    unseen = n + np.sort(first[~np.isin(key[n:][first], key[:n])])
+    rows = np.concatenate([np.arange(n), unseen])
+    return pd.DataFrame({"time_s": time_s[rows], "sv": sv[rows], "state": states[rows]})
 
 
 def timeline_chart(table: pd.DataFrame, name: str, title: str, caption: str = "") -> Chart:
