@@ -79,8 +79,14 @@ def _all_of_the_log(run: Run) -> pd.DataFrame:
     time_s = np.concatenate([seen["time_s"], ledger["time_s"]])
     key = np.rint(time_s / _SAME_TIME_S).astype(np.int64) * len(sv.categories) + sv.codes
     n = len(seen)
-    _, first = np.unique(key[n:], return_index=True)
-    unseen = n + np.sort(first[~np.isin(key[n:][first], key[:n])])
+    wanted, first = np.unique(key[n:], return_index=True)
+    if len(wanted) == 0:
+        return seen
+    # the few are sorted, and each of the many looked up among them
+    place = np.minimum(np.searchsorted(wanted, key[:n]), len(wanted) - 1)
+    has_row = np.zeros(len(wanted), np.bool_)
+    has_row[place[wanted[place] == key[:n]]] = True
+    unseen = n + np.sort(first[~has_row])
     rows = np.concatenate([np.arange(n), unseen])
     return pd.DataFrame({"time_s": time_s[rows], "sv": sv[rows], "state": states[rows]})
 
