@@ -13,7 +13,7 @@ OUT ?= out/demo
 ARGS ?=
 NOTEBOOKS ?= notebooks/*.ipynb
 
-.PHONY: help setup demo test test-bounds notebooks pair lint check-rules check-format check-types check-imports format bench clean
+.PHONY: help setup demo test test-bounds test-lowest notebooks pair lint check-rules check-format check-types check-imports format bench clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -36,6 +36,11 @@ BOUNDS := $(KERNELS) tests/fusion/test_soundness.py tests/fusion/test_gating.py 
 
 test-bounds: $(STAMP)  ## run what computes indices with every index checked (NUMBA_BOUNDSCHECK=1)
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(BOUNDS) $(ARGS)
+
+# By hand, before a release: makes an environment of its own in build/. Another interpreter, for which the lowest versions
+# have no wheels: make test-lowest PYTHON=python3.13 ARGS=--newest
+test-lowest:  ## run the tests with the lowest declared versions (ARGS='tests/log' for a part)
+	$(or $(PYTHON),python3) tests/lowest_versions.py $(ARGS)
 
 notebooks: $(STAMP)  ## run every notebook, write them with their outputs to out/notebooks (NOTEBOOKS='notebooks/00*' to choose)
 	mkdir -p out/notebooks

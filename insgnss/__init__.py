@@ -23,7 +23,7 @@ Conventions, assumed by every file:
 The main job is two calls::
 
     flight = insgnss.Flight.load("flight.toml")
-    run = insgnss.replay(flight, filter="tight17")
+    run = insgnss.replay(flight, filter="tight")
 """
 
 from __future__ import annotations
@@ -33,12 +33,14 @@ from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import NavState
 from insgnss.log.flight import Flight
-from insgnss.point import PointRun, point
-from insgnss.replay import engine_settings, replay
+from insgnss.log_replay import engine_settings, replay
+from insgnss.point_solutions import PointRun, point
+from insgnss.report.compare import Comparison, compare
 from insgnss.run import Run
 from insgnss.version import __version__
 
 __all__ = [
+    "Comparison",
     "Engine",
     "Flight",
     "InsGnssError",
@@ -47,6 +49,7 @@ __all__ = [
     "Run",
     "__version__",
     "check_flight",
+    "compare",
     "engine_settings",
     "point",
     "replay",

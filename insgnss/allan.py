@@ -19,8 +19,10 @@ from scipy.optimize import nnls
 
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
-from insgnss.errors import ConfigError, InputError, ResultError
+from insgnss.errors import InputError, ResultError
+from insgnss.pictures import new_figure
 from insgnss.saving import saving
+from insgnss.shown import Shown
 from insgnss.tables import Float64, ImuTable, Int64
 from insgnss.units import (
     SQRT_S_PER_SQRT_H,
@@ -167,8 +169,8 @@ def _trial(
     return _Trial(float(residual**2 + _WORTH_A_PARAMETER * free), powers, time_s)
 
 
-@dataclass(frozen=True)
-class AllanStudy:
+@dataclass(frozen=True, repr=False)
+class AllanStudy(Shown):
     """Curves, fitted terms and grade of a resting log."""
 
     gyro: AllanCurve
@@ -179,12 +181,11 @@ class AllanStudy:
     duration_s: float
 
     def save(self, folder: Path, pictures: bool = True) -> list[Path]:
-        """Write ``grade.toml``, ``allan.csv`` and, with matplotlib, ``allan.png``; return the paths.
+        """Write ``grade.toml``, ``allan.csv`` and the picture ``allan.png``; return the paths.
 
         Raises
         ------
         ResultError : the folder cannot be written
-        ConfigError : pictures are wanted and matplotlib is not installed
         """
         try:
             with saving(folder, ("grade.toml", "allan.csv", "allan.png"), "Allan study") as new:
@@ -305,13 +306,7 @@ def grade_text(grade: ImuGrade) -> str:
 
 
 def _draw(study: AllanStudy, path: Path) -> None:
-    try:
-        import matplotlib.figure
-    except ImportError:
-        raise ConfigError(
-            "pictures need matplotlib", advice="pip install 'insgnss[plots]', or ask for none (--no-pictures)"
-        ) from None
-    figure = matplotlib.figure.Figure(figsize=(11.0, 4.8), layout="constrained")
+    figure = new_figure(11.0, 4.8)
     panels = (
         (study.gyro, study.gyro_fit, "gyro, deg/h", radps_to_deg_per_h(1.0)),
         (study.accel, study.accel_fit, "accelerometer, mg", mps2_to_mg(1.0)),

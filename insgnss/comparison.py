@@ -54,6 +54,19 @@ def errors_against(
     return table
 
 
+def trajectory_of(nav: pd.DataFrame, week: int) -> ReferenceTable:
+    """Return navigation rows as the trajectory that others are measured against."""
+    return ReferenceTable(
+        t_ns=week_seconds_to_ns(week, nav["time_s"].to_numpy()),
+        lat_deg=nav["lat_deg"].to_numpy(),
+        lon_deg=nav["lon_deg"].to_numpy(),
+        h_m=nav["h_m"].to_numpy(),
+        v_n=nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy(),
+        rpy_deg=nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy(),
+        quality=np.ones(len(nav)),
+    )
+
+
 def _without_turns(angle_deg: Float64) -> Float64:
     """Return angles (n,) without jumps of a whole turn; a missing one stays missing, and alone."""
     known = np.isfinite(angle_deg)

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, Final, TypeVar
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.scenario import ScenarioConfig
-from insgnss.config.strict import StrictModel, load_toml
+from insgnss.config.strict import StrictModel, changed, load_toml, read_toml
 from insgnss.config.vehicle import Vehicle
-from insgnss.errors import ModelError
+from insgnss.errors import ConfigError, ModelError
 
 Model = TypeVar("Model", bound=StrictModel)
 
@@ -32,6 +32,7 @@ KINDS = {
     "vehicles": "vehicle",
 }
 _TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)
+_FORMER_NAMES: Final = {("filters", "tight17"): "tight"}
 _PACKAGE = Path(__file__).parent
 
 
@@ -58,17 +59,28 @@ def find(kind: str, name: str, extra_paths: Sequence[Path] = ()) -> Path:
     ------
     ModelError : no folder holds it; the advice lists the nearest names
     """
-    if name == Path(name).name and name:
-        for folder in search_folders(kind, extra_paths):
-            path = folder / f"{name}{_suffix(kind)}"
-            if path.is_file():
-                return path
+    for candidate in (name, _FORMER_NAMES.get((kind, name), "")):
+        if candidate == Path(candidate).name and candidate:
+            for folder in search_folders(kind, extra_paths):
+                path = folder / f"{candidate}{_suffix(kind)}"
+                if path.is_file():
+                    return path
     known = names(kind, extra_paths)
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
     raise ModelError(
         f"there is no {KINDS.get(kind, kind)} named '{name}'",
         advice=f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}",
     )
+
+
+def about(kind: str, name: str) -> str:
+    """Return what a model is: the comment that its file begins with, up to the first full stop that ends a line."""
+    told: list[str] = []
+    for line in find(kind, name).read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#") or (told and told[-1].endswith((".", "?"))):
+            break
+        told.append(line.removeprefix("#").strip())
+    return " ".join(told)
 
 
 def _suffix(kind: str) -> str:
@@ -106,13 +118,48 @@ def antenna_file(name: str, extra_paths: Sequence[Path] = ()) -> Path:
     return find("antennas", name, extra_paths)
 
 
-def filter_config(filter: str | Path | FilterConfig) -> FilterConfig:
-    """Return the settings of a filter: as they are, from a file (a path ending in .toml), or by name."""
-    if isinstance(filter, FilterConfig):
-        return filter
-    if str(filter).endswith(".toml"):
-        return load_toml(Path(filter), FilterConfig)
-    return load("filters", str(filter), FilterConfig)
+def filter_config(
+    filter: str | Path | FilterConfig, settings: Mapping[str, Any] | None = None
+) -> FilterConfig:
+    """Return the settings of a filter: as they are, from a file (a path ending in .toml), or by name.
+
+    Parameters
+    ----------
+    settings : what is to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
+
+    Raises
+    ------
+    ModelError, MissingFileError : no such filter
+    ConfigError : the file does not fit the schema, is based on itself, or a setting does not fit
+    """
+    config = filter if isinstance(filter, FilterConfig) else _filter_of_file(_filter_file(filter))
+    if settings and "based_on" in settings:
+        raise ConfigError(
+            "what a filter is based on cannot be set here", key="based_on", advice="name that filter instead"
+        )
+    return changed(config, settings) if settings else config
+
+
+def _filter_file(filter: str | Path, folder: Path = Path()) -> Path:
+    return folder / filter if str(filter).endswith(".toml") else find("filters", str(filter))
+
+
+def _filter_of_file(path: Path, above: tuple[Path, ...] = ()) -> FilterConfig:
+    """Return a file's settings; what it leaves out is as in the filter that it is based on."""
+    based_on = read_toml(path).get("based_on")
+    if not (isinstance(based_on, str) and based_on):
+        return load_toml(path, FilterConfig)
+    above = (*above, path.resolve())
+    below = _filter_file(based_on, path.parent)
+    if below.resolve() in above:
+        raise ConfigError(
+            "the filter is based on itself",
+            file=path,
+            key="based_on",
+            advice="name another filter: 'insgnss models filters' lists those of the library",
+        )
+    base = _filter_of_file(below, above).model_dump(mode="json")
+    return load_toml(path, FilterConfig, {**base, "name": path.stem})
 
 
 def scenario_config(scenario: str | Path | ScenarioConfig) -> ScenarioConfig:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -12,7 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.aiding.table import AidingTable
-from insgnss.fusion.output import NAV_COLUMNS, Output
+from insgnss.fusion.output import NAV_COLUMNS, Output, Table
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.whole_log import LedgerPart
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
@@ -45,6 +46,7 @@ class RowKeys(NamedTuple):
     first: Int64  # (m + 1,) first row of each epoch
     sv: Int16  # (n,)
     signal: Int16  # (n,)
+    cn0_dbhz: npt.NDArray[np.float32]  # (n,) NaN where the log has none
 
     @property
     def epoch(self) -> Int64:
@@ -56,7 +58,9 @@ def row_keys(gnss: GnssTable, blocks: list[Rows]) -> list[RowKeys]:
     """Return the keys of the blocks that were made of a log."""
     end = np.cumsum([0, *(len(rows.observation) for rows in blocks)])
     return [
-        RowKeys(rows.epoch_ns, rows.first, gnss.sv[a:b], gnss.signal[a:b])
+        RowKeys(
+            rows.epoch_ns, rows.first, gnss.sv[a:b], gnss.signal[a:b], gnss.cn0_dbhz[a:b].astype(np.float32)
+        )
         for rows, (a, b) in zip(blocks, itertools.pairwise(end), strict=True)
     ]
 
@@ -70,6 +74,14 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
         columns[name] = out.optional[: len(rows), i]
     table = pd.DataFrame(columns)
     return table.astype({"n_used": np.int64, "n_hypotheses": np.int64})
+
+
+def filtered_table(parts: list[Table], week: int) -> pd.DataFrame:
+    """Return what the filter had before the smoother: position, velocity and attitude with their sigmas."""
+    rows = np.concatenate(parts)
+    kept = [i for i, name in enumerate(NAV_COLUMNS) if not re.search("bias|drift|^n_", name)]
+    columns = {NAV_COLUMNS[i]: rows["value"][:, i] for i in kept}
+    return pd.DataFrame({"time_s": ns_to_week_seconds(rows["t_ns"], week), **columns})
 
 
 def optional_columns(setup: FilterSetup) -> list[str]:
@@ -183,6 +195,7 @@ def satellite_columns(part: LedgerPart, keys: RowKeys, n_sv: int, week: int) -> 
         **_angles(ledger["u_n"][rows_of_table], ""),
         **_angles(ledger["u_b"][rows_of_table], "body_"),
         "gain_dbi": ledger["gain"][rows_of_table].astype(np.float64),
+        "cn0_dbhz": keys.cn0_dbhz[rows_of_table],
         "state": state,
         "sd_range_m": np.sqrt(ledger["predicted"][rows_of_table, 0], dtype=np.float64),
         "sd_range_rate_mps": np.sqrt(ledger["predicted"][rows_of_table, 1], dtype=np.float64),

@@ -4,9 +4,12 @@
 |----------------|-------------|---------|
 | nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position; where asked for q_nb_*, cov_*, point_* |
 | measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
-| satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi state sd_range_m sd_range_rate_mps |
+| satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi cn0_dbhz state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
 | errors         | nav row inside the reference | time_s and estimate minus reference with its sigma |
+| filtered       | row of nav, of a smoothed run | time_s, position, velocity and attitude with sd_* as the filter had them |
+| imu            | stretch of the inertial log | time_s, smallest and largest rate and specific force of each axis |
+| imu_spectrum   | frequency   | frequency_hz, amplitude spectral density of each axis |
 | aiding         | output time of the aiding and satellite above the horizon | time_s sv range_rate_mps range_acceleration_mps2 range_jerk_mps3 doppler_hz doppler_rate_hz_per_s pseudorange_m code_delay_rate_s_per_s, sd_* of each, age_s |
 | aiding_budget  | satellite, whenever its sigma are found anew | time_s sv, what the sigma of rate and acceleration are made of |
 | supervision    | satellite above the horizon and epoch | time_s sv state decision receiver el_deg gain_dbi cn0_dbhz pseudorange_m doppler_hz sd_range_m sd_range_rate_mps within_aperture, search window and times |
@@ -36,10 +39,14 @@ from insgnss.datum import annotate_all, with_heading, with_sea_level, with_utc
 from insgnss.errors import ResultError
 from insgnss.run_folder import COLUMN_TYPES, SETTINGS, read_run
 from insgnss.saving import saving
+from insgnss.shown import Shown
 from insgnss.table_files import column_types, pieces, table_files, write_table
 
 _OPTIONAL = (
     "errors",
+    "filtered",
+    "imu",
+    "imu_spectrum",
     "aiding",
     "aiding_budget",
     "supervision",
@@ -51,8 +58,8 @@ TABLES = ("nav", "measurements", "satellites", "events", *_OPTIONAL)
 FILES = (*table_files(TABLES), SETTINGS, COLUMN_TYPES)
 
 
-@dataclass
-class Run:
+@dataclass(repr=False)
+class Run(Shown):
     """What a replay gives. Tables are DataFrames, ``settings`` is all that is needed to repeat the run."""
 
     nav: pd.DataFrame
@@ -66,6 +73,9 @@ class Run:
     transitions: pd.DataFrame | None = None
     search_times: pd.DataFrame | None = None
     receiver_events: pd.DataFrame | None = None
+    filtered: pd.DataFrame | None = None
+    imu: pd.DataFrame | None = None
+    imu_spectrum: pd.DataFrame | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -92,6 +102,17 @@ class Run:
         nav = with_sea_level(nav) if sea_level else nav
         nav = with_heading(nav) if heading else nav
         return with_utc(nav) if utc else nav
+
+    def _about(self) -> Iterator[str]:
+        flight, filter_ = (dict(self.settings.get(key) or {}).get("name") for key in ("flight", "filter"))
+        smoothed = ", smoothed" if self.settings.get("smooth") else ""
+        yield f"'{flight or 'run'}', filter '{filter_ or ''}'{smoothed}"
+        if len(self.nav):
+            yield f"{self.nav['time_s'].iloc[0]:.1f} to {self.nav['time_s'].iloc[-1]:.1f} s of the week"
+        known_s = self.heading_known_s()
+        yield "no event 'heading_known'" if known_s is None else f"heading known at {known_s:.1f} s"
+        used = int((self.measurements["status"] == "used").sum())
+        yield f"{used} of {len(self.measurements)} measurements used"
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.
@@ -191,13 +212,17 @@ class Run:
         counts = counts.iloc[np.flatnonzero(table.any(axis=1)), np.flatnonzero(table.any(axis=0))]
         return counts.loc[counts.sum(axis=1).sort_values(ascending=False).index]
 
-    def nis_summary(self) -> pd.DataFrame:
-        """Return, per kind, how many were used, the mean NIS (1 is right) and the share below the 95 % bound (0.95)."""
+    def nis_summary(self, from_s: float | None = None) -> pd.DataFrame:
+        """Return, per kind, how many were used, the mean NIS (1 is right) and the share below the 95 % bound (0.95).
+
+        Of the time from ``from_s`` on; when None from the heading known on, where it became known.
+        """
+        begin_s = self._settled_s(from_s)
         chi_square_95 = 3.841458820694124  # one degree of freedom
         kinds = self.measurements["kind"].cat.categories
         sums = np.zeros((len(kinds), 3))  # of one, NIS, and whether it is below the bound
         for piece in pieces(self.measurements):
-            used = (piece["status"] == "used").to_numpy()
+            used = ((piece["status"] == "used") & (piece["time_s"] >= begin_s)).to_numpy()
             kind, nis = piece["kind"].cat.codes.to_numpy()[used], piece["nis"].to_numpy()[used]
             for column, values in enumerate((np.ones(len(nis)), nis, nis <= chi_square_95)):
                 sums[:, column] += np.bincount(kind, values, minlength=len(kinds))
@@ -213,20 +238,29 @@ class Run:
         times = known["time_s"].dropna()
         return None if times.empty else float(times.iloc[0])
 
+    def _settled_s(self, from_s: float | None) -> float:
+        """Return the time from which a summary is made: what is asked for, else the heading known, else the start."""
+        known_s = self.heading_known_s() if from_s is None else from_s
+        return -np.inf if known_s is None else known_s
+
     def error_summary(self, quality: float | None = None, from_s: float | None = None) -> pd.DataFrame:
         """Return, per component, mean, rms, 50 %, 95 % and largest error, the mean sigma and the rms of error / sigma.
 
         ``rms_over_total`` is that against the sigma with the slow errors, sqrt(sd^2 + sd_slow^2).
 
-        ``quality`` keeps only the reference rows of at most that quality number, ``from_s`` those from that time on.
+        Parameters
+        ----------
+        quality : keeps only the reference rows of at most that quality number
+        from_s : keeps only the rows from that time on [s of the week]; when None from the heading known on, where it
+            became known within the reference. ``-math.inf`` keeps all.
         """
         if self.errors is None:
             raise ResultError("the run has no reference", advice="name a [reference] in the flight file")
         table = self.errors
         if quality is not None:
             table = table[table["quality"] <= quality]
-        if from_s is not None:
-            table = table[table["time_s"] >= from_s]
+        settled = table[table["time_s"] >= self._settled_s(from_s)]
+        table = table if settled.empty and from_s is None else settled
         rows = {}
         for name in [c for c in table.columns if c.startswith("d_")]:
             values = table[name].dropna()

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from insgnss.antenna.equipment import installation, limits_of, mounting
-from insgnss.attitude.observability import angle_lost, is_collinear
+from insgnss.attitude.array_observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight, mounted_antennas
 from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InputError

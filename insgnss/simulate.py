@@ -21,6 +21,7 @@ from insgnss.log.reference import read_reference
 from insgnss.log.rinex import read_navigation
 from insgnss.log.yuma import read_yuma
 from insgnss.saving import saving
+from insgnss.shown import Shown
 from insgnss.simulation.assembly import Inputs, assemble, missing_messages
 from insgnss.simulation.chosen_messages import without
 from insgnss.simulation.flight_text import (
@@ -41,8 +42,8 @@ from insgnss.simulation.simulated_log import Scenario, SimulatedLog, Simulator
 from insgnss.tables import ReferenceTable
 
 
-@dataclass(frozen=True)
-class Simulation:
+@dataclass(frozen=True, repr=False)
+class Simulation(Shown):
     """A simulated flight in memory: the scenario, the logs with their errors, and the truth beside them."""
 
     config: SimulationConfig

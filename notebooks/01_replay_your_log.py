@@ -33,7 +33,6 @@ from insgnss.gpstime import GPS_EPOCH
 from insgnss.report import figures
 
 plt.rcParams.update(figures.STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
-plt.switch_backend(plt.get_backend())  # so that figures made without pyplot are shown too
 SAMPLE = Path("../data/sample_flight").resolve()
 scratch = tempfile.TemporaryDirectory()
 folder = Path(scratch.name)

@@ -31,7 +31,6 @@ from insgnss.report.figures import STYLE
 from insgnss.studies import hidden_satellite_variance, masking_study
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
-plt.switch_backend(plt.get_backend())  # so that figures made without pyplot are shown too
 
 # %% [markdown]
 # ## Which satellites the bank hides

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
 import tomllib
+import types
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -159,6 +161,19 @@ def test_numba_is_used_through_the_two_modules_that_compile() -> None:
     }
 
     assert users == {"insgnss/apart.py", "insgnss/jit.py"}
+
+
+def test_no_name_of_a_package_hides_its_module() -> None:
+    """``import insgnss.log.flight`` must give the module, whatever the package itself names."""
+    hidden = []
+    for path in (p for p in SOURCES if p.parent != ROOT / "insgnss" / "cli" and p.stem != "__main__"):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        package, name = importlib.import_module(".".join(parts[:-1])), parts[-1]
+        found = getattr(package, name, None)
+        if name != "__init__" and found is not None and not isinstance(found, types.ModuleType):
+            hidden.append(".".join(parts))
+
+    assert hidden == []
 
 
 def test_imports_stand_at_the_top_of_a_file() -> None:

@@ -129,6 +129,19 @@ def test_notebook_imports_only_what_is_open_to_everybody(name: str) -> None:
     assert hidden == set()
 
 
+def pictures_drawn(name: str) -> int:
+    """Return how many figures a notebook draws: by pyplot, or by a function of the package at the end of a cell."""
+    by_pyplot = sum(isinstance(n, ast.Attribute) and n.attr == "subplots" for n in statements(name))
+    cells = [ast.parse(cell.source).body for cell in text_of(name).cells if cell.cell_type == "code"]
+    last = [ast.unparse(body[-1].value.func) for body in cells if is_call(body)]
+    return by_pyplot + sum(bool(re.search(r"figure(s\.\w+)?$", function)) for function in last)
+
+
+def is_call(body: list[ast.stmt]) -> bool:
+    """Return whether a cell ends with a call whose value is shown."""
+    return bool(body) and isinstance(body[-1], ast.Expr) and isinstance(body[-1].value, ast.Call)
+
+
 @each_notebook
 def test_notebook_runs_and_its_conclusion_holds(name: str) -> None:
     """Run it in a kernel of its own, in its own folder, as somebody would who opened it."""
@@ -142,6 +155,11 @@ def test_notebook_runs_and_its_conclusion_holds(name: str) -> None:
 
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert [output.text for output in outputs if output.get("name") == "stderr"] == []
+    shown = [output.data for output in outputs if output.output_type in ("display_data", "execute_result")]
+    assert sum("image/png" in data for data in shown) == pictures_drawn(name)
+    assert [
+        data for data in shown if "<Figure" in data.get("text/plain", "") and "image/png" not in data
+    ] == []
     # a busy kernel may send one line in two pieces
     told = "".join(output.text for output in outputs if output.get("name") == "stdout")
     assert re.match(r"Answer: .*\d", told.splitlines()[-1])

@@ -24,7 +24,7 @@ Conventions of this room, besides those of the package:
 
 from __future__ import annotations
 
-from insgnss.attitude.angular_discriminator import (
+from insgnss.attitude.angular_discriminators import (
     angular_discriminator,
     angular_noise,
     discriminator_curve,
@@ -33,6 +33,7 @@ from insgnss.attitude.angular_discriminator import (
     slopes,
 )
 from insgnss.attitude.aperture import Apertures, apertures, random_attitudes
+from insgnss.attitude.array_observability import Observability, observability
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
@@ -47,11 +48,10 @@ from insgnss.attitude.baselines import (
 from insgnss.attitude.correlator_bank import draw_correlators, measured_differences, signal_ratios
 from insgnss.attitude.gyro_attitude import GyroAttitude, GyroErrors, GyroState, gyro_errors
 from insgnss.attitude.gyro_trial import Swing, Trial
-from insgnss.attitude.observability import Observability, observability
 from insgnss.attitude.one_stage import AttitudeState, OneStage, lock_range, recovery_curve
 from insgnss.attitude.two_stage import Epoch, Solution, equivalent_orders, is_turned_over, solve
 from insgnss.attitude.vehicle import array_of_vehicle
-from insgnss.attitude.wahba import wahba
+from insgnss.attitude.wahba_problem import wahba
 from insgnss.attitude.wind_up import wind_up_differences
 
 __all__ = [

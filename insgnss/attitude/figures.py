@@ -1,6 +1,6 @@
 """Pictures of the angular discriminator: Fig. 3 to 9 of Dneprov and Korogodin (2015).
 
-They need matplotlib, an optional part (``pip install insgnss[plots]``), which is loaded when a picture is asked for.
+matplotlib is loaded when a picture is asked for.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from insgnss.attitude.angular_discriminator import (
+from insgnss.attitude.angular_discriminators import (
     angular_discriminator,
     discriminator_curve,
     pair_discriminator,

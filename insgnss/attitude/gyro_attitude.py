@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from insgnss.attitude.array_observability import gradient, information
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
@@ -24,7 +25,6 @@ from insgnss.attitude.baselines import (
     wrapped,
 )
 from insgnss.attitude.gyro_motion import N_GYRO_ERRORS, advance
-from insgnss.attitude.observability import gradient, information
 from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.config.flight import ImuGrade
 from insgnss.errors import ConfigError

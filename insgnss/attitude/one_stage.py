@@ -14,13 +14,14 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.attitude.angular_discriminator import (
+from insgnss.attitude.angular_discriminators import (
     likelihood_discriminator,
     likelihood_weights,
     pair_covariance,
     pair_discriminator,
     pair_slopes,
 )
+from insgnss.attitude.array_observability import gradient, information, require_two_satellites
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
@@ -30,7 +31,6 @@ from insgnss.attitude.baselines import (
     phases_by_rotation,
 )
 from insgnss.attitude.correlator_bank import Complex
-from insgnss.attitude.observability import gradient, information, require_two_satellites
 from insgnss.attitude.small_rotation import rotation_matrix, to_euler
 from insgnss.errors import ConfigError, GeometryError
 from insgnss.tables import Float64

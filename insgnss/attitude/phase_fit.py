@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from insgnss.attitude.baselines import AntennaArray, Sky, phase_differences, phases_by_rotation
 from insgnss.attitude.small_rotation import rotation_matrix
-from insgnss.attitude.wahba import Attitude
+from insgnss.attitude.wahba_problem import Attitude
 from insgnss.tables import Float64
 
 _STEPS: Final = 4  # Newton's steps from an attitude right to a degree: the third is below 1e-12 rad

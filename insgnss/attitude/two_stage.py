@@ -17,15 +17,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincinv
 
+from insgnss.attitude.array_observability import require_attitude
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
     difference_covariance,
 )
 from insgnss.attitude.integer_search import nearest_integers
-from insgnss.attitude.observability import require_attitude
 from insgnss.attitude.phase_fit import PhaseRows, Rough, fit_attitude
-from insgnss.attitude.wahba import wahba
+from insgnss.attitude.wahba_problem import wahba
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64, Int64
 

@@ -39,7 +39,7 @@ def allan(
     accel_unit: Annotated[
         str, typer.Option("--accel-unit", help="Of a CSV log: m/s^2, g, mg, m/s, g*s.")
     ] = "m/s^2",
-    pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:

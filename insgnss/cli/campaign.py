@@ -31,11 +31,16 @@ def campaign(
     ],
     workers: Annotated[
         int | None,
-        typer.Option("--workers", help="Of an embedded cluster: one a core; 0: none, in this process."),
+        typer.Option(
+            "--workers", help="Processes on this machine; one a core without it, 0: none but this one."
+        ),
     ] = None,
     scheduler: Annotated[
         str | None,
-        typer.Option("--scheduler", help="Address of a running Dask cluster's, as tcp://host:8786."),
+        typer.Option(
+            "--scheduler",
+            help="Address of a running Dask cluster's, as tcp://host:8786 (needs insgnss[campaign]).",
+        ),
     ] = None,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Also do the tasks again in which a run failed.")

@@ -34,7 +34,7 @@ def consistency(
         float | None,
         typer.Option("--from", help="Seconds of the week where it begins; else at the heading known."),
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:

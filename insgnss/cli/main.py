@@ -16,8 +16,10 @@ from insgnss.cli.columns import columns
 from insgnss.cli.compare import compare
 from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
+from insgnss.cli.demo import demo
 from insgnss.cli.export import export
 from insgnss.cli.margin import margin
+from insgnss.cli.models import models
 from insgnss.cli.outage import outage
 from insgnss.cli.point import point
 from insgnss.cli.replay import replay
@@ -47,6 +49,7 @@ EXIT_CODES: Final = {
 _SAMPLE = "data/sample_flight/flight.toml"
 # each works as pasted in the repository's folder, in this order
 EXAMPLES: Final[dict[Callable[..., None], str]] = {
+    demo: "insgnss demo --output out/demo",
     convert: "insgnss convert data/sample_receiver/rover.obs --output out/rover",
     check: f"insgnss check {_SAMPLE}",
     replay: f"insgnss replay {_SAMPLE} --output out/run",
@@ -64,6 +67,7 @@ EXAMPLES: Final[dict[Callable[..., None], str]] = {
     margin: "insgnss margin --oscillator tcxo --imu tactical --output out/margin",
     campaign: "insgnss campaign imu_grades --output out/campaign",
     columns: "insgnss columns nav",
+    models: "insgnss models imus",
 }
 for _command, _example in EXAMPLES.items():
     # on a line of its own, and short enough for a terminal of 80 columns

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from insgnss.flown_margin import FlownMargin
-    from insgnss.interference.lock_threshold import LockThreshold
+    from insgnss.interference.lock_thresholds import LockThreshold
     from insgnss.interference.margin import PhaseLoop
 
 
@@ -81,7 +81,7 @@ def margin(
         float, typer.Option("--step", help="Seconds between two epochs of the run; 0 all.")
     ] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -243,7 +243,7 @@ def _simulated(console: Console, seed: int) -> list[LockThreshold]:
     import numpy as np
 
     from insgnss.interference.discriminators import DISCRIMINATORS
-    from insgnss.interference.lock_threshold import LIFETIME, lock_threshold
+    from insgnss.interference.lock_thresholds import LIFETIME, lock_threshold
 
     found = []
     with counting() as bar:

@@ -10,6 +10,7 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
@@ -53,14 +54,13 @@ def outage(
     ] = "",
     after: Annotated[float, typer.Option("--after", help="Seconds looked at after each window.")] = 60.0,
     rate: Annotated[float, typer.Option("--rate", help="Of the compared solution in Hz.")] = 1.0,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder for tables and picture; none is written without it."),
     ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the picture (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -71,13 +71,14 @@ def outage(
         from insgnss.studies.outage import outage_study
         from insgnss.studies.outage_windows import Removal
 
+        chosen = chosen_filter(filter, settings)
         removal = Removal(_names(satellites), _names(constellations), _names(kinds))
         with telling("starting") as tell:
             study = outage_study(
                 flight,
                 windows,
                 removal,
-                filter=filter,
+                filter=chosen,
                 after_s=after,
                 rate_hz=rate,
                 progress=tell,

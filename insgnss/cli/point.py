@@ -10,6 +10,7 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from insgnss.point import PointRun
+    from insgnss.point_solutions import PointRun
 
 _MEDIANS: Final = ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m", "sd_e_m", "sd_d_m"]
 
@@ -30,9 +31,8 @@ def point(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the tables; none is written without it.")
     ] = None,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     false_alarm: Annotated[
         float, typer.Option("--false-alarm", help="Probability that an epoch without a fault is refused.")
     ] = 1e-3,
@@ -52,16 +52,17 @@ def point(
         form = table_form(format)
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
-        from insgnss.point import FILES
-        from insgnss.point import point as solve
+        from insgnss.point_solutions import FILES
+        from insgnss.point_solutions import point as solve
 
+        chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("starting") as tell:
             if output is not None:
                 check_replaceable(output, FILES, "point solution")
             run = solve(
                 loaded,
-                filter,
+                chosen,
                 false_alarm=false_alarm,
                 missed_detection=missed_detection,
                 progress=tell,

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force
@@ -22,7 +23,7 @@ from insgnss.cli.progress import telling
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
-from insgnss.replay import replay as run_replay
+from insgnss.log_replay import replay as run_replay
 from insgnss.report.digest import digest
 from insgnss.run import FILES, Run
 from insgnss.saving import check_replaceable, overwriting
@@ -36,9 +37,8 @@ def replay(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
     ] = None,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     rate: Rate = "gnss",
     times: Times = None,
     point: PointOption = None,
@@ -67,12 +67,13 @@ def replay(
     with own_errors_told(), overwriting(force):
         form = table_form(format)
         wanted = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
+        chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("starting") as tell:
             check_outputs(output, report)
             run = run_replay(
                 loaded,
-                filter,
+                chosen,
                 aiding=aiding,
                 supervise=supervise,
                 progress=tell,
@@ -189,6 +190,8 @@ def _print_supervision(console: Console, run: Run) -> None:
 def _accuracy_table(run: Run) -> Table:
     """Return errors beside sigmas where there is a reference, sigmas alone elsewhere."""
     known_s = run.heading_known_s()
+    if known_s is not None and run.errors is not None and not known_s <= run.errors["time_s"].max():
+        known_s = None  # the summary is of the whole reference then
     since = "" if known_s is None else f", from the heading known at {known_s:.1f} s"
     table = Table(
         title=f"estimate against reference{since}" if run.errors is not None else "sigma (no reference)"
@@ -205,7 +208,7 @@ def _accuracy_table(run: Run) -> Table:
                 _label(name[3:]), f"{values.iloc[0]:.3f}", f"{values.median():.3f}", f"{values.iloc[-1]:.3f}"
             )
         return table
-    summary = run.error_summary(from_s=known_s)
+    summary = run.error_summary()
     for name in ("mean", "rms", "95 %", "largest", "mean sigma", "rms of error/sigma", "with slow errors"):
         table.add_column(name, justify="right")
     columns = ["mean", "rms", "p95", "max", "mean_sigma", "rms_over_sigma", "rms_over_total"]

@@ -23,7 +23,7 @@ def report(
     ] = None,
     figures: Annotated[
         Path | None,
-        typer.Option("--figures", help="Also write figures for a paper into this folder (needs matplotlib)."),
+        typer.Option("--figures", help="Also write figures for a paper into this folder."),
     ] = None,
     form: Annotated[str, typer.Option("--form", help="Of the figures: pdf, svg or png.")] = "pdf",
     force: Force = False,

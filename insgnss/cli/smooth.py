@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson
 from insgnss.cli.memory import give_back_what_is_freed
 from insgnss.cli.overwriting import Force
@@ -17,7 +18,7 @@ from insgnss.cli.replay import check_outputs, tell_run, write_run
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
-from insgnss.replay import replay as run_replay
+from insgnss.log_replay import replay as run_replay
 from insgnss.saving import overwriting
 
 
@@ -26,9 +27,8 @@ def smooth(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the run; none is written without it.")
     ] = None,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     rate: Rate = "gnss",
     times: Times = None,
     point: PointOption = None,
@@ -47,9 +47,10 @@ def smooth(
     with own_errors_told(), overwriting(force):
         form = table_form(format)
         wanted = rows_wanted(rate, times, point, quaternion=quaternion, covariance=covariance)
+        chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("starting") as tell:
             check_outputs(output, report)
-            run = run_replay(loaded, filter, smooth=True, progress=tell, **wanted)
+            run = run_replay(loaded, chosen, smooth=True, progress=tell, **wanted)
             written = write_run(run, output, report, form, tell)
     tell_run(loaded, run, written, began, as_json=as_json)

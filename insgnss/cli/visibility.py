@@ -10,6 +10,7 @@ import typer
 
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
+from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
@@ -37,15 +38,14 @@ def visibility(
         Path | None,
         typer.Option("--output", "-o", help="Folder for tables and pictures; none is written without it."),
     ] = None,
-    filter: Annotated[
-        str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file: thresholds.")
-    ] = "tight17",
+    filter: FilterName = "tight",
+    settings: Settings = None,
     threshold: Annotated[
         float | None, typer.Option("--threshold", help="Least gain in dBic, in place of the filter's.")
     ] = None,
     step: Annotated[float, typer.Option("--step", help="Seconds between two attitudes; 0 takes all.")] = 1.0,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
-    pictures: Annotated[bool, typer.Option(help="Draw the pictures (needs matplotlib).")] = True,
+    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -56,15 +56,14 @@ def visibility(
         if not step >= 0.0:
             raise ConfigError(f"{step} is no step", key="--step", advice="give seconds, 0 for every row")
         # pandas and the compiled code are loaded only once the options are known to be right
-        from insgnss.library import filter_config
         from insgnss.log.flight import Flight
         from insgnss.visibility.figures import save_figures
         from insgnss.visibility.sources import visibility_of
 
-        config = filter_config(filter)
+        config = chosen_filter(filter, settings)
         if threshold is not None:
-            settings = {"threshold": "gain", "threshold_gain_dbic": threshold}
-            changed = config.visibility.model_copy(update=settings)
+            by_gain = {"threshold": "gain", "threshold_gain_dbic": threshold}
+            changed = config.visibility.model_copy(update=by_gain)
             config = config.model_copy(update={"visibility": changed})
         loaded = Flight.load(flight)
         with overwriting(force, loaded.files()), telling("studying") as tell:

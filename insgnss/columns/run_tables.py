@@ -76,6 +76,7 @@ az_deg el_deg: direction from the local level: azimuth clockwise from north, ele
 body_az_deg body_el_deg: direction from the airframe: azimuth from forward to the right, elevation against
   the body's own horizon
 gain_dbi: gain of the best antenna towards it, circularly polarised; empty where no antenna is described
+cn0_dbhz: C/N0 of the signal that was used, else of its first; empty where the log has none
 state: tracked, or why not: see the list at the end; absent: no measurement in this epoch
 sd_range_m sd_range_rate_mps: how well range and range rate were predicted before the update: sqrt(h P h^T);
   empty where they were not
@@ -189,6 +190,26 @@ supervisor: the supervisor's state at that moment
 verdict: agrees, not_covered, or how they differ
 lag_s: the receiver's event after the supervisor's change of state
 """
+_FILTERED = """
+time_s: seconds of the GPS week
+lat_deg lon_deg h_m: position, as in the navigation table, by the filter alone
+vn_mps ve_mps vd_mps: velocity
+roll_deg pitch_deg yaw_deg: attitude
+sd_n_m sd_e_m sd_d_m sd_vn_mps sd_ve_mps sd_vd_mps sd_roll_deg sd_pitch_deg sd_yaw_deg: one sigma of each
+"""
+_IMU = """
+time_s: seconds of the GPS week: the first sample of a stretch of the log
+gyro_x_min_degps gyro_y_min_degps gyro_z_min_degps gyro_x_max_degps gyro_y_max_degps gyro_z_max_degps: smallest
+  and largest rate in it, as logged, along forward, right, down
+accel_x_min_mps2 accel_y_min_mps2 accel_z_min_mps2 accel_x_max_mps2 accel_y_max_mps2 accel_z_max_mps2: the same of
+  the specific force
+"""
+_SPECTRUM = """
+frequency_hz: up to half of the rate
+gyro_x_degps_per_sqrt_hz gyro_y_degps_per_sqrt_hz gyro_z_degps_per_sqrt_hz: amplitude spectral density of the
+  rate, along forward, right, down
+accel_x_mps2_per_sqrt_hz accel_y_mps2_per_sqrt_hz accel_z_mps2_per_sqrt_hz: of the specific force
+"""
 RUN_SHEETS: Final = (
     Sheet("nav", "output time", _NAV),
     Sheet(
@@ -202,6 +223,16 @@ RUN_SHEETS: Final = (
     Sheet("satellites", "satellite and epoch", _SATELLITES),
     EVENTS,
     ERRORS,
+    Sheet(
+        "filtered",
+        "navigation row of a smoothed run, as the filter had it",
+        _FILTERED,
+        "Only of a smoothed run.",
+    ),
+    Sheet("imu", "stretch of the inertial log, at most 1500", _IMU),
+    Sheet(
+        "imu_spectrum", "frequency", _SPECTRUM, "Empty where the log is too short or its steps are uneven."
+    ),
     Sheet("aiding", "time and satellite above the horizon", _AIDING, "Only with `--aiding`."),
     Sheet("aiding_budget", "satellite, whenever its sigmas are found anew", _BUDGET, "Only with `--aiding`."),
     Sheet("supervision", "satellite above the horizon and epoch", _SUPERVISION, "Only with `--supervise`."),

@@ -328,8 +328,14 @@ class FilterConfig(StrictModel):
     """A whole filter file."""
 
     name: str = ""
+    based_on: str = Field(
+        "",
+        description="a filter's name or file (.toml): what this file leaves out is as there, table by table",
+    )
     measurements: Measurements = Measurements()
-    pseudorange_noise_m: Noise
+    pseudorange_noise_m: Noise = Field(
+        description='a file that changes a few settings alone begins with based_on = "tight"'
+    )
     range_rate_noise_mps: Noise
     carrier_noise_m: Noise = Noise(floor=0.002, elevation=0.001, cn0_at_45_dbhz=0.002)
     gates: Gates = Gates()

@@ -297,6 +297,10 @@ class Reference(LogTable):
     file: Path
     columns: ReferenceColumns = ReferenceColumns()
     point: Literal["imu", "antenna"] = "imu"
+    quality_max: PositiveFloat | None = Field(
+        None,
+        description="rows of a larger quality number are left out, as float (2) and single (5) of RTKLIB by 1",
+    )
 
 
 class FurtherAntenna(MountedAntenna):

@@ -12,9 +12,11 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Final, TypeVar, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from pydantic_core import ErrorDetails
 
+from insgnss.config.changes import as_tables, merged
 from insgnss.config.files import existing_file
 from insgnss.config.toml_lines import key_lines, line_of
 from insgnss.errors import ConfigError
@@ -99,8 +101,12 @@ def _numbers(value: Any) -> Iterator[float]:
 Model = TypeVar("Model", bound=StrictModel)
 
 
-def load_toml(path: str | Path, model: type[Model]) -> Model:
+def load_toml(path: str | Path, model: type[Model], base: Mapping[str, Any] | None = None) -> Model:
     """Return the settings of a TOML file, checked against their schema.
+
+    Parameters
+    ----------
+    base : what the file leaves out, table by table
 
     Raises
     ------
@@ -110,14 +116,45 @@ def load_toml(path: str | Path, model: type[Model]) -> Model:
     """
     path = existing_file(Path(path))
     text, data = _parse(path)
+    return _checked(merged(base or {}, data), model, path, text)
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Return what a TOML file says, not checked against any schema.
+
+    Raises
+    ------
+    MissingFileError : there is no such file
+    ConfigError : the file is no TOML
+    """
+    return _parse(existing_file(Path(path)))[1]
+
+
+def changed(settings: Model, changes: Mapping[str, Any]) -> Model:
+    """Return settings with some of them changed, by dotted key or by tables, checked as those of a file are.
+
+    Raises
+    ------
+    ConfigError : a key is unknown, or its value of the wrong type or out of range
+    """
+    data = merged(settings.model_dump(mode="json"), as_tables(changes))
+    return _checked(data, type(settings), None, "")
+
+
+def _checked(data: dict[str, Any], model: type[Model], path: Path | None, text: str) -> Model:
     try:
-        return model.model_validate_json(json.dumps(data, default=str), strict=True)
+        return model.model_validate_json(json.dumps(data, default=_plain), strict=True)
     except ValidationError as error:
         problems = _without_other_branches(error.errors(include_url=False), data)
         lines = key_lines(text)
         raise _config_error(path, [_describe(problem, data, model, lines) for problem in problems]) from None
     except RecursionError:
         raise _too_deep(path) from None
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that JSON does not know as one that it does: NumPy's numbers as numbers, a date as text."""
+    return value.item() if isinstance(value, np.generic) else str(value)
 
 
 def _parse(path: Path) -> tuple[str, dict[str, Any]]:
@@ -138,7 +175,7 @@ def _parse(path: Path) -> tuple[str, dict[str, Any]]:
         ) from error
 
 
-def _too_deep(path: Path) -> ConfigError:
+def _too_deep(path: Path | None) -> ConfigError:
     return ConfigError("tables or arrays are nested too deep", file=path, advice="remove the inner brackets")
 
 
@@ -158,7 +195,7 @@ class _Problem:
         return f"key '{self.key}'" if self.line is None else f"line {self.line}, key '{self.key}'"
 
 
-def _config_error(path: Path, problems: Sequence[_Problem]) -> ConfigError:
+def _config_error(path: Path | None, problems: Sequence[_Problem]) -> ConfigError:
     problems = sorted(
         problems, key=lambda problem: not problem.unknown
     )  # an unknown key often explains a missing one

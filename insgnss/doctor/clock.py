@@ -8,6 +8,7 @@ import numpy as np
 
 from insgnss.constants import C_MPS
 from insgnss.doctor.track import Track
+from insgnss.log.doctor_rates import jumps_that_agree, leaps_finding
 from insgnss.log.report import Finding
 from insgnss.tables import Float64
 
@@ -29,15 +30,19 @@ def clock_findings(track: Track) -> list[Finding]:
     by_rates = bool(np.isfinite(drift).all())
     mean = 0.5 * (drift[1:] + drift[:-1]) if by_rates else np.full(len(change), np.median(change / step_s))
     jumped = np.abs(change - mean * step_s) > JUMP_M
-    jumps = int(jumped.sum())
+    size_m = (change - mean * step_s)[jumped]
+    agree = jumps_that_agree(size_m)
+    jumps = int(agree.sum())
     smooth = float(np.median(mean))
     span = f"{track.clock_m.min() / C_MPS * 1e3:+.4g} to {track.clock_m.max() / C_MPS * 1e3:+.4g} ms"
     kind = _kind(track.clock_m, jumps, smooth, float(track.t_s[-1] - track.t_s[0]))
     text = f"receiver clock {kind}: offset {span}, drift {smooth:+.4g} m/s ({smooth / PPM_MPS:+.3g} ppm)"
     if jumps:
-        size = float(np.median(np.abs((change - mean * step_s)[jumped]))) / C_MPS * 1e3
+        size = float(np.median(np.abs(size_m[agree]))) / C_MPS * 1e3
         text += f", {jumps} jump(s) of {size:.3g} ms"
     findings = [Finding("ok", "gnss", text)]
+    if jumps < len(size_m):
+        findings.append(leaps_finding(size_m[~agree]))
     return findings + (_agreement(change[~jumped], step_s[~jumped], mean[~jumped]) if by_rates else [])
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.doctor.clock import clock_findings
 from insgnss.doctor.corrected_file import corrected_flight
 from insgnss.doctor.declaration import Declared, declared_log
@@ -22,13 +22,14 @@ from insgnss.doctor.time_offset import HOUR_S, WEEK_S, overlapping_shifts, time_
 from insgnss.doctor.track import Track, solve_track
 from insgnss.errors import InsGnssError
 from insgnss.log.doctor import ReadLogs, read_and_check
+from insgnss.log.doctor_imu import GroundSpeed, imu_findings
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
 from insgnss.log.imu_csv import inertial
 from insgnss.log.imu_frozen import DEAD
 from insgnss.log.imu_units import fitting_accel_units, keys_of_accel_unit
 from insgnss.log.report import CheckReport, Finding, Proposal
-from insgnss.tables import GnssTable
+from insgnss.tables import GnssTable, ImuTable
 
 LEAST_G: Final = 0.5  # the median of |f| in any vehicle that flies, drives or swims
 MOST_G: Final = 2.0
@@ -46,7 +47,7 @@ def examine(flight: Flight) -> CheckReport:
     findings = list(report.findings)
     mended = corrected_flight(flight, report.proposals)
     try:
-        more, confirmed = _against_each_other(mended, logs, findings)
+        more, confirmed = _against_each_other(mended, logs, findings, flight.config.gps_week)
     except InsGnssError as error:
         more, confirmed = (
             [Finding("warning", "motion", f"not examined: {error.message}", error.advice)],
@@ -58,9 +59,16 @@ def examine(flight: Flight) -> CheckReport:
 
 
 def _against_each_other(
-    flight: Flight, logs: ReadLogs, findings: list[Finding]
+    flight: Flight, logs: ReadLogs, findings: list[Finding], week: int
 ) -> tuple[list[Finding], bool]:
-    """Return further findings, and whether the motion bears out the declared axes."""
+    """Return further findings, and whether the motion bears out the declared axes.
+
+    Parameters
+    ----------
+    flight : with the proposals of the findings so far taken
+    findings : of each log by itself; those of rest are replaced once the speed is known
+    week : that the inertial log was read with
+    """
     more: list[Finding] = []
     if logs.receiver is None:
         return more, False
@@ -73,9 +81,12 @@ def _against_each_other(
     if any(finding.proposals for finding in time):
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
     track = solve_track(flight, gnss, logs.navigation)
-    more += [] if track is None else clock_findings(track)
+    if track is not None:
+        more += clock_findings(track)
     if flight.config.imu is None:
         return more, False
+    if track is not None:
+        _judge_rest_by_speed(findings, week, logs.imu, track)
     changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
     declared = declared_log(flight, None if changed else logs.imu)
     units = _accelerometer_findings(flight, declared, findings)
@@ -96,6 +107,19 @@ def _against_each_other(
         return [*more, Finding("warning", "motion", text)], False
     motion = _motion(flight, declared, track, gnss)
     return more + motion, any(finding.text.startswith("the axes fit") for finding in motion)
+
+
+def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | None, track: Track) -> None:
+    """Put what the inertial log shows in place of what it showed while nobody knew how fast the vehicle was."""
+    if imu is None:
+        return
+    t_ns = track.origin_ns + np.rint(track.t_s * NS_PER_S).astype(np.int64)
+    order = np.argsort(t_ns, kind="stable")
+    speed = GroundSpeed(t_ns[order], np.linalg.norm(track.v_e, axis=1)[order], track.sd_v_mps[order])
+    before = imu_findings(imu, week)
+    at = min(findings.index(finding) for finding in before)
+    findings[:] = [finding for finding in findings if finding not in before]
+    findings[at:at] = imu_findings(imu, week, speed)
 
 
 def _with(flight: Flight, findings: list[Finding]) -> Flight:
@@ -153,6 +177,6 @@ def _words(shift_s: int) -> str:
 
 def _cleared(finding: Finding) -> Finding:
     """Return a doubt about axes, raised by gravity at rest alone, as a fact: the motion bears the axes out."""
-    if finding.severity != "warning" or not finding.text.startswith("f at rest"):
+    if finding.severity != "warning" or not finding.text.startswith(("f at rest", "f in steady")):
         return finding
     return replace(finding, severity="ok", advice="the motion bears the axes out")

@@ -15,7 +15,9 @@ from insgnss.log.report import Finding, Proposal
 
 WEEK_S: Final = 604_800
 HOUR_S: Final = 3600
-# An offset is one when it is many sigmas, and more than tags at 10 Hz or an antenna's filter explain
+# An offset is proposed when it is many sigmas, and more than tags at 10 Hz or an antenna's filter explain; from three
+# sigmas on the tags cannot be said to agree
+SUSPECT_SIGMAS: Final = 3.0
 SIGMAS: Final = 5.0
 SMALLEST_S: Final = 0.05
 MOST_SIGMA_S: Final = 0.15  # of a proposal
@@ -45,8 +47,7 @@ def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: 
     weeks, hours, leaps, rest = split(offset_s, leap)
     significant = abs(rest) > max(SIGMAS * sd_s, SMALLEST_S)
     if not (weeks or hours or leaps) and not significant:
-        text = f"IMU and GNSS tags agree: offset {offset_s:+.3f} s, sigma {sd_s:.3f} s"
-        return [Finding("ok", "motion", text)]
+        return [_small_offset(offset_s, sd_s)]
     side = "behind" if offset_s > 0.0 else "ahead"
     text = f"the IMU tags are {abs(offset_s):.3f} s {side}{_label(weeks, hours, leaps)}"
     if sd_s > MOST_SIGMA_S or timing.gain < EQUAL:
@@ -56,6 +57,19 @@ def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: 
     proposals = time_proposals(flight.config, weeks, hours, leaps * leap, kept)
     sure = f"sure: sigma {sd_s:.3f} s, log likelihood {contrast / 2.0:.0f} above other shifts"
     return [Finding("error", "motion", text, "", sure, proposals)]
+
+
+def _small_offset(offset_s: float, sd_s: float) -> Finding:
+    """Return the finding of an offset that is not large or sure enough for a proposal."""
+    told = f"offset {offset_s:+.3f} s, sigma {sd_s:.3f} s"
+    if abs(offset_s) <= SUSPECT_SIGMAS * sd_s:
+        return Finding("ok", "motion", f"IMU and GNSS tags agree: {told}")
+    text = f"IMU and GNSS tags do not agree: {told}, {abs(offset_s) / sd_s:.1f} sigma"
+    advice = (
+        f"suspected imu.time.offset_s = {offset_s:+.3f}: a latency of either log, or a delay of the sensor's filter;"
+        " more turns, runs and stops decide"
+    )
+    return Finding("warning", "motion", text, advice)
 
 
 def split(offset_s: float, leap: int) -> tuple[int, int, int, float]:

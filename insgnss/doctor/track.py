@@ -15,13 +15,13 @@ from insgnss.gnss.point_rows import PointLog
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.precise import read_precise
-from insgnss.point import solve_rows
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
+from insgnss.point_solutions import solve_rows
 from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData
 
 Bool = npt.NDArray[np.bool_]
 
-FILTER: Final = "tight17"  # its signals, masks and noise
+FILTER: Final = "tight"  # its signals, masks and noise
 # on and above the Earth, where logs come from; a solution elsewhere has wrong satellites
 NEAREST_M: Final = 6.33e6
 FARTHEST_M: Final = 4.0e7

@@ -1,6 +1,6 @@
 """The one picture of a flown margin: J/S against both limits, satellites in lock, and a line per satellite.
 
-It needs matplotlib, an optional part (``pip install insgnss[plots]``), which is loaded when the picture is asked for.
+matplotlib is loaded when the picture is asked for.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def picture(study: FlownMargin, path: str | Path) -> Path:
 
     Raises
     ------
-    ResultError : matplotlib is not installed, or the file cannot be written
+    ResultError : the file cannot be written
     """
     path = Path(path)
     try:
@@ -53,7 +53,7 @@ def flown_figure(study: FlownMargin) -> Figure:
     """Return J/S and limits (median and span over satellites), numbers in lock, and each satellite's timeline."""
     names = sorted(study.satellites["sv"].astype("str").unique())[:_MOST_LABELS]
     rows = max(len(names), 4)
-    figure = new_figure(10.0, 6.5 + 0.22 * rows, otherwise="--no-pictures")
+    figure = new_figure(10.0, 6.5 + 0.22 * rows)
     upper, middle, lower = figure.subplots(
         3, 1, sharex=True, gridspec_kw={"height_ratios": [3.5, 2.0, 0.22 * rows]}
     )

@@ -39,6 +39,7 @@ from insgnss.flown_margin.path import FlownPath, aiding_sigma, flown_path
 from insgnss.interference.margin import db, ratio
 from insgnss.run import Run
 from insgnss.saving import saving
+from insgnss.shown import Shown
 from insgnss.table_files import table_files, write_table
 from insgnss.tables import Float64
 
@@ -46,8 +47,8 @@ TABLES: Final = ("satellites", "emitters", "events")
 LOOPS: Final = ("unaided", "aided")
 
 
-@dataclass(frozen=True)
-class FlownMargin:
+@dataclass(frozen=True, repr=False)
+class FlownMargin(Shown):
     """What ``flown_margin`` gives. Tables are DataFrames."""
 
     satellites: pd.DataFrame

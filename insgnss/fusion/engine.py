@@ -77,7 +77,7 @@ class Engine:
     """
 
     def __init__(self, setup: FilterSetup) -> None:
-        """Make an engine for a filter's setup (``insgnss.replay.setup_filter`` makes one from a flight)."""
+        """Make an engine for a filter's setup (``insgnss.log_replay.setup_filter`` makes one from a flight)."""
         self._setup = setup
         self._messages: BroadcastMessages | None = None
         if setup.navigation is not None:

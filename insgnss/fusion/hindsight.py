@@ -52,7 +52,6 @@ WITHOUT_S: Final = 30.0  # for which satellites are left out
 _LAPSE: Final = ((DR, 30.0), (DV, 10.0), (PSI, math.radians(10.0)))  # what a lie leaves behind [m, m/s, rad]
 _LARGEST: Final = 3.0 * _SIZE  # by so many a bias does not jump: the sensor itself has failed
 _HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless it is shown innocent before
-_A_SATELLITE: Final = 5.0  # what leaving one out costs beside its rows: its own unknown error
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 _GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
 _SMALLEST_SHIFT_NS: Final = 10_000_000  # noise alone estimates some milliseconds
@@ -212,7 +211,7 @@ class Hindsight:
         if verdict is None:
             return None
         since = [w for w in self.base if w.t_ns > int(start.head[0].now_ns)]
-        cost = sum(cost_without(since, each, self.parameters[0]) + _A_SATELLITE for each in satellites)
+        cost = sum(cost_without(since, each, self.parameters[0]) for each in satellites)
         return verdict._replace(log_likelihood=verdict.log_likelihood - cost, satellites=satellites)
 
     def until(

@@ -72,6 +72,7 @@ def run_blocks(
     before_loop: Callable[[], object] = lambda: None,
     smooth: bool = False,
     further: Further | None = None,
+    filtered: list[Table] | None = None,
 ) -> tuple[Output, list[LedgerPart], list[Event]]:
     """Run a filter over samples and the blocks of a log's rows.
 
@@ -88,6 +89,7 @@ def run_blocks(
     before_loop : is called when the compiled loop is needed, after the start
     smooth : gives the navigation rows what the rest of their stretch tells of them
     further : columns that are wanted beside those that every navigation row has; filled
+    filtered : takes the filter's own navigation rows of each part before they are smoothed
 
     The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
     leaves behind.
@@ -114,7 +116,7 @@ def run_blocks(
         passage.without_imu(int(e0))
         navigator = Navigator(setup, before_loop)
         navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
-        smoother = Smoother(navigator, part, further)
+        smoother, first = Smoother(navigator, part, further), int(out.counts[0].nav)
         for rows, begin, end, written in passage.until(int(e1)):
             if smooth:
                 smoother.forward(rows, begin, end, written)
@@ -122,6 +124,8 @@ def run_blocks(
                 RowCovariances(navigator, part, further).forward(rows, begin, end, written)
             else:
                 navigator.run(part, rows, begin, end, written)
+        if filtered is not None:
+            filtered.append(out.nav[first : out.counts[0].nav].copy())
         smoother.finish(out)
         if navigator.bank is not None and (len(times) or len(room.times_ns)):
             if further is not None:

@@ -31,7 +31,7 @@ from insgnss.interference.drift import (
     oscillator_density,
     total_density,
 )
-from insgnss.interference.lock_threshold import LockThreshold, lock_threshold
+from insgnss.interference.lock_thresholds import LockThreshold, lock_threshold
 from insgnss.interference.margin import (
     PhaseLoop,
     bandwidth_at_margin_hz,
@@ -42,7 +42,7 @@ from insgnss.interference.margin import (
 )
 from insgnss.interference.optimal_loop import discrete_gains, gains, noise_bandwidth, threshold_noise
 from insgnss.interference.third_order import third_order_gains
-from insgnss.interference.trade_off import diagram, trade_off
+from insgnss.interference.trade_off_diagram import diagram, trade_off
 
 __all__ = [
     "DISCRIMINATORS",

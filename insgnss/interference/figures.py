@@ -1,12 +1,11 @@
 """Pictures of the margin: against the drift, the diagram and the trade-off lines of the paper, and the threshold.
 
-They need matplotlib, an optional part (``pip install insgnss[plots]``), which is loaded when a picture is asked for.
+matplotlib is loaded when a picture is asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -14,17 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ResultError
-from insgnss.interference.lock_threshold import LIFETIME, LockThreshold
+from insgnss.interference.lock_thresholds import LIFETIME, LockThreshold
 from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
-from insgnss.interference.trade_off import diagram, trade_off
-from insgnss.pictures import new_figure as any_figure
+from insgnss.interference.trade_off_diagram import diagram, trade_off
+from insgnss.pictures import new_figure
 from insgnss.saving import saving
 from insgnss.tables import Float64
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_new_figure = partial(any_figure, otherwise="--no-pictures")
 
 # Which values figures 5 and 6 carry is not in the paper's text: these reach from a crystal to an oven oscillator
 TYPE_1_MARGINS_DB: Final = (35.0, 40.0, 45.0, 50.0, 55.0)
@@ -37,7 +34,7 @@ def margin_figure(
     loops: Mapping[str, PhaseLoop], cn0_dbhz: float | None = None, marks: Mapping[str, float] | None = None
 ) -> Figure:
     """Return J/S and the loop's bandwidth over the drift's density S, one-sided; ``marks`` are drifts with a name."""
-    figure = _new_figure(8.0, 7.0)
+    figure = new_figure(8.0, 7.0)
     upper = figure.add_subplot(2, 1, 1)
     lower = figure.add_subplot(2, 1, 2, sharex=upper)
     S = np.logspace(-2.0, 6.0, _POINTS)
@@ -62,7 +59,7 @@ def margin_figure(
 
 def diagram_figure(loops: Mapping[str, PhaseLoop], carrier_hz: float) -> Figure:
     """Return figure 4: the margin with one sensor's drift alone; on one level both add as much to S."""
-    figure = _new_figure(8.0, 5.5)
+    figure = new_figure(8.0, 5.5)
     left = figure.add_subplot()
     margins = np.linspace(25.0, 60.0, _POINTS)
     ratio = 1.0
@@ -90,7 +87,7 @@ def trade_off_figure(loop: PhaseLoop, carrier_hz: float, margins_db: Sequence[fl
     """Return figure 5 (type 1) or 6 (type 2): below its line, every pair of sensors allows the margin."""
     if margins_db is None:
         margins_db = TYPE_1_MARGINS_DB if loop.discriminator.type == 1 else TYPE_2_MARGINS_DB
-    figure = _new_figure(8.0, 5.5)
+    figure = new_figure(8.0, 5.5)
     axes = figure.add_subplot()
     for colour, margin in zip(_COLOURS, margins_db, strict=False):
         line = trade_off(margin, loop, carrier_hz)
@@ -107,7 +104,7 @@ def trade_off_figure(loop: PhaseLoop, carrier_hz: float, margins_db: Sequence[fl
 
 def threshold_figure(found: Sequence[LockThreshold]) -> Figure:
     """Return the threshold ratio over the mean time to slip, with the bounds of the simulation."""
-    figure = _new_figure(8.0, 5.5)
+    figure = new_figure(8.0, 5.5)
     axes = figure.add_subplot()
     for colour, one in zip(_COLOURS, found, strict=False):
         bounds = np.stack([one.lifetime - one.low, one.high - one.lifetime])

@@ -30,6 +30,7 @@ from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, Reference
 Table = TypeVar("Table")
 
 LONG_LEVER_ARM_M: Final = 30.0  # longer ones exist on ships; more often millimetres were taken for metres
+QUALITIES_SHOWN: Final = 5
 _SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
 # Events that tell how a log was read, and are no defect
 NOTICES: Final = frozenset(
@@ -45,6 +46,7 @@ NOTICES: Final = frozenset(
         "leap_seconds_by_date",
         "navigation_not_used",
         "navigation_repeated",
+        "reference_rows_left_out",
         "rinex_event",
         "signal_assumed",
         "time_mark",
@@ -102,7 +104,7 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
         reference_config = config.reference
         reference = _attempt(findings, "reference", lambda: read_reference(reference_config, config.gps_week))
         if reference is not None:
-            findings += _reference_findings(reference, imu)
+            findings += _reference_findings(reference, imu, reference_config.quality_max)
     if imu is not None and gnss is not None:
         findings += _overlap_findings(flight, imu, gnss)
     findings.append(_lever_arm_finding(flight))
@@ -197,8 +199,19 @@ def _overlap_findings(flight: Flight, imu: ImuTable, gnss: GnssTable) -> list[Fi
     return findings
 
 
-def _reference_findings(reference: ReferenceTable, imu: ImuTable | None) -> list[Finding]:
+def _reference_findings(
+    reference: ReferenceTable, imu: ImuTable | None, quality_max: float | None
+) -> list[Finding]:
     findings = [Finding("ok", "reference", f"{len(reference.t_ns)} rows")]
+    values, counts = np.unique(reference.quality, return_counts=True)
+    if len(values) > 1 and quality_max is None:
+        shown = [f"{value:g} in {count}" for value, count in zip(values, counts, strict=True)]
+        more = ", ..." if len(shown) > QUALITIES_SHOWN else ""
+        text = (
+            f"rows of several qualities ({', '.join(shown[:QUALITIES_SHOWN])}{more}): all are compared with"
+        )
+        advice = f"reference.quality_max = {values[0]:g} leaves the poorer ones out"
+        findings.append(Finding("warning", "reference", text, advice))
     if imu is not None and (reference.t_ns[-1] < imu.t_ns[0] or reference.t_ns[0] > imu.t_ns[-1]):
         text = "does not overlap the inertial log in time"
         findings.append(Finding("warning", "reference", text, "check reference.time and gps_week"))

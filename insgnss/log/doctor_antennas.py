@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.attitude.array_observability import angle_lost, is_collinear
 from insgnss.attitude.baselines import AntennaArray
-from insgnss.attitude.observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight
 from insgnss.config.flight import FurtherAntenna
 from insgnss.constants import NS_PER_S

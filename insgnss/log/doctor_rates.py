@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.config.flight import Gnss
 from insgnss.config.log_table import NO_COLUMN
@@ -15,6 +16,8 @@ from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.report import Finding, Proposal
 from insgnss.tables import Float64, GnssTable, Int64
 
+Bool = npt.NDArray[np.bool_]
+
 MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
 MIN_PAIRS: Final = 10
 # Differences of range rate between satellites below this say nothing about sign and unit
@@ -22,6 +25,8 @@ MIN_RATE_MPS: Final = 30.0
 SLOPE_TOLERANCE: Final = 0.15
 # A common step of half a microsecond: no receiver clock wanders so far within an epoch
 CLOCK_JUMP_M: Final = 150.0
+# Jumps of one receiver are of one size, or a whole multiple of it where epochs are missing, to this share
+JUMP_TOLERANCE: Final = 0.05
 _SURE: Final = "sure: the ratio is that of the median of all satellites"
 
 
@@ -140,9 +145,40 @@ def jump_findings(pairs: RatePairs, t_ns: Int64, week: int) -> list[Finding]:
     jumps = np.flatnonzero(np.abs(step_m) > CLOCK_JUMP_M)
     if not len(jumps):
         return []
-    first = float(ns_to_week_seconds(t_ns[at[jumps[0]]], week))
-    size = float(np.median(np.abs(step_m[jumps]))) / C_MPS * 1e3
+    agree = jumps_that_agree(step_m[jumps])
+    findings = []
+    if agree.any():
+        real = jumps[agree]
+        first = float(ns_to_week_seconds(t_ns[at[real[0]]], week))
+        size = float(np.median(np.abs(step_m[real]))) / C_MPS * 1e3
+        text = f"the receiver's clock jumps {len(real)} time(s), typically by {size:.3g} ms, first at {first:.3f} s"
+        findings.append(Finding("ok" if len(real) < 0.5 * len(at) else "warning", "gnss", text))
+    if not agree.all():
+        first = float(ns_to_week_seconds(t_ns[at[jumps[~agree][0]]], week))
+        findings.append(leaps_finding(step_m[jumps[~agree]], f", first at {first:.3f} s"))
+    return findings
+
+
+def jumps_that_agree(size_m: Float64) -> Bool:
+    """Return (n,) which leaps of the clock are jumps of a receiver: all of one sign and size, or multiples of it.
+
+    One alone is a jump; of several that do not agree none is.
+    """
+    if len(size_m) < 2:
+        return np.ones(len(size_m), np.bool_)
+    times = np.rint(size_m[None, :] / size_m[:, None])  # of each row's size
+    off_m = np.abs(size_m[None, :] - times * size_m[:, None])
+    fits = (times >= 1.0) & (off_m <= np.maximum(CLOCK_JUMP_M, JUMP_TOLERANCE * np.abs(size_m[:, None])))
+    fits &= np.abs(size_m[:, None]) > 2.0 * CLOCK_JUMP_M  # of a smaller one nearly everything is a multiple
+    best = fits[np.argmax(fits.sum(axis=1))]
+    return np.asarray(best if best.sum() > 1 else np.zeros(len(size_m), np.bool_))
+
+
+def leaps_finding(size_m: Float64, where: str = "") -> Finding:
+    """Return what leaps of the clock are that do not agree in size: epochs with a wrong position."""
+    least, most = np.abs(size_m).min() / C_MPS * 1e3, np.abs(size_m).max() / C_MPS * 1e3
     text = (
-        f"the receiver's clock jumps {len(jumps)} time(s), typically by {size:.3g} ms, first at {first:.3f} s"
+        f"the clock leaps {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms, no two of one size{where}: bad epochs,"
+        " not jumps of the receiver's clock"
     )
-    return [Finding("ok" if len(jumps) < 0.5 * len(at) else "warning", "gnss", text)]
+    return Finding("warning", "gnss", text, "'insgnss point' shows their residuals")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,14 +21,15 @@ from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
 from insgnss.log.imu_csv import inertial, read_imu
 from insgnss.log.overlap import check_overlap, outside_events
 from insgnss.log.reference import read_reference
+from insgnss.shown import Shown
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, PreciseProducts, ReferenceTable
 
 # of a flight without an inertial log: nothing is computed with it
 _UNUSED_GRADE: Final = "mems_consumer"
 
 
-@dataclass(frozen=True)
-class FlightLogs:
+@dataclass(frozen=True, repr=False)
+class FlightLogs(Shown):
     """Everything a flight's files hold."""
 
     imu: ImuTable
@@ -42,8 +44,8 @@ class FlightLogs:
     further: tuple[GnssTable, ...] = ()  # of the further antennas, in the order of [attitude]
 
 
-@dataclass(frozen=True)
-class Flight:
+@dataclass(frozen=True, repr=False)
+class Flight(Shown):
     """A checked flight file: settings with absolute paths, the sensor's grade and the oscillator resolved.
 
     ``insgnss.Flight.load("flight.toml").read()`` gives the logs.
@@ -75,6 +77,14 @@ class Flight:
             imu_grade(grade, folder) if isinstance(grade, str) else grade,
             oscillator(clock, folder) if isinstance(clock, str) else clock,
         )
+
+    def _about(self) -> Iterator[str]:
+        imu, gnss = self.config.imu, self.config.gnss
+        yield f"'{self.name}' of {self.path}"
+        yield f"week {self.config.gps_week}"
+        inertial = 0 if imu is None else len(imu.files)
+        yield f"{inertial} inertial and {len(gnss.files)} GNSS files ({gnss.format})"
+        yield "no reference" if self.config.reference is None else "with a reference"
 
     @property
     def name(self) -> str:
@@ -143,7 +153,7 @@ class Flight:
         return {str(path): sha256(path) for path in self.files()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FlightInMemory(Flight):
     """A flight whose logs are at hand instead of in files: simulated, or read before."""
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from insgnss.config.flight import Reference
+from insgnss.errors import InputError
 from insgnss.log.csv_columns import Wanted
 from insgnss.log.csv_table import CsvTable, read_csv_table
 from insgnss.log.time_tags import gps_times, wanted_with_time
@@ -14,16 +17,19 @@ from insgnss.tables import Event, Float64, ReferenceTable
 def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[Event]]:
     """Read a reference trajectory; rows are sorted by time, of rows with one time the first stays.
 
-    Velocity, attitude and sigmas are NaN where the file has none; quality is 1 where the file does not say.
+    Velocity, attitude and sigmas are NaN where the file has none; quality is 1 where the file does not say. Rows of a
+    quality beyond ``quality_max`` are left out, with an event.
 
     Raises
     ------
-    InputError and its kin : the file or a position column is missing
+    InputError and its kin : the file or a position column is missing, no row is good enough
     """
     names = config.columns
     sigmas = (*names.sigma_position, *names.sigma_velocity, *names.sigma_attitude)
     optional = (*names.velocity, *names.attitude, names.quality, *sigmas)
-    wanted = Wanted(numeric=names.position, optional=optional, chosen=names.chosen_names())
+    # a limit on what is not there would leave nothing out
+    needed = () if config.quality_max is None else (names.quality,)
+    wanted = Wanted(numeric=names.position, optional=optional, chosen=(*names.chosen_names(), *needed))
     table = read_csv_table(config.file, wanted_with_time(config, wanted))
     t_ns, rows, events = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)
@@ -47,7 +53,28 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
         if any(name in table.columns for name in sigmas)
         else None,
     )
-    return reference, table.events + events
+    reference, left_out = _good_rows(reference, config)
+    return reference, table.events + events + left_out
+
+
+def _good_rows(reference: ReferenceTable, config: Reference) -> tuple[ReferenceTable, list[Event]]:
+    """Return the rows whose quality is within the limit, and an event where others are left out."""
+    limit, quality = config.quality_max, reference.quality
+    if limit is None or not (quality > limit).any():
+        return reference, []
+    good = quality <= limit
+    if not good.any():
+        raise InputError(
+            f"no row of the reference has a quality of at most {limit:g}: the smallest is {quality.min():g}",
+            file=config.file,
+            key="reference.quality_max",
+            advice="give a larger limit",
+        )
+    detail = (
+        f"{config.file}: {int((~good).sum())} of {len(good)} rows have a quality beyond {limit:g}: left out"
+    )
+    rows = {field.name: getattr(reference, field.name)[good] for field in fields(reference)}
+    return ReferenceTable(**rows), [Event(None, "reference_rows_left_out", detail)]
 
 
 def _optional(table: CsvTable, name: str) -> Float64:

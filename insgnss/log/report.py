@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -57,7 +58,7 @@ class Finding:
         return f"{MARKS[self.severity]} {self.topic:<10} {self.text}{sure}" + (f" -> {told}" if told else "")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CheckReport:
     """All findings of a flight, in the order of its logs."""
 
@@ -88,6 +89,15 @@ class CheckReport:
             p.key for finding in self.findings if finding.sure.startswith("sure") for p in finding.proposals
         }
         return tuple(p for p in self.proposals if p.key in sure)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def __repr__(self) -> str:
+        return f"CheckReport({self.lines()[-1]})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
 
     def lines(self) -> list[str]:
         """Return the report as lines of text, the last one a summary."""

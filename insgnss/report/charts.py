@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import colorsys
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,8 @@ LINE_POINTS: Final = 1200  # of a line: more than one to each pixel
 # Okabe and Ito's colours, which the colour-blind tell apart; read on white and on black
 PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c8c8c", "#b8a800")
 BAND_SIGMAS: Final = 3.0
+_SYMBOLS: Final = ("circle", "diamond", "square", "triangle-up", "cross")
+_DASHES: Final = ("solid", "dot", "dash", "dashdot", "longdash")
 _FEW_DECADES: Final = 3  # of a logarithmic axis, with room for three ticks each
 _NARROW: Final = 4.0  # largest by smallest, below which such an axis has no tick of its own to show
 _MANY_DECADES: Final = 7  # without room for a tick at each
@@ -41,7 +44,8 @@ class Chart:
 
     def data(self) -> dict[str, Any]:
         """Return what the page's script draws."""
-        return {"name": self.name, "linked": self.linked, "data": self.traces, "layout": dict(self.layout)}
+        drawn = {"data": self.traces, "layout": dict(self.layout)}
+        return {"name": self.name, "title": self.title, "linked": self.linked, **drawn}
 
 
 @dataclass
@@ -200,8 +204,24 @@ def translucent(colour: str, opacity: float) -> str:
 
 
 def colour_of(place: int) -> str:
-    """Return the palette's colour of a place in a list; after the last one it begins anew."""
-    return PALETTE[place % len(PALETTE)]
+    """Return the colour of a place in a list, no two alike: the palette's, then hues spread about the circle."""
+    if place < len(PALETTE):
+        return PALETTE[place]
+    # the golden ratio spreads any number of hues evenly; light and dark in turn tells neighbours apart
+    turn = place - len(PALETTE)
+    hue, light = (0.07 + 0.6180339887498949 * turn) % 1.0, (0.42, 0.6, 0.5)[turn % 3]
+    rgb = colorsys.hls_to_rgb(hue, light, 0.62)
+    return "#" + "".join(f"{round(255.0 * part):02x}" for part in rgb)
+
+
+def symbol_of(place: int) -> str:
+    """Return the marker of a place in a list: another one each time the palette is through."""
+    return _SYMBOLS[place // len(PALETTE) % len(_SYMBOLS)]
+
+
+def dash_of(place: int) -> str:
+    """Return the dashes of a line of a place in a list: others each time the palette is through."""
+    return _DASHES[place // len(PALETTE) % len(_DASHES)]
 
 
 def as_json(charts: Sequence[Chart]) -> str:

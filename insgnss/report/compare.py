@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.comparison import errors_against
+from insgnss.comparison import errors_against, trajectory_of
 from insgnss.errors import ResultError
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.report.charts import Chart, Rows, colour_of, line_trace
@@ -22,24 +22,38 @@ from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sentences import name_of
 from insgnss.report.settings_compared import settings_that_differ
 from insgnss.run import Run
-from insgnss.tables import ReferenceTable
+from insgnss.shown import Shown
 from insgnss.version import __version__
 
 COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names)
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """Runs, and what each differs in from the first."""
 
     runs: Mapping[str, Run]  # the first is what the others are compared with
     differences: Mapping[str, pd.DataFrame]  # of each other: time_s and d_n_m ... d_yaw_deg, run minus first
     statistics: pd.DataFrame  # a row for each run and component
 
+    def _about(self) -> Iterator[str]:
+        yield f"{', '.join(list(self.runs)[1:])} against {self.first}"
+        differing = [row[0] for row in settings_that_differ(self.runs)]
+        yield f"settings that differ: {', '.join(differing) or 'none'}"
+
     @property
     def first(self) -> str:
         """The name of the run that the others are compared with."""
         return next(iter(self.runs))
+
+    def write(self, path: str | Path) -> Path:
+        """Write the comparison's page, one HTML file; return its path.
+
+        Raises
+        ------
+        ResultError : the file cannot be written
+        """
+        return write_comparison(self, path)
 
     def as_json(self) -> dict[str, Any]:
         """Return names, statistics and each run's own summary as plain data."""
@@ -49,6 +63,34 @@ class Comparison:
             "statistics": without_nan(self.statistics.to_dict(orient="records")),
             "runs": {name: digest(run) for name, run in self.runs.items()},
         }
+
+
+def compare(*runs: Run | str | Path, **named: Run | str | Path) -> Comparison:
+    """Return what each run differs in from the first: ``compare(first, second)``, or ``compare(gps=a, all=b)``.
+
+    Parameters
+    ----------
+    runs : runs or their folders; each is called by its folder, or by its filter
+    named : runs or their folders, by what they are to be called
+
+    Raises
+    ------
+    ResultError : fewer than two runs, no run in a folder, or two of them have no time in common
+    """
+    called = [_called(run) for run in runs]
+    names = [name if called.count(name) == 1 else f"{name} ({i})" for i, name in enumerate(called, 1)]
+    given = [*zip(names, runs, strict=True), *named.items()]
+    if len(dict(given)) < len(given):
+        raise ResultError("two runs have one name", advice="call them otherwise, as in compare(gps=a, all=b)")
+    return compare_runs({name: run if isinstance(run, Run) else Run.load(run) for name, run in given})
+
+
+def _called(run: Run | str | Path) -> str:
+    """Return what a run is called that nobody gave a name: its folder, or its filter."""
+    if not isinstance(run, Run):
+        return Path(run).resolve().name
+    filter_ = dict(run.settings.get("filter") or {}).get("name") or "run"
+    return f"{filter_}, smoothed" if run.settings.get("smooth") else str(filter_)
 
 
 def compare_runs(runs: Mapping[str, Run]) -> Comparison:
@@ -66,7 +108,8 @@ def compare_runs(runs: Mapping[str, Run]) -> Comparison:
         raise ResultError("a comparison needs two runs or more", advice="insgnss compare RUN RUN")
     first, *others = runs
     base = runs[first]
-    reference, week = _as_reference(base), gps_week(base)
+    week = gps_week(base)
+    reference = trajectory_of(base.nav, week)
     differences = {}
     for name in others:
         nav = runs[name].nav
@@ -101,20 +144,6 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     foot = f"insgnss {__version__}; a difference is the run minus '{comparison.first}'."
     title = f"Comparison: {', '.join(comparison.runs)}"
     return write(path, page(title, sections, foot, utc_origin_ms(comparison.runs[comparison.first])))
-
-
-def _as_reference(run: Run) -> ReferenceTable:
-    """Return a run's navigation rows as the trajectory that others are measured against."""
-    nav = run.nav
-    return ReferenceTable(
-        t_ns=week_seconds_to_ns(gps_week(run), nav["time_s"].to_numpy()),
-        lat_deg=nav["lat_deg"].to_numpy(),
-        lon_deg=nav["lon_deg"].to_numpy(),
-        h_m=nav["h_m"].to_numpy(),
-        v_n=nav[["vn_mps", "ve_mps", "vd_mps"]].to_numpy(),
-        rpy_deg=nav[["roll_deg", "pitch_deg", "yaw_deg"]].to_numpy(),
-        quality=np.ones(len(nav)),
-    )
 
 
 def _statistics(runs: Mapping[str, Run], first: str, differences: Mapping[str, pd.DataFrame]) -> pd.DataFrame:

@@ -17,7 +17,7 @@ def digest(run: Run) -> dict[str, Any]:
     nav, used = run.nav, used_at(run, run.nav["time_s"].to_numpy())
     counts = run.status_counts()
     reference = run.errors is not None and not run.errors.empty
-    table = run.error_summary(from_s=run.heading_known_s()) if reference else pd.DataFrame()
+    table = run.error_summary() if reference else pd.DataFrame()
     middle = {c[3:]: float(nav[c].median()) for c in nav.columns if c.startswith("sd_")}
     summary = {
         "flight": dict(run.settings.get("flight") or {}).get("name"),

@@ -1,7 +1,7 @@
 """Figures for papers, each one function: track, errors within their sigma, innovations, satellites.
 
 They return matplotlib's ``Figure``; ``save`` writes it, as vectors where the file's ending says so (.pdf, .svg). Units stand
-on every axis. matplotlib is an optional part (``pip install insgnss[plots]``), loaded when a figure is drawn::
+on every axis. matplotlib is loaded when a figure is drawn::
 
     from insgnss.report import figures
     figures.save(figures.errors(run, "position"), "position.pdf")
@@ -26,6 +26,7 @@ from insgnss.report.sections.errors import opening_range
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sections.satellites import STATE_COLOURS
 from insgnss.report.sections.track import east_north, horizontal_sigma
+from insgnss.report.sentences import name_and_utc
 from insgnss.run import Run
 from insgnss.saving import saving
 
@@ -60,24 +61,25 @@ def _styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with _style():
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            run = args[0]
+            if isinstance(run, Run) and not run.nav.empty:
+                figure.suptitle(_two_lines(name_and_utc(run), figure), fontsize=6.5, color="#555555")
+            return figure
 
     return drawn
 
 
-def _style() -> AbstractContextManager[None]:
-    """Return the style as a context.
+def _two_lines(words: str, figure: Figure) -> str:
+    """Return name and time below each other where the figure is one column wide."""
+    name, _, when = words.rpartition(", ")
+    return f"{name}\n{when}" if name and figure.get_figwidth() < PAGE_IN else words
 
-    Raises
-    ------
-    ResultError : matplotlib is not installed
-    """
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise ResultError(
-            "figures need matplotlib, which is not installed", advice="pip install 'insgnss[plots]'"
-        ) from error
+
+def _style() -> AbstractContextManager[None]:
+    """Return the style as a context."""
+    import matplotlib as mpl
+
     return mpl.rc_context(STYLE)
 
 

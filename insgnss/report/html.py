@@ -92,13 +92,16 @@ def folded(title: str, inside: str) -> str:
     return f"<details><summary>{text(title)}</summary>{inside}</details>"
 
 
-def page(title: str, sections: Sequence[Section], foot: str, utc_origin_ms: int | None = None) -> str:
+def page(
+    title: str, sections: Sequence[Section], foot: str, utc_origin_ms: int | None = None, *, about: str = ""
+) -> str:
     """Return the page, one file that needs no other: style, script, charts and Plotly are inside.
 
     Parameters
     ----------
     title, sections, foot : what the page shows
     utc_origin_ms : Unix time of time 0 of the charts; with it a button switches their time axes to UTC
+    about : what a picture that is saved from the page carries above it; the title when left out
     """
     charts = [chart for section in sections for chart in section.charts]
     links = "".join(f'<a href="#{text(s.name)}">{text(s.title)}</a>' for s in sections)
@@ -108,7 +111,8 @@ def page(title: str, sections: Sequence[Section], foot: str, utc_origin_ms: int 
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
         f"<title>{text(title)}</title><style>{_asset('page.css')}</style></head>\n"
-        f"<body><header><h1>{text(title)}</h1><nav>{links}</nav>{_utc_button(utc_origin_ms)}</header>\n<main>"
+        f'<body data-about="{text(about or title)}"><header>'
+        f"<h1>{text(title)}</h1><nav>{links}</nav>{_utc_button(utc_origin_ms)}</header>\n<main>"
         + "\n".join(section.html() for section in sections)
         + f"</main>\n<footer>{text(foot)}</footer>\n"
         f'<script type="application/json" id="charts">{as_json(charts)}</script>\n'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from insgnss.errors import ResultError
+from insgnss.report.event_marks import marked_events, with_events
 from insgnss.report.html import Section, key_figures, page, paragraphs, write
 from insgnss.report.run_time import utc_origin_ms
 from insgnss.report.sections import (
@@ -12,16 +13,19 @@ from insgnss.report.sections import (
     biases,
     errors,
     events,
+    inertial,
     innovations,
     ledger,
     motion,
+    reception,
     satellites,
     settings,
     sky,
+    smoothing,
     supervision,
     track,
 )
-from insgnss.report.sentences import figures, name_of, sentences
+from insgnss.report.sentences import figures, name_and_utc, name_of, sentences
 from insgnss.run import Run
 from insgnss.version import __version__
 
@@ -29,10 +33,13 @@ _SECTIONS = (
     track,
     errors,
     motion,
+    smoothing,
     satellites,
+    reception,
     sky,
     innovations,
     biases,
+    inertial,
     aiding,
     supervision,
     events,
@@ -68,8 +75,8 @@ def report_html(run: Run) -> str:
     summary = Section("summary", "Summary", before=key_figures(figures(run)) + paragraphs(sentences(run)))
     found = [part.section(run) for part in _SECTIONS]
     made = run.settings.get("made", "")
-    foot = (
-        f"insgnss {__version__}; the run was made {made}. Time axes move together; a double click shows all."
-    )
-    shown = [summary, *(section for section in found if section is not None)]
-    return page(name_of(run), shown, foot, utc_origin_ms(run))
+    events = marked_events(run)
+    sections = with_events([summary, *(section for section in found if section is not None)], events)
+    marked = f" {len(events)} of {len(run.events)} events are marked on them." if len(events) else ""
+    foot = f"insgnss {__version__}; the run was made {made}. Time axes move together; a double click shows all.{marked}"
+    return page(name_of(run), sections, foot, utc_origin_ms(run), about=name_and_utc(run))

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from insgnss.agreement import heading_of, times_their_sigma
 from insgnss.errors import ResultError
 from insgnss.report.epochs import used_at
 from insgnss.report.labels import distance, duration, number
@@ -18,7 +19,7 @@ from insgnss.tables import Float64
 QUIET: Final = frozenset(
     "start heading_single heading_known measurements_back masking_on masking_waits masking_uncertain csv_delimiter "
     "csv_encoding csv_header_in_comment leap_seconds_by_date navigation_not_used navigation_repeated signal_assumed "
-    "columns_not_read time_mark week_crossover imu_increment_over_long_step "
+    "columns_not_read reference_rows_left_out time_mark week_crossover imu_increment_over_long_step "
     "ubx_foreign_bytes ubx_not_used android_lines_not_read rinex_event".split()
 )
 FEW: Final = 4  # satellites, below which a receiver alone has no position
@@ -83,6 +84,16 @@ def name_of(run: Run) -> str:
     """Return the flight's name, and the filter's."""
     flight, filter_ = (dict(run.settings.get(key) or {}).get("name") for key in ("flight", "filter"))
     return f"{flight or 'run'}" + (f" ({filter_})" if filter_ else "")
+
+
+def name_and_utc(run: Run) -> str:
+    """Return the flight's and the filter's name and the run's time in UTC: what a picture carries."""
+    first, last = float(run.nav["time_s"].iloc[0]), float(run.nav["time_s"].iloc[-1])
+    try:
+        week = gps_week(run)
+    except ResultError:
+        return name_of(run)
+    return f"{name_of(run)}, {utc(first, week):%Y-%m-%d %H:%M:%S} to {utc(last, week):%H:%M:%S} UTC"
 
 
 def sentences(run: Run) -> list[str]:
@@ -183,29 +194,27 @@ def _within(errors: pd.DataFrame) -> str:
 
 
 def _honesty(errors: pd.DataFrame) -> str:
-    """Return whether the sigma of the position cover its errors."""
+    """Return how the errors of the horizontal position go with its sigma."""
     ratio: Float64 = (errors["d_n_m"] / errors["sd_n_m"]).to_numpy()
     ratio = np.concatenate([ratio, (errors["d_e_m"] / errors["sd_e_m"]).to_numpy()])
     rms = float(np.sqrt(np.nanmean(ratio**2)))
-    word = (
-        "as large as they should be"
-        if 0.5 <= rms <= 1.5
-        else "too small"
-        if rms > 1.5
-        else "larger than need be"
+    return (
+        f"The horizontal errors {times_their_sigma(rms)} (rms of error over sigma {number(rms)}, 1 is right)."
     )
-    return f"The horizontal sigmas are {word}: the error is {number(rms)} sigma (rms, 1 is right)."
 
 
 def _heading(run: Run) -> str:
-    known_s, first = run.heading_known_s(), float(run.nav["time_s"].iloc[0])
-    if known_s is not None:
-        return f"The heading became known {duration(max(known_s - first, 0.0))} after the start, at {known_s:.1f} s."
-    sigma = run.nav["sd_yaw_deg"]
-    if float(sigma.iloc[0]) < 5.0:
-        return f"The heading was given at the start; its sigma ended at {number(float(sigma.iloc[-1]))}°."
-    best = number(float(sigma.min()))
-    return f"The heading never became known: its sigma was {best}° at best. Turns or accelerations show it."
+    heading, first = heading_of(run), float(run.nav["time_s"].iloc[0])
+    if heading.known_s is None:
+        best = number(heading.smallest_deg)
+        return (
+            f"The heading never became known: its sigma was {best}° at best. Turns or accelerations show it."
+        )
+    lost = f"; it was lost again: its sigma ended at {number(heading.last_deg)}°" if heading.is_lost else ""
+    if heading.given:
+        return f"The heading was given at the start{lost or f'; its sigma ended at {number(heading.last_deg)}°'}."
+    after = duration(max(heading.known_s - first, 0.0))
+    return f"The heading became known {after} after the start, at {heading.known_s:.1f} s{lost}."
 
 
 def _satellites(run: Run) -> str:
@@ -232,8 +241,8 @@ def _consistency(run: Run) -> list[str]:
     told = []
     for kind, row in run.nis_summary().iterrows():
         mean = float(row["mean_nis"])
-        word = "agree with" if 0.5 <= mean <= 1.5 else "are larger than" if mean > 1.5 else "are smaller than"
-        told.append(f"{str(kind).replace('_', ' ')} innovations {word} their sigma (mean NIS {mean:.2f})")
+        word = times_their_sigma(float(np.sqrt(mean)))
+        told.append(f"{str(kind).replace('_', ' ')} innovations {word} (mean NIS {mean:.2f})")
     return [f"The {'; '.join(told)}."] if told else []
 
 

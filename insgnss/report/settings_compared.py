@@ -8,16 +8,7 @@ from typing import Any, Final
 
 from insgnss.run import Run
 
-_COMPARED: Final = (
-    "flight",
-    "filter",
-    "imu_grade",
-    "oscillator",
-    "output",
-    "aiding",
-    "input_sha256",
-    "versions",
-)
+_NOT_SETTINGS: Final = ("made", "took")  # of no two runs alike
 _ABSENT: Final = "-"
 
 
@@ -31,8 +22,9 @@ def settings_that_differ(runs: Mapping[str, Run]) -> list[tuple[str, ...]]:
 
 def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield 'filter.visibility.on', 'true' and so on; a list of plain values is one value."""
-    for key in _COMPARED:
-        yield from _leaves(key, settings.get(key))
+    for key, value in settings.items():
+        if key not in _NOT_SETTINGS:
+            yield from _leaves(key, value)
 
 
 def _leaves(key: str, value: Any) -> Iterator[tuple[str, str]]:

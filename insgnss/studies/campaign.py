@@ -34,7 +34,9 @@ from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
 from insgnss.library import find
 from insgnss.saving import write_file
-from insgnss.studies.campaign_cluster import on_cluster
+from insgnss.shown import Shown
+from insgnss.studies import campaign_cluster
+from insgnss.studies.campaign_processes import on_processes
 from insgnss.studies.campaign_tasks import CAMPAIGN_FILE, RESULTS, Task, TaskReport, case_function, run_task
 
 Value = bool | int | float | str
@@ -76,8 +78,8 @@ class CampaignConfig(StrictModel):
         return self.n_cases * len(self.seed_list)
 
 
-@dataclass(frozen=True)
-class CampaignDone:
+@dataclass(frozen=True, repr=False)
+class CampaignDone(Shown):
     """What is known when a campaign has run: its folder, runs, those found done and those that failed."""
 
     folder: Path
@@ -187,21 +189,23 @@ def run_campaign(
 ) -> CampaignDone:
     """Run a campaign, or what is left of it.
 
-    A script that calls this with an embedded cluster must do so under ``if __name__ == "__main__"``: its workers are
+    A script that calls this with workers must do so under ``if __name__ == "__main__"``: its workers are
     processes that import it.
 
     Parameters
     ----------
     config : the campaign or its file
     folder : of the results, made if needed
-    workers : of an embedded cluster; 0: no cluster, one run after the other in this process; None: one a core
+    workers : processes of this machine, under Dask where it is installed; 0: one run after the other in this process;
+        None: one a core
     scheduler : address of a running cluster's, "tcp://host:8786"; then ``workers`` does not count
     retry_failed : also run the tasks again in which a run failed
     report : is told of each finished task, how many are done, and how many there are
 
     Raises
     ------
-    ConfigError, ResultError : as ``load_campaign`` and ``prepare``; ResultError too where Dask is not installed
+    ConfigError, ResultError : as ``load_campaign`` and ``prepare``; ResultError too where a scheduler is given and
+        Dask is not installed
     """
     config = config if isinstance(config, CampaignConfig) else load_campaign(config)
     path, left = prepare(config, folder, retry_failed=retry_failed)
@@ -224,4 +228,8 @@ def run_campaign(
 def _reports(tasks: list[Task], workers: int | None, scheduler: str | None) -> Iterator[TaskReport]:
     if workers == 0 and scheduler is None:
         return (run_task(task) for task in tasks)
-    return on_cluster(tasks, workers, scheduler) if tasks else iter(())
+    if not tasks:
+        return iter(())
+    if scheduler is None and not campaign_cluster.is_installed():
+        return on_processes(tasks, workers)
+    return campaign_cluster.on_cluster(tasks, workers, scheduler)

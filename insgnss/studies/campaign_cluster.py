@@ -6,6 +6,7 @@ import logging
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from importlib.util import find_spec
 from typing import Any, Final
 
 from insgnss.errors import ResultError
@@ -27,14 +28,7 @@ def on_cluster(tasks: Sequence[Task], workers: int | None, scheduler: str | None
     ------
     ResultError : Dask is not installed, or the scheduler does not answer
     """
-    try:
-        import distributed
-    except ImportError as error:
-        raise ResultError(
-            "campaigns on several workers need Dask, which is not installed",
-            advice="pip install 'insgnss[campaign]', or --workers 0",
-        ) from error
-    dask: Any = distributed  # its calls are not typed
+    dask = _dask()
     with ExitStack() as stack:
         if scheduler is None:
             count = workers or os.cpu_count() or 1
@@ -55,6 +49,22 @@ def on_cluster(tasks: Sequence[Task], workers: int | None, scheduler: str | None
             following = next(waiting, None)
             if following is not None:
                 running.add(_submit(client, following))
+
+
+def is_installed() -> bool:
+    """Return whether Dask is there."""
+    return find_spec("distributed") is not None
+
+
+def _dask() -> Any:  # its calls are not typed
+    try:
+        import distributed
+    except ImportError as error:
+        raise ResultError(
+            "a campaign on a cluster needs Dask, which is not installed",
+            advice="pip install 'insgnss[campaign]', or leave the scheduler out: this machine's cores need no Dask",
+        ) from error
+    return distributed
 
 
 def _connected(client: Any, scheduler: str) -> Any:

@@ -18,7 +18,7 @@ innovation and do not count; ``innovation_statistics`` says how those behind a g
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -26,8 +26,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import pandas as pd
 
+from insgnss.agreement import heading_of
 from insgnss.errors import ConfigError, ResultError
 from insgnss.run import Run
+from insgnss.shown import Shown
 from insgnss.studies import consistency_pictures
 from insgnss.studies.consistency_words import verdict
 from insgnss.studies.error_statistics import SIGMAS, ErrorOf, error_rows, observability_table
@@ -46,12 +48,11 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 TABLES: Final = ("kinds", "satellites", "whiteness", "states", "observability", "sigmas")
-_HEADING_KNOWN_DEG: Final = 5.0  # where the run does not say
 _WHITENESS: Final = ("correlation", "bound", "pairs")
 
 
-@dataclass(frozen=True)
-class Consistency:
+@dataclass(frozen=True, repr=False)
+class Consistency(Shown):
     """What ``consistency_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     kinds: pd.DataFrame
@@ -70,13 +71,14 @@ class Consistency:
         found = self.kinds.set_index("kind")["factor"]
         return {str(kind): float(f) for kind, f in found.items() if np.isfinite(f)}
 
-    def figure(self) -> Figure:
-        """Return the picture: NIS over time, by satellite, autocorrelation, sigmas.
+    def __str__(self) -> str:
+        return "\n".join(self.verdict)
 
-        Raises
-        ------
-        ResultError : matplotlib is not installed
-        """
+    def _sentences(self) -> Iterator[str]:
+        yield from self.verdict
+
+    def figure(self) -> Figure:
+        """Return the picture: NIS over time, by satellite, autocorrelation, sigmas."""
         return consistency_pictures.consistency_figure(
             self.innovations, self.kinds, self.satellites, self.whiteness, self.sigmas
         )
@@ -86,7 +88,7 @@ class Consistency:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         tables = {f"consistency_{name}": getattr(self, name) for name in TABLES}
         told = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
@@ -129,10 +131,10 @@ def consistency_study(
     errors = [] if run.errors is None else error_rows(run.errors, start_s, confidence)
     states = pd.DataFrame(errors, columns=list(ErrorOf._fields))
     filter_settings = run.settings.get("filter", {})
-    limit = float(filter_settings.get("heading", {}).get("known_below_deg", _HEADING_KNOWN_DEG))
-    seen = observability_table(run.nav, limit)
+    heading = heading_of(run)
+    seen = observability_table(run.nav, heading)
     adapts = bool(filter_settings.get("adaptation", {}).get("on", False))
-    told = verdict(kinds, satellites, white, states, seen, 1.0 - confidence, adapts=adapts)
+    told = verdict(kinds, satellites, white, states, seen, 1.0 - confidence, heading, adapts=adapts)
     sigmas = run.nav[["time_s", *(c for c in SIGMAS if c in run.nav)]]
     asked = {"confidence": confidence, "lags": lags, "from_s": start_s}
     return Consistency(kinds, satellites, white, states, seen, sigmas, judged.table, told, asked)

@@ -8,13 +8,14 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from insgnss.agreement import AGREES_WITHIN, Heading, times_their_sigma
+
 NOISE_WORDS: Final = {
     "pseudorange": "range noise",
     "range_rate": "range rate noise",
     "carrier_difference": "carrier noise",
     "attitude_difference": "noise of the phase between antennas",
 }
-_WORTH_TELLING: Final = 0.05  # a factor nearer to one is not worth changing a setting for
 _OUTLYING: Final = 1.3  # of one satellite's factor over its kind's
 _CORRELATED: Final = 0.1  # at lag one; less costs under a tenth of the information
 _LEAST_CHANCE: Final = 1e-12  # a smaller one is as good as none
@@ -31,6 +32,7 @@ def verdict(
     states: pd.DataFrame,
     observability: pd.DataFrame,
     alarm: float,
+    heading: Heading,
     *,
     adapts: bool,
 ) -> tuple[str, ...]:
@@ -44,23 +46,26 @@ def verdict(
     told += _of_satellites(kinds, satellites)
     told += _of_whiteness(whiteness, alarm)
     told += [text for text in map(_of_error, states.to_dict("records")) if text]
-    told += _of_observability(observability)
+    told.append(_of_heading(heading))
+    told += _of_biases(observability)
     return tuple(told)
 
 
 def _of_noise(row: Mapping[Any, Any]) -> str:
-    """Return what a kind's NIS says of its noise."""
-    words, nis = NOISE_WORDS[str(row["kind"])], _number(row, "mean_nis")
+    """Return what a kind's NIS says of its innovations and its noise."""
+    nis = _number(row, "mean_nis")
+    innovations = f"{str(row['kind']).replace('_', ' ')} innovations {times_their_sigma(float(np.sqrt(nis)))}"
+    words = f"{innovations}: {NOISE_WORDS[str(row['kind'])]}"
     factor = _number(row, "factor")
     low, high = _number(row, "low"), _number(row, "high")
     bounds = f"mean NIS {nis:.3f}, bounds {low:.3f} to {high:.3f}"
     refused = _number(row, "refused") / (_number(row, "refused") + _number(row, "used"))
     also = f"; {100.0 * refused:.1f} % were refused for their innovation" if refused > _SHORT_OF_NONE else ""
-    if low <= nis <= high and not (np.isfinite(factor) and abs(factor - 1.0) >= _WORTH_TELLING):
+    if low <= nis <= high and not (np.isfinite(factor) and abs(factor - 1.0) >= AGREES_WITHIN):
         return f"{words} is as assumed ({bounds}){also}"
     if not np.isfinite(factor):
         return f"{words} is {'below' if nis < 1.0 else 'above'} the assumed ({bounds}){also}"
-    if abs(factor - 1.0) < _WORTH_TELLING:
+    if abs(factor - 1.0) < AGREES_WITHIN:
         return f"{words} is as assumed to {100.0 * abs(factor - 1.0):.0f} % ({bounds}){also}"
     return f"{words} is {factor:.2g} times the assumed ({bounds}){also}"
 
@@ -114,19 +119,22 @@ def _of_error(row: Mapping[Any, Any]) -> str:
     nees, low, high = (_number(row, name) for name in ("nees", "low", "high"))
     ratio = np.sqrt(nees)
     bounds = f"NEES per axis {nees:.2f}, bounds {low:.2f} to {high:.2f}"
+    errors = f"{row['component']}: errors {times_their_sigma(float(ratio))} ({bounds})"
     if low <= nees <= high:
-        return f"{row['component']}: errors are as large as their sigma says ({bounds})"
-    side = "the filter is too confident" if nees > high else "the filter is too modest"
-    return f"{row['component']}: errors are {ratio:.2g} times their sigma ({bounds}): {side}"
+        return f"{errors}: within what chance does"
+    return f"{errors}: the filter is too {'confident' if nees > high else 'modest'}"
 
 
-def _of_observability(table: pd.DataFrame) -> list[str]:
+def _of_heading(heading: Heading) -> str:
+    sigma = f"sigma {heading.first_deg:.3g} to {heading.last_deg:.3g} deg"
+    if heading.known_s is None:
+        return f"heading never known ({sigma})"
+    lost = ", lost again by the end" if heading.is_lost else ""
+    return f"heading known from t = {heading.known_s:g} s{lost} ({sigma})"
+
+
+def _of_biases(table: pd.DataFrame) -> list[str]:
     told = []
-    for row in table[table["state"] == "yaw_deg"].to_dict("records"):
-        sigma = f"sigma {row['first']:.3g} to {row['last']:.3g} deg"
-        known_s = _number(row, "known_s")
-        known = f"known from t = {known_s:g} s" if np.isfinite(known_s) else "not known at the end"
-        told.append(f"heading {known} ({sigma})")
     hardly = table[table["state"].str.contains("bias") & (table["reduction"] < _HARDLY)]
     known = table[table["state"].str.contains("bias") & np.isfinite(table["known_s"])]
     if len(known):

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from insgnss.agreement import Heading
 from insgnss.tables import Float64
 
 BLOCKS: Final = {
@@ -127,11 +128,11 @@ def independent_in_time(z: Float64) -> float:
     return float(n / (1.0 + 2.0 * np.sum(rho[1:last] ** 2)))
 
 
-def observability_table(nav: pd.DataFrame, heading_known_deg: float) -> pd.DataFrame:
+def observability_table(nav: pd.DataFrame, heading: Heading) -> pd.DataFrame:
     """Return, per state, its sigma at first and last, by what it came down, and from when on it counts as known.
 
-    The heading is known below a limit, a bias below half its first sigma; ``known_s`` is the first time from which that
-    held to the end, NaN where it does not hold at the end.
+    When the heading became known is what ``heading`` says. A bias is known below half its first sigma: ``known_s`` is
+    the first time from which that held to the end, NaN where it does not hold at the end.
     """
     rows = []
     time_s = nav["time_s"].to_numpy()
@@ -140,7 +141,10 @@ def observability_table(nav: pd.DataFrame, heading_known_deg: float) -> pd.DataF
             continue
         sigma = nav[column].to_numpy()
         first = float(sigma[0])
-        limit = heading_known_deg if column == "sd_yaw_deg" else BIAS_KNOWN_AT * first
+        limit = BIAS_KNOWN_AT * first
+        known_s = known_from(time_s, sigma, limit)
+        if column == "sd_yaw_deg":
+            limit, known_s = heading.limit_deg, np.nan if heading.known_s is None else heading.known_s
         rows.append(
             {
                 "state": column.removeprefix("sd_"),
@@ -149,7 +153,7 @@ def observability_table(nav: pd.DataFrame, heading_known_deg: float) -> pd.DataF
                 "smallest": float(sigma.min()),
                 "reduction": first / float(sigma[-1]) if sigma[-1] > 0.0 else np.inf,
                 "limit": limit,
-                "known_s": known_from(time_s, sigma, limit),
+                "known_s": known_s,
             }
         )
     return pd.DataFrame(rows)

@@ -1,20 +1,17 @@
-"""Pictures of the studies. They need matplotlib, an optional part, which is loaded when a picture is asked for."""
+"""Pictures of the studies. matplotlib is loaded when a picture is asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
-from insgnss.pictures import new_figure as any_figure
+from insgnss.pictures import new_figure as new_figure
 
 if TYPE_CHECKING:  # named for the other modules of this room, which draw through this one alone
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure as Figure
-
-new_figure = partial(any_figure, otherwise="pictures=False")
 
 # dark enough on white, and apart for eyes that do not tell red from green
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#555555")

@@ -17,6 +17,7 @@ import pandas as pd
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.library import scenario_config
+from insgnss.shown import Shown
 from insgnss.studies import figures
 from insgnss.studies.covariance_run import CovarianceRun, OutageCause, Sensors, Update
 from insgnss.studies.result_files import write_study
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 
-@dataclass(frozen=True)
-class HiddenVariance:
+@dataclass(frozen=True, repr=False)
+class HiddenVariance(Shown):
     """What ``hidden_satellite_variance`` gives.
 
     ``table`` has one row for each satellite and update: time_s sv az_deg el_deg body_el_deg hidden waits
@@ -68,12 +69,7 @@ class HiddenVariance:
         return d.reset_index()
 
     def figure(self) -> Figure:
-        """Return the picture: D of the hidden satellites over time, the outage shaded.
-
-        Raises
-        ------
-        ResultError : matplotlib is not installed
-        """
+        """Return the picture: D of the hidden satellites over time, the outage shaded."""
         outage = self.scenario.outage
         of_sensors = f", {self.sensors} sensors" if self.outage == "bank" else ""
         title = f"{self.imu} IMU, {self.oscillator} clock, outage by {self.outage}{of_sensors}"
@@ -84,7 +80,7 @@ class HiddenVariance:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         asked = {
             "imu": self.imu,

@@ -28,6 +28,7 @@ from insgnss.fusion.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
 from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace
 from insgnss.library import scenario_config
+from insgnss.shown import Shown
 from insgnss.studies import manoeuvre_pictures
 from insgnss.studies.covariance_run import CovarianceRun, Update
 from insgnss.studies.result_files import write_study
@@ -41,8 +42,8 @@ _STEEPEST_DEG: Final = 90.0
 _TABLES: Final = ("cases", "satellites")
 
 
-@dataclass(frozen=True)
-class ManoeuvreStudy:
+@dataclass(frozen=True, repr=False)
+class ManoeuvreStudy(Shown):
     """What ``manoeuvre_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     cases: pd.DataFrame
@@ -55,7 +56,6 @@ class ManoeuvreStudy:
         Raises
         ------
         ConfigError : ``cases`` has no such column of numbers
-        ResultError : matplotlib is not installed
         """
         numbers = self.cases.select_dtypes("number").columns
         if column not in numbers:
@@ -72,7 +72,7 @@ class ManoeuvreStudy:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         tables = {f"manoeuvre_{name}": getattr(self, name) for name in _TABLES}
         told = json.dumps(self.scenario.model_dump(mode="json"), indent=1)

@@ -24,7 +24,7 @@ Seconds of search are those of a hidden satellite in one flight, on average; ``i
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -38,6 +38,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.library import filter_config, scenario_config
+from insgnss.shown import Shown
 from insgnss.studies import study_pictures
 from insgnss.studies.banked_flight import BankedFlight, Spell
 from insgnss.studies.masking_cases import CASES, CaseResult, fly
@@ -55,8 +56,8 @@ _AROUND_S: Final = 30.0
 _SENSITIVITIES_DBHZ: Final = (35.0, 30.0, 25.0, 20.0)  # the paper's table 1
 
 
-@dataclass(frozen=True)
-class MaskingStudy:
+@dataclass(frozen=True, repr=False)
+class MaskingStudy(Shown):
     """What ``masking_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     cases: pd.DataFrame
@@ -95,7 +96,7 @@ class MaskingStudy:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         settings = json.dumps({**self.asked, "scenario": self.scenario.model_dump(mode="json")}, indent=1)
         tables = {f"masking_{name}": getattr(self, name) for name in TABLES}
@@ -120,6 +121,7 @@ def masking_study(
     runs: int = 20,
     seed: int = SEED,
     filter: str | Path | FilterConfig | None = None,
+    settings: Mapping[str, Any] | None = None,
     fault_tests: bool = True,
 ) -> MaskingStudy:
     """Return what no masking, an elevation mask, attitude-aware masking and supervision make of the same flights.
@@ -133,8 +135,9 @@ def masking_study(
     imu, oscillator : names in the model library; those of the scenario when None
     runs : flights, each with errors and false locks of its own
     seed : of all random numbers; the same seed gives the same tables
-    filter : name, file or settings; the library's ``tight17`` with the scenario's noise when None. Its elevation mask
+    filter : name, file or settings; the library's ``tight`` with the scenario's noise when None. Its elevation mask
         and its visibility stage are what the cases change
+    settings : of the filter, to be otherwise, as in ``insgnss.replay``
     fault_tests : False: no gate and no test for faults, as in the paper's filter; only a mask refuses a false row
 
     Raises
@@ -144,14 +147,14 @@ def masking_study(
     config = scenario_config(scenario)
     if runs < 1:
         raise ConfigError(f"{runs} runs are no study", key="runs", advice="give at least one")
-    settings = filter_of(config) if filter is None else filter_config(filter)
-    settings = settings if fault_tests else without_fault_tests(settings)
+    chosen = filter_config(filter_of(config) if filter is None else filter, settings)
+    chosen = chosen if fault_tests else without_fault_tests(chosen)
     names = imu or config.equipment.imu, oscillator or config.equipment.oscillator
     flight = BankedFlight.of(config, *names)
     if not flight.spells:
         advice = "bank more, choose another heading, or raise antenna.body_mask_deg"
         raise ConfigError("the flight's bank hides no satellite", key="bank.roll_deg", advice=advice)
-    flown = [fly(flight, settings, np.random.default_rng([seed, run])) for run in range(runs)]
+    flown = [fly(flight, chosen, np.random.default_rng([seed, run])) for run in range(runs)]
     asked = {"imu": names[0], "oscillator": names[1], "runs": runs, "seed": seed, "fault_tests": fault_tests}
     return _study(config, flight.spells, flown, asked)
 

@@ -13,7 +13,7 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, Imu
 from insgnss.log.flight import FlightInMemory, FlightLogs
-from insgnss.replay import replay, setup_filter
+from insgnss.log_replay import replay, setup_filter
 from insgnss.run import Run
 from insgnss.simulation.faults import outage
 from insgnss.simulation.observations import Fault

@@ -40,6 +40,7 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.library import filter_config, find, imu_grade, oscillator
 from insgnss.log.flight import FlightInMemory, FlightLogs
+from insgnss.shown import Shown
 from insgnss.simulation.assembly import assemble
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
 from insgnss.simulation.observations import NoiseTerms, Receiver
@@ -90,8 +91,8 @@ class Outcome(NamedTuple):
     n_refused: int
 
 
-@dataclass(frozen=True)
-class MatchedFlight:
+@dataclass(frozen=True, repr=False)
+class MatchedFlight(Shown):
     """A flight with its truth computed and the filter that knows its errors' model."""
 
     simulator: Simulator
@@ -275,7 +276,7 @@ def _flown(scenario: str | None, duration_s: float) -> tuple[Trajectory, Navigat
 
 def _config() -> FilterConfig:
     """Return the library's filter with white noise, in empty air, not adapting."""
-    base = filter_config("tight17")
+    base = filter_config("tight")
     use = base.measurements.model_copy(
         update={"ionosphere": "none", "troposphere": "none", "elevation_mask_deg": 0.0, "carrier": False}
     )

@@ -31,6 +31,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.errors import ConfigError
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight
+from insgnss.shown import Shown
 from insgnss.studies import outage_pictures
 from insgnss.studies.outage_drift import back_after, differences, percentile_table, to_reference
 from insgnss.studies.outage_runs import Branch, OutageLog, branches, undisturbed
@@ -79,8 +80,8 @@ class Banked:
 Windows = Sequence[tuple[float, float]] | Periodic | Random | Banked
 
 
-@dataclass(frozen=True)
-class OutageStudy:
+@dataclass(frozen=True, repr=False)
+class OutageStudy(Shown):
     """What ``outage_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     windows: pd.DataFrame
@@ -99,12 +100,7 @@ class OutageStudy:
         return chosen
 
     def figure(self) -> Figure:
-        """Return the picture: drift and sigma by time since the loss.
-
-        Raises
-        ------
-        ResultError : matplotlib is not installed
-        """
+        """Return the picture: drift and sigma by time since the loss."""
         return outage_pictures.drift_figure(
             self.drift, self.errors, self.percentiles, f"without {self.asked['removal']}"
         )
@@ -114,7 +110,7 @@ class OutageStudy:
 
         Raises
         ------
-        ResultError : the folder cannot be written, or matplotlib is not installed
+        ResultError : the folder cannot be written
         """
         tables = {f"outage_{name}": getattr(self, name) for name in TABLES}
         told = {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
@@ -127,7 +123,8 @@ def outage_study(
     windows: Windows,
     removal: Removal = ALL_MEASUREMENTS,
     *,
-    filter: str | Path | FilterConfig = "tight17",
+    filter: str | Path | FilterConfig = "tight",
+    settings: Mapping[str, Any] | None = None,
     after_s: float = 60.0,
     rate_hz: float = 1.0,
     threads: int | None = None,
@@ -144,6 +141,7 @@ def outage_study(
     windows : (from, until) each [s of the week], or how they are to be placed
     removal : which measurements are taken away
     filter : a name in the library, a file, or the settings themselves
+    settings : of the filter, to be otherwise, as in ``insgnss.replay``
     after_s : looked at after each window
     rate_hz : of the solution that is compared
     threads : that work on windows at once; as many as there are cores when None
@@ -159,7 +157,7 @@ def outage_study(
     flight = flight if isinstance(flight, Flight) else Flight.load(flight)
     began = time.perf_counter()
     tell("reading the logs")
-    log = OutageLog.of(flight, filter_config(filter), rate_hz)
+    log = OutageLog.of(flight, filter_config(filter, settings), rate_hz)
     removal.rows_of(log.logs.gnss)  # told before the work if there is no such satellite
     read = time.perf_counter()
     tell("running the filter undisturbed")

@@ -30,7 +30,7 @@ from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.result_tables import nav_table
 from insgnss.studies.outage_windows import Removal, Window, switch_off, window_ns, without
 from insgnss.tables import Event, Float64, Int64

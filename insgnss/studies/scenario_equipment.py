@@ -53,7 +53,7 @@ def filter_of(scenario: ScenarioConfig) -> FilterConfig:
 
     The same sigma for every satellite: no part that grows with elevation or falls with C/N0, no correlation in time.
     """
-    base, m = filter_config("tight17"), scenario.measurements
+    base, m = filter_config("tight"), scenario.measurements
     alike = {"elevation": 0.0, "cn0_at_45_dbhz": 0.0}
     use = base.measurements.model_copy(
         update={"ionosphere": "none", "troposphere": "none", "carrier": False, "elevation_mask_deg": -90.0}

@@ -1,12 +1,11 @@
 """Pictures of a study: the sky in body axes over the pattern, a timeline per satellite, dilution with and without.
 
-They need matplotlib, an optional part (``pip install insgnss[plots]``), which is loaded when a picture is asked for.
+matplotlib is loaded when a picture is asked for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,14 +15,12 @@ from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.gain_map import gain_map
 from insgnss.antenna.visibility import DECISIONS
 from insgnss.errors import ResultError
-from insgnss.pictures import new_figure as any_figure
+from insgnss.pictures import new_figure
 from insgnss.saving import saving
 from insgnss.visibility.study import VisibilityStudy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_new_figure = partial(any_figure, otherwise="--no-pictures")
 
 COLOURS: Final = dict(zip(DECISIONS, ("#b2182b", "#1b7837", "#ef8a62", "#7fbf7b"), strict=True))
 _BELOW: Final = "#cccccc"  # under the elevation mask
@@ -36,7 +33,7 @@ def save_figures(study: VisibilityStudy, folder: str | Path) -> list[Path]:
 
     Raises
     ------
-    ResultError : matplotlib is not installed, or the folder cannot be written
+    ResultError : the folder cannot be written
     """
     pictures: dict[str, Callable[[VisibilityStudy], Figure]] = {
         "sky": sky_figure,
@@ -62,7 +59,7 @@ def sky_figure(study: VisibilityStudy) -> Figure:
 
     The middle is up (-z of the body), the inner circle the body's own horizon, the rim straight down.
     """
-    figure = _new_figure(8.0, 7.0)
+    figure = new_figure(8.0, 7.0)
     axes: Any = figure.add_subplot(projection="polar")  # its own class, with a direction of its angle
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
@@ -97,7 +94,7 @@ def timeline_figure(study: VisibilityStudy) -> Figure:
     table = study.satellites
     shown = table.loc[table["reason"] != "masked_elevation", "sv"]
     names = sorted(shown.astype("str").unique())[:_MOST_LABELS]
-    figure = _new_figure(9.0, 1.5 + 0.25 * max(len(names), 4))
+    figure = new_figure(9.0, 1.5 + 0.25 * max(len(names), 4))
     axes = figure.add_subplot()
     for row, name in enumerate(names):
         rows = table[table["sv"] == name]
@@ -118,7 +115,7 @@ def timeline_figure(study: VisibilityStudy) -> Figure:
 
 def dop_figure(study: VisibilityStudy) -> Figure:
     """Return position dilution and number of satellites over time, with and without the stage."""
-    figure, table = _new_figure(9.0, 6.0), study.dop
+    figure, table = new_figure(9.0, 6.0), study.dop
     upper = figure.add_subplot(2, 1, 1)
     lower = figure.add_subplot(2, 1, 2, sharex=upper)
     for label, colour, words in (

@@ -27,6 +27,7 @@ from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.result_tables import event_table
 from insgnss.saving import saving
+from insgnss.shown import Shown
 from insgnss.status import MASKED_ELEVATION, NAMES, USED
 from insgnss.table_files import table_files, write_table
 from insgnss.tables import Event, Float64, Int8, Int64
@@ -40,8 +41,8 @@ _SINGULAR_GDOP: Final = 1e6  # beyond it the geometry has no solution, only roun
 _FEWEST: Final = 4  # satellites of one clock that fix a position
 
 
-@dataclass(frozen=True)
-class VisibilityStudy:
+@dataclass(frozen=True, repr=False)
+class VisibilityStudy(Shown):
     """What ``visibility`` gives. Tables are DataFrames."""
 
     satellites: pd.DataFrame

@@ -25,7 +25,7 @@ from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.library import filter_config, find
 from insgnss.log.flight import Flight
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.run import Run
 from insgnss.simulation.faults import outage
 from tests.conftest import REPOSITORY

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from insgnss.attitude.angular_discriminator import (
+from insgnss.attitude.angular_discriminators import (
     angular_discriminator,
     angular_noise,
     discriminator_curve,

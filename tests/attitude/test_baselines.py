@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy import cos, sin
 
+from insgnss.attitude.array_observability import observability, require_attitude, require_two_satellites
 from insgnss.attitude.baselines import (
     AntennaArray,
     Sky,
@@ -23,7 +24,6 @@ from insgnss.attitude.baselines import (
     wavelength,
     wrapped,
 )
-from insgnss.attitude.observability import observability, require_attitude, require_two_satellites
 from insgnss.attitude.wind_up import wind_up_differences
 from insgnss.errors import ConfigError, GeometryError
 from insgnss.gnss.signals import G1_HZ, G1_STEP_HZ

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insgnss.attitude.angular_discriminator import discriminator_curve, pair_slopes
+from insgnss.attitude.angular_discriminators import discriminator_curve, pair_slopes
 from insgnss.attitude.aperture import apertures, random_attitudes
 from insgnss.attitude.baselines import triangle
 from insgnss.attitude.figures import (

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insgnss.attitude.angular_discriminator import likelihood_weights
+from insgnss.attitude.angular_discriminators import likelihood_weights
 from insgnss.attitude.aperture import apertures
+from insgnss.attitude.array_observability import information, observability
 from insgnss.attitude.baselines import attitude_matrices, difference_covariance, phase_differences, triangle
 from insgnss.attitude.correlator_bank import draw_correlators, phase_variances, signal_ratios
-from insgnss.attitude.observability import information, observability
 from insgnss.attitude.one_stage import ANGLE, OneStage, lock_range, recovery_curve
 from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector, to_euler
 from insgnss.errors import ConfigError, GeometryError

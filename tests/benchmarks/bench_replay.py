@@ -29,7 +29,7 @@ from insgnss.fusion.whole_log import run_filter
 from insgnss.jit import cache_root
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.run import Run
 from tests.benchmarks.limit_log import write_limit_log
 from tests.benchmarks.long_log import LongLog, write_log

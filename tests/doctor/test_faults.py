@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,6 +54,8 @@ def test_sound_log_gets_no_proposal_and_no_warning(short: Log, tmp_path: Path) -
     assert report.severity == "ok", "\n".join(report.lines())
     text = "\n".join(report.lines())
     assert "the axes fit the motion" in text and "IMU and GNSS tags agree" in text
+    at_rest = re.search(r"at rest for (\d+) s", text)
+    assert at_rest is not None and 65 <= int(at_rest[1]) <= 75  # then it takes off
 
 
 @pytest.mark.parametrize("name", MENDED)

@@ -8,11 +8,14 @@ import pytest
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.doctor.clock import clock_findings
 from insgnss.doctor.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
-from insgnss.doctor.time_offset import HOUR_S, WEEK_S, overlapping_shifts, split
+from insgnss.doctor.time_offset import HOUR_S, WEEK_S, Timing, offset_findings, overlapping_shifts, split
 from insgnss.doctor.track import Track
 from insgnss.library import imu_grade
+from insgnss.log.doctor_imu import GroundSpeed, imu_findings
+from insgnss.log.flight import Flight
 from insgnss.tables import ImuTable
 from insgnss.units import MPS2_PER_MG
+from tests.conftest import REPOSITORY
 from tests.log.writing import WEEK, Float64
 
 
@@ -103,6 +106,78 @@ def test_clock_that_jumps_is_told_with_number_and_size() -> None:
     jumps = np.floor(t / 25.0) * 1e-3 * C_MPS
     assert "held near GPS time by jumps" in clock(50.0 * t - jumps, np.full(100, 50.0))
     assert "3 jump(s) of 1 ms" in clock(50.0 * t - jumps, np.full(100, 50.0))
+
+
+def test_multiples_of_a_jump_are_jumps_too() -> None:
+    """Two of them between epochs where one is missing."""
+    t = np.arange(100.0)
+    jumps = (np.floor(t / 25.0) + (t >= 75.0)) * 1e-3 * C_MPS
+    assert "3 jump(s) of 1 ms" in clock(50.0 * t - jumps, np.full(100, 50.0))
+
+
+def test_leaps_that_do_not_agree_in_size_are_bad_epochs() -> None:
+    """Three bad fixes: the clock is off by some kilometres and is back at the next epoch, six leaps."""
+    t = np.arange(100.0)
+    off = np.zeros(100)
+    off[[20, 45, 70]] = (9e3, -2.3e4, 4.1e3)
+    text = clock(50.0 * t + off, np.full(100, 50.0))
+
+    assert "left alone" in text and "jump(s) of" not in text
+    assert "WARNING" in text and "leaps 6 time(s) by 0.014 to 0.077 ms" in text and "bad epochs" in text
+
+
+def test_bad_epoch_among_jumps_is_told_beside_them() -> None:
+    t = np.arange(100.0)
+    jumps = np.floor(t / 25.0) * 1e-3 * C_MPS
+    jumps[10] += 7e4
+    text = clock(50.0 * t - jumps, np.full(100, 50.0))
+
+    assert "3 jump(s) of 1 ms" in text and "leaps 2 time(s)" in text
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "sd_s", "agrees"),
+    [(0.041, 0.004, False), (-0.085, 0.027, False), (0.041, 0.020, True), (0.0, 0.01, True)],
+)
+def test_offset_beyond_three_sigmas_is_suspect(offset_s: float, sd_s: float, agrees: bool) -> None:
+    flight = Flight.load(REPOSITORY / "data" / "sample_flight" / "flight.toml")
+    (finding,) = offset_findings(flight, Timing(offset_s, sd_s, 0.0, 100.0), 50.0, WEEK * 604_800 * NS_PER_S)
+
+    assert ("tags agree" in finding.text) is agrees
+    assert finding.severity == ("ok" if agrees else "warning")
+    assert (f"imu.time.offset_s = {offset_s:+.3f}" in finding.advice) is not agrees
+    assert finding.proposals == ()
+
+
+def steady_imu(seconds: int) -> ImuTable:
+    t_ns = (np.arange(100 * seconds) * 10_000_000).astype(np.int64)
+    return ImuTable(t_ns, np.zeros((len(t_ns), 3)), np.tile([0.0, 0.0, -9.81], (len(t_ns), 1)))
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "sd_mps", "words"),
+    [
+        (70.0, 0.1, "in steady motion at 70 m/s for 60 s"),
+        (0.05, 0.1, "at rest for 60 s"),
+        (0.9, 0.3, "at rest for 60 s"),  # of a poor receiver: within three of its sigmas
+    ],
+)
+def test_steady_motion_is_not_called_rest_where_the_speed_is_known(
+    speed_mps: float, sd_mps: float, words: str
+) -> None:
+    epochs = np.arange(-1, 62) * NS_PER_S
+    speed = GroundSpeed(epochs, np.full(63, speed_mps), np.full(63, sd_mps))
+    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, speed))
+
+    assert words in text and ("at rest" in text) is words.startswith("at rest")
+
+
+def test_rest_counts_only_where_the_vehicle_stood() -> None:
+    epochs = np.arange(-1, 62) * NS_PER_S
+    speed = GroundSpeed(epochs, np.where(epochs < 20 * NS_PER_S, 0.0, 70.0), np.full(63, 0.1))
+    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, speed))
+
+    assert "at rest for 20 s" in text or "at rest for 19 s" in text
 
 
 def test_clock_that_is_steered_in_the_code_alone_is_a_warning() -> None:

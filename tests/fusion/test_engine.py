@@ -16,7 +16,7 @@ from insgnss.fusion.prediction import Imu
 from insgnss.fusion.whole_log import run_filter
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.replay import engine_settings, setup_filter
+from insgnss.log_replay import engine_settings, setup_filter
 from insgnss.simulation.faults import carrier_alone, cycle_slip, half_cycle, outage
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.simulation.oscillator import MILLISECOND_M

@@ -12,7 +12,7 @@ from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.whole_log import run_filter
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.status import DUPLICATE, NO_IMU, TOO_LATE, USED
 from insgnss.tables import GnssTable, ImuTable

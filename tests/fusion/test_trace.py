@@ -15,7 +15,7 @@ from insgnss.fusion.state import BA, BG, CLOCK, DRIFT
 from insgnss.fusion.trace_rows import output_samples
 from insgnss.fusion.whole_log import TraceWanted, run_filter
 from insgnss.library import filter_config
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.simulation.oscillator import MILLISECOND_M
 from tests.replay.scenes import (
     START_NS,

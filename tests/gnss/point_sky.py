@@ -11,7 +11,7 @@ import pymap3d
 from insgnss.gnss.integrity import Fits, agree, redundancy_room
 from insgnss.gnss.least_squares import RANGE, FitRows, workspace
 from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.point import chi_square_limits
+from insgnss.point_solutions import chi_square_limits
 from insgnss.tables import Float64
 
 PLACE = (48.78, 9.17, 320.0)  # [deg, deg, m]

@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.errors import ConfigError
 from insgnss.interference.discriminators import DISCRIMINATORS, Discriminator, discriminator
-from insgnss.interference.lock_threshold import (
+from insgnss.interference.lock_thresholds import (
     LIFETIME,
     LockThreshold,
     count_slips,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.interference.discriminators import DISCRIMINATORS
-from insgnss.interference.lock_threshold import count_slips, slip_loop
+from insgnss.interference.lock_thresholds import count_slips, slip_loop
 from tests.kernels import KernelCase
 
 

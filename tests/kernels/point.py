@@ -10,7 +10,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.point_log import solve_epochs
 from insgnss.gnss.point_rows import PointRows, PointSettings, at_time_tags, new_point_log
-from insgnss.point import chi_square_limits
+from insgnss.point_solutions import chi_square_limits
 from insgnss.status import USED
 from tests.kernels import KernelCase
 

@@ -253,6 +253,16 @@ def test_ambiguous_lever_arm_is_told(case: Case, lever: str, words: str) -> None
     assert words in texts(case.check(), "warning")
 
 
+@pytest.mark.parametrize(("limit", "warned"), [("", True), ("quality_max = 1\n", False)])
+def test_reference_of_several_qualities_asks_for_a_limit(case: Case, limit: str, warned: bool) -> None:
+    rows = [f"{1000 + k},48,9,300,{1 if k % 3 else 2}\n" for k in range(9)]
+    (case.folder / "reference.csv").write_text("time_s,lat_deg,lon_deg,h_m,quality\n" + "".join(rows))
+    case.flight += f'\n[reference]\nfile = "reference.csv"\n{limit}'
+    told = [line for line in case.check().lines() if "several qualities" in line]
+    assert bool(told) is warned
+    assert not warned or ("1 in 6, 2 in 3" in told[0] and "reference.quality_max = 1" in told[0])
+
+
 def test_reference_elsewhere_in_time_is_told(case: Case) -> None:
     (case.folder / "reference.csv").write_text("time_s,lat_deg,lon_deg,h_m\n9000,48,9,300\n")
     case.flight += '\n[reference]\nfile = "reference.csv"\n'

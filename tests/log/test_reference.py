@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from insgnss.config.flight import Reference
-from insgnss.errors import ColumnError
+from insgnss.constants import NS_PER_S
+from insgnss.errors import ColumnError, InputError
 from insgnss.log.reference import read_reference
 from tests.log.writing import WEEK, write_lines
 
@@ -55,6 +56,33 @@ def test_repeated_time_keeps_the_first_row(tmp_path: Path) -> None:
         config(tmp_path, ["time_s,lat_deg,lon_deg,h_m", "1,48,9,300", "1,49,9,300"]), WEEK
     )
     assert table.lat_deg.tolist() == [48.0] and len(events) == 1
+
+
+QUALITIES = [
+    "time_s,lat_deg,lon_deg,h_m,quality",
+    "1,48,9,300,1",
+    "2,48,9,300,2",
+    "3,48,9,300,5",
+    "4,48,9,300,",
+]
+
+
+def test_rows_beyond_the_quality_limit_are_left_out_with_an_event(tmp_path: Path) -> None:
+    limited = config(tmp_path, QUALITIES).model_copy(update={"quality_max": 1.0})
+    table, events = read_reference(limited, WEEK)
+
+    assert np.diff(table.t_ns).tolist() == [3 * NS_PER_S] and table.quality.tolist() == [1.0, 1.0]
+    assert [event.kind for event in events] == ["reference_rows_left_out"]
+    assert "2 of 4 rows" in events[0].detail
+
+
+def test_limit_that_leaves_no_row_and_limit_without_a_column_are_errors(tmp_path: Path) -> None:
+    limited = config(tmp_path, QUALITIES).model_copy(update={"quality_max": 0.5})
+    with pytest.raises(InputError, match="the smallest is 1"):
+        read_reference(limited, WEEK)
+    bare = config(tmp_path, ["time_s,lat_deg,lon_deg,h_m", "1,48,9,300"])
+    with pytest.raises(ColumnError, match="'quality'"):
+        read_reference(bare.model_copy(update={"quality_max": 1.0}), WEEK)
 
 
 def test_missing_position_column_is_named(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from insgnss.corrected_rows import block_cuts, row_blocks
 from insgnss.fusion.whole_log import run_blocks
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightInMemory
-from insgnss.replay import replay, setup_filter
+from insgnss.log_replay import replay, setup_filter
 from insgnss.run import TABLES, Run
 from insgnss.simulation.faults import cycle_slip, outage
 from insgnss.simulation.observations import NoiseTerms
@@ -40,7 +40,7 @@ def flown() -> FlightInMemory:
 def in_blocks(monkeypatch: pytest.MonkeyPatch, most_rows: int, flown: FlightInMemory, **options: Any) -> Run:
     """Return the run of a flight whose rows come in blocks of that size."""
     with monkeypatch.context() as patched:
-        patched.setattr(sys.modules["insgnss.replay"], "MOST_ROWS", most_rows)
+        patched.setattr(sys.modules["insgnss.log_replay"], "MOST_ROWS", most_rows)
         return replay(flown, **options)
 
 

@@ -13,7 +13,7 @@ import pytest
 import insgnss
 from insgnss.fusion.engine import Engine
 from insgnss.library import filter_config
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.run import Run
 from insgnss.simulation.faults import outage, range_step
 from insgnss.simulation.observations import Fault

@@ -12,7 +12,7 @@ from insgnss.fusion import compile_loop
 from insgnss.fusion.carrier import clone_epoch
 from insgnss.gnss.least_squares import fit
 from insgnss.library import filter_config
-from insgnss.replay import replay
+from insgnss.log_replay import replay
 from tests.benchmarks.bench_replay import SAMPLE, command, process
 from tests.benchmarks.long_log import LongLog, write_log
 from tests.test_jit import PACKAGE, python
@@ -27,7 +27,7 @@ NEEDED = """
 import gc, sys
 from insgnss.apart import Apart
 from insgnss.fusion import compile_loop
-from insgnss.replay import replay
+from insgnss.log_replay import replay
 compile_loop.fetch_loop = lambda: None
 replay(sys.argv[1])
 print(*(k.__qualname__ for k in gc.get_objects() if type(k) is Apart and k.signatures), sep="\\n")

@@ -17,8 +17,8 @@ from insgnss.cli.point import point as point_command
 from insgnss.errors import ConfigError, ResultError
 from insgnss.gnss import integrity
 from insgnss.library import filter_config
-from insgnss.point import TABLES, PointRun, point, solve_rows
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
+from insgnss.point_solutions import TABLES, PointRun, point, solve_rows
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import GnssTable

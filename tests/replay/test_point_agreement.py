@@ -18,8 +18,8 @@ from insgnss.gnss.troposphere import standard_atmosphere
 from insgnss.gpstime import ns_to_datetime
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.point import read_logs, solve_rows
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
+from insgnss.point_solutions import read_logs, solve_rows
 from insgnss.tables import Float64
 from tests.conftest import REPOSITORY
 

@@ -22,7 +22,7 @@ from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightLogs
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.result_tables import nav_table
 from insgnss.run import Run
 from insgnss.tables import Float64

@@ -12,7 +12,7 @@ import pytest
 
 from insgnss.config.filter import FilterConfig
 from insgnss.library import filter_config
-from insgnss.replay import replay, setup_filter
+from insgnss.log_replay import replay, setup_filter
 from insgnss.result_tables import LogNames
 from insgnss.run import Run
 from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry

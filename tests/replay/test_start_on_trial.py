@@ -16,7 +16,7 @@ from insgnss.fusion.trial import Trial
 from insgnss.fusion.whole_log import run_filter
 from insgnss.gnss.observation_rows import Rows, one_epoch
 from insgnss.library import filter_config, imu_grade
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.run import Run
 from insgnss.simulation.course import Course
 from insgnss.simulation.journeys import AIRFIELD, car, static

@@ -19,7 +19,7 @@ from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.engine import Engine
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
-from insgnss.replay import setup_filter
+from insgnss.log_replay import setup_filter
 from insgnss.run import Run
 from insgnss.tables import Float64, GnssTable, ImuTable
 from insgnss.units import MPS2_PER_MG

@@ -14,7 +14,7 @@ from insgnss.fusion.engine import Engine
 from insgnss.fusion.whole_log import run_filter
 from insgnss.library import scenario_config
 from insgnss.log.flight import FlightInMemory
-from insgnss.replay import replay, setup_filter
+from insgnss.log_replay import replay, setup_filter
 from insgnss.run import Run
 from insgnss.studies.banked_flight import BankedFlight
 from insgnss.studies.masking_cases import _flight_in_memory, _log

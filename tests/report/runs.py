@@ -8,7 +8,10 @@ import numpy as np
 import pandas as pd
 
 from insgnss.fusion.output import NAV_COLUMNS
+from insgnss.gpstime import week_seconds_to_ns
+from insgnss.imu_summary import imu_spectrum, imu_table
 from insgnss.run import Run
+from insgnss.tables import ImuTable
 
 WEEK = 2385
 START_S = 293_700.0
@@ -37,6 +40,8 @@ def made_run(
         events=_events(),
         errors=_errors(rng, nav) if reference else None,
         aiding=_aiding(rng, time_s, names) if aiding else None,
+        imu=imu_table(_imu(time_s), WEEK),
+        imu_spectrum=imu_spectrum(_imu(time_s)),
         settings={
             "flight": {"name": "made", "gps_week": WEEK},
             "filter": {"name": "tight17"},
@@ -95,11 +100,21 @@ def _satellites(rng: np.random.Generator, time_s: np.ndarray, names: list[str], 
             "body_az_deg": 360.0 * rng.random(n),
             "body_el_deg": 10.0 + 70.0 * rng.random(n),
             "gain_dbi": rng.normal(0.0, 2.0, n) if gain else np.full(n, np.nan),
+            "cn0_dbhz": 45.0 - 0.5 * sv + 0.5 * np.sin(np.arange(n)),
             "state": words((rng.random(n) > 0.98).astype(int), ["tracked", "gated"]),
             "sd_range_m": np.ones(n),
             "sd_range_rate_mps": np.full(n, 0.1),
         }
     )
+
+
+def _imu(time_s: np.ndarray) -> ImuTable:
+    """Return a log of 100 Hz without noise, with a line at 20 Hz."""
+    t_s = np.arange(time_s[0], time_s[-1] + 0.02, 0.01)
+    wave = np.sin(2.0 * np.pi * 20.0 * (t_s - t_s[0]))
+    w, f = np.column_stack([0.01 * wave, wave * 0.0, 0.0 * wave + 0.02]), np.zeros((len(t_s), 3))
+    f[:, 2] = -9.81 + 0.1 * wave
+    return ImuTable(week_seconds_to_ns(WEEK, t_s), w, f)
 
 
 def _events() -> pd.DataFrame:

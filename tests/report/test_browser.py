@@ -81,6 +81,28 @@ addEventListener("load", () => setTimeout(async () => {
 </script>"""
 
 
+# the fold of the street map where nothing answers, and the button that saves a picture
+PICTURES = """<script>
+addEventListener("load", () => setTimeout(async () => {
+  const told = {}, pause = () => new Promise((done) => setTimeout(done, 200));
+  const button = () => document.querySelector('#chart-height [data-title="Save as a picture"]');
+  for (let tries = 0; tries < 100 && !button(); tries += 1) await pause();
+  Plotly.downloadImage = (figure, options) => {
+    Object.assign(told, { words: figure.layout.title.text, traces: figure.data.length, file: options.filename });
+  };
+  button().click();
+  window.onerror = () => true;  // a browser without WebGL draws no map
+  const fold = document.querySelector("details:has(#chart-tiles)");
+  fold.open = true;
+  fold.scrollIntoView();
+  const unreachable = () => fold.querySelector(".unreachable");
+  for (let tries = 0; tries < 100 && !unreachable(); tries += 1) await pause();
+  told.unreachable = unreachable() && unreachable().textContent;
+  await fetch("http://127.0.0.1:PORT/", {method: "POST", mode: "no-cors", body: JSON.stringify(told)});
+}));
+</script>"""
+
+
 class Listener(HTTPServer):
     """Waits on the loopback for what the page tells of itself."""
 
@@ -98,12 +120,14 @@ class Answer(BaseHTTPRequestHandler):
         """Say nothing."""
 
 
-def opened(page: str, folder: Path, *options: str, width: int = 1200) -> tuple[dict[str, Any], list[str]]:
+def opened(
+    page: str, folder: Path, *options: str, width: int = 1200, probe: str = PROBE
+) -> tuple[dict[str, Any], list[str]]:
     """Return what the page tells of itself, and the lines of the browser's console."""
     path, log = folder / "page.html", folder / "browser.log"
     listener = Listener(("127.0.0.1", 0), Answer)
     listener.timeout = 60.0  # s, of a machine that does much else
-    probe = PROBE.replace("PORT", str(listener.server_port))
+    probe = probe.replace("PORT", str(listener.server_port))
     path.write_text(page.replace("</body>", probe + "</body>"), encoding="utf-8")
     command = [str(BROWSER), "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
     command += [f"--user-data-dir={folder / 'profile'}", f"--window-size={width},30000"]
@@ -174,3 +198,16 @@ def test_page_is_no_wider_than_a_phone(page: str, tmp_path: Path) -> None:
 
     assert console == []
     assert told["overflow"] == 0
+
+
+def test_map_without_a_network_says_so_and_a_picture_carries_name_and_utc(page: str, tmp_path: Path) -> None:
+    nowhere = "--host-resolver-rules=MAP *.openstreetmap.org 127.0.0.1:9"
+    mouse = (
+        "--blink-settings=primaryHoverType=2,availableHoverTypes=2"  # without one the buttons are not there
+    )
+    told, _ = opened(page, tmp_path, nowhere, mouse, probe=PICTURES)
+
+    assert "tiles cannot be fetched" in told["unreachable"]
+    assert "Height above the ellipsoid" in told["words"] and "made (tight17), 20" in told["words"]
+    assert told["words"].count(" UTC") == 1 and told["traces"] >= 2
+    assert told["file"].startswith("made_tight17_20") and told["file"].endswith("_height")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("matplotlib")
+from IPython.core.formatters import DisplayFormatter
+from PIL import Image
 
 from insgnss.errors import ConfigError, ResultError
 from insgnss.report import figures
@@ -84,3 +84,11 @@ def test_figures_that_the_run_has_nothing_for_are_refused(tmp_path: Path) -> Non
         figures.innovations(run, "carrier_difference")
     with pytest.raises(ConfigError, match="no form"):
         figures.save(figures.track(run), tmp_path / "track.xyz")
+
+
+def test_figure_shows_itself_in_a_notebook_that_has_not_loaded_pyplot(tmp_path: Path) -> None:
+    data, _ = DisplayFormatter().format(figures.track(made_run()))
+
+    (tmp_path / "shown.png").write_bytes(data["image/png"])
+    with Image.open(tmp_path / "shown.png") as shown:
+        assert min(shown.size) > 200

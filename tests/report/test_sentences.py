@@ -57,7 +57,8 @@ def test_summary_tells_errors_of_known_size() -> None:
     text = said(run)
 
     assert "within 5 m half of the time, 5 m 95 % of it, 5 m at worst; the height within 2 m" in text
-    assert "too small: the error is 3.54 sigma" in text  # sqrt((9 + 16) / 2)
+    # sqrt((9 + 16) / 2)
+    assert "horizontal errors are 3.5 times their sigma (rms of error over sigma 3.54, 1 is right)" in text
 
 
 def test_summary_tells_a_constant_offset_apart() -> None:
@@ -70,7 +71,7 @@ def test_summary_tells_a_constant_offset_apart() -> None:
 
     assert "one constant offset, 6 m north, 8 m west, 2 m up" in text
     assert "About it the horizontal position is within 0.5 m half of the time" in text
-    assert "the error is 0.707 sigma" in text  # sqrt((0.09 + 0.16) / 2) / 0.5
+    assert "rms of error over sigma 0.707" in text  # sqrt((0.09 + 0.16) / 2) / 0.5
 
 
 def test_figures_are_those_of_the_tables() -> None:

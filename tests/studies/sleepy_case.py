@@ -17,6 +17,8 @@ def sleepy(case: Mapping[str, Any], seed: int) -> list[dict[str, float]]:
         (Path(case["pids"]) / str(os.getpid())).touch()
     if seed == case.get("fails_at"):
         raise ValueError(f"seed {seed} is told to fail")
+    if seed == case.get("dies_at"):
+        os._exit(1)  # as the system's killer of large processes would have it
     time.sleep(case.get("sleep_s", 0.0))
     rng = np.random.default_rng([seed, case.get("salt", 0)])
     return [{"k": k, "value": float(x)} for k, x in enumerate(rng.standard_normal(2))]

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from insgnss.cli.main import app
 from insgnss.errors import ConfigError, ResultError
 from insgnss.studies import campaign_cluster
-from insgnss.studies.campaign import CampaignConfig, load_campaign, prepare, run_campaign
+from insgnss.studies.campaign import CampaignConfig, load_campaign, prepare, run_campaign, tasks_of
 from insgnss.studies.campaign_results import Sums, data_set, failures, summary
 from insgnss.studies.campaign_tasks import RESULTS
 
@@ -143,6 +143,41 @@ def test_running_cluster_gives_the_bytes_of_one_process(tmp_path: Path) -> None:
 
     assert (done.n_runs, done.n_failed, done.lost) == (12, 2, ())
     assert files(tmp_path / "two") == files(tmp_path / "one")
+
+
+@pytest.mark.slow
+def test_without_dask_processes_of_this_machine_give_the_bytes_of_one_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(campaign_cluster, "is_installed", lambda: False)
+    done = run_campaign(campaign(fails_at=3), tmp_path / "two", workers=2)
+    run_campaign(campaign(fails_at=3), tmp_path / "one", workers=0)
+
+    assert (done.n_runs, done.n_failed, done.lost) == (12, 2, ())
+    assert files(tmp_path / "two") == files(tmp_path / "one")
+
+
+@pytest.mark.slow
+def test_without_dask_a_task_that_kills_its_process_is_lost_and_no_other_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(campaign_cluster, "is_installed", lambda: False)
+    config = campaign(seeds=6, dies_at=3)
+    done = run_campaign(config, tmp_path, workers=2)
+
+    fatal = {task.key for task in tasks_of(config, tmp_path) if 3 in task.seeds}
+    assert set(done.lost) == fatal
+    assert done.n_runs == config.n_runs - sum(
+        len(task.seeds) for task in tasks_of(config, tmp_path) if task.key in fatal
+    )
+
+
+def test_scheduler_without_dask_is_an_error_that_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ResultError, match=r"insgnss\[campaign\]"):
+        run_campaign(campaign(), tmp_path, scheduler="tcp://127.0.0.1:9")
 
 
 def test_scheduler_that_does_not_answer_is_an_error_with_advice(

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from insgnss.cli.main import app
 from insgnss.errors import ConfigError
 from insgnss.library import filter_config
-from insgnss.replay import replay
+from insgnss.log_replay import replay
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.slow_sigmas import COLUMNS
 from insgnss.status import SWITCHED_OFF, USED

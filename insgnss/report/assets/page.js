@@ -90,10 +90,12 @@
     if (drawn.has(place.id)) return;
     drawn.add(place.id);
     const chart = places.get(place.id), layout = layoutOf(chart);
+    if (layout.map) tellIfUnreachable(place);
     Plotly.newPlot(place, dataOf(chart), layout, {
       responsive: true, displaylogo: false, scrollZoom: Boolean(layout.map),
       displayModeBar: matchMedia("(hover: none)").matches ? false : "hover",
-      modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"],
+      modeBarButtonsToRemove: ["toImage", "select2d", "lasso2d", "autoScale2d"],
+      modeBarButtonsToAdd: [{ name: "picture", title: "Save as a picture", icon: Plotly.Icons.camera, click: () => savePicture(place) }],
     });
     if (chart.linked) place.on("plotly_relayout", (change) => follow(place, change));
   }
@@ -111,6 +113,38 @@
       if (trace.hovertemplate) dated.hovertemplate = trace.hovertemplate.replace("%{x:.2f} s", "%{x|%H:%M:%S.%2f}");
       return dated;
     });
+  }
+
+  // dark letters on white whatever the page is, and above the drawing what it is of
+  function pictureOf(place) {
+    const chart = places.get(place.id), width = Math.max(place.clientWidth, 700);
+    const layout = JSON.parse(JSON.stringify(place.layout));
+    const words = `<b>${chart.title}</b><br><sub>${document.body.dataset.about.replace(/</g, "&lt;")}</sub>`;
+    Object.assign(layout, { paper_bgcolor: "#fff", plot_bgcolor: "#fff", width, height: place.clientHeight + 70, autosize: false });
+    layout.font.color = "#1b1f24";
+    layout.margin.t = Math.max(layout.margin.t || 0, 10) + 70;
+    layout.title = { text: words, x: 0.01, xanchor: "left", y: 0.99, yanchor: "top", font: { size: 15, color: "#1b1f24" } };
+    return { data: place.data, layout };
+  }
+
+  function savePicture(place) {
+    const figure = pictureOf(place), { width, height } = figure.layout;
+    const name = `${document.body.dataset.about} ${place.id.replace("chart-", "")}`.replace(/[^\p{L}\p{N}]+/gu, "_");
+    return Plotly.downloadImage(figure, { format: "png", scale: 2, width, height, filename: name });
+  }
+
+  // the one thing that needs a network: without it the fold would be an empty frame
+  async function tellIfUnreachable(place) {
+    try {
+      if (!navigator.onLine) throw new Error("offline");
+      await fetch("https://tile.openstreetmap.org/0/0/0.png", { mode: "no-cors", signal: AbortSignal.timeout(8000) });
+    } catch {
+      const words = document.createElement("p");
+      words.className = "unreachable";
+      words.textContent = "The map's tiles cannot be fetched: there is no network, or openstreetmap.org does not answer."
+        + " The track is drawn without them; the chart above needs no network.";
+      place.before(words);
+    }
   }
 
   // the same left edge below each other, so that a moment stands in one vertical line on the whole page

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.report.charts import Chart, Rows, colour_of, line_trace
+from insgnss.report.charts import Chart, Rows, colour_of, dash_of, line_trace
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
 from insgnss.run import Run
@@ -53,6 +53,7 @@ def _by_satellite(
         for row, (column, _) in enumerate(columns):
             values = mine[column].to_numpy(np.float64)
             more: dict[str, Any] = {"legendgroup": sv, "showlegend": row == 0}
+            more["line"] = {"dash": dash_of(place)}
             rows.add(
                 row, line_trace(time_s, values, sv, colour_of(place), at_most=_points(len(names)), **more)
             )

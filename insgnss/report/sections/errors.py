@@ -67,9 +67,7 @@ def _chart(errors: pd.DataFrame, group: str, columns: tuple[str, ...], known_s: 
 
 def _statistics(run: Run) -> str:
     known_s = run.heading_known_s()
-    summary = run.error_summary(from_s=known_s)
-    if summary.empty:
-        summary = run.error_summary()
+    summary = run.error_summary()
     rows = []
     for name, row in summary.iterrows():
         columns = ("mean", "rms", "p50", "p95", "max", "mean_sigma")
@@ -78,5 +76,7 @@ def _statistics(run: Run) -> str:
         )
         total = f"{row['rms_over_total']:.2f}" if f"sd_slow_{name}" in run.nav else ""
         rows.append([label(str(name)).axis(), *told, f"{row['rms_over_sigma']:.2f}", total])
+    if run.errors is not None and known_s is not None and not known_s <= run.errors["time_s"].max():
+        known_s = None  # the summary is of the whole reference then
     since = "" if known_s is None else f"<p>From {known_s:.1f} s on, when the heading was known.</p>"
     return since + table(_HEADS, rows)

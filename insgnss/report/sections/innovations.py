@@ -8,7 +8,17 @@ import numpy as np
 import pandas as pd
 from scipy.special import gammaincinv
 
-from insgnss.report.charts import PALETTE, Chart, Rows, Trace, colour_of, marker_trace, packed, translucent
+from insgnss.report.charts import (
+    PALETTE,
+    Chart,
+    Rows,
+    Trace,
+    colour_of,
+    marker_trace,
+    packed,
+    symbol_of,
+    translucent,
+)
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section, table
 from insgnss.report.labels import KIND_UNITS, number
@@ -90,7 +100,7 @@ def _over_time(rows: pd.DataFrame, used: pd.DataFrame, kind: str, words: str) ->
     place_of, names = satellites_of(used)
     each = max(_POINTS // max(len(names), 1), 40)
     for place, name in enumerate(names):
-        _add(chart, used[place_of == place], name, each, {"color": colour_of(place), "size": 3}, name)
+        _add(chart, used[place_of == place], name, each, _marker(place), name)
     refused = rows[rows["status"] != "used"]
     if len(refused):
         marker = {"color": PALETTE[1], "size": 6, "symbol": "x-thin-open"}
@@ -106,6 +116,11 @@ def _over_time(rows: pd.DataFrame, used: pd.DataFrame, kind: str, words: str) ->
         chart.ranges[row] = (-limit, limit) if row == 0 else (-max(limit, 3.5), max(limit, 3.5))
     caption = "Touch a satellite's name to hide it, twice to see it alone. The axes open on what was used."
     return chart.chart(f"chart-innovation-{kind}", f"Innovations: {words}", row_px=190, caption=caption)
+
+
+def _marker(place: int) -> dict[str, Any]:
+    symbol = symbol_of(place)
+    return {"color": colour_of(place), "size": 3 if symbol == "circle" else 4, "symbol": symbol}
 
 
 def _add(

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from pandas.api.types import union_categoricals
 
 from insgnss.report.charts import TIME_AXIS, Chart, Rows, Trace, line_trace, packed
 from insgnss.report.epochs import satellites_of, satellites_used
@@ -33,7 +34,13 @@ STATE_COLOURS: Final = {
     "drifting": "#e69f00",
     "reflected": "#56b4e9",
     "absent": "#b0b0b0",
+    "no_ephemeris": "#56b4e9",
+    "stale_ephemeris": "#56b4e9",
+    "unhealthy": "#882255",
+    "not_started": "#b0b0b0",
+    "no_imu": "#b0b0b0",
 }
+_SAME_TIME_S: Final = 1e-4
 _OTHER_STATE: Final = "#0072b2"
 
 
@@ -50,8 +57,38 @@ def section(run: Run) -> Section | None:
     caption = (
         "Where the picture is too coarse for every epoch, what was refused is drawn over what was tracked."
     )
-    timeline = timeline_chart(run.satellites, "chart-timeline", "Satellites and their state", caption)
+    timeline = timeline_chart(_all_of_the_log(run), "chart-timeline", "Satellites and their state", caption)
     return Section("satellites", "Satellites", charts=(timeline, count))
+
+
+def _all_of_the_log(run: Run) -> pd.DataFrame:
+    """Return time_s, sv and state of every satellite of the log, those too that nothing was computed for.
+
+    A satellite without ephemeris has no direction, and no row in the table of satellites: its state is then that of
+    its first measurement.
+    """
+    seen = run.satellites[["time_s", "sv", "state"]]
+    ledger = run.measurements
+    ledger = ledger.loc[(ledger["status"] != "used").to_numpy(), ["time_s", "sv", "status"]]
+    ledger = ledger.rename(columns={"status": "state"})
+    # words stay numbers into their lists: an hour's table has a million rows
+    sv, states = (
+        union_categoricals([pd.Categorical(part[name]) for part in (seen, ledger)])
+        for name in ("sv", "state")
+    )
+    time_s = np.concatenate([seen["time_s"], ledger["time_s"]])
+    key = np.rint(time_s / _SAME_TIME_S).astype(np.int64) * len(sv.categories) + sv.codes
+    n = len(seen)
+    wanted, first = np.unique(key[n:], return_index=True)
+    if len(wanted) == 0:
+        return seen
+    # the few are sorted, and each of the many looked up among them
+    place = np.minimum(np.searchsorted(wanted, key[:n]), len(wanted) - 1)
+    has_row = np.zeros(len(wanted), np.bool_)
+    has_row[place[wanted[place] == key[:n]]] = True
+    unseen = n + np.sort(first[~has_row])
+    rows = np.concatenate([np.arange(n), unseen])
+    return pd.DataFrame({"time_s": time_s[rows], "sv": sv[rows], "state": states[rows]})
 
 
 def timeline_chart(table: pd.DataFrame, name: str, title: str, caption: str = "") -> Chart:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import NormalDist
@@ -38,10 +38,11 @@ from insgnss.log.files import sha256
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
+from insgnss.log_replay import setup_filter
 from insgnss.point_tables import point_table, residual_table
-from insgnss.replay import setup_filter
 from insgnss.result_tables import event_table
 from insgnss.saving import saving
+from insgnss.shown import Shown
 from insgnss.table_files import table_files, write_table
 from insgnss.tables import Float64, ImuTable
 from insgnss.version import __version__
@@ -54,8 +55,8 @@ MAX_GDOP: Final = 30.0
 TRUSTED: Final = ("ok", "fault excluded", "not tested")
 
 
-@dataclass(frozen=True)
-class PointRun:
+@dataclass(frozen=True, repr=False)
+class PointRun(Shown):
     """What ``point`` gives. Tables are DataFrames, ``settings`` is all that is needed to repeat it."""
 
     point: pd.DataFrame
@@ -66,6 +67,9 @@ class PointRun:
 
     def __post_init__(self) -> None:
         annotate_all((getattr(self, name) for name in TABLES), self.settings)
+
+    def _about(self) -> Iterator[str]:
+        yield f"{int(self.trusted().sum())} of {len(self.point)} epochs with a position that no test speaks against"
 
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``point_settings.json`` into ``folder`` (made if needed); return the folder.
@@ -135,8 +139,9 @@ class PointRun:
 
 def point(
     flight: Flight | str | Path,
-    filter: str | Path | FilterConfig = "tight17",
+    filter: str | Path | FilterConfig = "tight",
     *,
+    settings: Mapping[str, Any] | None = None,
     false_alarm: float = 1e-3,
     missed_detection: float = 1e-3,
     progress: Callable[[str], None] | None = None,
@@ -149,6 +154,7 @@ def point(
     ----------
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
+    settings : of the filter, to be otherwise, as in ``replay``
     false_alarm : probability that the chi-square test refuses an epoch without a fault
     missed_detection : probability of a fault beyond the protection level that passes the test
     progress : is told in words what is being done
@@ -164,7 +170,7 @@ def point(
             raise ConfigError(f"{value} is no probability", key=name, advice="give one between 0 and 0.5")
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter)
+    config = filter_config(filter, settings)
     tell("reading the logs")
     logs = read_logs(flight)
     tell("computing the satellites")

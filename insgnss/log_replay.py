@@ -6,7 +6,7 @@ import datetime as dt
 import importlib
 import platform
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
 from insgnss.fusion.body_points import Further
 from insgnss.fusion.inertial_stream import screened
-from insgnss.fusion.output import Output
+from insgnss.fusion.output import Output, Table
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
 from insgnss.fusion.whole_log import LedgerPart, TraceWanted, run_blocks
@@ -37,6 +37,7 @@ from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.imu_summary import imu_spectrum, imu_table
 from insgnss.jit import compiled_beside
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
@@ -47,6 +48,7 @@ from insgnss.result_tables import (
     aiding_budget,
     aiding_table,
     event_table,
+    filtered_table,
     ledger_tables,
     nav_table,
     row_keys,
@@ -79,8 +81,9 @@ def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> Filt
 
 def engine_settings(
     flight: Flight | str | Path,
-    filter: str | Path | FilterConfig = "tight17",
+    filter: str | Path | FilterConfig = "tight",
     *,
+    settings: Mapping[str, Any] | None = None,
     signals: Iterable[Pair] | None = None,
     carrier: bool = False,
 ) -> FilterSetup:
@@ -93,13 +96,14 @@ def engine_settings(
     ----------
     flight : the flight or its file
     filter : a name in the library, a file, or the settings themselves
+    settings : of the filter, to be otherwise, as in ``replay``
     signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
         the filter's settings gets its clock, for each constellation that has an ephemeris
     carrier : whether the epochs will bring carrier phases
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter)
+    config = filter_config(filter, settings)
     wanted = config.measurements.signals_of()
     if not flight.config.gnss.navigation:
         return _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
@@ -150,8 +154,9 @@ def _setup(
 
 def replay(
     flight: Flight | str | Path,
-    filter: str | Path | FilterConfig = "tight17",
+    filter: str | Path | FilterConfig = "tight",
     *,
+    settings: Mapping[str, Any] | None = None,
     output: AtTimes = "gnss",
     point: Point | None = None,
     quaternion: bool = False,
@@ -167,6 +172,7 @@ def replay(
     ----------
     flight : the flight or its file
     filter : a name in the library (``models/filters``), a file, or the settings themselves
+    settings : of the filter, to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
     output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), at a rate [Hz], or at given
         times: increasing seconds of the flight's GPS week. The filter itself is carried to each, so attitudes of a
         camera are right however the vehicle turns; a time without a filter has no row, which an event tells
@@ -194,7 +200,7 @@ def replay(
     began = time.perf_counter()
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter)
+    config = filter_config(filter, settings)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
     if smooth and (aided is not None or supervise or flight.config.attitude is not None):
         raise ConfigError(
@@ -213,8 +219,16 @@ def replay(
             compile_loop.compile_rivals()
             loop.wait()  # a given start itself calls a kernel that is compiled there
         wanted = _trace_wanted(aided, record.supervised)
+        forward: list[Table] | None = [] if smooth else None
         out, ledger, events = run_blocks(
-            setup, *work, rows_at, trace=wanted, before_loop=loop.wait, smooth=smooth, further=further
+            setup,
+            *work,
+            rows_at,
+            trace=wanted,
+            before_loop=loop.wait,
+            smooth=smooth,
+            further=further,
+            filtered=forward,
         )
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
     filtered = time.perf_counter()
@@ -229,6 +243,7 @@ def replay(
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, ledger, events, further)
+    run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
         setattr(run, name, table)
@@ -282,6 +297,7 @@ class _Record(NamedTuple):
     aiding: AidingSources | None
     supervised: SupervisionSources | None
     further: Callable[[pd.DataFrame, int], pd.DataFrame] | None  # adds several antennas to the ledger
+    imu: tuple[pd.DataFrame, pd.DataFrame]  # extremes over time, spectrum
 
 
 def _prepared(
@@ -295,7 +311,9 @@ def _prepared(
             compile_loop.fetch_loop()  # from the cache, while the logs are parsed
         logs = reading.result()
         del reading  # it would keep the logs
-    tell("computing the satellites")
+    # what computes them is compiled at its first call, beside the filter
+    compiling = "" if compile_loop.is_ready() else " and compiling, once per installation"
+    tell(f"computing the satellites{compiling}")
     setup = setup_filter(flight, logs, config)
     sources = None
     if aided is not None:
@@ -315,7 +333,8 @@ def _prepared(
     events = logs.events + _installed(flight)[1] + refused_messages(logs.navigation) + found
     names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
     keys = row_keys(logs.gnss, blocks)
-    record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger)
+    imu = imu_table(logs.imu, flight.config.gps_week), imu_spectrum(logs.imu)
+    record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger, imu)
     return setup, (logs.imu, blocks), record
 
 
@@ -349,6 +368,8 @@ def _as_run(
         satellites=satellites,
         events=event_table(record.events + events, week),
         errors=errors,
+        imu=record.imu[0],
+        imu_spectrum=record.imu[1],
         settings=_settings(flight, record.input_hashes, setup),
     )
 

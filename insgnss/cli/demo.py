@@ -1,0 +1,62 @@
+"""``insgnss demo``: makes the sample flight, replays it and draws its page; nothing but the package is needed."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson
+from insgnss.cli.memory import give_back_what_is_freed
+from insgnss.cli.progress import telling
+from insgnss.cli.replay import tell_run, write_run
+from insgnss.errors import ResultError
+from insgnss.log.flight import Flight
+from insgnss.log_replay import replay as run_replay
+from insgnss.simulation.sample_flight import FILES, flight_file, write_sample_flight
+
+FLIGHT_FOLDER: Final = "flight"
+PAGE: Final = "report.html"
+
+
+def demo(
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="Folder for the sample flight's logs, the run and its page."),
+    ] = Path("insgnss-demo"),
+    as_json: AsJson = False,
+) -> None:
+    """Simulate a flight of 20 minutes, replay it against its truth, and draw the page of the run."""
+    began = time.perf_counter()
+    give_back_what_is_freed()
+    with own_errors_told():
+        with telling("simulating the sample flight") as tell:
+            flight = Flight.load(_sample_flight(output / FLIGHT_FOLDER))
+            run = run_replay(flight, progress=tell)
+            written = write_run(run, output, output / PAGE, "parquet", tell)
+    tell_run(flight, run, written, began, as_json=as_json)
+    if not as_json:
+        typer.echo(
+            f"open {output / PAGE} in a browser; the logs and their flight file are in {flight.path.parent}"
+        )
+
+
+def _sample_flight(folder: Path) -> Path:
+    """Write the sample flight where it is not yet; return its flight file."""
+    path = folder / "flight.toml"
+    if all((folder / name).is_file() for name in FILES) and path.read_text(encoding="utf-8") == flight_file():
+        return path
+    if folder.exists() and any(folder.iterdir()):
+        raise ResultError("the folder holds other files", file=folder, advice="give an empty --output folder")
+    try:
+        write_sample_flight(folder)
+    except OSError as error:
+        raise ResultError(
+            f"the sample flight cannot be written: {error.strerror}",
+            file=folder,
+            advice="give another --output folder",
+        ) from error
+    return path

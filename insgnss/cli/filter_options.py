@@ -1,0 +1,34 @@
+"""The options that choose a filter, and what they choose: the same for every command that runs one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from insgnss.config.filter import FilterConfig
+
+FilterName = Annotated[
+    str, typer.Option("--filter", "-f", help="A filter's name in the library, or a file (.toml).")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", help="KEY=VALUE, a setting of the filter, as gates.pseudorange_sigma=4; can be given again."
+    ),
+]
+
+
+def chosen_filter(filter: str, settings: list[str] | None) -> FilterConfig:
+    """Return the filter of the options.
+
+    Raises
+    ------
+    ConfigError, ModelError, MissingFileError : no such filter, or a setting that does not fit
+    """
+    # the schema takes a while to load, which a command that fails on its options does without
+    from insgnss.config.changes import assignments
+    from insgnss.library import filter_config
+
+    return filter_config(filter, assignments(settings or ()))

@@ -1,0 +1,107 @@
+"""``insgnss models``: what the model library holds, and copies of it to change."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json
+from insgnss.errors import ConfigError, ResultError
+
+# how a copy is named where it is used; {file} is its path, {name} the same without folder and ending
+_USE: Final = {
+    "imus": 'beside the flight file: grade = "{name}" in [imu]',
+    "oscillators": 'beside the flight file: oscillator = "{name}" in [gnss]',
+    "filters": "insgnss replay FLIGHT --filter {file}",
+    "antennas": 'beside the flight file: pattern = "{name}.csv" in [[gnss.antenna]]',
+    "scenarios": "insgnss simulate {file}",
+    "campaigns": "insgnss campaign {file}",
+    "vehicles": 'beside the flight file: vehicle = "{name}.toml" in [attitude]',
+}
+
+
+def models(
+    kind: Annotated[
+        str | None, typer.Argument(help=f"One of {', '.join(_USE)}; all of them without it.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Argument(help="A model's name: its file is printed, or copied with --output.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Copy the model to this file or folder.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the models that files and options can name, print one of them, or copy it to change it."""
+    with own_errors_told():
+        from insgnss import library
+
+        if kind is not None and kind not in library.KINDS:
+            raise ConfigError(
+                f"'{kind}' is no kind of model", key="KIND", advice=f"give one of {', '.join(library.KINDS)}"
+            )
+        if kind is None or name is None:
+            if output is not None:
+                raise ConfigError(
+                    "a copy needs the kind and name of one model",
+                    key="--output",
+                    advice="as in: insgnss models imus tactical --output my/",
+                )
+            _list(list(library.KINDS) if kind is None else [kind], as_json=as_json)
+            return
+        source = library.find(kind, name)
+        written = None if output is None else _copied(source, output)
+    if as_json:
+        print_json({"kind": kind, "name": name, "file": source, "wrote": written})
+    elif written is None:
+        typer.echo(source.read_text(encoding="utf-8"), nl=False)
+    else:
+        typer.echo(f"wrote {written}; {_USE[kind].format(file=written, name=written.stem)}")
+
+
+def _copied(source: Path, output: Path) -> Path:
+    """Copy a model's file to a file, or under its own name into a folder; return where it is now."""
+    # a folder that is there, or a name without the ending of a file
+    path = output / source.name if output.is_dir() or output.suffix != source.suffix else output
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("xb") as copy:
+            copy.write(source.read_bytes())
+    except FileExistsError:
+        raise ResultError("there is a file already", file=path, advice="give another --output") from None
+    except OSError as error:
+        raise ResultError(
+            f"the copy cannot be written: {error.strerror}", file=path, advice="give another --output"
+        ) from error
+    return path
+
+
+def _list(kinds: list[str], *, as_json: bool) -> None:
+    from insgnss import library
+
+    found = [
+        {"kind": kind, "name": name, "about": library.about(kind, name), "file": library.find(kind, name)}
+        for kind in kinds
+        for name in library.names(kind)
+    ]
+    if as_json:
+        print_json({"models": found})
+        return
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    for kind in kinds:
+        use = _USE[kind].format(file="FILE", name="NAME")
+        table = Table(title=escape(f"{kind}: {use}"), title_justify="left")
+        for head in ("name", "what it is"):
+            table.add_column(head, no_wrap=head == "name")
+        for model in found:
+            if model["kind"] == kind:
+                table.add_row(escape(str(model["name"])), escape(str(model["about"])))
+        Console(file=sys.stdout, width=120).print(table)
+    typer.echo("insgnss models KIND NAME prints a model's file, with --output FILE it is copied")
