@@ -10,6 +10,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
@@ -47,8 +48,15 @@ def write_foreign_logs(folder: Path) -> None:
         foreign[f"G{axis}"] = (imu[f"gyro_{axis}"] * 57.29577951308232).round(6)
         foreign[f"A{axis}"] = (imu[f"accel_{axis}"] / STANDARD_GRAVITY_MPS2).round(7)
     foreign.to_csv(folder / "imu.csv", index=False)
-    names = {"time_s": "TOW", "sv": "PRN", "pseudorange_m": "Range", "doppler_hz": "Doppler"}
-    gnss = pd.read_csv(SAMPLE / "gnss.csv").rename(columns=names)
+    names = {
+        "time_s": "TOW",
+        "sv": "PRN",
+        "signal": "Signal",
+        "pseudorange_m": "Range",
+        "doppler_hz": "Doppler",
+    }
+    gnss = pd.read_csv(SAMPLE / "gnss.csv").rename(columns={**names, "cn0_dbhz": "CN0"})
+    gnss["ADR"] = np.nan  # a receiver without carrier phase
     gnss.to_csv(folder / "gnss.csv", index=False)
     shutil.copy(SAMPLE / "nav.rnx", folder / "nav.rnx")
     (folder / "flight.toml").write_text(pasted_flight_file(), encoding="utf-8")
