@@ -10,26 +10,32 @@ import pandas as pd
 
 from insgnss.constants import NS_PER_S
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.tables import ImuTable
+from insgnss.tables import Float64, ImuTable
 
 BINS: Final = 1500  # of the time: more than a picture has pixels
 SEGMENT: Final = 4096  # samples, of one spectrum
 SEGMENTS: Final = 64  # spread over the log: the spectrum's sigma is then an eighth of it
 _LEAST: Final = 64  # samples, below which a spectrum says nothing
+_IMPOSSIBLE: Final = 1e6  # rad/s, m/s^2
 _EVEN: Final = 0.5  # of the typical step: a segment whose steps differ by more has lost samples
+_LARGEST: Final = float(np.finfo(np.float32).max)
 _AXES: Final = [f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"]
 _UNITS: Final = ["degps"] * 3 + ["mps2"] * 3
 
 
 def imu_table(imu: ImuTable, week: int) -> pd.DataFrame:
-    """Return smallest and largest rate and specific force in body axes, a row for each of at most 1500 parts."""
+    """Return smallest and largest rate and specific force in body axes, a row for each of at most 1500 parts.
+
+    Numbers that no sensor gives and a float32 cannot hold are its largest.
+    """
     n = len(imu.t_ns)
     starts = np.unique(np.linspace(0, n, min(BINS, n), endpoint=False).astype(np.int64))
     columns: dict[str, npt.NDArray[Any]] = {"time_s": ns_to_week_seconds(imu.t_ns[starts], week)}
     for k, (axis, unit) in enumerate(zip(_AXES, _UNITS, strict=True)):
         values = np.degrees(imu.w_ib_b[:, k]) if k < 3 else imu.f_b[:, k - 3]
-        columns[f"{axis}_min_{unit}"] = np.minimum.reduceat(values, starts).astype(np.float32)
-        columns[f"{axis}_max_{unit}"] = np.maximum.reduceat(values, starts).astype(np.float32)
+        for name, extreme in (("min", np.fmin), ("max", np.fmax)):
+            found = np.clip(extreme.reduceat(values, starts), -_LARGEST, _LARGEST)
+            columns[f"{axis}_{name}_{unit}"] = found.astype(np.float32)
     return pd.DataFrame(columns)
 
 
@@ -64,5 +70,12 @@ def _segments(imu: ImuTable) -> tuple[list[slice], float]:
     length = min(SEGMENT, 1 << ((len(step_s) // 8).bit_length() - 1))
     uneven = np.concatenate([[0], np.cumsum(np.abs(step_s - typical) > _EVEN * typical)])
     starts = np.unique(np.linspace(0, len(step_s) - length, SEGMENTS).astype(np.int64)).tolist()
-    even = [start for start in starts if uneven[start + length - 1] == uneven[start]]
-    return [slice(start, start + length) for start in even], 1.0 / typical
+    even = [slice(start, start + length) for start in starts if uneven[start + length - 1] == uneven[start]]
+    return [
+        one for one in even if _is_possible(imu.w_ib_b[one]) and _is_possible(imu.f_b[one])
+    ], 1.0 / typical
+
+
+def _is_possible(values: Float64) -> bool:
+    """Return whether a spectrum can be made of samples: all finite, none that no sensor gives."""
+    return bool(np.all(np.abs(values) < _IMPOSSIBLE))

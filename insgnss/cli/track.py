@@ -49,7 +49,7 @@ def track(
     ] = False,
     seconds: Annotated[float, typer.Option("--time", help="Simulated seconds of each channel.")] = 20.0,
     channels: Annotated[int, typer.Option("--channels", "-n", help="Channels with noise of their own.")] = 12,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all noise.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Of all noise.")] = 1,
     threads: Annotated[int, typer.Option("--threads", help="The numbers do not depend on it.")] = 1,
     as_json: AsJson = False,
 ) -> None:

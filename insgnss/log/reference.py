@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,10 @@ def _good_rows(reference: ReferenceTable, config: Reference) -> tuple[ReferenceT
     detail = (
         f"{config.file}: {int((~good).sum())} of {len(good)} rows have a quality beyond {limit:g}: left out"
     )
-    rows = {field.name: getattr(reference, field.name)[good] for field in fields(reference)}
+    columns = {field.name: getattr(reference, field.name) for field in fields(reference)}
+    rows: dict[str, Any] = {
+        name: None if column is None else column[good] for name, column in columns.items()
+    }
     return ReferenceTable(**rows), [Event(None, "reference_rows_left_out", detail)]
 
 
