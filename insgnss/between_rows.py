@@ -23,7 +23,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from insgnss.errors import ResultError
 from insgnss.fusion.body_points import attitudes_of, local_levels_of, places_of
@@ -87,6 +86,8 @@ def _filled_in(
     found: pd.DataFrame, nav: pd.DataFrame, before: Int64, after: Int64, u: Float64, span: Float64
 ) -> Float64:
     """Write what is not straight between rows, and the sigmas; return what may be lost (m, 3), as ``Limits``."""
+    from scipy.spatial.transform import Rotation  # late: 0.4 s and 40 MB that a replay can use
+
     t = nav["time_s"].to_numpy()
     lost = np.zeros((len(found), 3))
     for point in ("", "point_"):

@@ -18,7 +18,7 @@ SEGMENTS: Final = 64  # spread over the log: the spectrum's sigma is then an eig
 _LEAST: Final = 64  # samples, below which a spectrum says nothing
 _IMPOSSIBLE: Final = 1e6  # rad/s, m/s^2
 _EVEN: Final = 0.5  # of the typical step: a segment whose steps differ by more has lost samples
-_LARGEST: Final = float(np.finfo(np.float32).max)
+_LARGEST: Final = 1e30  # what a float32 holds, in degrees too
 _AXES: Final = [f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"]
 _UNITS: Final = ["degps"] * 3 + ["mps2"] * 3
 
@@ -26,16 +26,16 @@ _UNITS: Final = ["degps"] * 3 + ["mps2"] * 3
 def imu_table(imu: ImuTable, week: int) -> pd.DataFrame:
     """Return smallest and largest rate and specific force in body axes, a row for each of at most 1500 parts.
 
-    Numbers that no sensor gives and a float32 cannot hold are its largest.
+    Numbers that no sensor gives end at 1e30.
     """
     n = len(imu.t_ns)
     starts = np.unique(np.linspace(0, n, min(BINS, n), endpoint=False).astype(np.int64))
     columns: dict[str, npt.NDArray[Any]] = {"time_s": ns_to_week_seconds(imu.t_ns[starts], week)}
     for k, (axis, unit) in enumerate(zip(_AXES, _UNITS, strict=True)):
-        values = np.degrees(imu.w_ib_b[:, k]) if k < 3 else imu.f_b[:, k - 3]
-        for name, extreme in (("min", np.fmin), ("max", np.fmax)):
-            found = np.clip(extreme.reduceat(values, starts), -_LARGEST, _LARGEST)
-            columns[f"{axis}_{name}_{unit}"] = found.astype(np.float32)
+        values = np.clip(imu.w_ib_b[:, k] if k < 3 else imu.f_b[:, k - 3], -_LARGEST, _LARGEST)
+        values = np.degrees(values) if k < 3 else values
+        columns[f"{axis}_min_{unit}"] = np.fmin.reduceat(values, starts).astype(np.float32)
+        columns[f"{axis}_max_{unit}"] = np.fmax.reduceat(values, starts).astype(np.float32)
     return pd.DataFrame(columns)
 
 

@@ -23,6 +23,7 @@ from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
 
 KINDS = ("pseudorange", "range_rate", "carrier_difference")
 # words of a column, and the place among them of each number of a status
+_LARGEST_CN0_DBHZ: Final = 1000.0  # no receiver gives more
 _CODES: Final = sorted(NAMES)
 _PLACE: Final = np.searchsorted(_CODES, np.arange(max(_CODES) + 1)).astype(np.int8)
 _STATUS: Final = tuple(NAMES[code] for code in _CODES)
@@ -54,13 +55,16 @@ class RowKeys(NamedTuple):
         return np.repeat(np.arange(len(self.epoch_ns)), np.diff(self.first))
 
 
+def _possible_cn0(cn0_dbhz: Float64) -> npt.NDArray[np.float32]:
+    """Return C/N0 as the table has it: empty where no receiver gives such a number."""
+    return np.where(np.abs(cn0_dbhz) < _LARGEST_CN0_DBHZ, cn0_dbhz, np.nan).astype(np.float32)
+
+
 def row_keys(gnss: GnssTable, blocks: list[Rows]) -> list[RowKeys]:
     """Return the keys of the blocks that were made of a log."""
     end = np.cumsum([0, *(len(rows.observation) for rows in blocks)])
     return [
-        RowKeys(
-            rows.epoch_ns, rows.first, gnss.sv[a:b], gnss.signal[a:b], gnss.cn0_dbhz[a:b].astype(np.float32)
-        )
+        RowKeys(rows.epoch_ns, rows.first, gnss.sv[a:b], gnss.signal[a:b], _possible_cn0(gnss.cn0_dbhz[a:b]))
         for rows, (a, b) in zip(blocks, itertools.pairwise(end), strict=True)
     ]
 

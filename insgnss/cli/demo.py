@@ -16,7 +16,6 @@ from insgnss.cli.replay import tell_run, write_run
 from insgnss.errors import ResultError
 from insgnss.log.flight import Flight
 from insgnss.log_replay import replay as run_replay
-from insgnss.simulation.sample_flight import FILES, flight_file, write_sample_flight
 
 FLIGHT_FOLDER: Final = "flight"
 PAGE: Final = "report.html"
@@ -46,6 +45,9 @@ def demo(
 
 def _sample_flight(folder: Path) -> Path:
     """Write the sample flight where it is not yet; return its flight file."""
+    # late: the simulation's libraries take every other command half a second and 60 MB
+    from insgnss.simulation.sample_flight import FILES, flight_file, write_sample_flight
+
     path = folder / "flight.toml"
     if all((folder / name).is_file() for name in FILES) and path.read_text(encoding="utf-8") == flight_file():
         return path

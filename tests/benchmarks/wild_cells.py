@@ -53,7 +53,7 @@ MAY_BE_ENDLESS: Final = ("accumulation_s", "search_s")
 MAY_BE_EMPTY: Final = {
     "nav": ("sd_slow_n_m", "sd_slow_e_m", "sd_slow_d_m"),
     "measurements": ("innovation", "sd_innovation", "nis"),
-    "satellites": ("gain_dbi", "sd_range_m", "sd_range_rate_mps"),
+    "satellites": ("gain_dbi", "cn0_dbhz", "sd_range_m", "sd_range_rate_mps"),
     "events": ("time_s",),
     "errors": ("sd_slow_n_m", "sd_slow_e_m", "sd_slow_d_m"),
     "aiding": (),

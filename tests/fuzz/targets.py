@@ -199,7 +199,7 @@ def targets(folder: Path) -> list[Target]:
         _toml("flight", test_strict.GOOD.encode(), read=lambda path: load_toml(path, FlightConfig)),
         _toml(
             "filter",
-            *_files(MODELS / "filters/tight17.toml"),
+            *_files(MODELS / "filters/tight.toml"),
             read=lambda path: load_toml(path, FilterConfig),
         ),
         _toml(
