@@ -11,6 +11,7 @@ from typer.testing import CliRunner, Result
 from insgnss import library
 from insgnss.cli import demo as demo_command
 from insgnss.cli.main import app
+from insgnss.simulation import sample_flight
 from tests.conftest import REPOSITORY
 
 
@@ -90,7 +91,7 @@ def test_demo_needs_no_file_and_its_flight_is_the_sample(tmp_path: Path) -> None
 
 
 def test_demo_leaves_the_files_of_the_user_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demo_command, "write_sample_flight", lambda folder: pytest.fail("written"))
+    monkeypatch.setattr(sample_flight, "write_sample_flight", lambda folder: pytest.fail("written"))
     folder = tmp_path / demo_command.FLIGHT_FOLDER
     folder.mkdir()
     (folder / "flight.toml").write_text("mine", encoding="utf-8")
