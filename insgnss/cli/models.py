@@ -42,7 +42,9 @@ def models(
 
         if kind is not None and kind not in library.KINDS:
             raise ConfigError(
-                f"'{kind}' is no kind of model", key="KIND", advice=f"give one of {', '.join(library.KINDS)}"
+                f"unknown kind of model '{kind}'",
+                key="KIND",
+                advice=f"give one of {', '.join(library.KINDS)}",
             )
         if kind is None or name is None:
             if output is not None:

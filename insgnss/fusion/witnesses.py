@@ -7,6 +7,7 @@ from collections import Counter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.creeping import RATE_FLOOR2
@@ -37,9 +38,15 @@ class Written(NamedTuple):
     ledger: Table
 
 
+def used_and_refused(status: Int64) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return which rows of a status were used, and which were refused because they contradict the filter."""
+    return status == USED, (status == GATED) | (status == INCONSISTENT)
+
+
 def judged(status: Int64) -> tuple[int, int]:
-    """Return how many rows of a status were used, and how many were refused because they contradict the filter."""
-    return int(np.sum(status == USED)), int(np.sum((status == GATED) | (status == INCONSISTENT)))
+    """Return how many rows of a status were used, and how many refused."""
+    used, refused = used_and_refused(status)
+    return int(np.sum(used)), int(np.sum(refused))
 
 
 def fits(written: list[Written], strict: bool) -> bool:
@@ -75,8 +82,7 @@ def cost_without(written: list[Written], satellite: int, par: Parameters) -> flo
     step_s = float(np.median(np.diff([w.t_ns for w in written]))) / NS_PER_S if len(written) > 1 else 1.0
     total = 0.0
     for kind in (PSEUDORANGE, RANGE_RATE):
-        status = ledger["status"][:, kind]
-        used, refused = status == USED, (status == GATED) | (status == INCONSISTENT)
+        used, refused = used_and_refused(ledger["status"][:, kind])
         S, D = ledger["variance"][:, kind], ledger["predicted"][:, kind]
         widened = D + spread_of(par, kind, step_s) * (S - D)
         total += 0.5 * float(np.sum((S / widened + np.log(widened))[used]))

@@ -79,11 +79,10 @@ class Flight(Shown):
         )
 
     def _about(self) -> Iterator[str]:
-        imu, gnss = self.config.imu, self.config.gnss
+        gnss = self.config.gnss
         yield f"'{self.name}' of {self.path}"
         yield f"week {self.config.gps_week}"
-        inertial = 0 if imu is None else len(imu.files)
-        yield f"{inertial} inertial and {len(gnss.files)} GNSS files ({gnss.format})"
+        yield f"{len(self.inertial_files())} inertial and {len(gnss.files)} GNSS files ({gnss.format})"
         yield "no reference" if self.config.reference is None else "with a reference"
 
     @property
