@@ -6,7 +6,7 @@ import datetime as dt
 import importlib
 import platform
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +28,7 @@ from insgnss.errors import ConfigError
 from insgnss.fusion import compile_loop
 from insgnss.fusion.body_points import Further
 from insgnss.fusion.inertial_stream import screened
+from insgnss.fusion.layout import StateBlock
 from insgnss.fusion.output import Output, Table
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
@@ -86,6 +87,7 @@ def engine_settings(
     settings: Mapping[str, Any] | None = None,
     signals: Iterable[Pair] | None = None,
     carrier: bool = False,
+    states: Sequence[StateBlock] = (),
 ) -> FilterSetup:
     """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
 
@@ -100,18 +102,21 @@ def engine_settings(
     signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
         the filter's settings gets its clock, for each constellation that has an ephemeris
     carrier : whether the epochs will bring carrier phases
+    states : further states that the filter is to estimate, as in ``replay``
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
     wanted = config.measurements.signals_of()
     if not flight.config.gnss.navigation:
-        return _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
+        setup = _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
+        return replace(setup, states_wanted=tuple(states))
     navigation, _ = read_navigation(flight.config.gnss.navigation)
-    states = navigation.state_vectors
-    seen = (*navigation.ephemerides.sv_names, *(() if states is None else states.sv_names))
+    orbits = navigation.state_vectors
+    seen = (*navigation.ephemerides.sv_names, *(() if orbits is None else orbits.sv_names))
     pairs = _all_pairs(wanted, {name[0] for name in seen}) if signals is None else set(signals)
-    return _setup(flight, config, navigation, pairs, with_carrier=carrier)
+    setup = _setup(flight, config, navigation, pairs, with_carrier=carrier)
+    return replace(setup, states_wanted=tuple(states))
 
 
 def _installed(flight: Flight) -> tuple[Installation, list[Event]]:
@@ -164,6 +169,7 @@ def replay(
     aiding: float | AidingConfig | None = None,
     supervise: bool = False,
     smooth: bool = False,
+    states: Sequence[StateBlock] = (),
     progress: Progress | None = None,
 ) -> Run:
     """Run the filter over a flight's logs.
@@ -187,6 +193,7 @@ def replay(
     smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
         outages and while several headings were open too (``fusion.smoother``); the measurements are then still those
         of the filter
+    states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
     progress : is told in words what is being done
 
     Raises
@@ -211,7 +218,7 @@ def replay(
     rows_at = output_of(output, flight.config.gps_week)
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
     with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
-        setup, work, record = _prepared(flight, config, aided, supervise, tell)
+        setup, work, record = _prepared(flight, config, aided, supervise, tuple(states), tell)
         read = time.perf_counter()
         ready = compile_loop.is_ready()
         tell("running the filter" if ready else "compiling the filter, once per installation")
@@ -301,7 +308,12 @@ class _Record(NamedTuple):
 
 
 def _prepared(
-    flight: Flight, config: FilterConfig, aided: AidingConfig | None, supervise: bool, tell: Progress
+    flight: Flight,
+    config: FilterConfig,
+    aided: AidingConfig | None,
+    supervise: bool,
+    states: tuple[StateBlock, ...],
+    tell: Progress,
 ) -> tuple[FilterSetup, tuple[ImuTable, list[Rows]], _Record]:
     """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
     tell("reading the logs")
@@ -314,7 +326,7 @@ def _prepared(
     # what computes them is compiled at its first call, beside the filter
     compiling = "" if compile_loop.is_ready() else " and compiling, once per installation"
     tell(f"computing the satellites{compiling}")
-    setup = setup_filter(flight, logs, config)
+    setup = replace(setup_filter(flight, logs, config), states_wanted=states)
     sources = None
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)

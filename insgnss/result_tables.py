@@ -74,8 +74,7 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
     rows = out.nav[: out.counts[0].nav]
     columns: dict[str, Any] = {"time_s": ns_to_week_seconds(rows["t_ns"], week)}
     columns.update({name: rows["value"][:, i] for i, name in enumerate(NAV_COLUMNS)})
-    for i, name in enumerate(optional_columns(setup)):
-        columns[name] = out.optional[: len(rows), i]
+    columns |= setup.layout.in_columns(out.optional[: len(rows)])
     table = pd.DataFrame(columns)
     return table.astype({"n_used": np.int64, "n_hypotheses": np.int64})
 
@@ -86,14 +85,6 @@ def filtered_table(parts: list[Table], week: int) -> pd.DataFrame:
     kept = [i for i, name in enumerate(NAV_COLUMNS) if not re.search("bias|drift|^n_", name)]
     columns = {NAV_COLUMNS[i]: rows["value"][:, i] for i in kept}
     return pd.DataFrame({"time_s": ns_to_week_seconds(rows["t_ns"], week), **columns})
-
-
-def optional_columns(setup: FilterSetup) -> list[str]:
-    """Return the names of the optional states' columns, in the order of the state."""
-    names = [f"offset_{group.replace(':', '_')}_m" for group in setup.clock_groups[1:]]
-    names += ["glonass_bias_m_per_channel"] if setup.layout.channel_bias else []
-    names += ["zenith_delay_m"] if setup.layout.zenith_delay else []
-    return names + (["ionosphere_m"] if setup.layout.ionosphere else [])
 
 
 def ledger_tables(

@@ -31,7 +31,8 @@ SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 # of a reference that states sigmas
 OF_REFERENCE = {c.name for c in SHEETS["errors"].columns() if c.name.startswith("sd_reference_")}
 # columns that only some runs have: of optional states, and of a log of the receiver's own
-SOMETIMES = {"offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m", "antenna"}
+FURTHER = ("offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m")
+SOMETIMES = {*FURTHER, *(f"sd_{name}" for name in FURTHER), "antenna"}
 
 
 def with_everything(folder: Path) -> Flight:

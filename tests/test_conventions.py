@@ -16,7 +16,7 @@ from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import NAV_COLUMNS
 from insgnss.fusion.scalar_update import scalar_update
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Layout, StateRecord, new_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -31,6 +31,7 @@ from insgnss.gnss.satellite_state import range_rates
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.simulation.imu import gauss_markov
 from tests.kernels import fusion as short_log
+from tests.layouts import layout_with
 
 NORTH, EAST, DOWN = np.eye(3)
 FORWARD, RIGHT, BELOW = np.eye(3)
@@ -165,7 +166,7 @@ def test_innovation_is_measured_minus_predicted_and_a_positive_one_raises_the_es
 
 
 def test_receiver_clock_adds_to_the_range_and_the_satellite_clock_subtracts() -> None:
-    layout = Layout(n_offsets=1)
+    layout = layout_with(n_offsets=1)
     rows, par = short_log.rows(layout), short_log.parameters(layout)[0]
     par.use_ionosphere, par.use_troposphere = 0.0, 0.0
     r_e, C_ne, _ = short_log.level_state()

@@ -28,6 +28,7 @@ offset_*_m: clock offset of each further constellation, and of each further band
 glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
 zenith_delay_m: residual tropospheric delay at the zenith, where estimated
 ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (carriers of one band)
+sd_offset_*_m sd_glonass_bias_m_per_channel sd_zenith_delay_m sd_ionosphere_m: one sigma of these
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (orbits and clocks of the
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
   empty where no epoch of the log has used ranges enough to tell

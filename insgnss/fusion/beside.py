@@ -11,11 +11,12 @@ import numpy as np
 
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import Limits
+from insgnss.fusion.layout import Layout
 from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
 from insgnss.fusion.masking import NO_LIMITS
 from insgnss.fusion.output import Output, Table, new_output
 from insgnss.fusion.prediction import Imu
-from insgnss.fusion.state import Bank, Layout
+from insgnss.fusion.state import Bank
 from insgnss.gnss.observation_rows import Rows
 
 _N_EVENTS = 32  # more than one epoch can have

@@ -24,6 +24,7 @@ from insgnss.fusion.faults import refuse_reflections, weigh_robustly
 from insgnss.fusion.gating import common_step, gate_between, gate_rows
 from insgnss.fusion.headings import is_prunable
 from insgnss.fusion.integrity import explain, fit_all, fit_freely, follow_explained
+from insgnss.fusion.layout import Layout
 from insgnss.fusion.loop import advance, new_workspace, run_epochs, write_row
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import mixture_covariance, new_output, write_ledger, write_nav
@@ -32,7 +33,7 @@ from insgnss.fusion.prediction import Imu, carry, propagate_covariance
 from insgnss.fusion.screen_state import EDIT_DTYPE, SCREEN_DTYPE
 from insgnss.fusion.screening import note_mean, screen, take
 from insgnss.fusion.sideslip import note_sideslip, sideslip
-from insgnss.fusion.state import Layout, new_bank
+from insgnss.fusion.state import new_bank
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.least_squares import RANGE, FitRows, workspace
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows

@@ -204,8 +204,9 @@ class Engine:
         write_between(self._live, newest, self._samples.view(), par, out, work)
         if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
             return NavState(newest, False, {})
-        values = out.nav["value"][0]
-        return NavState(newest, True, {name: float(v) for name, v in zip(NAV_COLUMNS, values, strict=True)})
+        values = {name: float(v) for name, v in zip(NAV_COLUMNS, out.nav["value"][0], strict=True)}
+        further = self._setup.layout.in_columns(out.optional[0])
+        return NavState(newest, True, values | {name: float(value) for name, value in further.items()})
 
     @property
     def events(self) -> list[Event]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.fusion.headings import heading_variance, is_prunable, same_heading, turn_about, yaw_variance
+from insgnss.fusion.layout import Layout
 from insgnss.fusion.state import (
     BA,
     BG,
@@ -22,7 +23,6 @@ from insgnss.fusion.state import (
     OFFSETS,
     PSI,
     Bank,
-    Layout,
     StateRecord,
     select_members,
 )

@@ -15,6 +15,7 @@ from insgnss.antenna.visibility import Limits
 from insgnss.apart import apart
 from insgnss.fusion.epoch_update import Outcome, update_epoch
 from insgnss.fusion.headings import heading_variance, is_wide, needs_pruning, weigh_headings
+from insgnss.fusion.layout import Layout
 from insgnss.fusion.lines import Epoch, new_epoch
 from insgnss.fusion.masking import NO_LIMITS, Masking, new_masking
 from insgnss.fusion.output import (
@@ -37,7 +38,7 @@ from insgnss.fusion.prediction import Imu, Scratch, carry_bank, new_scratch, pre
 from insgnss.fusion.sensor_outage import MOTION_TIME_S
 from insgnss.fusion.sideslip import note_sideslip
 from insgnss.fusion.soundness import is_sound
-from insgnss.fusion.state import DV, OFFSETS, Bank, HeadRecord, Layout, StateRecord, copy_state, new_bank
+from insgnss.fusion.state import DV, OFFSETS, Bank, HeadRecord, StateRecord, copy_state, new_bank
 from insgnss.fusion.tracing import copy_matrix, write_trace
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import borrowing, inlined

@@ -13,7 +13,7 @@ from insgnss.constants import C_MPS
 from insgnss.fusion.lines import Line, Lines
 from insgnss.fusion.nav_sigmas import attitude_deviations, level_turn, rotated_variances, velocity_deviations
 from insgnss.fusion.soundness import is_finite
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, Bank, StateRecord
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
 from insgnss.fusion.trace_rows import TraceRoom, no_trace
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -120,7 +120,7 @@ class Output(NamedTuple):
     """Where the loop writes, and when."""
 
     nav: Table  # of NAV_DTYPE, filled from the front
-    optional: Float64  # (n_nav, k) values of the optional states, beside ``nav``
+    optional: Float64  # (n_nav, 2 k) values of the further states and their sigmas, beside ``nav``
     ledger: Table  # (n,) of LEDGER_DTYPE, one entry per observation
     carrier: Table  # (n,) or, where no carrier is used, (0,) of CARRIER_LEDGER_DTYPE
     events: Table  # of EVENT_DTYPE, filled from the front
@@ -145,7 +145,7 @@ def new_output(
     ledger, carrier = new_ledger(rows)
     return Output(
         np.zeros(n_nav, NAV_DTYPE),
-        np.zeros((n_nav, n_values)),
+        np.zeros((n_nav, 2 * n_values)),
         ledger,
         carrier,
         np.zeros(n_events, EVENT_DTYPE),
@@ -303,8 +303,10 @@ def write_nav(
     v[32] = math.sqrt(max(P[CLOCK, CLOCK], 0.0))
     v[33] = math.sqrt(max(P[DRIFT, DRIFT], 0.0))
     v[34], v[35] = n_used, n_hypotheses
-    for i in range(optional.shape[1]):
+    k = optional.shape[1] // 2
+    for i in range(k):
         optional[count.nav - 1, i] = m.optional[i]
+        optional[count.nav - 1, k + i] = math.sqrt(max(P[OFFSETS + i, OFFSETS + i], 0.0))
 
 
 @apart

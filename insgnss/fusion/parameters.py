@@ -10,7 +10,11 @@ import numpy.typing as npt
 
 from insgnss.config.filter import FilterConfig, Heading, Measurements, Noise
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.fusion.state import MAX_OPTIONAL, OFFSETS, Layout
+from insgnss.fusion.layout import Layout
+from insgnss.fusion.state import MAX_COUPLINGS, MAX_OPTIONAL
+from insgnss.fusion.states.glonass_channel_bias import CHANNEL_BIAS
+from insgnss.fusion.states.ionosphere import IONOSPHERE
+from insgnss.fusion.states.zenith_delay import ZENITH_DELAY
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.troposphere import Weather, weather_at_sea_level
 from insgnss.inertial.clock_model import clock_model
@@ -42,6 +46,21 @@ PARAMETERS_DTYPE = np.dtype(
                 np.float64,
                 (MAX_OPTIONAL,),
             ),  # of each optional state [its unit^2 / s], zero of the clone
+            ("n_optional", np.int64),  # optional states with a value of their own
+            (
+                "optional_rate",
+                np.float64,
+                (MAX_OPTIONAL,),
+            ),  # inverse correlation time of each [1/s], zero: none
+            ("n_couplings", np.int64),  # further errors of the sensors ...
+            ("coupling_at", np.int64, (MAX_COUPLINGS,)),  # ... which state, ...
+            (
+                "coupling_into",
+                np.int64,
+                (MAX_COUPLINGS,),
+            ),  # ... DV of the accelerometers or PSI of the gyros, ...
+            ("coupling_axis", np.int64, (MAX_COUPLINGS,)),  # ... of which axis, ...
+            ("coupling_times", np.int64, (MAX_COUPLINGS,)),  # ... in proportion to what: ``layout.FACTORS``
             ("at_channel_bias", np.int64),  # where these stand in the error state, -1 where there is none
             ("at_zenith_delay", np.int64),
             ("at_ionosphere", np.int64),
@@ -109,15 +128,20 @@ def _noise(noise: Noise) -> tuple[float, float, float, float]:
     )
 
 
-def _optional_densities(config: FilterConfig, layout: Layout) -> npt.NDArray[np.float64]:
-    """Return the random walk of each optional state [m^2/s]; the channel bias is a constant of the receiver."""
-    density = np.zeros(MAX_OPTIONAL)
-    density[: layout.n_offsets] = config.process.inter_system_walk_m_per_sqrt_s**2
-    if layout.zenith_delay:
-        density[layout.at_zenith_delay - OFFSETS] = config.process.zenith_delay_walk_m_per_sqrt_s**2
-    if layout.ionosphere:
-        density[layout.at_ionosphere - OFFSETS] = config.process.ionosphere_walk_m_per_sqrt_s**2
-    return density
+def _further_states(layout: Layout) -> tuple[npt.NDArray[np.float64], int, npt.NDArray[np.float64]]:
+    """Return the densities of the further states (SI units squared / s), their number, and their rates [1/s]."""
+    density, rate = np.zeros(MAX_OPTIONAL), np.zeros(MAX_OPTIONAL)
+    processes = [(block.process, block.si_per_unit) for block in layout.blocks for _ in block.columns]
+    for i, (process, unit) in enumerate(processes):
+        density[i], rate[i] = process.variance_per_s * unit**2, process.rate
+    return density, layout.n_values, rate
+
+
+def _couplings(layout: Layout) -> tuple[int | npt.NDArray[np.int64], ...]:
+    """Return the number of couplings, and the columns of ``Layout.couplings`` with room for the most there can be."""
+    table = np.zeros((MAX_COUPLINGS, 4), np.int64)
+    table[: len(layout.couplings)] = np.reshape(layout.couplings, (-1, 4))
+    return len(layout.couplings), *table.T
 
 
 def _visibility(config: FilterConfig, with_antennas: bool) -> int:
@@ -170,10 +194,11 @@ def resolve_parameters(
         sensor.accel_bias.time_s,
         clock.bias_density,
         clock.drift_density,
-        _optional_densities(config, layout),
-        layout.at_channel_bias,
-        layout.at_zenith_delay,
-        layout.at_ionosphere,
+        *_further_states(layout),
+        *_couplings(layout),
+        layout.at(CHANNEL_BIAS),
+        layout.at(ZENITH_DELAY),
+        layout.at(IONOSPHERE),
         layout.at_clone,
         config.process.covariance_step_s,
         config.process.motion_sigma**2,

@@ -23,13 +23,13 @@ from insgnss.fusion.state import (
     DRIFT,
     DRIFT_FACTOR,
     DV,
-    MAX_OPTIONAL,
+    MAX_COUPLINGS,
     OFFSETS,
     PSI,
     Bank,
     StateRecord,
 )
-from insgnss.inertial.error_dynamics import carry_covariance, transition_step
+from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
 from insgnss.jit import inlined
@@ -76,55 +76,68 @@ class Scratch(NamedTuple):
     rates: npt.NDArray[Any]  # (1,) of RATES_DTYPE
     A: Float64  # (n, n)
     B: Float64  # (n, n)
+    keep: Float64  # (n,) what a step leaves of each state, 1 but of those that decay
+    couplings: Couplings  # (MAX_COUPLINGS,) of the further errors of the sensors
 
 
 def new_scratch(n: int) -> Scratch:
     """Return work space for ``n`` error states."""
-    return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)))
+    couplings = np.zeros(MAX_COUPLINGS, COUPLING_DTYPE)
+    return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)), np.ones(n), couplings)
 
 
 @inlined
 def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
     """Carry the covariance over everything summed since the last call, let the biases decay, and clear the sums."""
     follow_velocity(m, P, m.sum_dt)
-    keep_a, keep_g = propagate_covariance(m, P, par, scratch)
-    for i in range(3):
-        m.b_a[i] *= keep_a
-        m.b_g[i] *= keep_g
-    clear_sums(m)
+    propagate_covariance(m, P, par, scratch)
+    if m.sum_dt > 0.0:
+        for i in range(3):
+            m.b_a[i] *= scratch.keep[BA + i]
+            m.b_g[i] *= scratch.keep[BG + i]
+        for i in range(min(par.n_optional, P.shape[0] - OFFSETS)):
+            m.optional[i] *= scratch.keep[OFFSETS + i]
+    clear_sums(m, par)
 
 
 @apart
-def propagate_covariance(
-    m: StateRecord, P: Float64, par: Parameters, scratch: Scratch
-) -> tuple[float, float]:
-    """Carry the covariance ``P`` over everything that ``m`` has summed; return what is left of both biases.
+def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
+    """Carry the covariance ``P`` over everything that ``m`` has summed; what is left of each state is in ``keep``.
 
     Equation: P <- Phi (P + Q/2) Phi^T + Q/2: the trapezoid rule for the integral of Phi Q Phi^T, which gives the
     noise's way into position, velocity and clock bias to second order in the step.
     """
     dt = m.sum_dt
     if dt <= 0.0:
-        return 1.0, 1.0
+        return
     x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, scratch.A[0])
     accel_q = m.sum_accel_q + residual * dt
-    step = transition_step(
-        dt,
-        x,
-        y,
-        z,
-        m.r_e,
-        par.accel_bias_time,
-        par.gyro_bias_time,
-    )
+    step = transition_step(dt, x, y, z, m.r_e)
+    place_decays(par, dt, scratch.keep)
+    couplings = scratch.couplings[: par.n_couplings]
+    for k in range(couplings.shape[0]):
+        couplings[k].at, couplings[k].into = par.coupling_at[k], par.coupling_into[k]
+        for i in range(3):
+            couplings[k].s[i] = m.sum_coupling[k, i]
     add_half_noise(m, P, par, dt, accel_q)
-    carry_covariance(step, m.sum_C, P, scratch.B)
+    carry_covariance(step, m.sum_C, couplings, scratch.keep, P, scratch.B)
     add_half_noise(m, P, par, dt, accel_q)
-    return step.keep_a, step.keep_g
 
 
 @inlined
-def clear_sums(m: StateRecord) -> None:
+def place_decays(par: Parameters, dt: float, keep: Float64) -> None:
+    """Write what a step of ``dt`` [s] leaves of the states that decay: exp(-dt / time)."""
+    of_a, of_g = math.exp(-dt / par.accel_bias_time), math.exp(-dt / par.gyro_bias_time)
+    for i in range(3):
+        keep[BA + i] = of_a
+        keep[BG + i] = of_g
+    for i in range(min(par.n_optional, keep.shape[0] - OFFSETS)):
+        if par.optional_rate[i] > 0.0:
+            keep[OFFSETS + i] = math.exp(-dt * par.optional_rate[i])
+
+
+@inlined
+def clear_sums(m: StateRecord, par: Parameters) -> None:
     """Set the sums of the covariance's step to zero."""
     m.sum_dt = 0.0
     m.sum_gyro_q = 0.0
@@ -133,6 +146,9 @@ def clear_sums(m: StateRecord) -> None:
         m.sum_dv[i] = 0.0
         for j in range(3):
             m.sum_C[i, j] = 0.0
+    for k in range(par.n_couplings):
+        for i in range(3):
+            m.sum_coupling[k, i] = 0.0
 
 
 @inlined
@@ -146,8 +162,8 @@ def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float, accel
         P[BG + i, BG + i] += half * par.gyro_bias_density
     P[CLOCK, CLOCK] += half * m.noise_factor[BIAS_FACTOR] * par.clock_bias_density
     P[DRIFT, DRIFT] += half * m.noise_factor[DRIFT_FACTOR] * par.clock_drift_density
-    for i in range(OFFSETS, min(P.shape[0], OFFSETS + MAX_OPTIONAL)):
-        P[i, i] += half * par.optional_density[i - OFFSETS]
+    for i in range(min(par.n_optional, P.shape[0] - OFFSETS)):
+        P[OFFSETS + i, OFFSETS + i] += half * par.optional_density[i]
 
 
 @inlined
@@ -164,13 +180,16 @@ def step_state(
     for i in range(3):
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
+    sum_couplings(m, par, w, f, half)
     mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.dv_e, rates.g_e)
+    gain = 1.0 / max(FORCE_MEAN_TIME_S, dt)
     for i in range(3):
         m.sum_dv[i] += rates.dv_e[i]
-        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) / max(FORCE_MEAN_TIME_S, dt)
-        m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt / max(FORCE_MEAN_TIME_S, dt))
+        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) * gain
+        m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt * gain)
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
+    sum_couplings(m, par, w, f, half)
     m.clock[0] += m.clock[1] * dt
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     gyro = par.gyro_density + par.gyro_scale_density * w2
@@ -178,6 +197,43 @@ def step_state(
     m.sum_gyro_q += (gyro + gyro_unknown) * dt
     m.sum_accel_q += (accel + accel_unknown) * dt
     m.sum_dt += dt
+
+
+@inlined
+def sum_couplings(m: StateRecord, par: Parameters, w: Float64, f: Float64, dt: float) -> None:
+    """Add ``dt`` [s] of C_eb e_i m_k to the sum of each further error of the sensors."""
+    for k in range(par.n_couplings):
+        value = dt * factor_of(par.coupling_times[k], f, w)
+        for i in range(3):
+            m.sum_coupling[k, i] += value * m.C_eb[i, par.coupling_axis[k]]
+
+
+@inlined
+def factor_of(which: int, f: Float64, w: Float64) -> float:
+    """Return what an error of a sensor is proportional to: ``layout.FACTORS`` of specific force and rate."""
+    if which == 0:
+        return 1.0
+    return float(f[which - 1] if which <= 3 else w[which - 4])
+
+
+@inlined
+def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> None:
+    """Take the further errors of the sensors off a rate ``w`` and a specific force ``f``, biases removed before.
+
+    Equation: w_i <- w_i - sum x_k m_k, with m_k of the measured values: to first order in x_k
+    """
+    if par.n_couplings > 0:
+        f0, f1, f2, w0, w1, w2 = f[0], f[1], f[2], w[0], w[1], w[2]
+        for k in range(par.n_couplings):
+            axis, which = par.coupling_axis[k], par.coupling_times[k]
+            force = f0 if which == 1 else (f1 if which == 2 else f2)
+            rate = w0 if which == 4 else (w1 if which == 5 else w2)
+            error = 1.0 if which == 0 else (force if which <= 3 else rate)
+            error *= m.optional[par.coupling_at[k] - OFFSETS]
+            if par.coupling_into[k] == PSI:
+                w[axis] -= error
+            else:
+                f[axis] -= error
 
 
 @inlined
@@ -198,8 +254,10 @@ def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
 
 
 @inlined
-def load_rates(m: StateRecord, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, s: Rates) -> None:
-    """Write sample ``k``'s effective rates, biases removed."""
+def load_rates(
+    m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, s: Rates
+) -> None:
+    """Write sample ``k``'s effective rates, the sensors' errors removed."""
     dt: float = (t_ns[k] - t_ns[k - 1]) * 1e-9
     before = k - 1 if k > 1 else k
     dt_before = (t_ns[before] - t_ns[before - 1]) * 1e-9
@@ -208,6 +266,8 @@ def load_rates(m: StateRecord, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: in
         s.f_now[i] = f_b[k, i] - m.b_a[i]
         s.w_before[i] = w_ib_b[before, i] - m.b_g[i]
         s.f_before[i] = f_b[before, i] - m.b_a[i]
+    correct_sensors(m, par, s.w_now, s.f_now)
+    correct_sensors(m, par, s.w_before, s.f_before)
     effective_rates(s.w_now, s.f_now, s.w_before, s.f_before, dt, dt_before, s.w, s.f)
 
 
@@ -238,7 +298,7 @@ def carry(
     """
     rates = scratch.rates[0]
     while now_ns < stop_ns:
-        load_rates(m, w_ib_b, f_b, t_ns, k, rates)
+        load_rates(m, par, w_ib_b, f_b, t_ns, k, rates)
         gyro_unknown, accel_unknown = 0.0, 0.0
         if k < unknown.shape[0]:
             gyro_unknown, accel_unknown = unknown[k, 0], unknown[k, 1]

@@ -1,4 +1,4 @@
-"""One scalar measurement: its predicted variance, and the Joseph update of the covariance and the correction, compiled.
+"""One scalar measurement: its predicted variance, and the update of covariance and correction, compiled.
 
 No matrix is inverted anywhere: a measurement is a number, its row ``h`` is non-zero in a few named columns.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from insgnss.jit import borrowing
+from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64, Int64
 
 
@@ -24,6 +24,26 @@ def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
     return total
 
 
+@inlined
+def covariance_with(P: Float64, h: Float64, columns: Int64, g: Float64) -> None:
+    """Write g = P h^T (>= n,), four rows of the symmetric ``P`` (n, n) in a pass: each pass writes all of g once."""
+    n, k = P.shape[0], columns.shape[0]
+    for c in range(n):
+        g[c] = 0.0
+    a = 0
+    while a + 4 <= k:
+        h0, h1, h2, h3 = h[a], h[a + 1], h[a + 2], h[a + 3]
+        r0, r1, r2, r3 = columns[a], columns[a + 1], columns[a + 2], columns[a + 3]
+        for c in range(n):
+            g[c] += h0 * P[r0, c] + h1 * P[r1, c] + (h2 * P[r2, c] + h3 * P[r3, c])
+        a += 4
+    while a < k:
+        ha, row = h[a], columns[a]
+        for c in range(n):
+            g[c] += ha * P[row, c]
+        a += 1
+
+
 @borrowing
 def scalar_update(
     P: Float64, h: Float64, columns: Int64, innovation: float, variance: float, v: Float64
@@ -32,10 +52,9 @@ def scalar_update(
 
     Equation: K = P h^T / S, S = h P h^T + r                              [Sokolov & Yurchenko 2015, (9), corrected]
               x += K (z - h x)                                              [(7), (8), corrected: running estimate]
-              P = (I - K h) P (I - K h)^T + K r K^T = P - K g^T - g K^T + S K K^T,  g = P h^T   [(10), Joseph form]
-    The last form is Joseph's for any gain K, so an error of K enters squared. It is computed as
-    P -= K w^T + w K^T with w = g - S K / 2, whose products commute: P stays symmetric bit for bit. Where S is not
-    positive and finite, or y no number, nothing is corrected: what is returned tells it.
+              P = (I - K h) P (I - K h)^T + K r K^T = P - s s^T,  s = P h^T / sqrt(S)       [(10), for this very gain]
+    One product for each element, and both factors commute: P stays symmetric bit for bit. Where S is not positive and
+    finite, or y no number, nothing is corrected: what is returned tells it.
 
     Parameters
     ----------
@@ -44,16 +63,11 @@ def scalar_update(
     columns : (k,) where they stand
     innovation : z minus prediction at the prior
     variance : r of the measurement
-    v : (>= 3, >= n): v[0] is the correction (truth minus prior estimate as far as known), v[1], v[2] are scratch
+    v : (>= 3, >= n): v[0] is the correction (truth minus prior estimate as far as known), v[1] holds the gain K
+        afterwards, v[2] is scratch
     """
     n = P.shape[0]
-    for c in range(n):
-        v[1, c] = 0.0  # g
-    for a in range(columns.shape[0]):
-        ha = h[a]
-        row = columns[a]
-        for c in range(n):
-            v[1, c] += ha * P[row, c]
+    covariance_with(P, h, columns, v[1])
     S = variance
     y = innovation
     for a in range(columns.shape[0]):
@@ -61,15 +75,13 @@ def scalar_update(
         y -= h[a] * v[0, columns[a]]
     if not (0.0 < S < math.inf and math.isfinite(y)):
         return y, S
-    inv_S = 1.0 / S
+    inv_S, inv_root = 1.0 / S, 1.0 / math.sqrt(S)
     for c in range(n):
-        gain = v[1, c] * inv_S
-        v[0, c] += gain * y
-        v[2, c] = v[1, c] - 0.5 * S * gain  # w
-        v[1, c] = gain  # K
+        v[2, c] = v[1, c] * inv_root  # s
+        v[1, c] *= inv_S  # K
+        v[0, c] += v[1, c] * y
     for b in range(n):
-        gain = v[1, b]
-        wb = v[2, b]
+        s = v[2, b]
         for c in range(n):
-            P[b, c] -= gain * v[2, c] + wb * v[1, c]
+            P[b, c] -= s * v[2, c]
     return y, S

@@ -14,9 +14,11 @@ from insgnss.antenna.visibility import Limits
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.fusion.epoch_aid import EpochAid
+from insgnss.fusion.layout import Layout, StateBlock
 from insgnss.fusion.masking import NO_LIMITS
 from insgnss.fusion.parameters import resolve_parameters, weather_of
-from insgnss.fusion.state import Layout
+from insgnss.fusion.registry import layout_of
+from insgnss.fusion.states.wanted import StatesWanted
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.gnss.phase_centre import SatelliteAntennas
@@ -46,6 +48,7 @@ class FilterSetup:
     )  # the vehicle's antennas, none: nothing masked
     visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
+    states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
     new_aid: Callable[[], EpochAid] | None = None  # makes what several antennas add at epochs; None: nothing
 
     @property
@@ -60,30 +63,9 @@ class FilterSetup:
 
     @property
     def layout(self) -> Layout:
-        """Which optional states the filter has."""
-        use = self.config.measurements
-        return Layout(
-            n_offsets=self.n_offsets,
-            channel_bias="R" in self.clock_groups and use.glonass_channel_bias,
-            zenith_delay=use.zenith_delay,
-            ionosphere=self._estimates_ionosphere,
-            clone=self._carrier_used,
-        )
-
-    @property
-    def _carrier_used(self) -> bool:
-        return self.with_carrier and self.config.measurements.carrier
-
-    @property
-    def _estimates_ionosphere(self) -> bool:
-        """Whether what the ionosphere's model leaves is a state: where carriers of one band are used.
-
-        The codes of two bands differ by the biases of their receiver and satellites as well, metres that such a state
-        would take for ionosphere.
-        """
-        one_band = not any(":" in group for group in self.clock_groups)
-        modelled = self.config.measurements.ionosphere != "ionosphere_free"
-        return self._carrier_used and one_band and modelled and self.config.process.ionosphere_sigma_m > 0.0
+        """Which further states the filter has, and where they stand."""
+        with_carrier = self.with_carrier and self.config.measurements.carrier
+        return layout_of(StatesWanted(self.config, self.clock_groups, with_carrier), self.states_wanted)
 
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""

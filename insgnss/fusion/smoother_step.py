@@ -14,6 +14,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.fusion.between import Onward, one_hypothesis, regression
 from insgnss.fusion.closed_loop import close_loop
 from insgnss.fusion.heading_bank import difference
+from insgnss.fusion.layout import Layout
 from insgnss.fusion.lines import CLONE_ROWS, Epoch
 from insgnss.fusion.prediction import Imu, carry_bank, new_scratch, predict_covariance
 from insgnss.fusion.state import (
@@ -27,7 +28,6 @@ from insgnss.fusion.state import (
     OFFSETS,
     PSI,
     Bank,
-    Layout,
     StateRecord,
 )
 from insgnss.tables import Float64

@@ -12,8 +12,9 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.fusion.fix import Fix
+from insgnss.fusion.layout import SYSTEM_OFFSETS, Layout
 from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, Layout, new_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -203,7 +204,7 @@ def open_bank(
         _place_covariance(bank.state[i], bank.P[i], kin, attitude, sensor, config)
         if not kin.of_imu:
             _hang_on_antenna(bank.state[i], bank.P[i], w_ib_b, par.lever_b)
-        _place_optional(bank.P[i], layout, config)
+        _place_further(bank.P[i], layout)
     return bank
 
 
@@ -229,15 +230,11 @@ def _place_state(m: np.record, kin: Kinematics, attitude: Attitude, w_ib_b: Floa
     m.log_weight = math.log(attitude.weight)
 
 
-def _place_optional(P: Float64, layout: Layout, config: FilterConfig) -> None:
-    """Write the variances of channel bias and delays at the zenith where the filter has these states."""
-    for at, sigma in (
-        (layout.at_channel_bias, config.process.channel_bias_sigma_m),
-        (layout.at_zenith_delay, config.process.zenith_delay_sigma_m),
-        (layout.at_ionosphere, config.process.ionosphere_sigma_m),
-    ):
-        if at >= 0:
-            P[at, at] = sigma**2
+def _place_further(P: Float64, layout: Layout) -> None:
+    """Write the variances of the further states, but of the clock offsets, of which the start knows more."""
+    for block in layout.blocks:
+        for i in range(block.size if block.name != SYSTEM_OFFSETS else 0):
+            P[layout.at(block.name) + i, layout.at(block.name) + i] = block.variance
 
 
 def _place_covariance(

@@ -6,7 +6,6 @@ one covariance per hypothesis. Copying the three arrays of a bank copies the fil
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -14,20 +13,22 @@ import numpy.typing as npt
 
 from insgnss.antenna.visibility import UNDECIDED
 from insgnss.gnss.observation_rows import N_SATELLITE_SLOTS, N_SLOTS
+from insgnss.inertial.error_state import BA as BA
+from insgnss.inertial.error_state import BG as BG
+from insgnss.inertial.error_state import CLOCK as CLOCK
+from insgnss.inertial.error_state import DR as DR
+from insgnss.inertial.error_state import DRIFT as DRIFT
+from insgnss.inertial.error_state import DV as DV
+from insgnss.inertial.error_state import FURTHER
+from insgnss.inertial.error_state import PSI as PSI
 from insgnss.jit import inlined
 from insgnss.tables import Float64, Int8, Int64
 
-# error state (estimate minus truth), in this order
-DR: Final = 0  # position, ECEF [m]
-DV: Final = 3  # velocity, ECEF [m/s]
-PSI: Final = 6  # attitude, C_eb_hat = (I + [psi x]) C_eb [rad]
-BA: Final = 9  # accelerometer bias, body [m/s^2]
-BG: Final = 12  # gyro bias, body [rad/s]
-CLOCK: Final = 15  # receiver clock bias [m]
-DRIFT: Final = 16  # receiver clock drift [m/s]
-# optional states, where the settings and the log ask for them, in this order (``Layout`` says where each stands):
-OFFSETS: Final = 17  # inter-system clock offsets [m], as many as there are further constellations
-MAX_OPTIONAL: Final = 28  # room for all of them
+# optional states, where the settings and the log ask for them (``Layout`` says where each stands); first of all the
+# inter-system clock offsets [m], as many as there are further constellations
+OFFSETS: Final = FURTHER
+MAX_OPTIONAL: Final = 40  # room for all of them
+MAX_COUPLINGS: Final = 24  # room for errors of the sensors that are no biases
 N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
@@ -74,6 +75,7 @@ STATE_DTYPE: Final = np.dtype(
             ("sum_C", np.float64, (3, 3)),  # integral of C_eb [s]
             ("sum_gyro_q", np.float64),  # attitude variance to add [rad^2]
             ("sum_accel_q", np.float64),  # velocity variance to add [m^2/s^2]
+            ("sum_coupling", np.float64, (MAX_COUPLINGS, 3)),  # integrals of C_eb e_i m_k, see ``Coupling``
             ("noise_factor", np.float64, (N_FACTORS,)),  # found noise levels
             ("adapted_ns", np.int64),  # when they were last moved
             ("adapted_count", np.int64),
@@ -150,48 +152,6 @@ class Bank(NamedTuple):
     )
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Which optional states a filter has, and where each stands in the error state."""
-
-    n_offsets: int = 0
-    channel_bias: bool = False  # GLONASS: delay that grows with the frequency channel [m per channel]
-    zenith_delay: bool = False  # what the model leaves of the wet zenith delay [m]
-    ionosphere: bool = False  # what the model leaves of the ionosphere at the zenith, on L1 [m]
-    clone: bool = False  # antenna position and clock of the epoch before
-
-    @property
-    def at_channel_bias(self) -> int:
-        """Index of the GLONASS channel bias."""
-        return OFFSETS + self.n_offsets if self.channel_bias else ABSENT_STATE
-
-    @property
-    def at_zenith_delay(self) -> int:
-        """Index of the zenith delay."""
-        return OFFSETS + self.n_offsets + self.channel_bias if self.zenith_delay else ABSENT_STATE
-
-    @property
-    def at_ionosphere(self) -> int:
-        """Index of the ionosphere's residual."""
-        before = self.n_offsets + self.channel_bias + self.zenith_delay
-        return OFFSETS + before if self.ionosphere else ABSENT_STATE
-
-    @property
-    def n_values(self) -> int:
-        """Number of optional states that have a value of their own."""
-        return self.n_offsets + self.channel_bias + self.zenith_delay + self.ionosphere
-
-    @property
-    def at_clone(self) -> int:
-        """First index of the epoch before."""
-        return OFFSETS + self.n_values if self.clone else ABSENT_STATE
-
-    @property
-    def n_optional(self) -> int:
-        """Number of optional states."""
-        return self.n_values + N_CLONE * self.clone
-
-
 def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     """Return an empty bank: zero states, equal weights."""
     n = OFFSETS + n_optional
@@ -228,6 +188,9 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         source.sum_gyro_q,
         source.sum_accel_q,
     )
+    for i in range(MAX_COUPLINGS):
+        for j in range(3):
+            target.sum_coupling[i, j] = source.sum_coupling[i, j]
     target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
     for i in range(3):
         target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]

@@ -59,8 +59,8 @@ def normal_gravity_ecef(r_e: Float64, g_e: Float64) -> None:
     s6 = s4 * s2
     q = WGS84_A_M * WGS84_A_M * inv_r2
     j2 = WGS84_J2 * q * 1.5
-    j4 = _J4 * q * q / 8.0
-    j6 = _J6 * q * q * q / 16.0
+    j4 = _J4 * q * q * 0.125
+    j6 = _J6 * q * q * q * 0.0625
     central = -WGS84_GM_M3PS2 * inv_r2 * math.sqrt(inv_r2)
     horizontal = (
         j2 * (1.0 - 5.0 * s2)

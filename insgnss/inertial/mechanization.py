@@ -10,6 +10,11 @@ from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_vector_quat
 from insgnss.jit import borrowing, inlined
 from insgnss.tables import Float64
 
+# the series' fractions, so that they need no division
+_6TH, _24TH, _30TH, _42ND, _56TH, _72ND, _120TH = (
+    1.0 / n for n in (6.0, 24.0, 30.0, 42.0, 56.0, 72.0, 120.0)
+)
+
 
 @inlined
 def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, float]:
@@ -20,8 +25,8 @@ def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, 
     """
     p2 = phi_x * phi_x + phi_y * phi_y + phi_z * phi_z
     if p2 < 0.04:
-        a = 0.5 - p2 / 24.0 * (1.0 - p2 / 30.0 * (1.0 - p2 / 56.0))
-        b = 1.0 / 6.0 - p2 / 120.0 * (1.0 - p2 / 42.0 * (1.0 - p2 / 72.0))
+        a = 0.5 - _24TH * p2 * (1.0 - _30TH * p2 * (1.0 - _56TH * p2))
+        b = _6TH - _120TH * p2 * (1.0 - _42ND * p2 * (1.0 - _72ND * p2))
         return a, b
     p = math.sqrt(p2)
     return (1.0 - math.cos(p)) / p2, (p - math.sin(p)) / (p2 * p)

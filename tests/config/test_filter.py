@@ -10,19 +10,19 @@ from pydantic import ValidationError
 
 from insgnss.config.filter import DEFAULT_SIGNALS, Faults, FilterConfig, Measurements
 from insgnss.fusion.parameters import resolve_parameters, weather_of
-from insgnss.fusion.state import Layout
 from insgnss.gnss.signals import reason_unsupported, signal_of
 from insgnss.gnss.troposphere import STANDARD_WEATHER
 from insgnss.library import filter_config
 from tests.fusion.scene import TACTICAL, TCXO
+from tests.layouts import layout_with
 
 
 def resolved(**tables: Any) -> Any:
     """Return the filter's numbers with some tables of the settings replaced."""
     config = FilterConfig.model_validate(filter_config("tight17").model_dump() | tables)
-    return resolve_parameters(config, TACTICAL, TCXO, (0.0, 0.0, 0.0), klobuchar_known=True, layout=Layout())[
-        0
-    ]
+    return resolve_parameters(
+        config, TACTICAL, TCXO, (0.0, 0.0, 0.0), klobuchar_known=True, layout=layout_with()
+    )[0]
 
 
 @pytest.mark.parametrize(("letter", "code"), [(s, c) for s, codes in DEFAULT_SIGNALS.items() for c in codes])

@@ -22,13 +22,14 @@ from insgnss.fusion.loop import Imu, Workspace, new_workspace, run_epochs
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.parameters import resolve_parameters
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, Layout, new_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import ABSENT, OBSERVATION_DTYPE, Rows
 from insgnss.status import USED
 from insgnss.tables import Float64, Int64
+from tests.layouts import layout_with
 
 START_NS = 2268 * NS_PER_WEEK + 200_000 * NS_PER_S
 W_IE_E = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
@@ -85,7 +86,9 @@ def parameters(lever_b: Sequence[float] = (0.0, 0.0, 0.0), **changes: Any) -> np
         }
     )
     lever = (float(lever_b[0]), float(lever_b[1]), float(lever_b[2]))
-    par = resolve_parameters(config, TACTICAL, TCXO, lever, klobuchar_known=True, layout=Layout(n_offsets=6))
+    par = resolve_parameters(
+        config, TACTICAL, TCXO, lever, klobuchar_known=True, layout=layout_with(n_offsets=6)
+    )
     for name, value in changes.items():
         par[name] = value
     return par
@@ -245,7 +248,7 @@ def run(bank: Bank, log: Rows, imu: Imu, par: npt.NDArray[Any]) -> Result:
     """Run the compiled loop over all epochs of the rows."""
     n = bank.P.shape[1]
     out = new_output(log, len(log.epoch_ns), 100, np.zeros(0, np.int64))
-    work = new_workspace(max(1, int(np.diff(log.first).max())), Layout(n_offsets=n - OFFSETS))
+    work = new_workspace(max(1, int(np.diff(log.first).max())), layout_with(n_offsets=n - OFFSETS))
     code, _ = run_epochs(bank, 0, len(log.epoch_ns), log, imu, par, -1e9, out, work)
     return Result(code, out, work)
 

@@ -25,7 +25,6 @@ from insgnss.fusion.state import (
     OFFSETS,
     PSI,
     Bank,
-    Layout,
     copy_bank,
     new_bank,
 )
@@ -37,6 +36,7 @@ from insgnss.tables import Float64
 from tests.fusion.scene import START_NS, attitude, new_filter, parameters, place, rows_of, sky, steady_force
 from tests.fusion.test_measurement_jacobians import moved as moved_state
 from tests.jacobian import finite_difference_jacobian
+from tests.layouts import layout_with
 
 N = OFFSETS + N_CLONE
 LEVER_B = (2.5, -1.2, -4.0)
@@ -159,7 +159,7 @@ def run_epoch(bank: Bank, log: Rows, par: npt.NDArray[Any]) -> tuple[Any, Any]:
 
     t_ns = np.array([START_NS - 10_000_000, START_NS], np.int64)
     force = np.tile(steady_force(bank.state[0]), (2, 1))
-    out, work = new_output(log, 1, 10, np.zeros(0, np.int64)), new_workspace(12, Layout(clone=True))
+    out, work = new_output(log, 1, 10, np.zeros(0, np.int64)), new_workspace(12, layout_with(clone=True))
     bank.head["now_ns"], bank.head["next"] = START_NS, 2
     run_epochs(bank, 0, 1, log, Imu(t_ns, np.zeros((2, 3)), force), par, -1e9, out, work)
     return out, work

@@ -9,7 +9,7 @@ from insgnss.fusion.lines import Epoch
 from insgnss.fusion.loop import DONE, carry_bank, new_workspace, run_epochs
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.prediction import new_scratch, predict_covariance
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, Layout, copy_bank
+from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, copy_bank
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.fusion.scene import (
@@ -25,6 +25,7 @@ from tests.fusion.scene import (
     update,
 )
 from tests.fusion.turntable import Turning, turning
+from tests.layouts import layout_with
 
 LEVER_B = (1.0, 0.3, -0.8)
 N = OFFSETS
@@ -62,7 +63,7 @@ def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.
     par = parameters(LEVER_B, covariance_step=0.1)
     t = turning(par, seconds, imu_hz, rng)
     bank, dense = t.bank, copy_bank(t.bank)
-    out, work, scratch = room(t), new_workspace(12, Layout()), new_scratch(N)
+    out, work, scratch = room(t), new_workspace(12, layout_with()), new_scratch(N)
     apart, of_P = np.zeros((seconds, N)), []
     for epoch in range(seconds):
         dense.state[:] = bank.state
@@ -88,7 +89,7 @@ def test_covariance_of_a_ten_hour_run_is_symmetric_and_positive_throughout(rng: 
     hours, imu_hz = 10, 10
     par = parameters(LEVER_B, covariance_step=0.1)
     t = turning(par, hours * 3600, imu_hz, rng)
-    out, work = room(t), new_workspace(12, Layout())
+    out, work = room(t), new_workspace(12, layout_with())
     truth, smallest = t.bank.state["r_e"][0].copy(), []
     for first in range(0, hours * 3600, 120):
         code, _ = run_epochs(t.bank, first, first + 120, t.rows, t.imu, par, -1e9, out, work)
@@ -131,7 +132,7 @@ def test_biases_without_process_noise_are_learnt_without_end(rng: np.random.Gene
     for name in ("accel_bias", "gyro_bias"):
         par[f"{name}_density"], par[f"{name}_time"] = 0.0, np.inf
     t = turning(par, 3600, 10, rng)
-    out, work, sigmas = room(t), new_workspace(12, Layout()), []
+    out, work, sigmas = room(t), new_workspace(12, layout_with()), []
     for first in range(0, 3600, 600):
         code, _ = run_epochs(t.bank, first, first + 600, t.rows, t.imu, par, -1e9, out, work)
         assert code == DONE

@@ -13,7 +13,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.fusion.loop import Imu, carry_bank, new_workspace, run_epochs
 from insgnss.fusion.output import new_output
 from insgnss.fusion.prediction import new_scratch, predict_covariance
-from insgnss.fusion.state import Bank, Layout, copy_bank
+from insgnss.fusion.state import Bank, copy_bank
 from insgnss.gnss.observation_rows import Rows
 from insgnss.status import USED
 from insgnss.tables import Float64
@@ -44,6 +44,7 @@ from tests.fusion.scene import (
     run,
     sky,
 )
+from tests.layouts import layout_with
 
 EPOCHS = 100
 LEVER_B = np.array([1.2, -0.4, -2.0])
@@ -131,7 +132,7 @@ def test_filter_equals_filterpy_over_100_epochs(
     par = parameters(LEVER_B, range_floor2=sigma_m**2, rate_floor2=sigma_mps**2)
     bank = start(log.truth, rng, noise)
     dense = DenseFilter(bank, par[0], LEVER_B)
-    out, work = new_output(log.rows, EPOCHS, 10, np.zeros(0, np.int64)), new_workspace(12, Layout())
+    out, work = new_output(log.rows, EPOCHS, 10, np.zeros(0, np.int64)), new_workspace(12, layout_with())
     P_apart, x_apart, k, now_ns = [], [], 1, START_NS
     for epoch in range(EPOCHS):
         run_epochs(bank, epoch, epoch + 1, log.rows, log.imu, par, -1e9, out, work)

@@ -18,10 +18,11 @@ from insgnss.fusion.heading_bank import (
     turn_member,
 )
 from insgnss.fusion.headings import heading_variance, same_heading, turn_about, yaw_variance
-from insgnss.fusion.state import BG, DR, OFFSETS, PSI, Bank, Layout, new_bank
+from insgnss.fusion.state import BG, DR, OFFSETS, PSI, Bank, new_bank
 from insgnss.geodesy.local_level import up_direction
+from tests.layouts import layout_with
 
-LAYOUT = Layout(n_offsets=1, clone=True)
+LAYOUT = layout_with(n_offsets=1, clone=True)
 N = OFFSETS + LAYOUT.n_optional
 PLACE_E = np.array([4.2e6, 0.6e6, 4.7e6])
 UP = np.array(up_direction(PLACE_E))

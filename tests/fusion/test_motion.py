@@ -12,10 +12,11 @@ from insgnss.fusion.loop import new_workspace
 from insgnss.fusion.motion import sees_earth_rate, velocity_changed
 from insgnss.fusion.parameters import PARAMETERS_DTYPE
 from insgnss.fusion.scalar_update import predicted_variance
-from insgnss.fusion.state import BG, DV, OFFSETS, Layout, new_bank
+from insgnss.fusion.state import BG, DV, OFFSETS, new_bank
 from insgnss.gnss.observation_rows import RANGE_RATE
 from insgnss.status import USED
 from insgnss.units import deg_per_h_to_radps
+from tests.layouts import layout_with
 
 PLACE_E = np.array([4.2e6, 0.6e6, 4.7e6])
 
@@ -109,7 +110,7 @@ def test_gyros_see_the_earth_turn_where_their_bias_is_a_fifth_of_it(
 
 
 def test_workspace_has_room_for_the_response() -> None:
-    layout = Layout(n_offsets=5, channel_bias=True, zenith_delay=True, clone=True)
+    layout = layout_with(n_offsets=5, channel_bias=True, zenith_delay=True, clone=True)
     bank, work = new_bank(2, layout.n_optional), new_workspace(3, layout)
     assert bank.state["motion_response"].shape[1] >= OFFSETS + layout.n_optional
     assert work.epoch.vectors.shape[1] >= OFFSETS + layout.n_optional

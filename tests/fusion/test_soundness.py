@@ -19,7 +19,7 @@ from insgnss.fusion.loop import COVARIANCE_LOST, DONE, PRUNE, new_workspace, run
 from insgnss.fusion.output import new_output
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.soundness import is_finite, is_sound
-from insgnss.fusion.state import BG, PSI, Bank, Layout, copy_bank, joined_banks
+from insgnss.fusion.state import BG, PSI, Bank, copy_bank, joined_banks
 from insgnss.status import GATED, NOT_STARTED, USED
 from insgnss.tables import Float64
 from tests.fusion.scene import (
@@ -32,6 +32,7 @@ from tests.fusion.scene import (
     sky,
 )
 from tests.kernels.fusion import wrong_rows
+from tests.layouts import layout_with
 
 NO_VARIANCE = [math.nan, math.inf, -math.inf, 0.0, -1.0]
 NO_NUMBER = [math.nan, math.inf, -math.inf]
@@ -211,7 +212,7 @@ def epochs_after(
     log = perfect_rows(bank, par, epoch_ns, sky(here), w_ib_b=imu.w_ib_b[0])
     imu.w_ib_b[at, 2] = imu_value
     out = new_output(log, 600, 8, imu.t_ns.copy())
-    code, _ = run_epochs(bank, 0, 4, log, imu, par, -30.0, out, new_workspace(12, Layout()))
+    code, _ = run_epochs(bank, 0, 4, log, imu, par, -30.0, out, new_workspace(12, layout_with()))
     return code, bank, out.nav[: out.counts[0].nav], out.ledger
 
 

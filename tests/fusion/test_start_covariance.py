@@ -10,11 +10,12 @@ import pytest
 from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.fusion.start import Attitude, Kinematics, given_attitudes, given_kinematics, open_bank
-from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, Layout
+from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.library import filter_config
 from insgnss.tables import Float64
 from tests.fusion.scene import START_NS, TACTICAL, attitude, parameters, place
+from tests.layouts import layout_with
 
 LEVER_B = np.array([2.0, -1.5, -3.0])
 RATE = np.array([0.1, -0.3, 0.5])
@@ -34,7 +35,7 @@ def kinematics(P_r: Float64, P_v: Float64) -> Kinematics:
 def opened(kin: Kinematics, how: Attitude, grade: ImuGrade = TACTICAL) -> Bank:
     """Return the bank of one attitude, 2 to 3 m below the antenna, turning at 34 deg/s."""
     par = parameters(LEVER_B)[0]
-    return open_bank(kin, [how], RATE, par, filter_config("tight17"), grade, T_NS, Layout())
+    return open_bank(kin, [how], RATE, par, filter_config("tight17"), grade, T_NS, layout_with())
 
 
 def one_attitude(**changes: float) -> Attitude:
@@ -83,7 +84,7 @@ def test_given_start_is_the_imus_own_and_knows_of_no_lever_arm() -> None:
     kin = given_kinematics(start, START_NS, np.zeros(1), 0.0, RATE, par)
 
     bank = open_bank(
-        kin, given_attitudes(start, config, TACTICAL), RATE, par, config, TACTICAL, T_NS, Layout()
+        kin, given_attitudes(start, config, TACTICAL), RATE, par, config, TACTICAL, T_NS, layout_with()
     )
 
     P = bank.P[0]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
-from insgnss.inertial.error_dynamics import apply_transition, transition_step
+from insgnss.inertial.error_dynamics import COUPLING_DTYPE, apply_transition, transition_step
 from insgnss.inertial.mechanization import mechanize
 from insgnss.jit import kernel
 
 ERRORS = 17
+NO_COUPLINGS = np.zeros(0, COUPLING_DTYPE)
 
 
 @kernel
@@ -24,17 +25,20 @@ def _carry_errors(
     v: np.ndarray,
     time_s: float,
     errors: np.ndarray,
+    couplings: np.ndarray,
 ) -> None:
     dv, g = np.zeros(3), np.zeros(3)
     sum_dv, sum_C, carried = np.zeros(3), np.zeros((3, 3)), np.zeros_like(errors)
+    keep = np.ones(len(errors))
     for k in range(len(w)):
         sum_C += 0.5 * dt * C
         mechanize(q, C, r, v, w[k], f[k], dt, dv, g)
         sum_C += 0.5 * dt * C
         sum_dv += dv
         if (k + 1) % per_step == 0:
-            step = transition_step(per_step * dt, sum_dv[0], sum_dv[1], sum_dv[2], r, time_s, time_s)
-            apply_transition(step, sum_C, errors, carried)
+            step = transition_step(per_step * dt, sum_dv[0], sum_dv[1], sum_dv[2], r)
+            keep[9:15] = np.exp(-per_step * dt / time_s)
+            apply_transition(step, sum_C, couplings, keep, errors, carried)
             errors[:] = carried
             sum_dv[:] = 0.0
             sum_C[:] = 0.0
@@ -58,5 +62,5 @@ def linear_growth(
     C, q, carried = C_eb.copy(), np.zeros(4), errors.copy()
     matrix_to_quaternion(C, q)
     quaternion_to_matrix(q, C)
-    _carry_errors(dt, per_step, w, f, q, C, r_e.copy(), v_e.copy(), time_s, carried)
+    _carry_errors(dt, per_step, w, f, q, C, r_e.copy(), v_e.copy(), time_s, carried, NO_COUPLINGS)
     return carried

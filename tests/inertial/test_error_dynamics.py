@@ -12,7 +12,12 @@ from scipy.spatial.transform import Rotation
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
-from insgnss.inertial.error_dynamics import apply_transition, carry_covariance, transition_step
+from insgnss.inertial.error_dynamics import (
+    COUPLING_DTYPE,
+    apply_transition,
+    carry_covariance,
+    transition_step,
+)
 from insgnss.inertial.mechanization import mechanize
 from tests.inertial.held_height import place_at_rest
 from tests.inertial.strapdown import EARTH, skew
@@ -30,6 +35,16 @@ BLOCKS = {
 PLACE_E = np.array([2.8e6, 1.6e6, 5.5e6])
 FORCE_E = np.array([30.0, -20.0, 12.0])  # [m/s^2]
 C_EB = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
+
+
+NO_COUPLINGS = np.zeros(0, COUPLING_DTYPE)
+
+
+def decays(n: int, dt: float, time_a: float, time_g: float) -> np.ndarray:
+    """Return what a step leaves of each state of first order (n,)."""
+    keep = np.ones(n)
+    keep[9:12], keep[12:15] = math.exp(-dt / time_a), math.exp(-dt / time_g)
+    return keep
 
 
 def dynamics(time_a: float, time_g: float) -> np.ndarray:
@@ -54,8 +69,8 @@ def dynamics(time_a: float, time_g: float) -> np.ndarray:
 def transition(dt: float, time_a: float, time_g: float) -> np.ndarray:
     """Return the compiled Phi (17, 17): what it makes of the unit matrix."""
     Phi = np.zeros((N, N))
-    step = transition_step(dt, *(FORCE_E * dt), PLACE_E, time_a, time_g)
-    apply_transition(step, C_EB * dt, np.eye(N), Phi)
+    step = transition_step(dt, *(FORCE_E * dt), PLACE_E)
+    apply_transition(step, C_EB * dt, NO_COUPLINGS, decays(N, dt, time_a, time_g), np.eye(N), Phi)
     return Phi
 
 
@@ -95,10 +110,10 @@ def test_transition_is_right_to_second_order_where_the_second_order_is_the_first
 
 
 def test_transition_keeps_what_no_row_moves() -> None:
-    n, step = N + 2, transition_step(0.02, *(FORCE_E * 0.02), PLACE_E, 100.0, math.inf)
+    n, step = N + 2, transition_step(0.02, *(FORCE_E * 0.02), PLACE_E)
     A, B = np.random.default_rng(1).standard_normal((n, n)), np.zeros((n, n))
 
-    apply_transition(step, C_EB * 0.02, A, B)
+    apply_transition(step, C_EB * 0.02, NO_COUPLINGS, decays(n, 0.02, 100.0, math.inf), A, B)
 
     assert B[16:].tolist() == A[16:].tolist()  # clock drift and inter-system offsets
     assert B[12:15].tolist() == A[12:15].tolist()  # a gyro bias without end
@@ -110,13 +125,44 @@ def test_transition_keeps_what_no_row_moves() -> None:
 def test_covariance_is_carried_as_phi_p_phi_transposed_and_stays_symmetric() -> None:
     root = np.random.default_rng(2).standard_normal((N + 3, N + 3))
     P = root @ root.T
-    step = transition_step(0.02, *(FORCE_E * 0.02), PLACE_E, 100.0, 300.0)
+    step = transition_step(0.02, *(FORCE_E * 0.02), PLACE_E)
     Phi = np.eye(N + 3)
     Phi[:N, :N] = transition(0.02, 100.0, 300.0)
     wanted = Phi @ P @ Phi.T
 
-    carry_covariance(step, C_EB * 0.02, P, np.full_like(P, np.nan))
+    keep = decays(N + 3, 0.02, 100.0, 300.0)
+    carry_covariance(step, C_EB * 0.02, NO_COUPLINGS, keep, P, np.full_like(P, np.nan))
 
+    assert (P == P.T).all()
+    np.testing.assert_allclose(P, wanted, rtol=0.0, atol=1e-13 * np.abs(wanted).max())
+
+
+def test_further_errors_of_the_sensors_enter_as_the_matrix_exponential_has_them() -> None:
+    """A scale factor of gyro x, an error of accelerometer y that turns with gyro z: columns of C times a factor."""
+    dt, rate, force = 0.02, 0.7, 11.0
+    F = np.zeros((N + 2, N + 2))
+    F[:N, :N] = dynamics(math.inf, math.inf)
+    F[BLOCKS["psi"], N] = -C_EB[:, 0] * rate
+    F[BLOCKS["dv"], N + 1] = -C_EB[:, 1] * force
+    F[N + 1, N + 1] = -1.0 / 50.0
+    couplings = np.zeros(2, COUPLING_DTYPE)
+    couplings["at"], couplings["into"] = [N, N + 1], [6, 3]
+    couplings["s"] = [C_EB[:, 0] * rate * dt, C_EB[:, 1] * force * dt]
+    keep = np.ones(N + 2)
+    keep[N + 1] = math.exp(-dt / 50.0)
+    step = transition_step(dt, *(FORCE_E * dt), PLACE_E)
+    Phi, exact = np.zeros_like(F), expm(F * dt)
+
+    apply_transition(step, C_EB * dt, couplings, keep, np.eye(N + 2), Phi)
+
+    for row in ("psi", "dv"):
+        np.testing.assert_allclose(
+            Phi[BLOCKS[row], N:], exact[BLOCKS[row], N:], atol=3e-4 * np.abs(exact[:9, N:]).max()
+        )
+    root = np.random.default_rng(3).standard_normal((N + 2, N + 2))
+    P = root @ root.T
+    wanted = Phi @ P @ Phi.T
+    carry_covariance(step, C_EB * dt, couplings, keep, P, np.full_like(P, np.nan))
     assert (P == P.T).all()
     np.testing.assert_allclose(P, wanted, rtol=0.0, atol=1e-13 * np.abs(wanted).max())
 
@@ -167,7 +213,7 @@ def transition_of_flight(dt: float) -> np.ndarray:
         sum_C += 0.5 * dt / count * C
         sum_dv += dv_e
     Phi = np.zeros((N, N))
-    apply_transition(transition_step(dt, *sum_dv, r, math.inf, math.inf), sum_C, np.eye(N), Phi)
+    apply_transition(transition_step(dt, *sum_dv, r), sum_C, NO_COUPLINGS, np.ones(N), np.eye(N), Phi)
     return Phi
 
 
@@ -211,7 +257,7 @@ def test_gravity_gradient_is_that_of_the_field_but_for_j2(lat_deg: float) -> Non
         return g_e
 
     r_e = place_at_rest(lat_deg, 30.0, 0.0, np.eye(3)).r_e
-    s = transition_step(1.0, 0.0, 0.0, 0.0, r_e, math.inf, math.inf)
+    s = transition_step(1.0, 0.0, 0.0, 0.0, r_e)
     found = np.array([[s.g00, s.g01, s.g02], [s.g01, s.g11, s.g12], [s.g02, s.g12, s.g22]])
 
     numeric = finite_difference_jacobian(field, r_e, 1e4)

@@ -13,7 +13,7 @@ from insgnss.aiding.satellite_arcs import broadcast_arcs
 from insgnss.aiding.table import compute_aiding
 from insgnss.fusion.loop import new_workspace, run_epochs
 from insgnss.fusion.output import new_output
-from insgnss.fusion.state import Layout, select_members
+from insgnss.fusion.state import select_members
 from insgnss.fusion.trace_rows import new_trace_room, output_samples
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.tables import Float64
@@ -28,6 +28,7 @@ from tests.aiding.exact import (
 from tests.gnss.glonass_sample import FIRST_NS, glonass_navigation
 from tests.kernels import KernelCase
 from tests.kernels.fusion import EPOCHS, SKY, bank, imu, parameters, rows
+from tests.layouts import layout_with
 from tests.replay.scenes import WEEK
 
 
@@ -56,7 +57,7 @@ def columns_of_a_table() -> tuple[Float64, ...]:
 
 def traced_log() -> list[Any]:
     """Return what the loop leaves behind of a short log of two hypotheses, the second half of it with one."""
-    layout = Layout(n_offsets=1)
+    layout = layout_with(n_offsets=1)
     samples, log, made = imu(), rows(layout), bank(layout)
     room = new_trace_room(samples.t_ns[output_samples(samples.t_ns, 50.0)], 0.1, EPOCHS, 1)
     out = new_output(log, 40, 20, np.zeros(0, np.int64), layout.n_values, room)

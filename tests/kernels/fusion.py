@@ -16,6 +16,7 @@ from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.creeping import follow_satellites
 from insgnss.fusion.headings import heading_variance, turn_about
 from insgnss.fusion.integrity import follow_explained
+from insgnss.fusion.layout import Layout
 from insgnss.fusion.lines import Lines, new_epoch
 from insgnss.fusion.loop import DONE, Imu, new_workspace, run_epochs, run_to
 from insgnss.fusion.masking import MASK, OFF, deweight
@@ -35,10 +36,10 @@ from insgnss.fusion.state import (
     OFFSETS,
     PSI,
     Bank,
-    Layout,
     new_bank,
     select_members,
 )
+from insgnss.fusion.states.ionosphere import IONOSPHERE
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -48,6 +49,7 @@ from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, prep
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64, GnssTable
 from tests.kernels import KernelCase
+from tests.layouts import layout_with
 
 LAT, LON, H = math.radians(60.0), math.radians(30.0), 120.0
 START_NS = 2268 * NS_PER_WEEK + 200_000 * NS_PER_S
@@ -185,7 +187,7 @@ def bank(layout: Layout) -> Bank:
         sigma[at : at + 3] = value
     sigma[[CLOCK, DRIFT, OFFSETS]] = 50.0, 5.0, 20.0
     if layout.ionosphere:
-        sigma[layout.at_ionosphere] = 0.5
+        sigma[layout.at(IONOSPHERE)] = 0.5
     for i, heading in enumerate(np.radians([-1.0, 1.0])):
         c, s = math.cos(heading), math.sin(heading)
         made.state["C_eb"][i] = C_ne.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -204,7 +206,7 @@ def short_log(
 
     The loop stops where a hypothesis has become negligible; it goes on with both.
     """
-    layout = Layout(n_offsets=1, ionosphere=with_carrier, clone=with_carrier)
+    layout = layout_with(n_offsets=1, ionosphere=with_carrier, clone=with_carrier)
     made, log, par = bank(layout), rows(layout), parameters(layout)
     times = START_NS + np.arange(1, 22) * 50_000_000 + 3_000_000 if output_between else np.zeros(0)
     out = new_output(log, 40, 20, times.astype(np.int64), layout.n_values)
@@ -221,7 +223,7 @@ def short_log(
 
 def lost_log() -> list[Any]:
     """Return what the loop writes of a bank of which one hypothesis, then both, hold a number that is none."""
-    layout = Layout(n_offsets=1, clone=True)
+    layout = layout_with(n_offsets=1, clone=True)
     made, log, par = bank(layout), rows(layout), parameters(layout)
     out = new_output(log, 40, 20, np.zeros(0, np.int64), layout.n_values)
     work = new_workspace(len(SKY), layout, None, limits_of(Visibility()))
@@ -234,7 +236,7 @@ def lost_log() -> list[Any]:
 
 def one_heading_with_unknown_motion() -> list[Any]:
     """Return everything the loop changes for one hypothesis on the move, inside a gap of the samples."""
-    layout = Layout(n_offsets=1)
+    layout = layout_with(n_offsets=1)
     made, log, par = select_members(bank(layout), np.zeros(1, np.int64)), rows(layout), parameters(layout)
     made.state["v_e"] = made.state["C_eb"][:, :, 0] * 12.0
     samples = imu()
@@ -296,7 +298,7 @@ def wrong_rows() -> tuple[Float64, Lines]:
 def crowd(noise: float) -> list[Any]:
     """Return what twenty seconds of ten satellites leave of levels and means: one runs away, or all are noisy."""
     P, lines = wrong_rows()
-    made, par, work = new_bank(1, 0), parameters(Layout())[0], new_epoch(10, OFFSETS)
+    made, par, work = new_bank(1, 0), parameters(layout_with())[0], new_epoch(10, OFFSETS)
     par["drift_gate"], m, fit = 4.0, made.state[0], work.fit
     observation = np.zeros(10, OBSERVATION_DTYPE)
     observation["slot"] = np.arange(10) * N_BANDS
@@ -323,7 +325,7 @@ def crowd(noise: float) -> list[Any]:
 # digit of a sine may grow.
 def two_headings() -> list[Any]:
     """Return what two hypotheses say of their heading and motion, and a row of a satellite that may be hidden."""
-    made = bank(Layout(n_offsets=1))
+    made = bank(layout_with(n_offsets=1))
     first, second = made.state[0], made.state[1]
     first.v_e[:], first.v_mean_variance = [3.0, -1.0, 2.0], 0.01
     line = new_epoch(1, OFFSETS).lines[0]

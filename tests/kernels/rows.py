@@ -9,14 +9,15 @@ import numpy as np
 from insgnss.fusion.between import Onward, filtered, smoothed, write_smoothed
 from insgnss.fusion.body_points import Wanted, further_values
 from insgnss.fusion.output import N_NAV, NAV_DTYPE
-from insgnss.fusion.state import BG, OFFSETS, Layout, select_members
+from insgnss.fusion.state import BG, OFFSETS, select_members
 from tests.kernels import KernelCase
 from tests.kernels.fusion import START_NS, bank, imu, parameters
+from tests.layouts import layout_with
 
 
 def between_epochs() -> list[Any]:
     """Return what 1.1 s without measurements make of a filter, and what a later epoch tells of it."""
-    layout = Layout(n_offsets=1)
+    layout = layout_with(n_offsets=1)
     made, par = select_members(bank(layout), np.zeros(1, np.int64)), parameters(layout)
     times_ns = START_NS + np.array([3, 50, 51, 700, 1_030]) * 1_000_000
     (_, P), *_ = filtered(made, times_ns, imu(), par)

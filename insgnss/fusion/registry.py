@@ -1,0 +1,21 @@
+"""What the filter knows by itself: the list of its blocks of further states."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.fusion.layout import Layout, StateBlock
+from insgnss.fusion.states.glonass_channel_bias import glonass_channel_bias
+from insgnss.fusion.states.ionosphere import ionosphere
+from insgnss.fusion.states.system_offsets import system_offsets
+from insgnss.fusion.states.wanted import StatesWanted
+from insgnss.fusion.states.zenith_delay import zenith_delay
+
+# the clock offsets come first: an observation names its own by number
+STATES: Final = (system_offsets, glonass_channel_bias, zenith_delay, ionosphere)
+
+
+def layout_of(wanted: StatesWanted, further: tuple[StateBlock, ...] = ()) -> Layout:
+    """Return the layout of a filter: its own blocks as the settings and the log want them, and ``further`` ones."""
+    own = [block for state in STATES if (block := state(wanted)) is not None]
+    return Layout((*own, *further), clone=wanted.with_carrier)

@@ -1,0 +1,15 @@
+"""What a block of further states is chosen by."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from insgnss.config.filter import FilterConfig
+
+
+class StatesWanted(NamedTuple):
+    """The settings, and what the log holds."""
+
+    config: FilterConfig
+    clock_groups: tuple[str, ...]  # see ``gnss.clock_groups``; the first keeps the receiver clock
+    with_carrier: bool  # carrier differences are used
