@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from insgnss.constants import C_MPS, NS_PER_WEEK, WGS84_A_M, WGS84_B_M, WGS84_OMEGA_RADPS
 from insgnss.fusion import state
 from insgnss.fusion.closed_loop import close_loop
-from insgnss.fusion.lines import new_epoch
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import NAV_COLUMNS
 from insgnss.fusion.scalar_update import scalar_update

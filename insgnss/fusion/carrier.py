@@ -1,53 +1,13 @@
-"""Time-differenced carrier phase: how far the antenna has come since the epoch before, to millimetres, compiled.
-
-The carrier's ambiguity is the same in both epochs and falls out of the difference
-    phi_k - phi_k-1 = [rho + clock - satellite clock + troposphere - ionosphere]_k - [the same]_k-1 + noise,
-which depends on the antenna's position and clock now and then. Then is a part of the filter's state: after each epoch
-antenna position and clock are cloned, with their correlations to all that they were made of, and the clone's error is
-constant until the next epoch (stochastic cloning) [Roumeliotis & Burdick 2002]. So the difference is weighed exactly
-against what the filter knows of both ends, and corrects both.
-
-Neglects: two differences that follow each other share the phase noise of the epoch between them, correlation -1/2;
-taken as independent, the sum over many epochs is believed less than it deserves.
-"""
+"""The clone of an epoch: antenna position and clock, which the next carrier differences count from, compiled."""
 
 from __future__ import annotations
 
 from insgnss.apart import apart
-from insgnss.fusion.lines import N_RANGE, Antenna, Epoch, Line
+from insgnss.fusion.lines import Antenna
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import CLOCK, DR, N_CLONE, PSI, StateRecord
-from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.gnss.range_model import Air
-from insgnss.jit import inlined
 from insgnss.tables import Float64
-
-
-@inlined
-def carrier_row(m: StateRecord, rows: Rows, i: int, distance: float, s: Epoch, line: Line) -> float:
-    """Write the row of H of a carrier difference; return its prediction without the air's part, ``carrier_delay`` [m].
-
-    Position now -u, attitude now u x l_e, clock now 1; position then u', clock then -1.
-
-    Parameters
-    ----------
-    distance : geometric range of now [m]
-    """
-    a = s.antenna[0]
-    u, then, l_e = a.u, a.u_before, a.l_e
-    before = line_of_sight_range(rows.before, i, m.r_clone, then)
-    h = line.h[CARRIER]
-    h[0], h[1], h[2] = -u[0], -u[1], -u[2]
-    h[3] = u[1] * l_e[2] - u[2] * l_e[1]
-    h[4] = u[2] * l_e[0] - u[0] * l_e[2]
-    h[5] = u[0] * l_e[1] - u[1] * l_e[0]
-    h[6] = 1.0
-    for k in range(3):
-        h[N_RANGE + k] = then[k]
-    h[N_RANGE + 3] = -1.0
-    clocks = m.clock[0] - m.clock_clone - (rows.sat[i, 6] - rows.before[i, 6])
-    return float(distance - before + clocks)
 
 
 @apart

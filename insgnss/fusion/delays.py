@@ -25,12 +25,12 @@ import math
 from typing import Final
 
 from insgnss.constants import WGS84_A_M
-from insgnss.fusion.lines import N_CARRIER, N_RANGE, N_RATE, Epoch, Line
+from insgnss.fusion.lines import Epoch, Line
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Observation, Rows
+from insgnss.gnss.observation_rows import Observation, Rows
 from insgnss.gnss.range_model import place_air, slant_changes
 from insgnss.jit import inlined
 
@@ -89,56 +89,6 @@ def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Li
 def shell_mapping(sine: float) -> float:
     """Return slant over zenith delay of a thin shell 350 km high: 1 / sqrt(1 - (R / (R + h) cos E)^2)."""
     return 1.0 / math.sqrt(1.0 - _AT_SHELL * _AT_SHELL * (1.0 - sine * sine))
-
-
-@inlined
-def range_delay(m: StateRecord, par: Parameters, row: Observation, s: Epoch, line: Line) -> float:
-    """Return what air and optional states add to a pseudorange [m]; write the columns of the latter."""
-    a = s.antenna[0]
-    count = N_RANGE
-    total = 0.0
-    h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE]
-    if row.group > 0:
-        h[count], columns[count] = 1.0, OFFSETS + row.group - 1
-        total += m.optional[row.group - 1]
-        count += 1
-    if par.at_channel_bias >= 0 and row.channel != 0:
-        h[count], columns[count] = row.channel, par.at_channel_bias
-        total += row.channel * m.optional[par.at_channel_bias - OFFSETS]
-        count += 1
-    left, count = zenith_columns(
-        m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, row.ionosphere_factor * a.shell
-    )
-    line.count[PSEUDORANGE] = count
-    return float(total + left + (row.ionosphere_factor * a.ionosphere + a.troposphere))
-
-
-@inlined
-def rate_delay(m: StateRecord, par: Parameters, row: Observation, s: Epoch, line: Line) -> float:
-    """Return what the air adds to a range rate [m/s]; write the columns of what the models leave."""
-    a = s.antenna[0]
-    per_s = 1.0 / a.look_back
-    wet = (s.air[0].wet_factor - s.air[1].wet_factor) * per_s
-    left, count = zenith_columns(
-        m, par, line, RANGE_RATE, N_RATE, wet, -row.phase_factor * a.shell_grown * per_s
-    )
-    line.count[RANGE_RATE] = count
-    return float(left + (a.troposphere_grown - row.phase_factor * a.ionosphere_grown) * per_s)
-
-
-@inlined
-def carrier_delay(m: StateRecord, par: Parameters, row: Observation, s: Epoch, line: Line) -> float:
-    """Return by how much the air has lengthened a carrier since the clone; write the columns of what the models leave.
-
-    The zenith delays of then are the clone's: a climb is in them as it was.
-    """
-    a, air, earlier = s.antenna[0], s.air[0], s.air[1]
-    troposphere = air.dry * air.dry_factor + air.wet * air.wet_factor
-    troposphere -= m.air_clone[0] * earlier.dry_factor + m.air_clone[1] * earlier.wet_factor
-    wet = air.wet_factor - earlier.wet_factor
-    left, count = zenith_columns(m, par, line, CARRIER, N_CARRIER, wet, -row.phase_factor * a.shell_grown)
-    line.count[CARRIER] = count
-    return float(left + troposphere - row.phase_factor * a.ionosphere_grown)
 
 
 @inlined

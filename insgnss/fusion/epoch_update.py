@@ -29,7 +29,6 @@ from insgnss.tables import Float64, Int8
 
 _OUTAGE_S = 2.5  # without an epoch
 _LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
-_SMALLEST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 
 
 class Outcome(NamedTuple):
@@ -88,13 +87,13 @@ def update_epoch(
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     for kind in range(2):
         step, variance = common_step(
-            lines, kind, values, smallest_step(par, kind), P[CLOCK + kind, CLOCK + kind]
+            lines, kind, values, par.kind[kind].least_step, P[CLOCK + kind, CLOCK + kind]
         )
         if step != 0.0:
             absorb_clock_step(m.clock, P, lines, kind, CLOCK + kind, step, variance)
         if kind == PSEUDORANGE:
             refuse_reflections(m, lines, observation, t_ns, par)
-        used, refused, strain = gate_rows(lines, kind, gate2_of(par, kind))
+        used, refused, strain = gate_rows(lines, kind, par.kind[kind].gate2)
         if alone:  # rows that contradict a wrong heading must not be widened for its sake
             weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
@@ -203,7 +202,7 @@ def use_epoch(
         log_likelihood, information = 0.0, 0.0
         for kind in range(N_KINDS):
             spread = spread_of(par, kind, since_last)
-            of_kind = use_rows(P, lines, vectors, kind, gate2_of(par, kind), spread, response)
+            of_kind = use_rows(P, lines, vectors, kind, par.kind[kind].gate2, spread, response)
             log_likelihood += of_kind[0]
             information += of_kind[1]
         if turn == 1 or par.residual_gate2 <= 0.0:
@@ -225,7 +224,7 @@ def use_epoch(
 @inlined
 def spread_of(par: Parameters, kind: int, since_last: float) -> float:
     """Return by how much a variance counts more than one epoch's own, see ``use_rows``."""
-    return float(max(1.0, correlation_of(par, kind) / since_last))
+    return float(max(1.0, par.kind[kind].correlation / since_last))
 
 
 @inlined
@@ -241,30 +240,9 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
             if lines[j].status[CARRIER] == USED:
                 lines[j].status[CARRIER] = CLOCK_STEPPED
         return
-    gate_rows(lines, CARRIER, par.carrier_gate2)
-    gate_between(P, lines, vectors, par.carrier_gate2)
-
-
-@inlined
-def correlation_of(par: Parameters, kind: int) -> float:
-    """Return how long the errors of a kind stay alike [s]; a carrier's difference forgets its own at once."""
-    if kind == CARRIER:
-        return 0.0
-    return float(par.range_correlation if kind == PSEUDORANGE else par.rate_correlation)
-
-
-@inlined
-def gate2_of(par: Parameters, kind: int) -> float:
-    """Return the squared gate of a kind."""
-    if kind == CARRIER:
-        return float(par.carrier_gate2)
-    return float(par.range_gate2 if kind == PSEUDORANGE else par.rate_gate2)
-
-
-@inlined
-def smallest_step(par: Parameters, kind: int) -> float:
-    """Return the smallest common step that counts as the clock's: of the bias [m] or of the drift [m/s]."""
-    return float(par.clock_jump_min if kind == 0 else _SMALLEST_DRIFT_STEP_MPS)
+    gate2 = par.kind[CARRIER].gate2
+    gate_rows(lines, CARRIER, gate2)
+    gate_between(P, lines, vectors, gate2)
 
 
 @inlined

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
-from insgnss.fusion.measurements import kind_variance
 from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.row_noise import model_variance, row_variance
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.line_of_sight import line_of_sight_range
@@ -129,17 +129,9 @@ def _corrections(
 
 def _variances(row: np.record, sine: float, par: Parameters) -> tuple[float, float]:
     """Return the variances of a row's pseudorange and range rate."""
-    of_range = (par.range_floor2, par.range_elevation2, par.range_cn02, par.range_missing_thermal)
-    of_rate = (par.rate_floor2, par.rate_elevation2, par.rate_cn02, par.rate_missing_thermal)
     # a fix has no history to correct a sigma that the log states too small: the model's is the least
-    return (
-        row.variance_scale
-        * max(
-            kind_variance(row.sigma[0], sine, row.thermal, *of_range),
-            kind_variance(0.0, sine, row.thermal, *of_range),
-        ),
-        max(
-            kind_variance(row.sigma[1], sine, row.thermal, *of_rate),
-            kind_variance(0.0, sine, row.thermal, *of_rate),
-        ),
+    of_range, of_rate = (
+        max(row_variance(row.sigma[kind], sine, row.thermal, of), model_variance(sine, row.thermal, of))
+        for kind, of in ((PSEUDORANGE, par.kind[PSEUDORANGE]), (RANGE_RATE, par.kind[RANGE_RATE]))
     )
+    return row.variance_scale * of_range, of_rate

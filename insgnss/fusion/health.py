@@ -27,7 +27,7 @@ from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import Bank
 from insgnss.fusion.suspects import judge, run_away
 from insgnss.fusion.verdict_words import in_words as verdict_in_words
-from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.status import GATED, USED
 from insgnss.tables import Event
 
@@ -164,7 +164,13 @@ class Health:
         par, P, t_ns = parameters[0], bank.P[bank.head[0].leader], int(rows.epoch_ns[epoch])
         first, last = rows.first[epoch], rows.first[epoch + 1]
         sv, correction = rows.observation["sv"][first:last], space.vectors[0, : len(P)]
-        steps = clock_steps(space.lines[: last - first], sv, P, correction, (par.range_gate2, par.rate_gate2))
+        steps = clock_steps(
+            space.lines[: last - first],
+            sv,
+            P,
+            correction,
+            (par.kind[PSEUDORANGE].gate2, par.kind[RANGE_RATE].gate2),
+        )
         for step in steps:
             absorb(bank, step, par.lever_b)
             bank.head["renewed_ns"] = t_ns

@@ -2,30 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.fusion.state import ABSENT_STATE, BG, CLOCK, DR, DRIFT, DV, N_CLONE, PSI
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
-from insgnss.gnss.range_model import AIR_DTYPE
-from insgnss.tables import Float64, Int64
+from insgnss.gnss.observation_rows import N_KINDS
+from insgnss.tables import Float64
 
-RANGE_COLUMNS: Final = np.array((DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK), np.int64)
-RATE_COLUMNS: Final = np.array(
-    (
-        *(DR, DR + 1, DR + 2, DV, DV + 1, DV + 2),
-        *(PSI, PSI + 1, PSI + 2, BG, BG + 1, BG + 2, DRIFT),
-    ),
-    np.int64,
-)
-N_RANGE: Final = len(
-    RANGE_COLUMNS
-)  # and up to four optional ones: clock offset, channel bias, both delays left
-N_RATE: Final = len(RATE_COLUMNS)
-N_CARRIER: Final = N_RANGE + N_CLONE
 WIDTH: Final = 15  # of the longest row, so that one compiled update serves all kinds
 
 LINE_DTYPE: Final = np.dtype(
@@ -58,6 +42,8 @@ ANTENNA_DTYPE: Final = np.dtype(
             ("turning_e", np.float64, (3,)),  # the same of the rotation that counts as motion
             ("C_ne", np.float64, (3, 3)),
             ("u", np.float64, (3,)),  # line of sight
+            ("distance", np.float64),  # of the last row: range [m] ...
+            ("range_rate", np.float64),  # ... and how fast it grows [m/s]
             ("dr", np.float64, (3,)),  # derivative of the range rate by position
             ("u_before", np.float64, (3,)),  # line of sight at the epoch before
             # a little earlier, as ``delays`` has it
@@ -94,26 +80,3 @@ class Epoch(NamedTuple):
         Float64  # (4 + N_CLONE, n or k): correction, two of scratch, one to sort; the old clone's rows of P
     )
     fit: Float64  # (FIT_ROWS, 4) work space of ``integrity``
-
-
-def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
-    """Return work space for epochs of at most ``k`` rows and ``n`` error states, the clone from ``at_clone`` on."""
-    lines = np.zeros(k, LINE_DTYPE)
-    for kind, columns in enumerate(columns_of(at_clone)):
-        lines["columns"][:, kind, : len(columns)] = columns
-        lines["count"][:, kind] = len(columns)
-    lines["gain"] = math.nan
-    return Epoch(
-        lines,
-        np.zeros(1, ANTENNA_DTYPE),
-        np.zeros(2, AIR_DTYPE),
-        np.zeros((CLONE_ROWS + N_CLONE, max(k, n))),
-        np.zeros((FIT_ROWS, 4)),
-    )
-
-
-def columns_of(at_clone: int) -> tuple[Int64, Int64, Int64]:
-    """Return where the entries of each kind's row stand, the optional ones of a range left out."""
-    by_kind = {PSEUDORANGE: RANGE_COLUMNS, RANGE_RATE: RATE_COLUMNS}
-    by_kind[CARRIER] = np.append(RANGE_COLUMNS, np.arange(max(at_clone, 0), max(at_clone, 0) + N_CLONE))
-    return by_kind[PSEUDORANGE], by_kind[RANGE_RATE], by_kind[CARRIER]

@@ -13,10 +13,11 @@ import numpy as np
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import Limits
 from insgnss.apart import apart
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.epoch_update import Outcome, update_epoch
 from insgnss.fusion.headings import heading_variance, is_wide, needs_pruning, weigh_headings
 from insgnss.fusion.layout import Layout
-from insgnss.fusion.lines import Epoch, new_epoch
+from insgnss.fusion.lines import Epoch
 from insgnss.fusion.masking import NO_LIMITS, Masking, new_masking
 from insgnss.fusion.output import (
     CLOCK_STEP,

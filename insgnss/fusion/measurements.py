@@ -1,9 +1,7 @@
 """What the filter expects of each row of an epoch: innovation, row of H and variances at the prior, compiled.
 
-Range row:       rho + clock + offset + k channel bias - satellite clock + the air's delay
-Range-rate row:  rho_dot + drift - satellite drift + the delay's growth
-both at the antenna, r_e + C_eb l and v_e + C_eb (w_ib x l) - w_ie x C_eb l. The carrier's row is in ``carrier``, what
-the air adds to all three in ``delays``.
+The equations of each kind are in ``kinds``, what the air adds to all of them in ``delays``. All are of the antenna, at
+r_e + C_eb l with v_e + C_eb (w_ib x l) - w_ie x C_eb l.
 """
 
 from __future__ import annotations
@@ -12,22 +10,19 @@ import math
 
 from insgnss.apart import apart
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
-from insgnss.fusion.carrier import carrier_row
-from insgnss.fusion.delays import carrier_delay, place_airs, range_delay, rate_delay, row_delays
+from insgnss.fusion.delays import place_airs, row_delays
 from insgnss.fusion.lines import Antenna, Epoch, Line
 from insgnss.fusion.motion import place_turning
 from insgnss.fusion.parameters import Parameters
+from insgnss.fusion.predictions import predict
 from insgnss.fusion.scalar_update import predicted_variance
 from insgnss.fusion.state import StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.gnss.noise_model import measurement_variance, stated_variance
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
 from insgnss.jit import borrowing, inlined
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
-
-_STATED_FLOOR2 = 0.09  # a log's own sigma is believed down to 0.3 of the model's floor
 
 
 @inlined
@@ -57,42 +52,6 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
         acceleration = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z + a.u[i]
         a.r_a[i] = m.r_e[i] + a.l_e[i] - late * (a.v_a[i] - 0.5 * late * acceleration)
         a.v_a[i] -= late * acceleration
-
-
-@inlined
-def range_row(a: Antenna, h: Float64) -> None:
-    """Write the row of H of a pseudorange: -u, (u x l_e), clock 1."""
-    u, l_e = a.u, a.l_e
-    h[0], h[1], h[2] = -u[0], -u[1], -u[2]
-    h[3] = u[1] * l_e[2] - u[2] * l_e[1]
-    h[4] = u[2] * l_e[0] - u[0] * l_e[2]
-    h[5] = u[0] * l_e[1] - u[1] * l_e[0]
-    h[6] = 1.0
-
-
-@inlined
-def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
-    """Write the row of H of a range rate.
-
-    Position: d rho_dot/dr = -(w_rel - u (u.w_rel))/rho; velocity: -u; attitude: u x a_e + l_e x (u x w_ie) with
-    a_e = C (w_ib x l) of a rotation that was shown (``motion.place_turning``); gyro bias: l x C^T u; drift: 1.
-    """
-    u, l_e, a_e, lever = a.u, a.l_e, a.turning_e, par.lever_b
-    C = m.C_eb
-    h[0], h[1], h[2] = a.dr[0], a.dr[1], a.dr[2]
-    h[3], h[4], h[5] = -u[0], -u[1], -u[2]
-    # u x w_ie with w_ie = (0, 0, w)
-    x, y = u[1] * WGS84_OMEGA_RADPS, -u[0] * WGS84_OMEGA_RADPS
-    h[6] = u[1] * a_e[2] - u[2] * a_e[1] - l_e[2] * y
-    h[7] = u[2] * a_e[0] - u[0] * a_e[2] + l_e[2] * x
-    h[8] = u[0] * a_e[1] - u[1] * a_e[0] + l_e[0] * y - l_e[1] * x
-    b0 = C[0, 0] * u[0] + C[1, 0] * u[1] + C[2, 0] * u[2]
-    b1 = C[0, 1] * u[0] + C[1, 1] * u[1] + C[2, 1] * u[2]
-    b2 = C[0, 2] * u[0] + C[1, 2] * u[1] + C[2, 2] * u[2]
-    h[9] = lever[1] * b2 - lever[2] * b1
-    h[10] = lever[2] * b0 - lever[0] * b2
-    h[11] = lever[0] * b1 - lever[1] * b0
-    h[12] = 1.0
 
 
 @apart
@@ -141,7 +100,7 @@ def observe_row(
 ) -> None:
     """Write direction, masks, innovations, rows of H and measurement variances of one row."""
     a = s.antenna[0]
-    distance, rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
+    a.distance, a.range_rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
     u, C_ne, C = a.u, a.C_ne, m.C_eb
     for k in range(3):
         line.u_n[k] = C_ne[k, 0] * u[0] + C_ne[k, 1] * u[1] + C_ne[k, 2] * u[2]
@@ -150,29 +109,9 @@ def observe_row(
     mask_row(par, sine, row.cn0, line)
     if line.status[0] == USED or line.status[1] == USED or line.status[CARRIER] == USED:
         row_delays(rows, par, row, s, line)
-    if line.status[0] == USED:
-        range_row(a, line.h[0])
-        predicted = distance + m.clock[0] - rows.sat[i, 6] + range_delay(m, par, row, s, line)
-        line.innovation[0] = row.value[0] - predicted
-        line.variance[0] = m.noise_factor[0] * row.variance_scale * kind_variance(
-            row.sigma[0], sine, row.thermal, par.range_floor2, par.range_elevation2, par.range_cn02,
-            par.range_missing_thermal,
-        )  # fmt: skip
-    if line.status[1] == USED:
-        predicted = rate + m.clock[1] - rows.sat[i, 7] + rate_delay(m, par, row, s, line)
-        line.innovation[1] = row.value[1] - predicted
-        line.variance[1] = m.noise_factor[1] * kind_variance(
-            row.sigma[1], sine, row.thermal, par.rate_floor2, par.rate_elevation2, par.rate_cn02,
-            par.rate_missing_thermal,
-        )  # fmt: skip
-        rate_row(m, par, a, line.h[1])
-    if line.status[CARRIER] == USED:
-        predicted = carrier_row(m, rows, i, distance, s, line) + carrier_delay(m, par, row, s, line)
-        line.innovation[CARRIER] = rows.carrier[i].value - predicted
-        line.variance[CARRIER] = m.noise_factor[CARRIER] * measurement_variance(
-            sine, row.thermal, par.carrier_floor2, par.carrier_elevation2, par.carrier_cn02,
-            par.carrier_missing_thermal,
-        )  # fmt: skip
+    for kind in range(N_KINDS):
+        if line.status[kind] == USED:
+            line.innovation[kind], line.variance[kind] = predict(kind, m, par, rows, i, s, line)
 
 
 @inlined
@@ -202,13 +141,3 @@ def mask_row(par: Parameters, sine: float, cn0: float, line: Line) -> None:
         for kind in range(N_KINDS):
             if line.status[kind] == USED:
                 line.status[kind] = refused
-
-
-@inlined
-def kind_variance(
-    stated: float, sine: float, thermal: float, floor2: float, elevation2: float, cn02: float, missing: float
-) -> float:
-    """Return a row's variance: from the log's own sigma where it states one, from the model elsewhere."""
-    if stated > 0.0:
-        return stated_variance(stated, _STATED_FLOOR2 * floor2)
-    return measurement_variance(sine, thermal, floor2, elevation2, cn02, missing)

@@ -16,14 +16,37 @@ from insgnss.fusion.states.glonass_channel_bias import CHANNEL_BIAS
 from insgnss.fusion.states.ionosphere import IONOSPHERE
 from insgnss.fusion.states.zenith_delay import ZENITH_DELAY
 from insgnss.gnss.noise_model import thermal_factor
+from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.gnss.troposphere import Weather, weather_at_sea_level
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 
 _KELVIN = 273.15
+_LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 _WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
 _OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``Rows`` holds their delays
 
+KIND_DTYPE = np.dtype(
+    (
+        np.record,
+        [  # m^2, of range rates m^2/s^2
+            ("floor2", np.float64),
+            ("elevation2", np.float64),
+            ("cn02", np.float64),
+            ("missing_thermal", np.float64),
+            (
+                "correlation",
+                np.float64,
+            ),  # how long errors stay alike [s]; a carrier difference forgets its own
+            ("gate2", np.float64),  # squared gate [-]
+            (
+                "least_step",
+                np.float64,
+            ),  # least common step that few rows show of the clock: bias [m], drift [m/s]
+        ],
+    )
+)
+KindNumbers: TypeAlias = Any  # one element of KIND_DTYPE
 PARAMETERS_DTYPE = np.dtype(
     (
         np.record,
@@ -75,30 +98,13 @@ PARAMETERS_DTYPE = np.dtype(
             ("pressure_0", np.float64),  # air at sea level [hPa]
             ("temperature_0", np.float64),  # [K]
             ("humidity", np.float64),  # relative
-            ("range_floor2", np.float64),  # [m^2]
-            ("range_elevation2", np.float64),
-            ("range_cn02", np.float64),
-            ("range_missing_thermal", np.float64),
-            ("rate_floor2", np.float64),  # [m^2/s^2]
-            ("rate_elevation2", np.float64),
-            ("rate_cn02", np.float64),
-            ("rate_missing_thermal", np.float64),
-            ("carrier_floor2", np.float64),  # [m^2]
-            ("carrier_elevation2", np.float64),
-            ("carrier_cn02", np.float64),
-            ("carrier_missing_thermal", np.float64),
-            ("range_correlation", np.float64),  # [s]
-            ("rate_correlation", np.float64),  # [s]
-            ("range_gate2", np.float64),  # squared gate [-]
-            ("rate_gate2", np.float64),
-            ("carrier_gate2", np.float64),
+            ("kind", KIND_DTYPE, (N_KINDS,)),  # of pseudoranges, range rates, carrier differences
             ("robust", np.int64),  # 0 the gate alone, HUBER or STUDENT of ``faults``
             ("huber_k", np.float64),
             ("student_freedom", np.float64),
             ("residual_gate2", np.float64),  # squared, of a residual after the update; 0: not tested
             ("drift_gate", np.float64),  # sigmas between fast and slow mean; 0: not tested
             ("reflected_below_db", np.float64),  # [dB]; 0: not tested
-            ("clock_jump_min", np.float64),  # [m]
             ("lockout_epochs", np.float64),
             ("strain_limit", np.float64),
             ("strain_time", np.float64),  # [s]
@@ -183,6 +189,7 @@ def resolve_parameters(
     sensor = sensor_model(grade)
     clock = clock_model(oscillator)
     use, gates = config.measurements, config.gates
+    ranges, rates = config.pseudorange_noise_m, config.range_rate_noise_mps
     values = (
         sensor.gyro_density,
         sensor.accel_density,
@@ -208,21 +215,17 @@ def resolve_parameters(
         _visibility(config, with_antennas),
         float(use.troposphere == "saastamoinen"),
         *weather_of(use),
-        *_noise(config.pseudorange_noise_m),
-        *_noise(config.range_rate_noise_mps),
-        *_noise(config.carrier_noise_m),
-        config.pseudorange_noise_m.correlation_time_s,
-        config.range_rate_noise_mps.correlation_time_s,
-        gates.pseudorange_sigma**2,
-        gates.range_rate_sigma**2,
-        gates.carrier_sigma**2,
+        [
+            (*_noise(ranges), ranges.correlation_time_s, gates.pseudorange_sigma**2, gates.clock_jump_min_m),
+            (*_noise(rates), rates.correlation_time_s, gates.range_rate_sigma**2, _LEAST_DRIFT_STEP_MPS),
+            (*_noise(config.carrier_noise_m), 0.0, gates.carrier_sigma**2, math.inf),
+        ],
         ("gate", "huber", "student").index(config.faults.weights),
         config.faults.huber_k,
         config.faults.student_freedom,
         (config.faults.residual_sigma or 0.0) ** 2,
         config.faults.drift_sigma or 0.0,
         config.faults.reflected_below_db or 0.0,
-        gates.clock_jump_min_m,
         float(config.health.lockout_epochs),
         config.health.strain_nis,
         config.health.strain_s,

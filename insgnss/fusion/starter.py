@@ -10,8 +10,8 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.fusion.carried_start import Carried, is_violent, open_carried
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.fix import Fix, fix_epoch
-from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.prediction import Imu

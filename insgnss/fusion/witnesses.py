@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.creeping import RATE_FLOOR2
-from insgnss.fusion.epoch_update import gate2_of, spread_of
+from insgnss.fusion.epoch_update import spread_of
 from insgnss.fusion.output import Table
 from insgnss.fusion.parameters import Parameters
 from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, Rows
@@ -86,7 +86,7 @@ def cost_without(written: list[Written], satellite: int, par: Parameters) -> flo
         S, D = ledger["variance"][:, kind], ledger["predicted"][:, kind]
         widened = D + spread_of(par, kind, step_s) * (S - D)
         total += 0.5 * float(np.sum((S / widened + np.log(widened))[used]))
-        total += 0.5 * float(np.sum(gate2_of(par, kind) + np.log(S[refused])))
+        total += 0.5 * float(np.sum(par.kind[kind].gate2 + np.log(S[refused])))
     return total
 
 

@@ -25,11 +25,13 @@ from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
+from insgnss.fusion.kinds.pseudorange import range_row
+from insgnss.fusion.kinds.range_rate import rate_row
 from insgnss.fusion.layout import Layout
-from insgnss.fusion.lines import ANTENNA_DTYPE, RANGE_COLUMNS, RATE_COLUMNS
-from insgnss.fusion.measurements import range_row, rate_row
+from insgnss.fusion.lines import ANTENNA_DTYPE
 from insgnss.fusion.parameters import resolve_parameters
 from insgnss.fusion.prediction import Scratch, new_scratch, predict_covariance
+from insgnss.fusion.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.scalar_update import predicted_variance, scalar_update
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.geodesy.rotations import euler_to_matrix

@@ -17,11 +17,13 @@ import pymap3d
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
-from insgnss.fusion.lines import RANGE_COLUMNS, RATE_COLUMNS, Epoch, new_epoch
+from insgnss.fusion.epoch_space import new_epoch
+from insgnss.fusion.lines import Epoch
 from insgnss.fusion.loop import Imu, Workspace, new_workspace, run_epochs
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.output import Output, new_output
 from insgnss.fusion.parameters import resolve_parameters
+from insgnss.fusion.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
@@ -73,7 +75,7 @@ def place(lat_deg: float = 59.97, lon_deg: float = 30.32, h_m: float = 120.0) ->
 
 
 def parameters(lever_b: Sequence[float] = (0.0, 0.0, 0.0), **changes: Any) -> npt.NDArray[Any]:
-    """Return the filter's numbers; ``changes`` replaces single ones by the names of ``PARAMETERS_DTYPE``."""
+    """Return the filter's numbers; ``changes`` replaces single ones as ``set_number`` does."""
     noise = {"elevation": 0.0, "cn0_at_45_dbhz": 0.0}
     config = FilterConfig.model_validate(
         {
@@ -90,8 +92,17 @@ def parameters(lever_b: Sequence[float] = (0.0, 0.0, 0.0), **changes: Any) -> np
         config, TACTICAL, TCXO, lever, klobuchar_known=True, layout=layout_with(n_offsets=6)
     )
     for name, value in changes.items():
-        par[name] = value
+        set_number(par, name, value)
     return par
+
+
+def set_number(par: npt.NDArray[Any], name: str, value: Any) -> None:
+    """Set one of the filter's numbers; ``range_gate2`` is the field ``gate2`` of the pseudoranges' numbers."""
+    prefix, _, field = name.partition("_")
+    if prefix in ("range", "rate", "carrier"):
+        par["kind"][field][:, ("range", "rate", "carrier").index(prefix)] = value
+    else:
+        par[name] = value
 
 
 def attitude(at: Place, roll_deg: float, pitch_deg: float, yaw_deg: float) -> Float64:

@@ -12,7 +12,8 @@ import pytest
 from insgnss.constants import C_MPS
 from insgnss.fusion import compile_loop
 from insgnss.fusion.carrier import clone_epoch
-from insgnss.fusion.lines import Epoch, new_epoch
+from insgnss.fusion.epoch_space import new_epoch
+from insgnss.fusion.lines import Epoch
 from insgnss.fusion.loop import new_workspace, run_epochs
 from insgnss.fusion.measurements import observe, place_antenna
 from insgnss.fusion.output import new_output

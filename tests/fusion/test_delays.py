@@ -12,7 +12,7 @@ import pytest
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.fusion.delays import shell_mapping
-from insgnss.fusion.lines import new_epoch
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import N_CLONE, OFFSETS, Bank, new_bank

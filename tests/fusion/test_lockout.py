@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from insgnss.fusion.lines import LINE_DTYPE, RANGE_COLUMNS, RATE_COLUMNS, Lines
+from insgnss.fusion.lines import LINE_DTYPE, Lines
 from insgnss.fusion.lockout import ClockStep, absorb, clock_steps
+from insgnss.fusion.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.state import CLOCK, DR, DRIFT, OFFSETS, Bank, new_bank
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.status import GATED, SWITCHED_OFF, USED

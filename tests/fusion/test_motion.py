@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.epoch_update import use_rows
 from insgnss.fusion.headings import weigh_headings
-from insgnss.fusion.lines import new_epoch
 from insgnss.fusion.loop import new_workspace
 from insgnss.fusion.motion import sees_earth_rate, velocity_changed
 from insgnss.fusion.parameters import PARAMETERS_DTYPE

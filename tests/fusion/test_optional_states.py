@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.fusion.lines import new_epoch
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.measurements import observe
 from insgnss.fusion.state import OFFSETS, Bank
 from insgnss.gnss.observation_rows import PSEUDORANGE, Rows

@@ -9,10 +9,10 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.lines import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.loop import carry_bank
 from insgnss.fusion.output import NO_MEASUREMENTS
 from insgnss.fusion.prediction import new_scratch
+from insgnss.fusion.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.scalar_update import scalar_update
 from insgnss.fusion.state import CLOCK, DR, DRIFT, DV, OFFSETS, Bank, copy_bank
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, RANGE_RATE, Rows, prepare_rows

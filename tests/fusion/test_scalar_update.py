@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.fusion.lines import RANGE_COLUMNS, RATE_COLUMNS
+from insgnss.fusion.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.fusion.scalar_update import predicted_variance, scalar_update
 from insgnss.fusion.state import BA, CLOCK, DR, DRIFT, OFFSETS
 from insgnss.tables import Float64, Int64

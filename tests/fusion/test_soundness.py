@@ -12,9 +12,10 @@ import pytest
 from insgnss.constants import NS_PER_S
 from insgnss.fusion import consistency
 from insgnss.fusion.consistency import exchange, farthest, refuse_inconsistent, remove_smallest_set
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.epoch_update import use_rows
 from insgnss.fusion.gating import gate_rows
-from insgnss.fusion.lines import Lines, new_epoch
+from insgnss.fusion.lines import Lines
 from insgnss.fusion.loop import COVARIANCE_LOST, DONE, PRUNE, new_workspace, run_epochs
 from insgnss.fusion.output import new_output
 from insgnss.fusion.scalar_update import scalar_update

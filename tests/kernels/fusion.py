@@ -14,10 +14,11 @@ from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.fusion.adaptation import adapt_noise
 from insgnss.fusion.creeping import follow_satellites
+from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.headings import heading_variance, turn_about
 from insgnss.fusion.integrity import follow_explained
 from insgnss.fusion.layout import Layout
-from insgnss.fusion.lines import Lines, new_epoch
+from insgnss.fusion.lines import Lines
 from insgnss.fusion.loop import DONE, Imu, new_workspace, run_epochs, run_to
 from insgnss.fusion.masking import MASK, OFF, deweight
 from insgnss.fusion.motion import velocity_changed
