@@ -265,3 +265,25 @@ def test_every_imported_library_is_declared() -> None:
 
     part_of = {"pydantic_core": "pydantic"}
     assert {part_of.get(n, n) for n in imported} - set(sys.stdlib_module_names) - {"insgnss"} <= declared
+
+
+def test_no_number_stands_for_a_state() -> None:
+    """Where a state stands is a name of ``inertial/error_state.py`` or of the layout: P[PSI, PSI], never P[6, 6]."""
+    matrices = {"P", "A", "B", "prior", "correction", "h"}
+    found = []
+    for path in SOURCES:
+        if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "fusion", "aiding"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Subscript) and matrix_name(node.value) in matrices:
+                parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+                numbers = [part.value for part in parts if isinstance(part, ast.Constant)]
+                if any(isinstance(number, int) and number > 2 for number in numbers):
+                    found.append(f"{path.name}:{node.lineno}")
+
+    assert found == []
+
+
+def matrix_name(node: ast.expr) -> str | None:
+    """Return the name of what is indexed, as the last part of an attribute too."""
+    return node.id if isinstance(node, ast.Name) else getattr(node, "attr", None)

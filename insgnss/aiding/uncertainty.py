@@ -50,6 +50,7 @@ N_SIGMA: Final = ACCELERATION_PARTS + N_PARTS + 1
 _PART_OF_STATE: Final = np.array(
     [_VELOCITY] * 6 + [_ATTITUDE] * 3 + [_ACCELEROMETER] * 3 + [_GYRO] * 3 + [_CLOCK] * 2, np.int64
 )
+_TOGETHER: Final = 3  # row of the work space that takes the sum of the others
 
 
 class Doubts(NamedTuple):
@@ -195,7 +196,7 @@ def satellite_sigma(
     sample = doubts.accel_density / dt
     force = sample * ((1.0 + a) ** 2 + a * a) + beyond * beyond
     out[:] = 0.0
-    row = h[3]
+    row = h[_TOGETHER]
     # range: position, and the velocity since
     for i in range(OFFSETS):
         row[i] = h[0, i] + use_s * h[1, i]

@@ -16,6 +16,7 @@ import math
 from typing import Final
 
 from insgnss.apart import apart
+from insgnss.fusion.kinds.range_rate import COLUMNS as RATE_COLUMNS
 from insgnss.fusion.lines import Line, Lines
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import CLOCK, DR, DRIFT, DV, StateRecord
@@ -28,6 +29,7 @@ UNKNOWNS: Final = 4  # position or velocity (or the position's change), and the 
 # rows of the work space ``fit``: covariance of what is explained, x, and scratch of three more
 X: Final = 4
 _WORK: Final = 5
+_VELOCITY: Final = RATE_COLUMNS.index(DV)
 
 _LEAST_ROWS: Final = 5  # fewer have no parity part
 _WIDER2: Final = 100.0  # ten sigmas of its own prediction that may be wrong before noise is blamed
@@ -43,13 +45,13 @@ def entry(line: Line, kind: int, i: int) -> float:
     """Return column ``i`` of G in the row of one kind; the last is the clock's, which is 1 in all kinds."""
     if i == UNKNOWNS - 1:
         return 1.0
-    return float(line.h[kind, 3 + i] if kind == RANGE_RATE else line.h[kind, i])
+    return float(line.h[kind, i + (_VELOCITY if kind == RANGE_RATE else 0)])
 
 
 @inlined
 def direction(line: Line, kind: int) -> tuple[float, float, float]:
     """Return the first three columns of G in the row of one kind; the last is 1 in all kinds."""
-    h, at = line.h[kind], 3 if kind == RANGE_RATE else 0
+    h, at = line.h[kind], _VELOCITY if kind == RANGE_RATE else 0
     return h[at], h[at + 1], h[at + 2]
 
 

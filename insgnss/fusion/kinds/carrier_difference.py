@@ -23,12 +23,15 @@ from insgnss.fusion.lines import Epoch, Line
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.row_noise import model_variance
 from insgnss.fusion.state import N_CLONE, StateRecord
+from insgnss.geodesy.vectors import place
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.jit import inlined
 
-_THEN: Final = len(RANGE_COLUMNS)  # the clone's entries stand behind those of a range
+# the clone's entries stand behind those of a range, its clock last
+_THEN: Final = len(RANGE_COLUMNS)
 N_COLUMNS: Final = _THEN + N_CLONE
+_CLOCK_THEN: Final = N_COLUMNS - 1
 
 
 @inlined
@@ -43,9 +46,8 @@ def carrier_difference(
     h, then = line.h[CARRIER], a.u_before
     before = line_of_sight_range(rows.before, i, m.r_clone, then)
     range_row(a, h)
-    for k in range(3):
-        h[_THEN + k] = then[k]
-    h[_THEN + 3] = -1.0
+    place(h, _THEN, then)
+    h[_CLOCK_THEN] = -1.0
     air, earlier = s.air[0], s.air[1]
     troposphere = air.dry * air.dry_factor + air.wet * air.wet_factor
     troposphere -= m.air_clone[0] * earlier.dry_factor + m.air_clone[1] * earlier.wet_factor

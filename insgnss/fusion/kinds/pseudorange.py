@@ -15,11 +15,13 @@ from insgnss.fusion.lines import Antenna, Epoch, Line
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.row_noise import row_variance
 from insgnss.fusion.state import CLOCK, DR, OFFSETS, PSI, StateRecord
+from insgnss.geodesy.vectors import cross, place, place_negative
 from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
 from insgnss.jit import inlined
 from insgnss.tables import Float64
 
 COLUMNS: Final = (DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK)
+_POSITION, _ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOCK))
 
 
 @inlined
@@ -50,9 +52,6 @@ def pseudorange(
 @inlined
 def range_row(a: Antenna, h: Float64) -> None:
     """Write the row of H of a range: -u, (u x l_e), clock 1."""
-    u, l_e = a.u, a.l_e
-    h[0], h[1], h[2] = -u[0], -u[1], -u[2]
-    h[3] = u[1] * l_e[2] - u[2] * l_e[1]
-    h[4] = u[2] * l_e[0] - u[0] * l_e[2]
-    h[5] = u[0] * l_e[1] - u[1] * l_e[0]
-    h[6] = 1.0
+    place_negative(h, _POSITION, a.u)
+    place(h, _ATTITUDE, cross(a.u, a.l_e))
+    h[_CLOCK] = 1.0

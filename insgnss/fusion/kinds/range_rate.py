@@ -20,6 +20,7 @@ from insgnss.fusion.lines import Antenna, Epoch, Line
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.row_noise import row_variance
 from insgnss.fusion.state import BG, DR, DRIFT, DV, PSI, StateRecord
+from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
 from insgnss.gnss.observation_rows import RANGE_RATE, Rows
 from insgnss.jit import inlined
 from insgnss.tables import Float64
@@ -27,6 +28,9 @@ from insgnss.tables import Float64
 COLUMNS: Final = (
     *(DR, DR + 1, DR + 2, DV, DV + 1, DV + 2),
     *(PSI, PSI + 1, PSI + 2, BG, BG + 1, BG + 2, DRIFT),
+)
+_POSITION, _VELOCITY, _ATTITUDE, _GYRO_BIAS, _DRIFT = (
+    COLUMNS.index(state) for state in (DR, DV, PSI, BG, DRIFT)
 )
 
 
@@ -51,19 +55,9 @@ def range_rate(
 @inlined
 def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
     """Write the row of H of a range rate."""
-    u, l_e, a_e, lever = a.u, a.l_e, a.turning_e, par.lever_b
-    C = m.C_eb
-    h[0], h[1], h[2] = a.dr[0], a.dr[1], a.dr[2]
-    h[3], h[4], h[5] = -u[0], -u[1], -u[2]
-    # u x w_ie with w_ie = (0, 0, w)
-    x, y = u[1] * WGS84_OMEGA_RADPS, -u[0] * WGS84_OMEGA_RADPS
-    h[6] = u[1] * a_e[2] - u[2] * a_e[1] - l_e[2] * y
-    h[7] = u[2] * a_e[0] - u[0] * a_e[2] + l_e[2] * x
-    h[8] = u[0] * a_e[1] - u[1] * a_e[0] + l_e[0] * y - l_e[1] * x
-    b0 = C[0, 0] * u[0] + C[1, 0] * u[1] + C[2, 0] * u[2]
-    b1 = C[0, 1] * u[0] + C[1, 1] * u[1] + C[2, 1] * u[2]
-    b2 = C[0, 2] * u[0] + C[1, 2] * u[1] + C[2, 2] * u[2]
-    h[9] = lever[1] * b2 - lever[2] * b1
-    h[10] = lever[2] * b0 - lever[0] * b2
-    h[11] = lever[0] * b1 - lever[1] * b0
-    h[12] = 1.0
+    u_w = cross(a.u, (0.0, 0.0, WGS84_OMEGA_RADPS))
+    place(h, _POSITION, a.dr)
+    place_negative(h, _VELOCITY, a.u)
+    place(h, _ATTITUDE, plus(cross(a.u, a.turning_e), cross(a.l_e, u_w)))
+    place(h, _GYRO_BIAS, cross(par.lever_b, rotate_back(m.C_eb, a.u)))
+    h[_DRIFT] = 1.0

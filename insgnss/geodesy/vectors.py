@@ -1,0 +1,44 @@
+"""Vectors of three components in kernels: tuples, which the compiler keeps in registers; arrays are read as well."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from insgnss.jit import inlined
+from insgnss.tables import Float64
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+@inlined
+def cross(a: Vector | Float64, b: Vector | Float64) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@inlined
+def plus(a: Vector | Float64, b: Vector | Float64) -> Vector:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@inlined
+def rotate_back(C: Float64, a: Vector | Float64) -> Vector:
+    """Return C^T a of a rotation matrix (3, 3)."""
+    return (
+        C[0, 0] * a[0] + C[1, 0] * a[1] + C[2, 0] * a[2],
+        C[0, 1] * a[0] + C[1, 1] * a[1] + C[2, 1] * a[2],
+        C[0, 2] * a[0] + C[1, 2] * a[1] + C[2, 2] * a[2],
+    )
+
+
+@inlined
+def place(target: Float64, at: int, a: Vector | Float64) -> None:
+    """Write a vector into ``target`` from ``at`` on."""
+    target[at], target[at + 1], target[at + 2] = a[0], a[1], a[2]
+
+
+@inlined
+def place_negative(target: Float64, at: int, a: Vector | Float64) -> None:
+    """Write a vector, turned round, into ``target`` from ``at`` on."""
+    target[at], target[at + 1], target[at + 2] = -a[0], -a[1], -a[2]
