@@ -29,6 +29,7 @@ from insgnss.tables import Float64, Int8
 
 _OUTAGE_S = 2.5  # without an epoch
 _LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
+_SMALL, _LARGE = 1e-200, 1e200  # within which a product of variances stays
 
 
 class Outcome(NamedTuple):
@@ -274,6 +275,7 @@ def use_rows(
     """
     total = 0.0
     information = 0.0
+    product = 1.0  # of the variances, whose logarithm is taken once for many
     for j in range(lines.shape[0]):
         line = lines[j]
         if line.status[kind] == USED:
@@ -281,7 +283,11 @@ def use_rows(
             variance = spread * line.variance[kind]
             y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, vectors)
             if 0.0 < S < math.inf and math.isfinite(y):
-                total -= 0.5 * (y * y / S + math.log(S))
+                total -= 0.5 * y * y / S
+                if not _SMALL < product * S < _LARGE:
+                    total -= 0.5 * math.log(product)
+                    product = 1.0
+                product *= S
                 information += respond(line, kind, response, vectors) / S
             else:
                 line.status[kind] = GATED
@@ -289,7 +295,7 @@ def use_rows(
             # a hypothesis must not gain by leaving out what contradicts it
             S = line.predicted[kind] + line.variance[kind]
             total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0))
-    return total, information
+    return total - 0.5 * math.log(product), information
 
 
 @inlined

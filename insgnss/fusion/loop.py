@@ -202,7 +202,7 @@ def run_epochs(
         at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
         if at_time:
             count.time += 1
-        if not is_sound(bank.state[head.leader], bank.P[head.leader]):
+        if bank.state[head.leader].log_likelihood == -math.inf:
             return COVARIANCE_LOST, epoch + 1
         if at_time or out.times_ns.shape[0] == 0:
             write_row(bank, bank, head.leader, t_ns, done.ranges_used, out, work)

@@ -68,12 +68,12 @@ def motion_specific_force(
 def horizontal_variance(m: StateRecord, P: Float64) -> float:
     """Return the variance of the velocity along a horizontal axis, the mean of both [m^2/s^2]."""
     r2 = m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2
-    total = 0.0
+    total, vertical = 0.0, 0.0
     for i in range(3):
         total += P[DV + i, DV + i]
         for j in range(3):
-            total -= m.r_e[i] * P[DV + i, DV + j] * m.r_e[j] / r2
-    return 0.5 * total
+            vertical += m.r_e[i] * P[DV + i, DV + j] * m.r_e[j]
+    return 0.5 * (total - vertical / r2)
 
 
 @inlined
@@ -154,11 +154,11 @@ def unknown_force(C: Float64, P: Float64, g_e: Float64, g2: float, down: Float64
     """
     for j in range(3):
         down[j] = C[0, j] * g_e[0] + C[1, j] * g_e[1] + C[2, j] * g_e[2]
-    total = 0.0
+    total, inv_g2 = 0.0, 1.0 / g2
     for j in range(3):
         total += g2 * P[PSI + j, PSI + j] + P[BA + j, BA + j]
         for k in range(3):
             a, b = (k + 1) % 3, (k + 2) % 3
-            total -= g_e[j] * g_e[k] * P[PSI + j, PSI + k] + down[j] * down[k] / g2 * P[BA + j, BA + k]
+            total -= g_e[j] * g_e[k] * P[PSI + j, PSI + k] + inv_g2 * down[j] * down[k] * P[BA + j, BA + k]
             total -= 2.0 * (C[a, j] * g_e[b] - C[b, j] * g_e[a]) * P[PSI + k, BA + j]
     return max(total, 0.0)

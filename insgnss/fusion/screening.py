@@ -191,11 +191,13 @@ def is_gap(s: ScreenRecord, dt: float) -> bool:
 def note_step(s: ScreenRecord, dt: float) -> None:
     """Let the typical step follow; gaps count as a few steps, so that a slower log is soon its own measure."""
     s.n_steps += 1
-    dt = dt / (1 + s.left_out)
+    if s.left_out > 0:
+        dt = dt / (1 + s.left_out)
     if s.n_steps == 1:
         s.step = dt
     else:
-        s.step += (min(dt, TOLD_STEPS * s.step) - s.step) / min(s.n_steps, STEPS_MEMORY)
+        share = 1.0 / STEPS_MEMORY if s.n_steps >= STEPS_MEMORY else 1.0 / s.n_steps
+        s.step += (min(dt, TOLD_STEPS * s.step) - s.step) * share
 
 
 @apart
@@ -303,18 +305,20 @@ def note_motion(s: ScreenRecord, dt: float, x: Float64) -> None:
     """Let noise and motion of the log follow with a sample that has the one before it."""
     if s.even >= 2:
         s.n_wiggles += 1
-        share = max(min(0.2, s.step / WIGGLE_TIME_S), 1.0 / s.n_wiggles)
+        share = min(0.2, s.step * (1.0 / WIGGLE_TIME_S))
+        if share * s.n_wiggles < 1.0:  # the mean of all so far
+            share = 1.0 / s.n_wiggles
         for sensor in range(2):
             if s.out_s[sensor] > 0.0:
                 continue
-            off = 0.0
+            off2 = 0.0
             for i in range(3):
                 a = 3 * sensor + i
-                off = max(off, abs(s.x[a] - 0.5 * (s.before[a] + x[a])))
+                off2 = max(off2, (s.x[a] - 0.5 * (s.before[a] + x[a])) ** 2)
             if s.n_wiggles > WARM:
-                usual = 5.0 * math.sqrt(s.wiggle2[sensor])
-                off = min(off, max(usual, least_spike(s, sensor) / 15.0))
-            s.wiggle2[sensor] += share * (off * off - s.wiggle2[sensor])
+                least2 = (least_spike(s, sensor) * (1.0 / 15.0)) ** 2
+                off2 = min(off2, max(25.0 * s.wiggle2[sensor], least2))
+            s.wiggle2[sensor] += share * (off2 - s.wiggle2[sensor])
     s.part_s += dt
     for i in range(6):
         s.part_sum[i] += dt * x[i]

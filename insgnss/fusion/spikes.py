@@ -37,10 +37,10 @@ def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> 
         return 0
     for sensor in range(2):
         x = w if sensor == GYRO else f
-        limit = max(s.spike_sigma * math.sqrt(s.wiggle2[sensor]), least_spike(s, sensor))
-        if leap(s, x, k, sensor) <= limit:
+        limit2 = max(s.spike_sigma * s.spike_sigma * s.wiggle2[sensor], least_spike(s, sensor) ** 2)
+        if leap(s, x, k, sensor) ** 2 <= limit2:
             continue
-        found = stands_alone(s, w, f, k, sensor, limit) if s.calm >= ALONE else 0
+        found = stands_alone(s, w, f, k, sensor, math.sqrt(limit2)) if s.calm >= ALONE else 0
         if found < 0:
             return -1
         s.calm = 0
