@@ -22,7 +22,15 @@ from insgnss.fusion.prediction import Imu
 from insgnss.fusion.ramps import ramp_evidence, ramps
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, copy_bank
-from insgnss.fusion.witnesses import MOST_SATELLITES, Written, fits, run_away_sets, singles, tag_error_s
+from insgnss.fusion.witnesses import (
+    MOST_SATELLITES,
+    Written,
+    fits,
+    most_satellites,
+    run_away_sets,
+    singles,
+    tag_error_s,
+)
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows, some_epochs
 from insgnss.inertial.sensor_model import sensor_model
@@ -216,13 +224,18 @@ class Hindsight:
         the filter that runs without the likeliest.
         """
         starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= WITHOUT_S * NS_PER_S]
-        if not starts:
+        most = most_satellites(self.base)
+        if not starts or most < 1:
             return
         heard: dict[tuple[int, ...], tuple[Verdict, list[Written]]] = {}
 
         def hear(sets: Iterable[tuple[int, ...]]) -> None:
             for satellites in sets:
-                found = None if satellites in heard else self.leaving_out(starts[0], satellites)
+                found = (
+                    None
+                    if satellites in heard or len(satellites) > most
+                    else self.leaving_out(starts[0], satellites)
+                )
                 if found is not None:
                     heard[satellites] = found
 

@@ -38,6 +38,7 @@ from insgnss.fusion.witnesses import MOST_SATELLITES
 from insgnss.gnss.observation_rows import N_BANDS
 
 _SURE: Final = 20.0  # logarithm of the likelihood ratio at which a fault is believed
+_SURE_AT_ONCE: Final = 40.0  # satellites in a street are alike for seconds: less than this must be seen twice
 _SURE_OF_A_LAPSE: Final = (
     100.0  # a state that is unknown explains anything: the lie must have been a large one
 )
@@ -73,6 +74,15 @@ def is_rival(other: Verdict, best: Verdict) -> bool:
     return near and other.suspect != best.suspect and (other.fits or best.suspect != SATELLITES)
 
 
+def with_fewest(best: Verdict, found: list[Verdict]) -> Verdict:
+    """Return the verdict on the fewest of the best's satellites that explain as much: each must be worth its place."""
+    fewer = [
+        v for v in found if v.fits and 0 < len(v.satellites) and set(v.satellites) < set(best.satellites)
+    ]
+    near = [v for v in fewer if best.log_likelihood - v.log_likelihood < _APART]
+    return min(near, key=lambda v: (len(v.satellites), -v.log_likelihood), default=best)
+
+
 def judge(
     past: Past, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
 ) -> tuple[Verdict | None, Past]:
@@ -103,6 +113,10 @@ def judge(
         return None, past  # rows that contradict each other are no sensor's fault
     if best.suspect in SENSORS and past.tags_were_off(_TAGS_EVERY_NS):
         return None, past  # what late tags have done to the filter is no sensor's fault
+    if best.suspect == SATELLITES:
+        best = with_fewest(best, sure)
+        if best.log_likelihood - again.as_it_was < _SURE_AT_ONCE and best.satellites != past.suspected:
+            return None, replace(past, suspected=best.satellites)
     others = {v.suspect for v in found if is_rival(v, best)}
     since_ns = past.unclear_ns or span[1]
     patient = span[1] - since_ns < _PATIENCE_NS

@@ -91,6 +91,13 @@ def singles(written: list[Written], since_ns: int) -> list[tuple[int, ...]]:
     return [(int(name),) for name in np.unique(np.concatenate(slots) // N_BANDS)] if slots else []
 
 
+def most_satellites(written: list[Written]) -> int:
+    """Return how many satellites may be left out: five must be left that agree, or they agree on anything."""
+    told = [w.slot[np.any(used_and_refused(w.ledger["status"]), axis=(0, 2))] for w in written[-1:]]
+    in_view = len({int(slot) // N_BANDS for slots in told for slot in slots})
+    return min(MOST_SATELLITES, in_view - _LEAST_AGREEING)
+
+
 def run_away_sets(written: list[Written], end_ns: int) -> list[tuple[int, ...]]:
     """Return sets of one, two and three satellites that may run away, by two witnesses.
 
