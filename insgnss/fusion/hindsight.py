@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.constants import NS_PER_S
 from insgnss.fusion.creeping import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
 from insgnss.fusion.loop import DONE, new_workspace, run_epochs
 from insgnss.fusion.output import new_output
@@ -22,6 +22,7 @@ from insgnss.fusion.prediction import Imu
 from insgnss.fusion.ramps import ramp_evidence, ramps
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, copy_bank
+from insgnss.fusion.tag_shifts import at_other_tags, later, summit
 from insgnss.fusion.witnesses import (
     MOST_SATELLITES,
     Written,
@@ -31,7 +32,6 @@ from insgnss.fusion.witnesses import (
     singles,
     tag_error_s,
 )
-from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows, some_epochs
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, USED
@@ -193,7 +193,7 @@ class Hindsight:
             return None
         bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
         satellites_s = shift_s if suspect == GNSS_TAGS else 0.0
-        shifted = tuple(e._replace(rows=_later(e.rows, shift_ns, satellites_s)) for e in self.stretches)
+        shifted = tuple(e._replace(rows=later(e.rows, shift_ns, satellites_s)) for e in self.stretches)
         found = self.verdict(suspect, bank, shifted, shift_ns)
         return None if found is None else found._replace(size=shift_s)
 
@@ -323,33 +323,6 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return calm
 
 
-def at_other_tags(bank: Bank, late_s: float) -> Bank:
-    """Return a filter whose inertial tags turn out to be late: it stands at an earlier GNSS time than it has been told.
-
-    Equation: r <- r - v dt, v <- v - (f + g - 2 w x v) dt, clock <- clock - drift dt; the attitude is the sensors' own
-    """
-    for m in bank.state:
-        g_e = np.zeros(3)
-        normal_gravity_ecef(m.r_e, g_e)
-        x, y, _ = m.v_e
-        g_e += 2.0 * WGS84_OMEGA_RADPS * np.array([y, -x, 0.0])
-        m.r_e -= late_s * m.v_e
-        m.v_e -= late_s * (m.f_smooth + g_e)
-        m.clock[0] -= late_s * m.clock[1]
-    return bank
-
-
-def summit(found: dict[float, float]) -> float:
-    """Return where the parabola through the largest of some values and its neighbours is largest; 0 at the ends."""
-    at = sorted(found)
-    best = max(range(len(at)), key=lambda i: found[at[i]])
-    if not 0 < best < len(at) - 1:
-        return 0.0
-    x = np.array(at[best - 1 : best + 2])
-    second, first, _ = np.polyfit(x, [found[k] for k in x], 2)
-    return float(-0.5 * first / second) if second < 0.0 else 0.0
-
-
 def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
     """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
 
@@ -377,16 +350,6 @@ def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = Fal
         found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T
         found.P[0, range(PSI, PSI + 3), range(PSI, PSI + 3)] += _EARLIEST_S**2 / 3.0 * variance
     return found
-
-
-def _later(rows: Rows, shift_ns: int, satellites_s: float) -> Rows:
-    """Return rows with other time tags, the satellites carried on by ``satellites_s``."""
-    sat = rows.sat
-    if satellites_s != 0.0:
-        sat = sat.copy()
-        sat[:, :3] += satellites_s * sat[:, 3:6]
-    before_ns = rows.before_ns + shift_ns * (rows.before_ns != 0)
-    return rows._replace(epoch_ns=rows.epoch_ns + shift_ns, before_ns=before_ns, sat=sat)
 
 
 def _without(rows: Rows, satellites: tuple[int, ...]) -> Rows:

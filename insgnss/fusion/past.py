@@ -41,6 +41,7 @@ class Past:
     unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
     opened: bool = False  # whether both sensors are suspect meanwhile
     suspected: tuple[int, ...] = ()  # satellites that were suspected at the last look
+    tag_error_s: float = 0.0  # of the inertial tags, as it seemed then
     judged_ns: int = 0  # when it was last looked at
     tags_ns: int = 0  # when other time tags were last tried
     tags_off_ns: int = 0  # when they were last found to be off

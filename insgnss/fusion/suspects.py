@@ -42,6 +42,7 @@ _SURE_AT_ONCE: Final = 40.0  # satellites in a street are alike for seconds: les
 _SURE_OF_A_LAPSE: Final = (
     100.0  # a state that is unknown explains anything: the lie must have been a large one
 )
+_SAME_TAGS_S: Final = 0.02
 _APART: Final = 20.0  # the same between two suspects
 _PATIENCE_NS: Final = 40 * NS_PER_S  # for that: two sensors look alike until the vehicle turns
 _TAGS_EVERY_NS: Final = 120 * NS_PER_S
@@ -117,6 +118,10 @@ def judge(
         best = with_fewest(best, sure)
         if best.log_likelihood - again.as_it_was < _SURE_AT_ONCE and best.satellites != past.suspected:
             return None, replace(past, suspected=best.satellites)
+    if best.suspect == IMU_TAGS and abs(best.size - past.tag_error_s) > _SAME_TAGS_S:
+        return None, replace(
+            past, tag_error_s=best.size, tags_ns=0, in_vain=0
+        )  # what is off from the start stays so
     others = {v.suspect for v in found if is_rival(v, best)}
     since_ns = past.unclear_ns or span[1]
     patient = span[1] - since_ns < _PATIENCE_NS
