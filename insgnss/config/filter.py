@@ -220,9 +220,9 @@ class Health(StrictModel):
         True, description="whether the filter may be set right; off: it stays as it is, whatever the rows say"
     )
     suspicion_sigma: NotNegative = Field(
-        5.0,
-        description="of what all satellites show against the prediction, from which a fault of the inertial sensors"
-        " is tried; 0: never",
+        4.5,
+        description="of what all satellites show against the prediction over eight seconds, from which the last"
+        " minute is looked at once more; a filter that is right comes to it once in several hours; 0: never",
     )
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
         2, description="that many resets within lost_window_s mean the attitude is wrong too"

@@ -19,15 +19,26 @@ from insgnss.fusion.loop import DONE, new_workspace, run_epochs
 from insgnss.fusion.output import new_output
 from insgnss.fusion.past import Past, Stretch
 from insgnss.fusion.prediction import Imu
+from insgnss.fusion.ramps import ramp_evidence, ramps
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import BA, BG, DR, DV, PSI, Bank, copy_bank
-from insgnss.fusion.witnesses import Written, cost_without, fits, run_away_sets, tag_error_s
-from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, Rows, some_epochs
+from insgnss.fusion.tag_shifts import at_other_tags, later, summit
+from insgnss.fusion.witnesses import (
+    MOST_SATELLITES,
+    Written,
+    fits,
+    most_satellites,
+    run_away_sets,
+    singles,
+    tag_error_s,
+)
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows, some_epochs
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, USED
 
 ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
+NOISE = "noise"  # of all satellites: that is nobody's fault
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again
 ANY = "any of these"
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
@@ -48,9 +59,12 @@ _ONSETS_S: Final = (
     50.0,
 )  # how long ago the fault may have begun
 _SIZE: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
+_NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
+_NOISE2: Final = 9.0
+_EARLIEST_S: Final = 90.0
 _LAPSE: Final = ((DR, 30.0), (DV, 10.0), (PSI, math.radians(10.0)))  # what a lie leaves behind [m, m/s, rad]
-_LARGEST: Final = 3.0 * _SIZE  # by so many a bias does not jump: the sensor itself has failed
+_LARGEST: Final = 6.0 * _SIZE  # by so many a bias does not jump: the sensor itself has failed
 _HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless it is shown innocent before
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 _GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
@@ -68,6 +82,7 @@ class Verdict(NamedTuple):
     bank: Bank
     fits: bool
     satellites: tuple[int, ...] = ()  # slots
+    rates_mps: tuple[float, ...] = ()  # at which these run away
     size: float = 0.0  # of the time tags' error [s]
 
 
@@ -114,7 +129,7 @@ class Hindsight:
 
     def suspects(self) -> Iterator[Verdict]:
         """Yield all that may have failed."""
-        for suspect in (ACCELEROMETER, GYRO, LAPSE):
+        for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE):
             yield from self.sensor(suspect)
         yield from self.without_satellites()
         yield from self.other_tags()
@@ -129,7 +144,7 @@ class Hindsight:
                     continue
                 bank = self.before[i]
                 for each in _TOGETHER.get(suspect, (suspect,)):
-                    bank = with_fault(bank, self.setup, each)
+                    bank = with_fault(bank, self.setup, each, earlier=i == 0)
                 verdict = self.verdict(suspect, bank, self.stretches)
                 if verdict is not None:
                     found[i] = verdict._replace(fits=verdict.fits and self.plausible(verdict.bank))
@@ -159,11 +174,17 @@ class Hindsight:
                 yield found
 
     def other_imu_tags(self) -> Iterator[Verdict]:
-        """Yield what comes of inertial time tags that are off from the start on."""
+        """Yield what comes of inertial time tags that are off from the start on, at last between the best of these."""
+        found = {0.0: self.as_it_was}
         for shift_s in _TAGS_S:
-            found = self.shifted(IMU_TAGS, self.oldest(), shift_s)
-            if found is not None:
-                yield found
+            verdict = self.shifted(IMU_TAGS, at_other_tags(self.oldest(), shift_s), shift_s)
+            if verdict is not None:
+                found[shift_s] = verdict.log_likelihood
+                yield verdict
+        top_s = summit(found)
+        verdict = self.shifted(IMU_TAGS, at_other_tags(self.oldest(), top_s), top_s)
+        if verdict is not None:
+            yield verdict
 
     def shifted(self, suspect: str, bank: Bank, shift_s: float) -> Verdict | None:
         """Return what comes of time tags that are off by ``shift_s``; those of GNSS tell where the satellites were."""
@@ -172,7 +193,7 @@ class Hindsight:
             return None
         bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
         satellites_s = shift_s if suspect == GNSS_TAGS else 0.0
-        shifted = tuple(e._replace(rows=_later(e.rows, shift_ns, satellites_s)) for e in self.stretches)
+        shifted = tuple(e._replace(rows=later(e.rows, shift_ns, satellites_s)) for e in self.stretches)
         found = self.verdict(suspect, bank, shifted, shift_ns)
         return None if found is None else found._replace(size=shift_s)
 
@@ -197,22 +218,51 @@ class Hindsight:
         return Verdict(suspect, float(bank.head[0].log_likelihood), bank, fits(written, suspect in SENSORS))
 
     def without_satellites(self) -> Iterator[Verdict]:
-        """Yield what comes of leaving out one, two and three satellites that run away from the others."""
-        starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= WITHOUT_S * NS_PER_S]
-        for satellites in run_away_sets(self.base, self.end_ns) if starts else ():
-            verdict = self.leaving_out(starts[0], satellites)
-            if verdict is not None:
-                yield verdict
+        """Yield what comes of leaving out each satellite, and sets of two and three that run away from the others.
 
-    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> Verdict | None:
-        """Return what comes of leaving satellites out, their rows charged as if they fitted."""
+        Such sets are told by the range rates of the last seconds, and by what each satellite still shows of a ramp to
+        the filter that runs without the likeliest.
+        """
+        starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= WITHOUT_S * NS_PER_S]
+        most = most_satellites(self.base)
+        if not starts or most < 1:
+            return
+        heard: dict[tuple[int, ...], tuple[Verdict, list[Written]]] = {}
+
+        def hear(sets: Iterable[tuple[int, ...]]) -> None:
+            for satellites in sets:
+                found = (
+                    None
+                    if satellites in heard or len(satellites) > most
+                    else self.leaving_out(starts[0], satellites)
+                )
+                if found is not None:
+                    heard[satellites] = found
+
+        alone = singles(self.base, int(starts[0].head[0].now_ns))
+        hear((*alone, *run_away_sets(self.base, self.end_ns)))
+        for size in range(1, MOST_SATELLITES):
+            of_size = [found for satellites, found in heard.items() if len(satellites) == size]
+            if of_size:
+                verdict, written = max(of_size, key=lambda found: found[0].log_likelihood)
+                rest = [each for (each,) in alone if each not in verdict.satellites]
+                rest.sort(key=lambda each: -ramp_evidence(written, each, self.parameters[0]))
+                hear(tuple(sorted((*verdict.satellites, each))) for each in rest[: _NEXT[size]])
+        for verdict, _ in heard.values():
+            yield verdict
+
+    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[Written]] | None:
+        """Return what comes of leaving satellites out, their rows charged as those of ramps, and what was written."""
         stretches = tuple(e._replace(rows=_without(e.rows, satellites)) for e in self.stretches)
-        verdict = self.verdict(SATELLITES, copy_bank(start), stretches)
-        if verdict is None:
+        bank = copy_bank(start)
+        written = self.until(bank, self.end_ns, stretches)
+        if written is None:
             return None
         since = [w for w in self.base if w.t_ns > int(start.head[0].now_ns)]
-        cost = sum(cost_without(since, each, self.parameters[0]) for each in satellites)
-        return verdict._replace(log_likelihood=verdict.log_likelihood - cost, satellites=satellites)
+        found = ramps(since, written, satellites, self.parameters[0])
+        total = float(bank.head[0].log_likelihood) + sum(each.log_likelihood for each in found)
+        rates = tuple(each.rate_mps for each in found)
+        return Verdict(SATELLITES, total, bank, fits(written, False), satellites, rates), written
 
     def until(
         self, bank: Bank, stop_ns: int, stretches: tuple[Stretch, ...] | None = None
@@ -234,7 +284,7 @@ class Hindsight:
                 return None
             slot = rows.observation["slot"]
             for t_ns, i, j in zip(rows.epoch_ns, rows.first[:-1], rows.first[1:], strict=True):
-                told.append(Written(int(t_ns), slot[i:j], out.ledger[i:j]))
+                told.append(Written(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
         return told
 
     def either(self, lapse: bool) -> Verdict | None:
@@ -255,22 +305,13 @@ class Hindsight:
         stretches = tuple(e._replace(rows=_without(e.rows, verdict.satellites)) for e in self.stretches)
         if self.until(verdict.bank, self.now_ns, stretches) is None:
             return None
-        for satellite in verdict.satellites:
-            self.remember(verdict.bank, satellite)
+        for satellite, rate in zip(verdict.satellites, verdict.rates_mps, strict=True):
+            of_it = verdict.bank.memory[0, satellite * N_BANDS : (satellite + 1) * N_BANDS]
+            of_it[:, RATE] = rate
+            of_it[:, RATE_S] = self.now_ns * 1e-9
+            of_it[:, RATE_SINCE_S] = self.now_ns * 1e-9 - _HELD_S
+            of_it[:, LEFT_OUT_S] = self.now_ns * 1e-9 + _HELD_S
         return verdict
-
-    def remember(self, bank: Bank, satellite: int) -> None:
-        """Let the filter know how fast a satellite that was left out runs away."""
-        last = [w for w in self.base if self.end_ns - w.t_ns < 10 * NS_PER_S]
-        now_s = self.now_ns * 1e-9
-        for slot in range(satellite * N_BANDS, (satellite + 1) * N_BANDS):
-            rates = np.concatenate([w.ledger["innovation"][w.slot == slot, RANGE_RATE] for w in last])
-            rates = rates[np.isfinite(rates)]
-            if len(rates):
-                bank.memory[0, slot, RATE] = rates.mean()
-                bank.memory[0, slot, RATE_S] = now_s
-                bank.memory[0, slot, RATE_SINCE_S] = now_s - _HELD_S
-                bank.memory[0, slot, LEFT_OUT_S] = now_s + _HELD_S
 
 
 def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -282,11 +323,17 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return calm
 
 
-def with_fault(bank: Bank, setup: FilterSetup, suspect: str) -> Bank:
+def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
     """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
 
-    After a lapse it is what the lie has left behind: attitude, velocity and position.
+    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. A gyro's
+    fault on a straight is seen by nobody: one that may be ``earlier`` than the bank has turned it by psi = -C b t, t
+    uniform up to 90 s.
     """
+    if suspect == NOISE:
+        found = copy_bank(bank)
+        found.state["noise_factor"][:, :CARRIER] *= _NOISE2
+        return found
     if suspect == LAPSE:
         found = copy_bank(bank)
         for at, sigma in _LAPSE:
@@ -295,18 +342,14 @@ def with_fault(bank: Bank, setup: FilterSetup, suspect: str) -> Bank:
     sensor = sensor_model(setup.grade)
     at, bias = (BA, sensor.accel_bias) if suspect == ACCELEROMETER else (BG, sensor.gyro_bias)
     found = copy_bank(bank)
-    found.P[0, range(at, at + 3), range(at, at + 3)] += (_SIZE * bias.sigma) ** 2
+    variance = (_SIZE * bias.sigma) ** 2
+    found.P[0, range(at, at + 3), range(at, at + 3)] += variance
+    if suspect == GYRO and earlier:
+        turned = _EARLIEST_S / 2.0 * variance * found.state[0].C_eb
+        found.P[0, PSI : PSI + 3, BG : BG + 3] -= turned
+        found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T
+        found.P[0, range(PSI, PSI + 3), range(PSI, PSI + 3)] += _EARLIEST_S**2 / 3.0 * variance
     return found
-
-
-def _later(rows: Rows, shift_ns: int, satellites_s: float) -> Rows:
-    """Return rows with other time tags, the satellites carried on by ``satellites_s``."""
-    sat = rows.sat
-    if satellites_s != 0.0:
-        sat = sat.copy()
-        sat[:, :3] += satellites_s * sat[:, 3:6]
-    before_ns = rows.before_ns + shift_ns * (rows.before_ns != 0)
-    return rows._replace(epoch_ns=rows.epoch_ns + shift_ns, before_ns=before_ns, sat=sat)
 
 
 def _without(rows: Rows, satellites: tuple[int, ...]) -> Rows:

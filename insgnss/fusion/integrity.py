@@ -254,9 +254,10 @@ def follow_explained(
 ) -> None:
     """Carry on what the epochs say of the filter's own prediction, and write how much of it is beyond chance.
 
-    Equation: s_i = x_i / sqrt(C_ii + P_ii), mean <- mean + a (s - mean), suspicion = (2 - a) / a |mean|^2
-    which is chi^2 of three while the filter is right. Range rates are the witness, pseudoranges where there are none,
-    and the carriers beside.
+    Equation: L s = x, L L^T = C + P, mean <- mean + a (s - mean), suspicion = (2 - a) / a |mean|^2
+    which is chi^2 of three while the filter is right: x has the covariance C + P then, and one epoch's is independent
+    of the next. L turns as slowly as the satellites move. Range rates are the witness, pseudoranges where there are
+    none, and the carriers beside.
     """
     if t_ns - m.explained_ns < _INTERVAL_NS:
         return
@@ -272,12 +273,14 @@ def follow_explained(
         if count == 0 and kind == RANGE_RATE:
             kind = PSEUDORANGE
             count = fit_freely(lines, kind, fit)
+        if count > 0:
+            for i in range(3):
+                for j in range(3):
+                    fit[i, j] += own_covariance(prior, par, kind, i, j)
+        in_sigmas = count > 0 and whiten(fit)
         total = 0.0
         for i in range(3):
-            sigmas = 0.0
-            if count > 0:
-                sigmas = fit[X, i] / math.sqrt(fit[i, i] + own_variance(prior, par, kind, i))
-                sigmas = max(min(sigmas, _MOST_SIGMAS), -_MOST_SIGMAS)
+            sigmas = max(min(fit[X, i], _MOST_SIGMAS), -_MOST_SIGMAS) if in_sigmas else 0.0
             if since > _FORGOTTEN_S:
                 m.explained[witness, i] = 0.0
             m.explained[witness, i] += share * (sigmas - m.explained[witness, i])
@@ -287,10 +290,33 @@ def follow_explained(
 
 
 @inlined
-def own_variance(prior: Float64, par: Parameters, kind: int, i: int) -> float:
-    """Return the variance that the filter claims for unknown ``i`` of a kind."""
-    own = state_of(kind, i)
+def whiten(fit: Float64) -> bool:
+    """Turn the first three unknowns x in ``fit`` into L^-1 x, L the Cholesky factor of their covariance in ``fit``.
+
+    The factor replaces the covariance. False where the covariance is not positive.
+    """
+    for j in range(3):
+        for i in range(j, 3):
+            rest = fit[i, j]
+            for k in range(j):
+                rest -= fit[i, k] * fit[j, k]
+            if i == j:
+                if not 0.0 < rest < math.inf:
+                    return False
+                fit[j, j] = math.sqrt(rest)
+            else:
+                fit[i, j] = rest / fit[j, j]
+        for k in range(j):
+            fit[X, j] -= fit[j, k] * fit[X, k]
+        fit[X, j] /= fit[j, j]
+    return True
+
+
+@inlined
+def own_covariance(prior: Float64, par: Parameters, kind: int, i: int, j: int) -> float:
+    """Return the covariance that the filter claims for the unknowns ``i`` and ``j`` of a kind."""
+    a, b = state_of(kind, i), state_of(kind, j)
     if kind != CARRIER:
-        return max(float(prior[own, own]), 0.0)
-    before = par.at_clone + i
-    return max(float(prior[own, own] + prior[before, before] - 2.0 * prior[own, before]), 0.0)
+        return float(prior[a, b])
+    before_a, before_b = par.at_clone + i, par.at_clone + j
+    return float(prior[a, b] + prior[before_a, before_b] - prior[a, before_b] - prior[before_a, b])

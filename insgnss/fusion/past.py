@@ -39,8 +39,12 @@ class Past:
     banks: tuple[Bank, ...] = ()
     epochs: tuple[Stretch, ...] = ()
     unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
+    opened: bool = False  # whether both sensors are suspect meanwhile
+    suspected: tuple[int, ...] = ()  # satellites that were suspected at the last look
+    tag_error_s: float = 0.0  # of the inertial tags, as it seemed then
     judged_ns: int = 0  # when it was last looked at
     tags_ns: int = 0  # when other time tags were last tried
+    tags_off_ns: int = 0  # when they were last found to be off
     in_vain: int = 0  # how often in a row without a result
 
     @property
@@ -87,17 +91,29 @@ class Past:
         """Return whether other time tags are to be tried again."""
         return self.judged_ns - self.tags_ns >= every_ns
 
+    def tags_were_off(self, within_ns: int) -> bool:
+        """Return whether time tags were found to be off of late."""
+        return self.tags_off_ns > 0 and self.judged_ns - self.tags_off_ns < within_ns
+
     def of_late(self, since_ns: int) -> Past:
         """Return the past from the youngest filter on that is ``since_ns`` old, from the oldest where none is."""
         old = [b for b in self.banks if self.judged_ns - int(b.head[0].now_ns) >= since_ns]
         return replace(self, banks=tuple(old[-1:]) or self.banks[:1])
 
+    def soon(self) -> Past:
+        """Return the past of which something explains much: it is worth another look before long."""
+        return replace(self, in_vain=min(self.in_vain, 1))
+
     def after_verdict(self, renewed: bool) -> Past:
-        """Return the past once something has been found; what was before a new filter is of no use to it."""
-        return (
-            Past(judged_ns=self.judged_ns, tags_ns=self.tags_ns) if renewed else replace(self, unclear_ns=0)
-        )
+        """Return the past once something has been found; what was before a new filter is of no use to it.
+
+        Time tags leave the filter as it is.
+        """
+        if renewed:
+            return Past(judged_ns=self.judged_ns, tags_ns=self.tags_ns, tags_off_ns=self.tags_off_ns)
+        return replace(self, unclear_ns=0, opened=False, tags_off_ns=self.judged_ns)
 
     def forgotten(self) -> Past:
         """Return an empty past."""
-        return Past(judged_ns=self.judged_ns, tags_ns=self.tags_ns, in_vain=self.in_vain)
+        empty = self.after_verdict(True)
+        return replace(empty, in_vain=self.in_vain)

@@ -11,12 +11,10 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.creeping import RATE_FLOOR2
-from insgnss.fusion.epoch_update import spread_of
 from insgnss.fusion.output import Table
-from insgnss.fusion.parameters import Parameters
-from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, Rows
 from insgnss.status import GATED, INCONSISTENT, USED
-from insgnss.tables import Int64
+from insgnss.tables import Float64, Int64
 
 MOST_SATELLITES: Final = 3
 _TELLING_S: Final = 5.0  # over which the means of the range rates say which satellites run away
@@ -30,12 +28,28 @@ _FITTING_EPOCHS: Final = 5
 _LARGEST_NIS: Final = (2.5, 1.7)  # in the mean of the rows that fit
 
 
+class OfKind(NamedTuple):
+    """The ledger's columns of one kind."""
+
+    innovation: Float64
+    variance: Float64
+    predicted: Float64
+    status: Int64
+
+
 class Written(NamedTuple):
     """What the filter wrote of an epoch."""
 
     t_ns: int
     slot: Int64
     ledger: Table
+    carrier: Table  # (0,) where no carrier is used
+
+    def of_kind(self, kind: int) -> OfKind:
+        """Return what it wrote of the rows of one kind."""
+        if kind == CARRIER:
+            return OfKind(*(self.carrier[name] for name in OfKind._fields))
+        return OfKind(*(self.ledger[name][:, kind] for name in OfKind._fields))
 
 
 def used_and_refused(status: Int64) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
@@ -71,23 +85,17 @@ def fits(written: list[Written], strict: bool) -> bool:
     return True
 
 
-def cost_without(written: list[Written], satellite: int, par: Parameters) -> float:
-    """Return minus the log-likelihood that a satellite's rows may be expected to have, refused ones what they had.
+def singles(written: list[Written], since_ns: int) -> list[tuple[int, ...]]:
+    """Return each satellite of the epochs after ``since_ns`` as a set of its own, also one that has set meanwhile."""
+    slots = [w.slot for w in written if w.t_ns > since_ns]
+    return [(int(name),) for name in np.unique(np.concatenate(slots) // N_BANDS)] if slots else []
 
-    Equation: sum of (S / S_f + ln S_f) / 2 with S = D + r and S_f = D + f r, f the factor by which the filter widens
-    rows that share their errors; (gate^2 + ln S) / 2 for a refused row: both as the filter charges them.
-    """
-    slot = np.concatenate([w.slot for w in written])
-    ledger = np.concatenate([w.ledger for w in written])[slot // N_BANDS == satellite]
-    step_s = float(np.median(np.diff([w.t_ns for w in written]))) / NS_PER_S if len(written) > 1 else 1.0
-    total = 0.0
-    for kind in (PSEUDORANGE, RANGE_RATE):
-        used, refused = used_and_refused(ledger["status"][:, kind])
-        S, D = ledger["variance"][:, kind], ledger["predicted"][:, kind]
-        widened = D + spread_of(par, kind, step_s) * (S - D)
-        total += 0.5 * float(np.sum((S / widened + np.log(widened))[used]))
-        total += 0.5 * float(np.sum(par.kind[kind].gate2 + np.log(S[refused])))
-    return total
+
+def most_satellites(written: list[Written]) -> int:
+    """Return how many satellites may be left out: five must be left that agree, or they agree on anything."""
+    told = [w.slot[np.any(used_and_refused(w.ledger["status"]), axis=(0, 2))] for w in written[-1:]]
+    in_view = len({int(slot) // N_BANDS for slots in told for slot in slots})
+    return min(MOST_SATELLITES, in_view - _LEAST_AGREEING)
 
 
 def run_away_sets(written: list[Written], end_ns: int) -> list[tuple[int, ...]]:

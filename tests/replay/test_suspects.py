@@ -144,6 +144,12 @@ def test_gyro_whose_bias_jumps_by_36_deg_per_h_is_named_and_learnt_anew(
     assert sigmas(run, FAULT_S + found_s, ATTITUDE) < 5.0
 
 
+def test_gyro_whose_bias_jumps_by_many_sigmas_of_its_grade_is_named() -> None:
+    run = insgnss.replay(with_bias("w_ib_b", 0, np.radians(72.0 / 3600.0)))
+    assert "gyro x" in told(run, "sensor_suspect")[-1]
+    assert sigmas(run, FAULT_S + 40.0, POSITION, VELOCITY, ATTITUDE) < 5.0
+
+
 # ------------------------------------------------------------------------------------------------ kinds, satellites
 
 
@@ -199,13 +205,14 @@ def test_four_pseudoranges_of_eleven_that_jump_stay_out() -> None:
     assert sigmas(run, FAULT_S, POSITION, VELOCITY, ATTITUDE) < 5.0
 
 
-def test_noise_of_twenty_times_is_noise() -> None:
+@pytest.mark.parametrize("times", [3.0, 20.0])
+def test_noise_that_rises_at_a_stroke_is_noise(times: float) -> None:
     """Its first second is told by nobody; from then on the levels have risen."""
     rng = np.random.default_rng(7)
 
     def change(gnss: GnssTable, rows: np.ndarray) -> None:
-        gnss.pseudorange_m[rows] += 20.0 * 2.0 * rng.normal(size=len(rows))
-        gnss.doppler_hz[rows] += 20.0 * 0.07 / L1_M * rng.normal(size=len(rows))
+        gnss.pseudorange_m[rows] += times * 2.0 * rng.normal(size=len(rows))
+        gnss.doppler_hz[rows] += times * 0.07 / L1_M * rng.normal(size=len(rows))
 
     run = insgnss.replay(with_rows(change))
     assert not {"reset", "restart", "sensor_suspect", "satellite_suspect"} & set(run.events["kind"])
@@ -221,6 +228,7 @@ def test_inertial_tags_that_are_50_ms_late_are_told() -> None:
     run = insgnss.replay(with_logs(imu=late))
     assert "inertial time tags" in told(run, "time_tag_suspect")[0]
     assert "late" in told(run, "time_tag_suspect")[0]
+    assert "sensor_suspect" not in set(run.events["kind"])
 
 
 def late_epochs() -> FlightInMemory:
