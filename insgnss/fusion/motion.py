@@ -73,7 +73,7 @@ def horizontal_variance(m: StateRecord, P: Float64) -> float:
         total += P[DV + i, DV + i]
         for j in range(3):
             vertical += m.r_e[i] * P[DV + i, DV + j] * m.r_e[j]
-    return 0.5 * (total - vertical / r2)
+    return float(0.5 * (total - vertical / r2))
 
 
 @inlined
