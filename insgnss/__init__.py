@@ -32,6 +32,9 @@ from insgnss.doctor import examine as check_flight
 from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import NavState
+from insgnss.fusion.layout_names import StateLayout
+from insgnss.fusion.own_rows import Measurement, Row
+from insgnss.fusion.state_estimate import StateEstimate
 from insgnss.log.flight import Flight
 from insgnss.log_replay import engine_settings, replay
 from insgnss.point_solutions import PointRun, point
@@ -44,9 +47,13 @@ __all__ = [
     "Engine",
     "Flight",
     "InsGnssError",
+    "Measurement",
     "NavState",
     "PointRun",
+    "Row",
     "Run",
+    "StateEstimate",
+    "StateLayout",
     "__version__",
     "check_flight",
     "compare",

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import importlib
-import platform
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numba
-import numpy as np
 import pandas as pd
 
 from insgnss.aiding.sources import AidingSources, aiding_sources
@@ -29,6 +25,8 @@ from insgnss.fusion import compile_loop
 from insgnss.fusion.body_points import Further
 from insgnss.fusion.inertial_stream import screened
 from insgnss.fusion.output import Output, Table
+from insgnss.fusion.own_ledger import OwnEntry
+from insgnss.fusion.own_rows import Measurement, own_measurements
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
 from insgnss.fusion.whole_log import LedgerPart, TraceWanted, run_blocks
@@ -52,12 +50,13 @@ from insgnss.result_tables import (
     ledger_tables,
     nav_table,
     row_keys,
+    with_own_rows,
 )
 from insgnss.run import Run
+from insgnss.run_settings import run_settings
 from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
-from insgnss.version import __version__
 from insgnss.wanted_rows import (
     AtTimes,
     Point,
@@ -164,6 +163,7 @@ def replay(
     aiding: float | AidingConfig | None = None,
     supervise: bool = False,
     smooth: bool = False,
+    measurements: Sequence[Measurement] = (),
     progress: Progress | None = None,
 ) -> Run:
     """Run the filter over a flight's logs.
@@ -187,12 +187,15 @@ def replay(
     smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
         outages and while several headings were open too (``fusion.smoother``); the measurements are then still those
         of the filter
+    measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
+        ``rows(state, layout)``, see ``Measurement``. Their rows stand in ``run.measurements`` by their name
     progress : is told in words what is being done
 
     Raises
     ------
     ConfigError : no such output, times or point; smoothing gives neither aiding nor supervision, which live on the
         past, and knows one antenna
+    MeasurementError : a measurement's name, times or gate, or a row that it gives, cannot be used
     InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
         aiding or supervision is asked for and nothing says where the satellites are
     """
@@ -200,7 +203,7 @@ def replay(
     began = time.perf_counter()
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter, settings)
+    config, own = filter_config(filter, settings), own_measurements(measurements)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
     if smooth and (aided is not None or supervise or flight.config.attitude is not None):
         raise ConfigError(
@@ -212,6 +215,7 @@ def replay(
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
     with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
+        setup = setup if own is None else replace(setup, own=own)
         read = time.perf_counter()
         ready = compile_loop.is_ready()
         tell("running the filter" if ready else "compiling the filter, once per installation")
@@ -220,6 +224,7 @@ def replay(
             loop.wait()  # a given start itself calls a kernel that is compiled there
         wanted = _trace_wanted(aided, record.supervised)
         forward: list[Table] | None = [] if smooth else None
+        entries: list[OwnEntry] = []
         out, ledger, events = run_blocks(
             setup,
             *work,
@@ -229,6 +234,7 @@ def replay(
             smooth=smooth,
             further=further,
             filtered=forward,
+            own=entries,
         )
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
     filtered = time.perf_counter()
@@ -243,6 +249,8 @@ def replay(
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, ledger, events, further)
+    if own is not None:
+        run.measurements = with_own_rows(run.measurements, entries, own, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
@@ -370,25 +378,5 @@ def _as_run(
         errors=errors,
         imu=record.imu[0],
         imu_spectrum=record.imu[1],
-        settings=_settings(flight, record.input_hashes, setup),
+        settings=run_settings(flight, record.input_hashes, setup),
     )
-
-
-def _settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetup) -> dict[str, Any]:
-    """Return all that is needed to repeat the run."""
-    return {
-        "flight": flight.config.model_dump(mode="json"),
-        "filter": setup.config.model_dump(mode="json"),
-        "imu_grade": setup.grade.model_dump(mode="json"),
-        "oscillator": setup.oscillator.model_dump(mode="json"),
-        "clock_groups": list(setup.clock_groups),
-        "input_sha256": input_hashes,
-        "versions": {
-            "insgnss": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "numba": numba.__version__,
-            "pandas": pd.__version__,
-        },
-        "made": dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
-    }

@@ -15,6 +15,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.masking import NO_LIMITS
+from insgnss.fusion.own_rows import OwnMeasurements
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.state import Layout
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
@@ -47,6 +48,7 @@ class FilterSetup:
     visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
     new_aid: Callable[[], EpochAid] | None = None  # makes what several antennas add at epochs; None: nothing
+    own: OwnMeasurements | None = None  # a user's own; None: none
 
     @property
     def klobuchar(self) -> Float64 | None:
