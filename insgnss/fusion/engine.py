@@ -326,7 +326,7 @@ class Engine:
         if self._live is None:
             self._live = copy_bank(bank)
         work, samples = self._navigator.workspace(self._rows_for_size()), self._samples.view()
-        carry_through(self._live, newest, self._setup, samples, self._navigator.parameters)
+        carry_through(self._live, newest, self._setup, samples, self._navigator.parameters, work.scratch)
         carry_bank(self._live, newest, samples, self._navigator.parameters[0], work.scratch)
         lead = self._live.head[0].leader
         if not is_finite(self._live.state[lead], self._live.P[lead]):
@@ -354,7 +354,7 @@ class Engine:
             work, parameters = self._navigator.workspace(self._rows_for_size()), self._navigator.parameters
             self._use_own_rows(stop)
             for each in self._navigator.banks:
-                carry_through(each, stop, self._setup, samples, parameters)
+                carry_through(each, stop, self._setup, samples, parameters, work.scratch)
                 carry_bank(each, stop, samples, parameters[0], work.scratch)
             self._kept = []
             self._keep(stop)

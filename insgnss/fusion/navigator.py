@@ -174,8 +174,9 @@ class Navigator:
         if self.setup.own is None or self.bank is None:
             return
         for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
-            run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), self.workspace(rows))
-            found = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters)
+            work = self.workspace(rows)
+            run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
+            found = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
             self.own[t_ns] = found.entries
             lead = int(self.bank.head[0].leader)
             if not is_sound(self.bank.state[lead], self.bank.P[lead]):

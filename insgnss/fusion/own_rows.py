@@ -247,7 +247,7 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
 
 def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
     try:
-        return float(np.asarray(given, np.float64).reshape(()))
+        return float(np.asarray(given).astype(np.float64, casting="same_kind").reshape(()))
     except (TypeError, ValueError) as error:
         told = _at(kind, t_ns, f"the {what} is {str(given)[:60]}")
         raise MeasurementError(told, advice="give one number") from error

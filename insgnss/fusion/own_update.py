@@ -30,7 +30,7 @@ from insgnss.fusion.output import Output, Table
 from insgnss.fusion.own_ledger import OwnEntry
 from insgnss.fusion.own_rows import CheckedRow, Kind, checked_rows
 from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.prediction import Imu, carry_bank, new_scratch, predict_covariance
+from insgnss.fusion.prediction import Imu, Scratch, carry_bank, predict_covariance
 from insgnss.fusion.scalar_update import predicted_variance, scalar_update
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.soundness import is_sound
@@ -60,9 +60,13 @@ class _Member(NamedTuple):
 
 
 def use_own_rows(
-    bank: Bank, t_ns: int, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
+    bank: Bank, t_ns: int, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any], scratch: Scratch
 ) -> OwnUpdate:
     """Update a bank that stands at ``t_ns`` with the own rows of that time.
+
+    Parameters
+    ----------
+    scratch : with which the bank was carried to that time; it holds the gravity there
 
     Raises
     ------
@@ -70,7 +74,6 @@ def use_own_rows(
     """
     assert setup.own is not None
     par, n, lead = parameters[0], bank.P.shape[1], int(bank.head[0].leader)
-    scratch = new_scratch(n)
     for m, P in zip(bank.state, bank.P, strict=True):
         predict_covariance(m, P, par, scratch)
     sound = [is_sound(m, P) for m, P in zip(bank.state, bank.P, strict=True)]
@@ -127,14 +130,17 @@ def _tells_heading(bank: Bank, lead: int, member: _Member) -> Bool:
     """Return of each row whether a turn about the vertical through the antenna moves it by more than a sigma.
 
     The turn is that to the farthest of the open headings. The antenna's position and velocity stay: what GNSS shows of
-    all headings is the same.
+    all headings is the same. Only a rotation that was shown moves the antenna about the IMU.
     """
     m, antenna = bank.state[lead], member.antenna
     turn = max(abs(turn_about(m, other)) for other in bank.state)
     up = np.array(up_direction(m.r_e))
     d = np.zeros(bank.P.shape[1])
     d[PSI : PSI + 3] = turn * up
-    d[DR : DR + 3], d[DV : DV + 3] = -np.cross(turn * up, antenna.l_e), -np.cross(turn * up, antenna.a_e)
+    d[DR : DR + 3], d[DV : DV + 3] = (
+        -np.cross(turn * up, antenna.l_e),
+        -np.cross(turn * up, antenna.turning_e),
+    )
     moved = np.array([row.h @ d[row.columns] for _, row in member.rows])
     return np.asarray(moved**2 > member.variance)
 
@@ -211,12 +217,13 @@ def carry_through(
     setup: FilterSetup,
     imu: Imu,
     parameters: npt.NDArray[Any],
+    scratch: Scratch,
     take: Callable[[OwnUpdate], None] = lambda _: None,
 ) -> None:
     """Carry a bank that writes nothing by way of the own rows up to ``until_ns`` and use them; it stays at the last."""
     for t_ns in () if setup.own is None else setup.own.due(int(bank.head[0].now_ns), until_ns):
-        carry_bank(bank, t_ns, imu, parameters[0], new_scratch(bank.P.shape[1]))
-        take(use_own_rows(bank, t_ns, setup, imu, parameters))
+        carry_bank(bank, t_ns, imu, parameters[0], scratch)
+        take(use_own_rows(bank, t_ns, setup, imu, parameters, scratch))
 
 
 def run_beside(
@@ -234,7 +241,7 @@ def run_beside(
     while first < last:
         stop = last
         if setup.own is not None:
-            carry_through(bank, int(rows.epoch_ns[first]), setup, imu, parameters, take)
+            carry_through(bank, int(rows.epoch_ns[first]), setup, imu, parameters, work.scratch, take)
             stop = setup.own.epochs_before_next(rows.epoch_ns, first, last)
         code, first = run_epochs(bank, first, stop, rows, imu, parameters, -math.inf, out, work)
         if code != DONE:
