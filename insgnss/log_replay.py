@@ -206,16 +206,12 @@ def replay(
     config, own = filter_config(filter, settings), own_measurements(measurements)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
     if smooth and (aided is not None or supervise or flight.config.attitude is not None):
-        raise ConfigError(
-            "a smoothed run has no aiding, no supervision and one antenna",
-            key="smooth",
-            advice="leave aiding, supervise and [attitude] out, or replay without smoothing",
-        )
+        raise _not_smoothed()
     rows_at = output_of(output, flight.config.gps_week)
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
     with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
         setup, work, record = _prepared(flight, config, aided, supervise, tell)
-        setup = setup if own is None else replace(setup, own=own)
+        setup = replace(setup, own=own)
         read = time.perf_counter()
         ready = compile_loop.is_ready()
         tell("running the filter" if ready else "compiling the filter, once per installation")
@@ -249,8 +245,7 @@ def replay(
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, ledger, events, further)
-    if own is not None:
-        run.measurements = with_own_rows(run.measurements, entries, own, flight.config.gps_week)
+    run.measurements = with_own_rows(run.measurements, entries, own, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
@@ -263,6 +258,14 @@ def replay(
     run.settings = {**run.settings, "took": took, "output": described(output), "smooth": smooth}
     run.settings |= {"aiding": resolved, "point": None if further is None else further.wanted.lever_b}
     return run
+
+
+def _not_smoothed() -> ConfigError:
+    return ConfigError(
+        "a smoothed run has no aiding, no supervision and one antenna",
+        key="smooth",
+        advice="leave aiding, supervise and [attitude] out, or replay without smoothing",
+    )
 
 
 def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:

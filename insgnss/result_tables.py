@@ -118,12 +118,14 @@ def ledger_tables(
 
 
 def with_own_rows(
-    measurements: pd.DataFrame, entries: list[OwnEntry], own: OwnMeasurements, week: int
+    measurements: pd.DataFrame, entries: list[OwnEntry], own: OwnMeasurements | None, week: int
 ) -> pd.DataFrame:
     """Return the ledger with a user's own rows in it, in the order of time, before those of an epoch at the same time.
 
     They have no satellite and no signal: both are empty words.
     """
+    if own is None:
+        return measurements
     kinds = tuple(kind.name for kind in own.kinds)
     column = {
         name: np.array([getattr(each, name) for each in entries]) for name in ("innovation", "variance")
