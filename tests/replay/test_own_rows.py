@@ -387,3 +387,39 @@ def test_week_and_place_of_the_scenario_are_those_of_the_flight() -> None:
     )
     assert flown.gps_ns(1.5) == week_seconds_to_ns(WEEK, 1.5)
     assert NAMES and own.name == "map_height" and row_at(flown_with_heights()[2], 50.0)["n_used"] > 4
+
+
+def test_smoothed_run_uses_own_rows_in_an_outage_and_while_the_heading_was_open() -> None:
+    """An automatic start with twelve headings; heights from then on, also for half a minute without satellites."""
+    base = with_faults(turns(110.0), [outage(None, 60.0, 90.0)])
+    flown = flight(base)
+    own = heights(base, ticks(4.25, 109.5, 0.5), 1.0)
+    plain = insgnss.replay(flown, smooth=True, output=2.0)
+    told = insgnss.replay(flown, smooth=True, output=2.0, measurements=[own])
+
+    assert plain.errors is not None and told.errors is not None and told.filtered is not None
+    since_s = told.errors["time_s"] - START_S
+    gone = since_s.between(60.0, 90.0).to_numpy()
+    assert np.sqrt((told.errors["d_d_m"][gone] ** 2).mean()) < 0.7
+    assert told.errors["sd_d_m"][gone].max() < 0.6 * plain.errors["sd_d_m"][gone].max()
+    for name in ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg"):
+        ratio2 = float(((told.errors[f"d_{name}"] / told.errors[f"sd_{name}"])[gone] ** 2).mean())
+        assert ratio2 < 5.0, (name, ratio2)
+    early = since_s.between(5.0, 25.0).to_numpy()
+    assert told.errors["sd_yaw_deg"][early].max() < 5.0  # the one heading that was found has gone over them
+    assert (
+        told.filtered["sd_d_m"].to_numpy() >= told.nav["sd_d_m"].to_numpy()[: len(told.filtered)] - 1e-9
+    ).all()
+
+
+def test_aiding_in_an_outage_rests_on_own_rows() -> None:
+    flown, own, _ = flown_with_heights()
+    plain = insgnss.replay(flown, aiding=2.0)
+    told = insgnss.replay(flown, aiding=2.0, measurements=[own])
+    assert plain.aiding is not None and told.aiding is not None
+    high, lower = (
+        table[table["time_s"].between(START_S + 39.01, START_S + 39.99)]
+        for table in (plain.aiding, told.aiding)
+    )
+    assert len(high) == len(lower) > 10
+    assert lower["sd_pseudorange_m"].mean() < high["sd_pseudorange_m"].mean()
