@@ -141,13 +141,15 @@ def with_own_rows(
             "status": words(_PLACE[status], _STATUS),
         }
     )
-    further.loc[~np.isfinite(further["nis"]), ["innovation", "sd_innovation", "nis"]] = np.nan
+    known = np.isfinite(further["nis"]) & np.isfinite(further["sd_innovation"])
+    further.loc[~known, ["innovation", "sd_innovation", "nis"]] = np.nan
     of_words = [name for name, dtype in measurements.dtypes.items() if isinstance(dtype, pd.CategoricalDtype)]
     for name in of_words:
-        found = measurements[name].cat.categories
-        given = further[name].cat.categories if name in further else [""]
+        known = measurements[name].cat.categories
+        own_words = further[name].cat.categories if name in further else [""]
         further[name] = pd.Categorical(
-            further.get(name, [""] * len(entries)), [*found, *(word for word in given if word not in found)]
+            further.get(name, [""] * len(entries)),
+            [*known, *(word for word in own_words if word not in known)],
         )
         measurements[name] = measurements[name].cat.set_categories(further[name].cat.categories)
     both = pd.concat([further[list(measurements.columns)], measurements], ignore_index=True)

@@ -176,8 +176,8 @@ class Navigator:
         for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
             work = self.workspace(rows)
             run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
-            found = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
-            self.own[t_ns] = found.entries
+            update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
+            self.own[t_ns] = update.entries
             lead = int(self.bank.head[0].leader)
             if not is_sound(self.bank.state[lead], self.bank.P[lead]):
                 del self.own[t_ns]
@@ -186,7 +186,7 @@ class Navigator:
             if needs_pruning(self.bank, self.setup.log_drop):
                 self._prune()
             self._tell_heading()
-            self.after_own(found)
+            self.after_own(update)
 
     def leave(self, imu: Imu) -> Carried | None:
         """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""

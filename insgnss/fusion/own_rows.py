@@ -29,6 +29,8 @@ from insgnss.fusion.layout_names import StateLayout
 from insgnss.fusion.state_estimate import StateEstimate
 from insgnss.tables import Float64, Int64
 
+_LARGEST_VALUE: Final = 1e18  # in any unit; its square is a number that every table holds
+_LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36
 # the ledger's other kinds
 BUILT_IN: Final = ("pseudorange", "range_rate", "carrier_difference", "attitude_difference")
 
@@ -36,7 +38,7 @@ BUILT_IN: Final = ("pseudorange", "range_rate", "carrier_difference", "attitude_
 class Row(NamedTuple):
     """One scalar measurement; a plain tuple of the three is as good."""
 
-    innovation: float  # measured minus predicted; NaN: the row is refused with the status 'bad_value'
+    innovation: float  # measured minus predicted; NaN or beyond 1e18: the row is refused as 'bad_value'
     partials: Mapping[str, npt.ArrayLike]  # of the prediction, by the names of the layout
     variance: float  # of the measurement's error
 
@@ -146,9 +148,9 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
 def _checked_kind(source: Measurement, place: int) -> Kind:
     missing = [name for name in ("name", "times_ns", "rows") if not hasattr(source, name)]
     if missing or not callable(source.rows):
-        told = ", ".join(missing) or "a method 'rows'"
+        message = ", ".join(missing) or "a method 'rows'"
         raise MeasurementError(
-            f"measurement {place + 1} of the list, a {type(source).__name__}, lacks {told}",
+            f"measurement {place + 1} of the list, a {type(source).__name__}, lacks {message}",
             advice="a measurement has name, times_ns and rows(state, layout): insgnss.Measurement",
         )
     name: Any = source.name
@@ -169,17 +171,17 @@ def _checked_times(name: str, times_ns: object) -> Int64:
         "give increasing integers, GPS time in ns; flight.gps_ns(time_s) makes them from seconds of the week"
     )
     if given.ndim != 1 or not (len(given) == 0 or np.issubdtype(given.dtype, np.integer)):
-        told = f"times_ns of measurement '{name}' has shape {given.shape} and type {given.dtype}"
-        raise MeasurementError(told, advice=advice)
-    found = given.astype(np.int64)
-    late = np.flatnonzero(np.diff(found) <= 0)
+        message = f"times_ns of measurement '{name}' has shape {given.shape} and type {given.dtype}"
+        raise MeasurementError(message, advice=advice)
+    times = given.astype(np.int64)
+    late = np.flatnonzero(np.diff(times) <= 0)
     if len(late):
         at = int(late[0]) + 1
         raise MeasurementError(
-            f"times_ns of measurement '{name}' does not increase: entry {at} is {found[at]} after {found[at - 1]}",
+            f"times_ns of measurement '{name}' does not increase: entry {at} is {times[at]} after {times[at - 1]}",
             advice=advice,
         )
-    return found
+    return times
 
 
 def _gate2(name: str, source: Measurement) -> float | None:
@@ -211,9 +213,11 @@ def checked_rows(kind: Kind, state: StateEstimate, layout: StateLayout) -> list[
         given = kind.source.rows(state, layout)
         rows = [given] if _is_row(given) else list(given)
     except Exception as error:
-        told = f"{type(error).__name__}: {error}"
+        message = f"{type(error).__name__}: {error}"
         advice = "return (innovation, {name: partials}, variance) or a sequence of them, () for none"
-        raise MeasurementError(_at(kind, state.t_ns, f"rows() failed with {told}"), advice=advice) from error
+        raise MeasurementError(
+            _at(kind, state.t_ns, f"rows() failed with {message}"), advice=advice
+        ) from error
     return [_checked_row(kind, state.t_ns, row, layout) for row in rows]
 
 
@@ -221,26 +225,28 @@ def _is_row(given: object) -> bool:
     return isinstance(given, tuple) and len(given) == 3 and isinstance(given[1], Mapping)
 
 
-def _at(kind: Kind, t_ns: int, told: str) -> str:
+def _at(kind: Kind, t_ns: int, message: str) -> str:
     seconds = (t_ns % NS_PER_WEEK) / NS_PER_S
-    return f"measurement '{kind.name}' at {seconds:.3f} s of the week ({t_ns} ns): {told}"
+    return f"measurement '{kind.name}' at {seconds:.3f} s of the week ({t_ns} ns): {message}"
 
 
 def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> CheckedRow:
     if not _is_row(row):
-        told = _at(kind, t_ns, f"a row is {str(row)[:60]}")
-        raise MeasurementError(told, advice="a row is (innovation, {name: partials}, variance)")
+        message = _at(kind, t_ns, f"a row is {str(row)[:60]}")
+        raise MeasurementError(message, advice="a row is (innovation, {name: partials}, variance)")
     innovation = _number(kind, t_ns, "innovation", row[0])
-    if not math.isfinite(innovation):
-        return CheckedRow(innovation, np.zeros(0), np.zeros(0, np.int64), math.nan)
+    if not abs(innovation) < _LARGEST_VALUE:
+        return CheckedRow(math.nan, np.zeros(0), np.zeros(0, np.int64), math.nan)
     variance = _number(kind, t_ns, "variance", row[2])
-    if not 0.0 < variance < math.inf:
-        told = _at(kind, t_ns, f"the variance is {variance:g}")
-        raise MeasurementError(told, advice="give a positive number, the square of the measurement's sigma")
+    if not _LEAST_VARIANCE < variance < _LARGEST_VARIANCE:
+        message = _at(kind, t_ns, f"the variance is {variance:g}")
+        raise MeasurementError(
+            message, advice="give a positive number, the square of the measurement's sigma"
+        )
     parts = [_partials(kind, t_ns, name, given, layout) for name, given in row[1].items()]
     if not parts:
-        told = _at(kind, t_ns, "a row has no partials")
-        raise MeasurementError(told, advice=f"name at least one of: {layout}")
+        message = _at(kind, t_ns, "a row has no partials")
+        raise MeasurementError(message, advice=f"name at least one of: {layout}")
     h, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
     return CheckedRow(innovation, np.ascontiguousarray(h), np.ascontiguousarray(columns), variance)
 
@@ -249,8 +255,8 @@ def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
     try:
         return float(np.asarray(given).astype(np.float64, casting="same_kind").reshape(()))
     except (TypeError, ValueError) as error:
-        told = _at(kind, t_ns, f"the {what} is {str(given)[:60]}")
-        raise MeasurementError(told, advice="give one number") from error
+        message = _at(kind, t_ns, f"the {what} is {str(given)[:60]}")
+        raise MeasurementError(message, advice="give one number") from error
 
 
 def _partials(
@@ -259,16 +265,16 @@ def _partials(
     if name not in layout:
         near = difflib.get_close_matches(str(name), list(layout), n=2, cutoff=0.4)
         advice = f"nearest: {', '.join(near)}; " if near else ""
-        told = _at(kind, t_ns, f"this filter has no state '{name}'")
-        raise MeasurementError(told, advice=f"{advice}the blocks are: {layout}")
+        message = _at(kind, t_ns, f"this filter has no state '{name}'")
+        raise MeasurementError(message, advice=f"{advice}the blocks are: {layout}")
     block = layout[name]
     advice = f"give {block} partials of the prediction by '{name}'".replace("] ", "], ")
     try:
         values = np.atleast_1d(np.array(given, np.float64))
     except (TypeError, ValueError) as error:
-        told = _at(kind, t_ns, f"the partials of '{name}' are {str(given)[:60]}")
-        raise MeasurementError(told, advice=advice) from error
+        message = _at(kind, t_ns, f"the partials of '{name}' are {str(given)[:60]}")
+        raise MeasurementError(message, advice=advice) from error
     if values.shape != (block.size,) or not np.isfinite(values).all():
-        told = f"of shape {values.shape}" if values.shape != (block.size,) else f"{values.tolist()}"
-        raise MeasurementError(_at(kind, t_ns, f"the partials of '{name}' are {told}"), advice=advice)
+        message = f"of shape {values.shape}" if values.shape != (block.size,) else f"{values.tolist()}"
+        raise MeasurementError(_at(kind, t_ns, f"the partials of '{name}' are {message}"), advice=advice)
     return values, np.arange(block.columns.start, block.columns.stop, dtype=np.int64)

@@ -87,15 +87,15 @@ def use_own_rows(
     count = len(members[lead].rows)
     log_likelihood = np.full((len(sound), count), -math.inf)
     information = np.zeros((len(sound), count))
-    found: dict[int, OwnUpdate] = {}
+    updates: dict[int, OwnUpdate] = {}
     for i, member in members.items():
-        found[i] = _updated(
+        updates[i] = _updated(
             *(bank.state[i], bank.P[i], member, t_ns, par, log_likelihood[i], information[i]),
             gate2=setup.config.gates.pseudorange_sigma**2,
             several=len(sound) > 1,
         )
     _weigh(bank, log_likelihood, information, direct, par)
-    return found[lead]
+    return updates[lead]
 
 
 def _asked(
@@ -121,7 +121,7 @@ def _require_alike(members: dict[int, _Member], lead: int, t_ns: int) -> None:
         given = [kind.name for kind, _ in member.rows]
         if given != wanted:
             raise MeasurementError(
-                f"at {t_ns} ns one open heading is given {len(wanted)} rows and another one {len(given)}",
+                f"one open heading is given the rows {wanted} and another one {given}, at {t_ns} ns",
                 advice="give each state as many rows as the others; a row with the innovation NaN is refused",
             )
 
@@ -203,8 +203,8 @@ def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bo
     if len(bank.state) == 1:
         bank.head[0].log_likelihood += float(np.nansum(log_likelihood))
         return
-    told = ~np.isnan(log_likelihood).any(axis=0)  # a value refused for one says nothing of the others
-    for rows, carried in ((told & ~direct, information), (told & direct, np.ones_like(information))):
+    judging = ~np.isnan(log_likelihood).any(axis=0)  # a value refused for one says nothing of the others
+    for rows, carried in ((judging & ~direct, information), (judging & direct, np.ones_like(information))):
         if rows.any():
             bank.state["log_likelihood"] = log_likelihood[:, rows].sum(axis=1)
             bank.state["motion_information"] = carried[:, rows].sum(axis=1)
