@@ -33,6 +33,9 @@ from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
 from insgnss.fusion.engine import NavState
 from insgnss.fusion.layout import Coupling, GaussMarkov, RandomWalk, StateBlock
+from insgnss.fusion.layout_names import StateLayout
+from insgnss.fusion.own_rows import Measurement, Row
+from insgnss.fusion.state_estimate import StateEstimate
 from insgnss.log.flight import Flight
 from insgnss.log_replay import engine_settings, replay
 from insgnss.point_solutions import PointRun, point
@@ -47,11 +50,15 @@ __all__ = [
     "Flight",
     "GaussMarkov",
     "InsGnssError",
+    "Measurement",
     "NavState",
     "PointRun",
     "RandomWalk",
+    "Row",
     "Run",
     "StateBlock",
+    "StateEstimate",
+    "StateLayout",
     "__version__",
     "check_flight",
     "compare",

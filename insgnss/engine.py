@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from insgnss.aiding.live import AidingSink, LiveAiding
 from insgnss.aiding.sources import aiding_sources
@@ -11,6 +12,8 @@ from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.fusion.engine import Engine as FilterEngine
+from insgnss.fusion.own_ledger import OwnEntry
+from insgnss.fusion.own_rows import Measurement, own_measurements
 from insgnss.fusion.setup import FilterSetup
 from insgnss.tables import Event
 
@@ -33,6 +36,7 @@ class Engine(FilterEngine):
         *,
         aiding: float | AidingConfig | None = None,
         on_aiding: Callable[[Message], None] | AidingSink | None = None,
+        measurements: Sequence[Measurement] = (),
     ) -> None:
         """Make an engine.
 
@@ -41,9 +45,12 @@ class Engine(FilterEngine):
         setup : of the filter (``insgnss.engine_settings`` makes one from a flight file)
         aiding : rate [Hz], the filter's other settings of the aiding kept, or all settings; None: no aiding
         on_aiding : takes the messages (``aiding.stream`` says what is in them), or an ``AidingStream``
+        measurements : of the user's own, as in ``replay``; each is used when the samples have reached its time, and
+            ``take_measurements`` has what became of it
 
         Raises
         ------
+        MeasurementError : the name, the times or the gate of a measurement are impossible
         ConfigError : one of ``aiding`` and ``on_aiding`` without the other, or an impossible rate
         NavigationDataError : nothing says where the satellites are
         """
@@ -59,7 +66,8 @@ class Engine(FilterEngine):
             self._aiding = LiveAiding(aiding_sources(setup, config), setup.n_offsets)
             self._sink = AidingStream(on_aiding) if callable(on_aiding) else on_aiding
         self._week: int | None = None
-        super().__init__(setup)
+        own = own_measurements(measurements)
+        super().__init__(setup if own is None else replace(setup, own=own))
 
     @property
     def events(self) -> list[Event]:
@@ -68,6 +76,16 @@ class Engine(FilterEngine):
         if isinstance(self._sink, AidingStream):
             told = sorted(told + self._sink.events, key=lambda e: -1 if e.t_ns is None else e.t_ns)
         return told
+
+    def take_measurements(self, *, all_of_them: bool = False) -> list[OwnEntry]:
+        """Return what became of the rows of ``measurements`` that no late epoch can change any more, each once.
+
+        ``all_of_them`` at the end of a log, after ``take_results(all_of_them=True)``.
+        """
+        newest = self._samples.last_ns
+        spans = [] if newest is None else [(self._first_ns, newest)]
+        until_ns = 2**62 if all_of_them else self._kept[0].t_ns
+        return self._own.taken(self._navigator.own, spans, until_ns)
 
     def _at_sample(self, t_ns: int) -> None:
         """Hand the aiding on where the sample is an output."""

@@ -115,3 +115,12 @@ class ResultError(InsGnssError):
     """A saved run cannot be read or written."""
 
     exit_code = 5
+
+
+class MeasurementError(InsGnssError):
+    """A user's own measurement has an impossible name, times or gate, or gives rows that cannot be used.
+
+    Where its code raised an exception, that one is the cause (``__cause__``).
+    """
+
+    exit_code = 2

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import importlib
-import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,8 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numba
-import numpy as np
 import pandas as pd
 
 from insgnss.aiding.sources import AidingSources, aiding_sources
@@ -30,6 +26,8 @@ from insgnss.fusion.body_points import Further
 from insgnss.fusion.inertial_stream import screened
 from insgnss.fusion.layout import StateBlock
 from insgnss.fusion.output import Output, Table
+from insgnss.fusion.own_ledger import OwnEntry
+from insgnss.fusion.own_rows import Measurement, own_measurements
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.trace_rows import output_samples
 from insgnss.fusion.whole_log import LedgerPart, TraceWanted, run_blocks
@@ -53,12 +51,13 @@ from insgnss.result_tables import (
     ledger_tables,
     nav_table,
     row_keys,
+    with_own_rows,
 )
 from insgnss.run import Run
+from insgnss.run_settings import run_settings
 from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
-from insgnss.version import __version__
 from insgnss.wanted_rows import (
     AtTimes,
     Point,
@@ -170,6 +169,7 @@ def replay(
     supervise: bool = False,
     smooth: bool = False,
     states: Sequence[StateBlock] = (),
+    measurements: Sequence[Measurement] = (),
     progress: Progress | None = None,
 ) -> Run:
     """Run the filter over a flight's logs.
@@ -194,12 +194,15 @@ def replay(
         outages and while several headings were open too (``fusion.smoother``); the measurements are then still those
         of the filter
     states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
+    measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
+        ``rows(state, layout)``, see ``Measurement``. Their rows stand in ``run.measurements`` by their name
     progress : is told in words what is being done
 
     Raises
     ------
     ConfigError : no such output, times or point; smoothing gives neither aiding nor supervision, which live on the
         past, and knows one antenna
+    MeasurementError : a measurement's name, times or gate, or a row that it gives, cannot be used
     InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
         aiding or supervision is asked for and nothing says where the satellites are
     """
@@ -207,18 +210,15 @@ def replay(
     began = time.perf_counter()
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config = filter_config(filter, settings)
+    config, own = filter_config(filter, settings), own_measurements(measurements)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
     if smooth and (aided is not None or supervise or flight.config.attitude is not None):
-        raise ConfigError(
-            "a smoothed run has no aiding, no supervision and one antenna",
-            key="smooth",
-            advice="leave aiding, supervise and [attitude] out, or replay without smoothing",
-        )
+        raise _not_smoothed()
     rows_at = output_of(output, flight.config.gps_week)
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
     with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
         setup, work, record = _prepared(flight, config, aided, supervise, tuple(states), tell)
+        setup = replace(setup, own=own)
         read = time.perf_counter()
         ready = compile_loop.is_ready()
         tell("running the filter" if ready else "compiling the filter, once per installation")
@@ -227,6 +227,7 @@ def replay(
             loop.wait()  # a given start itself calls a kernel that is compiled there
         wanted = _trace_wanted(aided, record.supervised)
         forward: list[Table] | None = [] if smooth else None
+        entries: list[OwnEntry] = []
         out, ledger, events = run_blocks(
             setup,
             *work,
@@ -236,6 +237,7 @@ def replay(
             smooth=smooth,
             further=further,
             filtered=forward,
+            own=entries,
         )
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
     filtered = time.perf_counter()
@@ -250,6 +252,7 @@ def replay(
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, ledger, events, further)
+    run.measurements = with_own_rows(run.measurements, entries, own, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
@@ -262,6 +265,14 @@ def replay(
     run.settings = {**run.settings, "took": took, "output": described(output), "smooth": smooth}
     run.settings |= {"aiding": resolved, "point": None if further is None else further.wanted.lever_b}
     return run
+
+
+def _not_smoothed() -> ConfigError:
+    return ConfigError(
+        "a smoothed run has no aiding, no supervision and one antenna",
+        key="smooth",
+        advice="leave aiding, supervise and [attitude] out, or replay without smoothing",
+    )
 
 
 def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:
@@ -382,25 +393,5 @@ def _as_run(
         errors=errors,
         imu=record.imu[0],
         imu_spectrum=record.imu[1],
-        settings=_settings(flight, record.input_hashes, setup),
+        settings=run_settings(flight, record.input_hashes, setup),
     )
-
-
-def _settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetup) -> dict[str, Any]:
-    """Return all that is needed to repeat the run."""
-    return {
-        "flight": flight.config.model_dump(mode="json"),
-        "filter": setup.config.model_dump(mode="json"),
-        "imu_grade": setup.grade.model_dump(mode="json"),
-        "oscillator": setup.oscillator.model_dump(mode="json"),
-        "clock_groups": list(setup.clock_groups),
-        "input_sha256": input_hashes,
-        "versions": {
-            "insgnss": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "numba": numba.__version__,
-            "pandas": pd.__version__,
-        },
-        "made": dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
-    }

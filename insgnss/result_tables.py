@@ -14,6 +14,8 @@ import pandas as pd
 
 from insgnss.aiding.table import AidingTable
 from insgnss.fusion.output import NAV_COLUMNS, Output, Table
+from insgnss.fusion.own_ledger import OwnEntry
+from insgnss.fusion.own_rows import OwnMeasurements
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.whole_log import LedgerPart
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
@@ -104,6 +106,45 @@ def ledger_tables(
             satellites.append(seen.result())
     words_of = {"sv": names.sv, "signal": names.signal, "kind": KINDS, "status": _STATUS, "state": _STATES}
     return measurements.table(words_of), satellites.table(words_of)
+
+
+def with_own_rows(
+    measurements: pd.DataFrame, entries: list[OwnEntry], own: OwnMeasurements | None, week: int
+) -> pd.DataFrame:
+    """Return the ledger with a user's own rows in it, in the order of time, before those of an epoch at the same time.
+
+    They have no satellite and no signal: both are empty words.
+    """
+    if own is None:
+        return measurements
+    kinds = tuple(kind.name for kind in own.kinds)
+    column = {
+        name: np.array([getattr(each, name) for each in entries]) for name in ("innovation", "variance")
+    }
+    status = np.array([each.status for each in entries], np.int64)
+    further = pd.DataFrame(
+        {
+            "time_s": ns_to_week_seconds(np.array([each.t_ns for each in entries], np.int64), week),
+            "kind": words(np.array([kinds.index(each.kind) for each in entries], np.int64), kinds),
+            "innovation": column["innovation"].astype(np.float64),
+            "sd_innovation": np.sqrt(column["variance"].astype(np.float64)),
+            "nis": (column["innovation"] ** 2 / column["variance"]).astype(np.float64),
+            "status": words(_PLACE[status], _STATUS),
+        }
+    )
+    known = np.isfinite(further["nis"]) & np.isfinite(further["sd_innovation"])
+    further.loc[~known, ["innovation", "sd_innovation", "nis"]] = np.nan
+    of_words = [name for name, dtype in measurements.dtypes.items() if isinstance(dtype, pd.CategoricalDtype)]
+    for name in of_words:
+        known = measurements[name].cat.categories
+        own_words = further[name].cat.categories if name in further else [""]
+        further[name] = pd.Categorical(
+            further.get(name, [""] * len(entries)),
+            [*known, *(word for word in own_words if word not in known)],
+        )
+        measurements[name] = measurements[name].cat.set_categories(further[name].cat.categories)
+    both = pd.concat([further[list(measurements.columns)], measurements], ignore_index=True)
+    return both.sort_values("time_s", kind="stable", ignore_index=True)
 
 
 class _Rows:

@@ -3,7 +3,7 @@
 | table          | one row per | columns |
 |----------------|-------------|---------|
 | nav            | output time | time_s lat_deg lon_deg h_m vn_mps ve_mps vd_mps roll_deg pitch_deg yaw_deg, sd_* of each, biases, clock_bias_m clock_drift_mps, offset_*_m, n_used n_hypotheses, sd_slow_* of the position; where asked for q_nb_*, cov_*, point_* |
-| measurements   | satellite, signal, epoch and kind | time_s sv signal kind innovation sd_innovation nis status |
+| measurements   | satellite, signal, epoch and kind; row of a user's own measurement | time_s sv signal kind innovation sd_innovation nis status |
 | satellites     | satellite and epoch | time_s sv az_deg el_deg body_az_deg body_el_deg gain_dbi cn0_dbhz state sd_range_m sd_range_rate_mps |
 | events         | event       | time_s kind detail |
 | errors         | nav row inside the reference | time_s and estimate minus reference with its sigma |
@@ -202,7 +202,8 @@ class Run(Shown):
         shape = (len(status.categories), len(kind.categories))
         table = np.zeros(shape, np.int64)
         for piece in pieces(self.measurements):
-            cell = piece["status"].cat.codes * np.int16(shape[1]) + piece["kind"].cat.codes
+            codes = piece["status"].cat.codes.to_numpy(np.int16)  # of so many kinds the cells are beyond 127
+            cell = codes * np.int16(shape[1]) + piece["kind"].cat.codes.to_numpy()
             table += np.bincount(cell, minlength=table.size).reshape(shape)
         counts = pd.DataFrame(
             table,

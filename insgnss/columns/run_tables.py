@@ -60,12 +60,14 @@ posix_s: seconds of UTC since 1970, in MAT files
 """
 _MEASUREMENTS = """
 time_s: receiver time tag, seconds of the GPS week
-sv: satellite, as G05
-signal: RINEX code, as C1C
-kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference
+sv: satellite, as G05; empty of a user's own measurement
+signal: RINEX code, as C1C; empty of a user's own measurement
+kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference; the name of a user's
+  own measurement
 antenna: where there are several: which one an attitude difference is of
-innovation: measured minus predicted, at the prior; m, of a range rate m/s; empty, and the next two, where
-  nothing was predicted: before the filter, without a satellite, below a mask, of a filter that is lost
+innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a user's own measurement in its own
+  unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of
+  a filter that is lost
 sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit
 nis: squared ratio of the two: 1 in the mean where filter and noise agree
 status: used, or why not: see the list at the end
@@ -220,7 +222,11 @@ RUN_SHEETS: Final = (
         "Beside the columns of nav in the CSV, MAT and NetCDF files of `insgnss export`;"
         " `run.nav_with(utc=True, sea_level=True, heading=True)` has utc, heights and heading.",
     ),
-    Sheet("measurements", "satellite, signal, epoch and kind: every value of the log", _MEASUREMENTS),
+    Sheet(
+        "measurements",
+        "satellite, signal, epoch and kind: every value of the log; row of a user's own measurement",
+        _MEASUREMENTS,
+    ),
     Sheet("satellites", "satellite and epoch", _SATELLITES),
     EVENTS,
     ERRORS,

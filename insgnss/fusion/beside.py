@@ -5,17 +5,17 @@ What it finds is written to no table. Its lock-out and strain are cleared after 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import Limits
 from insgnss.fusion.layout import Layout
-from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace, run_epochs
+from insgnss.fusion.loop import COVARIANCE_LOST, Workspace, new_workspace
 from insgnss.fusion.masking import NO_LIMITS
 from insgnss.fusion.output import Output, Table, new_output
+from insgnss.fusion.own_update import run_beside
 from insgnss.fusion.prediction import Imu
+from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import Bank
 from insgnss.gnss.observation_rows import Rows
 
@@ -37,7 +37,7 @@ def roomy(
 
 
 def update_beside(
-    bank: Bank, epoch: Rows, imu: Imu, parameters: Table, work: Workspace, n_values: int
+    bank: Bank, epoch: Rows, imu: Imu, parameters: Table, work: Workspace, setup: FilterSetup
 ) -> tuple[Output, bool]:
     """Carry a bank to an epoch and update it; return what it would have written, and whether a covariance was lost.
 
@@ -45,10 +45,10 @@ def update_beside(
     ----------
     epoch : the rows of one epoch
     parameters : (1,) of ``PARAMETERS_DTYPE``
-    n_values : number of optional states with a value, see ``Layout``
+    setup : of the filter beside which it runs: its states, and a user's own rows, which the bank takes too
     """
-    out = new_output(epoch, 1, _N_EVENTS, np.zeros(0, np.int64), n_values)
-    code, _ = run_epochs(bank, 0, 1, epoch, imu, parameters, -math.inf, out, work)
+    out = new_output(epoch, 1, _N_EVENTS, np.zeros(0, np.int64), setup.layout.n_values)
+    code = run_beside(bank, epoch, imu, parameters, out, work, setup)
     clear_failures(bank)
     return out, code == COVARIANCE_LOST
 

@@ -24,6 +24,8 @@ from insgnss.fusion.loop import write_between
 from insgnss.fusion.masking import still_uncertain
 from insgnss.fusion.navigator import Navigator, Snapshot
 from insgnss.fusion.output import NAV_COLUMNS, Output, mark_without_imu, new_output
+from insgnss.fusion.own_ledger import OwnResults
+from insgnss.fusion.own_update import carry_through
 from insgnss.fusion.prediction import carry_bank
 from insgnss.fusion.samples import SampleBuffer
 from insgnss.fusion.setup import FilterSetup
@@ -94,6 +96,7 @@ class Engine:
         self._final: list[EpochResult] = []
         self._waiting: list[GnssTable] = []  # epochs ahead of the samples, in the order of time
         self._recent: list[EpochResult] = []  # processed, but still within the latency
+        self._own = OwnResults(setup.own)
         self._last_settled: GnssTable | None = None  # the newest epoch older than those
         self._closed_ns = _LONG_AGO_NS  # epochs up to here are final, whatever the latency
         self._first_ns = _LONG_AGO_NS  # first sample of the unbroken stretch
@@ -227,12 +230,19 @@ class Engine:
         if all_of_them:
             self._process(2**62)
             if self._samples.last_ns is not None:
+                self._use_own_rows(self._samples.last_ns)
                 self._navigator.note_silence(self._samples.last_ns)
             while self._waiting:
                 self._insert(self._waiting.pop(0))
             self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
         taken, self._final = self._final, []
         return taken
+
+    def _use_own_rows(self, until_ns: int) -> None:
+        """Carry the filter by way of the own rows that no epoch comes before any more, and use them."""
+        if self._setup.own is not None:
+            rows = self._rows_for_size()
+            self._navigator.use_own_rows(self._samples.view(), rows, until_ns, self._output(rows))
 
     def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> Rows:
         """Return an epoch's rows; the carrier's differences need the epoch before it."""
@@ -254,7 +264,9 @@ class Engine:
         self._done += self._told()
         while self._waiting and tag_of(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
             self._insert(self._waiting.pop(0))
+        self._use_own_rows(last_ns)
         kept = self._navigator.leave(self._samples.view())
+        self._own.keep(self._navigator.own, (self._first_ns, last_ns))
         self._close(last_ns)
         self._samples.clear()
         self._begin(None if kept is None else kept_over(kept, cut))
@@ -263,6 +275,7 @@ class Engine:
         """Begin anew after tags that were wrong: what they made of the filter goes with them."""
         self._done += self._told()
         self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
+        self._own.keep(self._navigator.own, (self._first_ns, self._samples.last_ns or self._first_ns))
         self._samples.clear()
         self._arrived.clear()
         self._stream = SampleStream(self._setup)
@@ -289,6 +302,7 @@ class Engine:
             self._kept.pop()
         if len(self._kept) < n_kept:
             self._navigator.restore(self._kept[-1].saved)
+            self._navigator.forget_own(self._kept[-1].t_ns)
         for gnss in [epoch, *later]:
             rows = self._rows(gnss, self._recent[-1].gnss if self._recent else self._last_settled)
             result = EpochResult(tag_of(gnss), gnss, rows, self._output(rows))
@@ -312,8 +326,9 @@ class Engine:
             return
         if self._live is None:
             self._live = copy_bank(bank)
-        work = self._navigator.workspace(self._rows_for_size())
-        carry_bank(self._live, newest, self._samples.view(), self._navigator.parameters[0], work.scratch)
+        work, samples = self._navigator.workspace(self._rows_for_size()), self._samples.view()
+        carry_through(self._live, newest, self._setup, samples, self._navigator.parameters, work.scratch)
+        carry_bank(self._live, newest, samples, self._navigator.parameters[0], work.scratch)
         lead = self._live.head[0].leader
         if not is_finite(self._live.state[lead], self._live.P[lead]):
             self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
@@ -336,10 +351,12 @@ class Engine:
         bank = self._navigator.bank
         if len(self._kept) == 1 and bank is not None and horizon - bank.head[0].now_ns > NS_PER_S:
             # a long outage: carry the filter itself on, at whole samples, which changes no bit
-            stop = self._samples.last_before(horizon)
-            work = self._navigator.workspace(self._rows_for_size())
+            stop, samples = self._samples.last_before(horizon), self._samples.view()
+            work, parameters = self._navigator.workspace(self._rows_for_size()), self._navigator.parameters
+            self._use_own_rows(stop)
             for each in self._navigator.banks:
-                carry_bank(each, stop, self._samples.view(), self._navigator.parameters[0], work.scratch)
+                carry_through(each, stop, self._setup, samples, parameters, work.scratch)
+                carry_bank(each, stop, samples, parameters[0], work.scratch)
             self._kept = []
             self._keep(stop)
         if bank is None and self._navigator.starter.given:

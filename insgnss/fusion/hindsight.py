@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.fusion.creeping import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
-from insgnss.fusion.loop import DONE, new_workspace, run_epochs
+from insgnss.fusion.loop import DONE, new_workspace
 from insgnss.fusion.output import new_output
+from insgnss.fusion.own_update import run_beside
 from insgnss.fusion.past import Past, Stretch
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.ramps import ramp_evidence, ramps
@@ -277,9 +278,7 @@ class Hindsight:
                 continue
             rows = some_epochs(stretch.rows, int(first), int(last))
             out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_values)
-            code, _ = run_epochs(
-                bank, 0, len(rows.epoch_ns), rows, self.imu, self.parameters, -math.inf, out, self.work
-            )
+            code = run_beside(bank, rows, self.imu, self.parameters, out, self.work, self.setup)
             if code != DONE:
                 return None
             slot = rows.observation["slot"]

@@ -18,7 +18,7 @@ from insgnss.fusion.carried_start import Carried, left_behind
 from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.fix import Fix
 from insgnss.fusion.heading_bank import heading_deg, pruned, split
-from insgnss.fusion.headings import heading_variance
+from insgnss.fusion.headings import heading_variance, needs_pruning
 from insgnss.fusion.health import Health, Remedy
 from insgnss.fusion.ledger_marks import mark_rows
 from insgnss.fusion.loop import (
@@ -33,12 +33,16 @@ from insgnss.fusion.loop import (
     Workspace,
     new_workspace,
     run_epochs,
+    run_to,
     write_row,
 )
 from insgnss.fusion.masking import became_of_uncertain, still_uncertain
 from insgnss.fusion.output import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
+from insgnss.fusion.own_ledger import OwnEntry
+from insgnss.fusion.own_update import OwnUpdate, before, use_own_rows
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.setup import FilterSetup
+from insgnss.fusion.soundness import is_sound
 from insgnss.fusion.starter import Starter
 from insgnss.fusion.state import Bank, copy_bank
 from insgnss.fusion.trial import Trial, banks_of, refusal
@@ -79,6 +83,8 @@ class Navigator:
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
     trial: Trial | None = None  # of a given start
+    own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
+    after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
     _parameters: npt.NDArray[Any] = field(init=False)
     _work: Workspace | None = None
 
@@ -120,6 +126,10 @@ class Navigator:
         self.trial = None if saved.trial is None else saved.trial.copied()
         self.health = saved.health.copied()
 
+    def forget_own(self, after_ns: int) -> None:
+        """Forget what became of a user's own rows after a time."""
+        self.own = {t_ns: entries for t_ns, entries in self.own.items() if t_ns <= after_ns}
+
     def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``, all of them within the inertial samples."""
         epoch = first
@@ -129,7 +139,12 @@ class Navigator:
                 continue
             work = self.workspace(rows)
             self.before_loop()
+            self.use_own_rows(imu, rows, int(rows.epoch_ns[epoch]), out)
+            if self.bank is None:
+                continue
             stop = last if self.aid is None else epoch + 1
+            if self.setup.own is not None:
+                stop = min(stop, self.setup.own.epochs_before_next(rows.epoch_ns, epoch, last))
             if self.trial is not None:
                 stop = min(stop, self.trial.epoch_after_look(rows, epoch, last))
             stop, begin = min(stop, self.health.stop(self.bank, rows, epoch, last)), epoch
@@ -150,6 +165,28 @@ class Navigator:
                 )
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
+
+    def use_own_rows(self, imu: Imu, rows: Rows, until_ns: int, out: Output) -> None:
+        """Carry the filter by way of a user's own rows up to ``until_ns`` and use them; it stays at the last of them.
+
+        ``rows`` tells how large the work space must be.
+        """
+        if self.setup.own is None or self.bank is None:
+            return
+        for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
+            work = self.workspace(rows)
+            run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
+            update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
+            self.own[t_ns] = update.entries
+            lead = int(self.bank.head[0].leader)
+            if not is_sound(self.bank.state[lead], self.bank.P[lead]):
+                del self.own[t_ns]
+                self._restart(t_ns, "the state is not finite any more, or a variance not positive")
+                return
+            if needs_pruning(self.bank, self.setup.log_drop):
+                self._prune()
+            self._tell_heading()
+            self.after_own(update)
 
     def leave(self, imu: Imu) -> Carried | None:
         """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
@@ -331,7 +368,12 @@ class Navigator:
         last_ns = max(int(head.epoch_ns), self.started_ns)
         if head.silent_ns == 0 and t_ns - last_ns > SILENCE_S * NS_PER_S:
             head.silent_ns = last_ns
-            self.events.append(event_in_words(last_ns, int(NO_MEASUREMENTS), 0.0))
+            self.events.append(event_in_words(last_ns, int(NO_MEASUREMENTS), 0.0, self._left_without_gnss))
+
+    @property
+    def _left_without_gnss(self) -> str:
+        own = self.setup.own
+        return "" if own is None else f"no GNSS measurement is used: inertial samples and {own.named} alone"
 
     def _restart(self, t_ns: int, reason: str) -> None:
         """Give the filter up and wait for a new automatic start."""
@@ -348,6 +390,8 @@ class Navigator:
             kind, became = int(row["kind"]), ""
             if kind == MASKING_UNCERTAIN:
                 became = became_of_uncertain(self.setup.config.visibility)
+            elif kind == NO_MEASUREMENTS:
+                became = self._left_without_gnss
             self.events.append(event_in_words(int(row["t_ns"]), kind, float(row["a"]), became))
         if count.events > len(out.events):
             self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))

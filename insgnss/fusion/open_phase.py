@@ -23,11 +23,12 @@ from insgnss.fusion.between import one_hypothesis
 from insgnss.fusion.heading_bank import rotation, set_attitude, turn_member
 from insgnss.fusion.headings import turn_about, yaw_variance
 from insgnss.fusion.hindsight import quiet
-from insgnss.fusion.loop import COVARIANCE_LOST, new_workspace, run_epochs
+from insgnss.fusion.loop import COVARIANCE_LOST, new_workspace
 from insgnss.fusion.output import CLOCK_STEP, DRIFT_STEP, new_output
+from insgnss.fusion.own_update import OwnUpdate, run_beside
 from insgnss.fusion.prediction import Imu, carry_bank, new_scratch
 from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.smoother_step import Kept, Smoothed, apart, keep, kept_as_opened
+from insgnss.fusion.smoother_step import Kept, Smoothed, apart, keep, keep_own, kept_as_opened
 from insgnss.fusion.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64, Int64
@@ -58,9 +59,13 @@ def gone_over_alone(
     calm, layout = quiet(parameters), setup.layout
     largest = max((len(rows.observation) for rows in phase.epochs), default=0)
     work = new_workspace(max(largest, 1), layout, setup.installation, setup.visibility_limits)
+
+    def own_step(step: OwnUpdate) -> None:
+        chain.append(keep_own(bank, step.correction, linked=True, fits=True))
+
     for rows in phase.epochs:
         out = new_output(rows, 1, 32, np.zeros(0, np.int64), layout.n_values)
-        code, _ = run_epochs(bank, 0, 1, rows, imu, calm, -math.inf, out, work)
+        code = run_beside(bank, rows, imu, calm, out, work, setup, own_step)
         if code == COVARIANCE_LOST:
             return []
         kinds = map(int, out.events["kind"][: out.counts[0].events])

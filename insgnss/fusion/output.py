@@ -178,7 +178,7 @@ def mark_without_imu(ledger: Table, carriers: Table) -> None:
 def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
     """Return an event of the filter as users read it: ``a`` is its number, if any.
 
-    ``why`` goes on: why a step is believed, or what became of the satellites.
+    ``why`` goes on: why a step is believed, what became of the satellites, or what is left without GNSS.
     """
     if kind == CLOCK_STEP:
         size = f"{a:.1f} m ({1e3 * a / C_MPS:.4f} ms)"
@@ -187,7 +187,7 @@ def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
         size = f"{a:.2f} m/s"
         return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {size}{why}; absorbed")
     if kind == NO_MEASUREMENTS:
-        return Event(t_ns, "no_measurements", "no measurement is used: the filter coasts")
+        return Event(t_ns, "no_measurements", why or "no measurement is used: the filter coasts")
     if kind == MEASUREMENTS_BACK:
         return Event(t_ns, "measurements_back", f"measurements are used again after {a:.1f} s")
     if kind == MASKING_WAITS:

@@ -109,7 +109,7 @@ class Doubt:
         """Carry all of them to an epoch and update them with it; return what they would have written."""
         setup = self.setup
         self._work = roomy(self._work, alone, setup.layout, setup.installation, setup.visibility_limits)
-        out, self.over = update_beside(self.bank, alone, imu, parameters, self._work, setup.layout.n_values)
+        out, self.over = update_beside(self.bank, alone, imu, parameters, self._work, setup)
         return out
 
     def _weights(self) -> Float64:

@@ -1,12 +1,14 @@
 """The covariance behind each navigation row of the filter, for what users want of it beside the row's own columns.
 
 The loop does not keep it. It goes one epoch at a time here: the row of an epoch is the last one written, its covariance
-still in the work space; rows between epochs are made once more from a copy of the filter as the epoch before left it.
+still in the work space; rows between epochs are made once more from a copy of the filter as the epoch before left it,
+or as a user's own rows in between did.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +18,7 @@ from insgnss.fusion.body_points import Further
 from insgnss.fusion.loop import newest_sample, run_to
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, mixture_covariance
+from insgnss.fusion.own_update import OwnUpdate
 from insgnss.fusion.prediction import Imu, carry_bank, new_scratch
 from insgnss.fusion.state import Bank, copy_bank
 from insgnss.gnss.observation_rows import Rows, one_epoch
@@ -40,6 +43,8 @@ class RowCovariances:
     navigator: Navigator
     imu: Imu
     further: Further
+    _before: Bank | None = None  # the filter at the last epoch, or where it used own rows since
+    _written: int = 0  # navigation rows up to then
 
     def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``."""
@@ -48,14 +53,40 @@ class RowCovariances:
 
     def run(self, rows: Rows, out: Output) -> None:
         """Process an epoch as ``Navigator.run`` does, and fill what belongs to the rows that it writes."""
-        navigator, first = self.navigator, int(out.counts[0].nav)
-        before = None if navigator.bank is None else copy_bank(navigator.bank)
-        navigator.run(self.imu, rows, 0, 1, out)
-        last = int(out.counts[0].nav)
+        navigator = self.navigator
+        with self._by_way_of_own_rows(out):
+            navigator.run(self.imu, rows, 0, 1, out)
+        first, last = self._written, int(out.counts[0].nav)
         if last > first and out.nav["t_ns"][last - 1] == rows.epoch_ns[0]:
             last -= 1
             self._write(slice(last, last + 1), navigator.workspace(rows).P_out[None], out)
-        self._write_between(before if before is not None else navigator.opened, first, last, out)
+        self._write_between(self._before if self._before is not None else navigator.opened, first, last, out)
+
+    def own_to_the_end(self, no_rows: Rows, out: Output) -> None:
+        """Use a user's own rows after the last epoch, and fill what belongs to the rows up to the last of them."""
+        with self._by_way_of_own_rows(out):
+            self.navigator.use_own_rows(self.imu, no_rows, int(self.imu.t_ns[-1]), out)
+
+    @contextmanager
+    def _by_way_of_own_rows(self, out: Output) -> Iterator[None]:
+        """Begin where the filter stands; fill the rows up to each time at which it uses a user's own rows."""
+        navigator, others = self.navigator, self.navigator.after_own
+        self._begin(navigator.bank, out)
+
+        def go_on(found: OwnUpdate) -> None:
+            before = self._before if self._before is not None else navigator.opened
+            self._write_between(before, self._written, int(out.counts[0].nav), out)
+            self._begin(navigator.bank, out)
+            others(found)
+
+        navigator.after_own = go_on
+        try:
+            yield
+        finally:
+            navigator.after_own = others
+
+    def _begin(self, bank: Bank | None, out: Output) -> None:
+        self._before, self._written = None if bank is None else copy_bank(bank), int(out.counts[0].nav)
 
     def to_the_end(self, bank: Bank, no_rows: Rows, out: Output) -> None:
         """Carry the filter's bank to the last sample, and fill what belongs to the rows on the way."""

@@ -16,6 +16,7 @@ from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.layout import Layout, StateBlock
 from insgnss.fusion.masking import NO_LIMITS
+from insgnss.fusion.own_rows import OwnMeasurements
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.registry import layout_of
 from insgnss.fusion.states.wanted import StatesWanted
@@ -50,6 +51,7 @@ class FilterSetup:
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
     new_aid: Callable[[], EpochAid] | None = None  # makes what several antennas add at epochs; None: nothing
+    own: OwnMeasurements | None = None  # a user's own; None: none
 
     @property
     def klobuchar(self) -> Float64 | None:

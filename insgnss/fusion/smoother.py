@@ -10,6 +10,7 @@ where P_k Phi^T is read off a prediction that carries a copy of the state at k a
 with the filter's own mechanization and covariance. A carrier difference at k+1 is about the clone of k as well, so the
 next epoch is taken together with that clone; the clone follows from the smoothed state of k+1 by regression, for all
 later measurements know it only by way of that state. [Rauch, Tung & Striebel 1965; Roumeliotis & Burdick 2002]
+A user's own rows between epochs make a step of their own. The clone lasts over it: there it is part of what is told.
 
 Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
 was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
@@ -31,11 +32,20 @@ from insgnss.fusion.body_points import Further
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.open_phase import OpenPhase, gone_over_alone
 from insgnss.fusion.output import Output
+from insgnss.fusion.own_update import OwnUpdate
 from insgnss.fusion.prediction import Imu
 from insgnss.fusion.row_covariances import RowCovariances, each_epoch
 from insgnss.fusion.smoother_step import Kept as Kept
-from insgnss.fusion.smoother_step import Smoothed, keep, kept_as_opened, last_of_all, one_back, same_time
-from insgnss.fusion.state import CLOCK, DRIFT, Bank, copy_bank
+from insgnss.fusion.smoother_step import (
+    Smoothed,
+    keep,
+    keep_own,
+    kept_as_opened,
+    last_of_all,
+    one_back,
+    same_time,
+)
+from insgnss.fusion.state import CLOCK, DRIFT, OFFSETS, Bank, copy_bank
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64, Int64
 
@@ -53,11 +63,13 @@ class Smoother:
     kept: list[Kept] = field(default_factory=list)
     phases: dict[int, OpenPhase] = field(default_factory=dict)  # by the time of the epoch at which each ended
     _linked: bool = False  # whether the next epoch follows from the one kept last
+    _opened: bool = False  # whether a given start has been kept
     _phase: OpenPhase | None = None  # several headings are open
 
     def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
         navigator = self.navigator
+        navigator.after_own = self._take_own
         for alone, written in each_epoch(rows, first, last, out):
             told, before = len(navigator.events), navigator.bank
             if self.further is None:
@@ -67,6 +79,18 @@ class Smoother:
             kinds = {event.kind for event in navigator.events[told:]}
             self._take(before, alone, kinds)
 
+    def _take_own(self, found: OwnUpdate) -> None:
+        """Keep what a user's own rows have made of the filter; of several open headings nothing is kept."""
+        bank, opened = self.navigator.bank, self.navigator.opened
+        if bank is None:
+            return
+        if opened is not None and not self._opened:
+            self._open(opened)
+        if self._phase is None and len(bank.state) == 1:
+            fits = self.kept[-1].fits if self.kept else True
+            self.kept.append(keep_own(bank, found.correction, linked=self._linked, fits=fits))
+            self._linked = True
+
     def _take(self, before: Bank | None, rows: Rows, kinds: set[str]) -> None:
         """Keep what an epoch has made of the filter ``before`` it, ``kinds`` of event what was told."""
         navigator, bank = self.navigator, self.navigator.bank
@@ -74,10 +98,11 @@ class Smoother:
             self._linked, self._phase = False, None
             return
         replaced = bank is not before and int(bank.head[0].renewed_ns) == int(rows.epoch_ns[0])
-        if before is None or kinds & _BEGUN_ANEW or (replaced and self._phase is not None):
-            self._linked, self._phase = False, None
         if before is None and navigator.opened is not None:
-            self._open(navigator.opened)
+            if not self._opened:
+                self._open(navigator.opened)
+        elif before is None or kinds & _BEGUN_ANEW or (replaced and self._phase is not None):
+            self._linked, self._phase = False, None
         if self._phase is not None:
             self._phase.epochs.append(rows)
         work, layout = navigator.workspace(rows).epoch, navigator.setup.layout
@@ -105,6 +130,7 @@ class Smoother:
 
     def _open(self, opened: Bank) -> None:
         """Keep a given start, at which there is no epoch."""
+        self._opened = True
         if len(opened.state) > 1:
             self._phase = OpenPhase(opened, linked=False)
         else:
@@ -114,20 +140,22 @@ class Smoother:
     def finish(self, out: Output) -> None:
         """Write the navigation rows of all that ``forward`` has kept, as the way back makes them."""
         t_ns: Int64 = out.nav["t_ns"][: out.counts[0].nav].copy()
-        parameters = self.navigator.parameters
+        parameters, n = self.navigator.parameters, OFFSETS + self.navigator.setup.layout.n_values
         for found in self._back():
             row = int(np.searchsorted(t_ns, found.kept.t_ns))
+            if found.onward is not None and found.onward.t_ns == found.kept.t_ns:
+                continue  # own rows at the time of an epoch, which has told of it
             if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
                 if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
                     state = found.kept.bank.state[:1].copy()
-                    at_epoch = Between(slice(0, 1), state, found.e[None], found.P[None])
+                    at_epoch = Between(slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n])
                     self._write(row, at_epoch, out)
                 row += 1
             if found.onward is None:
                 continue
             last = int(np.searchsorted(t_ns, found.onward.t_ns))
             if last > row:
-                times_ns, n = t_ns[row:last], len(found.e)
+                times_ns = t_ns[row:last]
                 for part in smoothed(found.kept.bank, times_ns, found.onward, parameters, n):
                     self._write(row + part.rows.start, part, out)
 
@@ -147,7 +175,7 @@ class Smoother:
         layout = self.navigator.setup.layout
         later: Smoothed | None = None  # that tells of the epoch before it
         for kept in reversed(self.kept):
-            if later is not None and later.kept.t_ns == kept.t_ns:  # as it was before its heading was split
+            if later is not None and later.is_opening(kept.t_ns):  # as it was before its heading was split
                 later = same_time(kept, later, layout) if kept.linked else None
                 continue
             found = last_of_all(kept, layout) if later is None else self._one_back(kept, later)

@@ -45,6 +45,7 @@ class Kept(NamedTuple):
     stepped: tuple[int, ...] = ()  # states of the clock that stepped in between
     reset: bool = False  # whether the filter was set right at it
     fits: bool = True  # whether the filter agreed with it
+    is_own: bool = False  # no epoch, but a user's own rows: the clone stays that of the epoch before
 
     @property
     def t_ns(self) -> int:
@@ -53,18 +54,22 @@ class Kept(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """What the whole log tells of an epoch."""
+    """What the whole log tells of an epoch, or of a time at which the filter used a user's own rows."""
 
     kept: Kept
-    e: Float64  # (n,) to be added to the filter's state
+    e: Float64  # (n,) to be added to the filter's state; with the clone behind it where own rows were used
     P: Float64  # (n, n)
     onward: Onward | None  # at the epoch after it; None where nothing comes after
 
     def state(self) -> StateRecord:
-        """Return the smoothed state."""
+        """Return the smoothed state of an epoch."""
         state = self.kept.bank.state[:1].copy()
         close_loop(state[0], self.e, len(self.e))
         return state[0]
+
+    def is_opening(self, t_ns: int) -> bool:
+        """Return whether it stands at ``t_ns`` as a hypothesis that was opened then, without a correction."""
+        return self.kept.t_ns == t_ns and len(self.kept.correction) == 0
 
 
 def keep(bank: Bank, work: Epoch, layout: Layout, **told: Any) -> Kept:
@@ -74,6 +79,12 @@ def keep(bank: Bank, work: Epoch, layout: Layout, **told: Any) -> Kept:
     return Kept(one_hypothesis(bank.state, bank.P, bank.head), vectors[0, :q].copy(), clone, **told)
 
 
+def keep_own(bank: Bank, correction: Float64, *, linked: bool, fits: bool) -> Kept:
+    """Return the filter as a user's own rows have left it."""
+    alone = one_hypothesis(bank.state, bank.P, bank.head)
+    return Kept(alone, correction.copy(), np.zeros((0, 0)), linked=linked, fits=fits, is_own=True)
+
+
 def kept_as_opened(bank: Bank) -> Kept:
     """Return a filter as it was opened, before its first epoch."""
     return Kept(one_hypothesis(bank.state, bank.P, bank.head), np.zeros(0), np.zeros((0, 0)))
@@ -81,8 +92,13 @@ def kept_as_opened(bank: Bank) -> Kept:
 
 def last_of_all(kept: Kept, layout: Layout) -> Smoothed:
     """Return an epoch of which nothing later tells: as the filter has it."""
-    n = OFFSETS + layout.n_values
+    n = _told(kept, layout)
     return Smoothed(kept, np.zeros(n), kept.bank.P[0, :n, :n].copy(), None)
+
+
+def _told(kept: Kept, layout: Layout) -> int:
+    """Return of how many error states something is told."""
+    return int(kept.bank.P.shape[1]) if kept.is_own else OFFSETS + layout.n_values
 
 
 def same_time(kept: Kept, found: Smoothed, layout: Layout) -> Smoothed:
@@ -98,17 +114,17 @@ def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
 
 def one_back(kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any], layout: Layout) -> Smoothed:
     """Return an epoch as the ``later`` one tells of it."""
-    n, q = len(later.e), kept.bank.P.shape[1]
+    n, q, known = _told(kept, layout), kept.bank.P.shape[1], len(later.e)
     if later.kept.reset:
         imu, d = across_reset(kept, later, imu, parameters, layout)
-        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], layout)
+        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], n)
         doubt_what_jumped(prior, d)
         step, P_y = np.zeros(q), prior.copy()  # of a clone from before nothing is known
-        step[:n], P_y[:n, :n] = d, later.P
-        cross[:, n:] = prior[n:] = prior[:, n:] = P_y[n:] = P_y[:, n:] = 0.0
+        step[:known], P_y[:known, :known] = d, later.P
+        cross[:, known:] = prior[known:] = prior[:, known:] = P_y[known:] = P_y[:, known:] = 0.0
     else:
         e_y, P_y = with_clone(later.kept, later.e, later.P)
-        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], layout)
+        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], n)
         step = later.kept.correction + e_y
     gain, change = regression(cross, prior), P_y - prior
     smoothed = kept.bank.P[0, :n, :n] + gain @ change @ gain.T
@@ -165,11 +181,9 @@ def with_clone(later: Kept, e: Float64, P: Float64) -> tuple[Float64, Float64]:
     return np.concatenate([e, G @ e]), P_y
 
 
-def predicted(
-    bank: Bank, later: Kept, imu: Imu, parameters: np.record, layout: Layout
-) -> tuple[Float64, Float64]:
-    """Return the covariance (q, q) predicted for the ``later`` epoch, and that of the state now with it (n, q)."""
-    q, n = bank.P.shape[1], OFFSETS + layout.n_values
+def predicted(bank: Bank, later: Kept, imu: Imu, parameters: np.record, n: int) -> tuple[Float64, Float64]:
+    """Return the covariance (q, q) predicted for the ``later`` epoch, and that of ``n`` states now with it (n, q)."""
+    q = bank.P.shape[1]
     carried = one_hypothesis(bank.state, np.empty((1, q + n, q + n)), bank.head)
     P = carried.P[0]
     P[:q, :q] = bank.P[0]

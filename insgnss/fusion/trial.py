@@ -177,10 +177,9 @@ class Trial:
         """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
         assert self.bank is not None
         alone = one_epoch(rows, epoch)
-        layout = self.setup.layout
-        self._work = roomy(self._work, alone, layout)
+        self._work = roomy(self._work, alone, self.setup.layout)
         before = self.bank.state["log_weight"].copy()
-        _, self.over = update_beside(self.bank, alone, imu, parameters, self._work, layout.n_values)
+        _, self.over = update_beside(self.bank, alone, imu, parameters, self._work, self.setup)
         if self.settling:
             self.bank.state["log_weight"] = before
             self.settling = int(alone.epoch_ns[0]) - self.since_ns < _SETTLING_NS

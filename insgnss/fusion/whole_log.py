@@ -22,6 +22,7 @@ from insgnss.fusion.loop import run_to
 from insgnss.fusion.masking import still_uncertain
 from insgnss.fusion.navigator import Navigator
 from insgnss.fusion.output import Output, Table, mark_without_imu, new_ledger, new_output
+from insgnss.fusion.own_ledger import OwnEntry, complete_ledger
 from insgnss.fusion.row_covariances import RowCovariances
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.smoother import Smoother
@@ -73,6 +74,7 @@ def run_blocks(
     smooth: bool = False,
     further: Further | None = None,
     filtered: list[Table] | None = None,
+    own: list[OwnEntry] | None = None,
 ) -> tuple[Output, list[LedgerPart], list[Event]]:
     """Run a filter over samples and the blocks of a log's rows.
 
@@ -90,6 +92,7 @@ def run_blocks(
     smooth : gives the navigation rows what the rest of their stretch tells of them
     further : columns that are wanted beside those that every navigation row has; filled
     filtered : takes the filter's own navigation rows of each part before they are smoothed
+    own : takes what became of a user's own rows
 
     The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
     leaves behind.
@@ -108,10 +111,13 @@ def run_blocks(
     events: list[Event] = list(samples.events)
     started = False
     kept: Carried | None = None
+    found: dict[int, list[OwnEntry]] = {}
+    spans_ns: list[tuple[int, int]] = []
     for part, cut in samples.stretches():
         kept = kept if cut is None else kept_over(kept, cut)
         if len(part.t_ns) < 2:
             continue
+        spans_ns.append((int(part.t_ns[0]), int(part.t_ns[-1])))
         e0, e1 = np.searchsorted(epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
         passage.without_imu(int(e0))
         navigator = Navigator(setup, before_loop)
@@ -124,6 +130,11 @@ def run_blocks(
                 RowCovariances(navigator, part, further).forward(rows, begin, end, written)
             else:
                 navigator.run(part, rows, begin, end, written)
+        if further is not None:
+            RowCovariances(navigator, part, further).own_to_the_end(no_rows, out)
+        else:
+            navigator.use_own_rows(part, no_rows, int(part.t_ns[-1]), out)
+        found |= navigator.own
         if filtered is not None:
             filtered.append(out.nav[first : out.counts[0].nav].copy())
         smoother.finish(out)
@@ -140,6 +151,8 @@ def run_blocks(
     passage.without_imu(n_epochs)
     if not started:
         raise _no_start(setup, samples.logged_ns, epoch_ns)
+    if own is not None and setup.own is not None:
+        own += complete_ledger(setup.own, found, spans_ns, (-(2**62), 2**62))
     return out, passage.ledger, events
 
 

@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+import numpy.typing as npt
 import pyarrow as pa
 
 from insgnss.config.flight import FlightConfig, ImuGrade, Oscillator
 from insgnss.config.strict import load_toml
 from insgnss.gnss.phase_centre import SatelliteAntennas
+from insgnss.gpstime import week_seconds_to_ns
 from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
@@ -22,7 +24,15 @@ from insgnss.log.imu_csv import inertial, read_imu
 from insgnss.log.overlap import check_overlap, outside_events
 from insgnss.log.reference import read_reference
 from insgnss.shown import Shown
-from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, PreciseProducts, ReferenceTable
+from insgnss.tables import (
+    Event,
+    GnssTable,
+    ImuTable,
+    Int64,
+    NavigationData,
+    PreciseProducts,
+    ReferenceTable,
+)
 
 # of a flight without an inertial log: nothing is computed with it
 _UNUSED_GRADE: Final = "mems_consumer"
@@ -89,6 +99,10 @@ class Flight(Shown):
     def name(self) -> str:
         """The flight's name, that of its file when it has none of its own."""
         return self.config.name or self.path.stem
+
+    def gps_ns(self, time_s: npt.ArrayLike) -> Int64:
+        """Return GPS times [ns] of seconds of the flight's GPS week."""
+        return week_seconds_to_ns(self.config.gps_week, time_s)
 
     def read(self) -> FlightLogs:
         """Read all logs of the flight and hold them against each other.

@@ -13,6 +13,11 @@ from insgnss.tables import Float64, Int64
 _USED: Final = ("used", "used_for_start")
 
 
+def of_satellites(ledger: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a ledger that are about a satellite: a user's own measurements have none."""
+    return ledger[ledger["sv"] != ""] if "" in ledger["sv"].cat.categories else ledger
+
+
 def satellites_of(table: pd.DataFrame) -> tuple[Int64, list[str]]:
     """Return, of each row, its satellite's place in the list of names, and the names that occur, sorted."""
     words = pd.Categorical(
@@ -27,7 +32,7 @@ def satellites_of(table: pd.DataFrame) -> tuple[Int64, list[str]]:
 
 def satellites_used(run: Run) -> tuple[Float64, Int64]:
     """Return the times of the log's epochs [s], and how many satellites corrected or started the state at each."""
-    ledger = run.measurements
+    ledger = of_satellites(run.measurements)
     time_s = ledger["time_s"].to_numpy()
     new = np.diff(time_s, prepend=-np.inf) != 0.0  # the ledger is in the order of the epochs
     epochs, epoch = time_s[new], np.cumsum(new) - 1

@@ -21,7 +21,8 @@ from insgnss.errors import ConfigError, ResultError
 from insgnss.pictures import new_figure
 from insgnss.report.charts import BAND_SIGMAS, PALETTE
 from insgnss.report.epochs import satellites_of
-from insgnss.report.labels import KIND_UNITS, label
+from insgnss.report.labels import label
+from insgnss.report.own_kinds import unit_of
 from insgnss.report.sections.errors import opening_range
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sections.satellites import STATE_COLOURS
@@ -150,7 +151,7 @@ def innovations(run: Run, kind: str = "pseudorange") -> Figure:
     bound = rows.groupby("time_s")["sd_innovation"].median() * 1.96
     for sign in (-1.0, 1.0):
         upper.plot(bound.index, sign * bound, color=PALETTE[1], lw=0.8)
-    upper.set_ylabel(f"innovation, {KIND_UNITS.get(kind, '-')}")
+    upper.set_ylabel(f"innovation, {unit_of(run, kind)}")
     _label_time(upper, figure)
     grid = np.linspace(-5.0, 5.0, 201)
     lower.hist(np.clip(ratio, -5.0, 5.0), bins=np.linspace(-5.0, 5.0, 41), density=True, color=PALETTE[5])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -20,8 +21,9 @@ from insgnss.report.charts import (
     translucent,
 )
 from insgnss.report.epochs import satellites_of
-from insgnss.report.html import Section, table
-from insgnss.report.labels import KIND_UNITS, number
+from insgnss.report.html import Section, table, text
+from insgnss.report.labels import number
+from insgnss.report.own_kinds import own_kinds, unit_of
 from insgnss.report.thinning import envelope
 from insgnss.run import Run
 from insgnss.tables import Float64
@@ -37,11 +39,12 @@ def section(run: Run) -> Section | None:
     """Return the innovations of every kind that was used, None where there is none."""
     ledger = run.measurements
     ledger = ledger[np.isfinite(ledger["innovation"]) & (ledger["sd_innovation"] > 0.0)]
+    own = own_kinds(run)
     charts: list[Chart] = []
     for kind in ledger["kind"].cat.categories:
         rows = ledger[ledger["kind"] == kind]
         if (rows["status"] == "used").any():
-            charts += _charts(rows, str(kind))
+            charts += _charts(rows, str(kind), unit_of(run, str(kind)), of_satellites=kind not in own)
     if not charts:
         return None
     about = (
@@ -49,7 +52,15 @@ def section(run: Run) -> Section | None:
         " its square, NIS, should be 1 in the mean. Below 1 the filter is more careful than it need be, above 1 it"
         " trusts too much.</p>"
     )
-    return Section("innovations", "Innovations", before=about + _summary(run), charts=charts)
+    told = "".join(f"<p>{text(_about_own(name, entry))}</p>" for name, entry in own.items())
+    return Section("innovations", "Innovations", before=about + _summary(run) + told, charts=charts)
+
+
+def _about_own(name: str, entry: Mapping[str, Any]) -> str:
+    gate = entry.get("gate_sigma")
+    gated = {None: "the gate of the pseudoranges", "none": "no gate"}.get(gate, f"a gate of {gate} sigma")
+    times, source = entry.get("times", 0), entry.get("class", "unknown")
+    return f"{name}: a measurement of the user's own ({source}), rows at {times} times, {gated}."
 
 
 def nis_bounds(n: int, share: float = 0.95) -> tuple[float, float]:
@@ -84,23 +95,20 @@ def _summary(run: Run) -> str:
     return table(("kind", "used", "mean NIS (1)", "within 95 % bound, %"), rows)
 
 
-def _charts(rows: pd.DataFrame, kind: str) -> list[Chart]:
+def _charts(rows: pd.DataFrame, kind: str, unit: str, *, of_satellites: bool) -> list[Chart]:
     used = rows[rows["status"] == "used"]
     words = kind.replace("_", " ")
-    return [
-        _over_time(rows, used, kind, words),
-        _histogram(used, kind, words),
-        _by_satellite(used, kind, words),
-    ]
+    charts = [_over_time(rows, used, kind, unit), _histogram(used, kind, words)]
+    return [*charts, _by_satellite(used, kind, words)] if of_satellites else charts
 
 
-def _over_time(rows: pd.DataFrame, used: pd.DataFrame, kind: str, words: str) -> Chart:
+def _over_time(rows: pd.DataFrame, used: pd.DataFrame, kind: str, unit: str) -> Chart:
     """Return innovations in their unit, and divided by their sigma, with the 95 % bound."""
-    chart = Rows([f"innovation, {KIND_UNITS.get(kind, '-')}", "innovation / sigma"])
+    chart, words = Rows([f"innovation, {unit}", "innovation / sigma"]), kind.replace("_", " ")
     place_of, names = satellites_of(used)
     each = max(_POINTS // max(len(names), 1), 40)
     for place, name in enumerate(names):
-        _add(chart, used[place_of == place], name, each, _marker(place), name)
+        _add(chart, used[place_of == place], name or "used", each, _marker(place), name or "used")
     refused = rows[rows["status"] != "used"]
     if len(refused):
         marker = {"color": PALETTE[1], "size": 6, "symbol": "x-thin-open"}

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from insgnss.columns.statuses import STATUS_MEANINGS
-from insgnss.report.epochs import satellites_of
+from insgnss.report.epochs import of_satellites, satellites_of
 from insgnss.report.html import Section, table
 from insgnss.run import Run
 
@@ -28,7 +28,7 @@ def section(run: Run) -> Section:
 
 
 def _by_satellite(run: Run) -> str:
-    ledger = run.measurements
+    ledger = of_satellites(run.measurements)
     if ledger.empty:
         return ""
     place, names = satellites_of(ledger)

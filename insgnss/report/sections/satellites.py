@@ -10,7 +10,7 @@ import pandas as pd
 from pandas.api.types import union_categoricals
 
 from insgnss.report.charts import TIME_AXIS, Chart, Rows, Trace, line_trace, packed
-from insgnss.report.epochs import satellites_of, satellites_used
+from insgnss.report.epochs import of_satellites, satellites_of, satellites_used
 from insgnss.report.html import Section
 from insgnss.report.thinning import columns_of_time
 from insgnss.run import Run
@@ -68,7 +68,7 @@ def _all_of_the_log(run: Run) -> pd.DataFrame:
     its first measurement.
     """
     seen = run.satellites[["time_s", "sv", "state"]]
-    ledger = run.measurements
+    ledger = of_satellites(run.measurements)
     ledger = ledger.loc[(ledger["status"] != "used").to_numpy(), ["time_s", "sv", "status"]]
     ledger = ledger.rename(columns={"status": "state"})
     # words stay numbers into their lists: an hour's table has a million rows

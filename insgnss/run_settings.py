@@ -1,0 +1,48 @@
+"""The settings of a run: all that is needed to repeat it, with the versions it was made by."""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+import platform
+from typing import Any
+
+import numba
+import numpy as np
+import pandas as pd
+
+from insgnss.fusion.own_rows import Kind
+from insgnss.fusion.setup import FilterSetup
+from insgnss.log.flight import Flight
+from insgnss.version import __version__
+
+
+def run_settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetup) -> dict[str, Any]:
+    """Return all that is needed to repeat the run."""
+    settings: dict[str, Any] = {
+        "flight": flight.config.model_dump(mode="json"),
+        "filter": setup.config.model_dump(mode="json"),
+        "imu_grade": setup.grade.model_dump(mode="json"),
+        "oscillator": setup.oscillator.model_dump(mode="json"),
+        "clock_groups": list(setup.clock_groups),
+        "input_sha256": input_hashes,
+        "versions": {
+            "insgnss": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "numba": numba.__version__,
+            "pandas": pd.__version__,
+        },
+        "made": dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
+    }
+    if setup.own is not None:
+        settings["measurements"] = [_described(kind) for kind in setup.own.kinds]
+    return settings
+
+
+def _described(kind: Kind) -> dict[str, Any]:
+    """Return what is known of a user's own measurement; its code is not."""
+    gate = None if kind.gate2 is None else "none" if math.isinf(kind.gate2) else math.sqrt(kind.gate2)
+    source = type(kind.source)
+    times = {"times": len(kind.times_ns), "gate_sigma": gate, "unit": kind.unit}
+    return {"name": kind.name, "class": f"{source.__module__}.{source.__qualname__}", **times}
