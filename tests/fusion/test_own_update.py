@@ -55,7 +55,7 @@ def setup_with(*measurements: Measurement, motion_sigma: float = 0.0) -> FilterS
 
 
 def estimate_of(bank: Bank) -> StateEstimate:
-    return state_estimate(bank.state[0], START_NS, IMU.w_ib_b[0], IMU.f_b[0], ())
+    return state_estimate(bank.state[0], START_NS, IMU.w_ib_b[0], IMU.f_b[0], {})
 
 
 def used(bank: Bank, setup: FilterSetup) -> OwnUpdate:
