@@ -175,7 +175,8 @@ class Smoother:
         layout = self.navigator.setup.layout
         later: Smoothed | None = None  # that tells of the epoch before it
         for kept in reversed(self.kept):
-            if later is not None and later.is_opening(kept.t_ns):  # as it was before its heading was split
+            at_once = later is not None and later.kept.t_ns == kept.t_ns and not kept.is_own
+            if later is not None and at_once:  # as it was before its heading was split
                 later = same_time(kept, later, layout) if kept.linked else None
                 continue
             found = last_of_all(kept, layout) if later is None else self._one_back(kept, later)

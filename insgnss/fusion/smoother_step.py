@@ -67,10 +67,6 @@ class Smoothed(NamedTuple):
         close_loop(state[0], self.e, len(self.e))
         return state[0]
 
-    def is_opening(self, t_ns: int) -> bool:
-        """Return whether it stands at ``t_ns`` as a hypothesis that was opened then, without a correction."""
-        return self.kept.t_ns == t_ns and len(self.kept.correction) == 0
-
 
 def keep(bank: Bank, work: Epoch, layout: Layout, **told: Any) -> Kept:
     """Return an epoch as the filter has left it; ``work`` still holds its correction and the clone's rows."""
