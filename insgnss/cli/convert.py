@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,9 +22,17 @@ if TYPE_CHECKING:
 def convert(
     inputs: Annotated[
         list[Path],
-        typer.Argument(help="UBX, SBF, Android GnssLogger, RINEX observation (and navigation) files."),
+        typer.Argument(
+            help="UBX, SBF, RTCM 3, Android GnssLogger, RINEX observation (and navigation) files."
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    date: Annotated[
+        datetime | None,
+        typer.Option(
+            formats=["%Y-%m-%d"], help="UTC date of the first epoch, for RTCM streams that do not say it."
+        ),
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -35,10 +44,12 @@ def convert(
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs
     from insgnss.log.convert import convert as convert_files
+    from insgnss.log.declared import Declared
 
     with own_errors_told(), overwriting(force, inputs):
+        declared = Declared(None if date is None else date.date())
         with telling("converting"):
-            done = convert_files(inputs, output)
+            done = convert_files(inputs, output, declared)
     if as_json:
         print_json(_digest(done))
         return

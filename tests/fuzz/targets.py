@@ -26,6 +26,7 @@ from insgnss.log.receiver_events import read_receiver_events
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex import read_navigation
 from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.rtcm import read_rtcm
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
 from insgnss.log.yuma import read_yuma
@@ -42,7 +43,7 @@ from tests.antenna import test_obstruction, test_pattern_file
 from tests.config import test_simulation, test_strict
 from tests.gnss import precise_sample
 from tests.interference import test_command
-from tests.log import test_fuzz, test_fuzz_receivers, test_ubx_fuzz
+from tests.log import rtcm_encoder, test_fuzz, test_fuzz_receivers, test_rtcm, test_ubx_fuzz
 from tests.log.test_rinex_navigation import message
 from tests.log.writing import WEEK, gnss_config, imu_config
 from tests.small_run import small_run
@@ -152,6 +153,18 @@ def _clocks(sp3: bytes) -> Callable[[Path], None]:
     return read
 
 
+def _resealed(
+    read: Callable[[Sequence[Path]], ReceiverLog], seal: Callable[[bytes], bytes]
+) -> Callable[[Path], None]:
+    """Return a reader of files whose damage no check sum tells."""
+
+    def read_sealed(path: Path) -> None:
+        path.write_bytes(seal(path.read_bytes()))
+        _check_log(read([path]))
+
+    return read_sealed
+
+
 def _drop(_: object) -> None:
     return None
 
@@ -188,6 +201,8 @@ def targets(folder: Path) -> list[Target]:
         Target("yuma", [yuma, *_minimised("yuma")], lambda path: _drop(read_yuma(path, WEEK))),
         Target("ubx", [test_ubx_fuzz.SMALL], lambda path: _check_log(read_ubx([path]))),
         Target("sbf", [b"".join(test_fuzz_receivers.SBF_BLOCKS)], lambda path: _check_log(read_sbf(path))),
+        Target("rtcm", [test_rtcm.STREAM], lambda path: _check_log(read_rtcm([path])), 0.3),
+        Target("rtcm messages", [test_rtcm.STREAM], _resealed(read_rtcm, rtcm_encoder.resealed), 0.7),
         Target(
             "android",
             [test_fuzz_receivers.ANDROID.encode(), *_minimised("android")],
