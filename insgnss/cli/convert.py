@@ -13,6 +13,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
+from insgnss.errors import ConfigError
 from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def convert(
     inputs: Annotated[
         list[Path],
         typer.Argument(
-            help="UBX, SBF, RTCM 3, Android GnssLogger, RINEX observation (and navigation) files."
+            help="UBX, SBF, NovAtel OEM, RTCM 3, Android GnssLogger, RINEX observation (and navigation) files."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
@@ -33,6 +34,13 @@ def convert(
             formats=["%Y-%m-%d"], help="UTC date of the first epoch, for RTCM streams that do not say it."
         ),
     ] = None,
+    imu_scale: Annotated[
+        str,
+        typer.Option(
+            metavar="RAD,MPS",
+            help="Angle and velocity of one count of a NovAtel inertial sensor whose type is not known.",
+        ),
+    ] = "",
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -47,7 +55,7 @@ def convert(
     from insgnss.log.declared import Declared
 
     with own_errors_told(), overwriting(force, inputs):
-        declared = Declared(None if date is None else date.date())
+        declared = Declared(None if date is None else date.date(), _scales(imu_scale))
         with telling("converting"):
             done = convert_files(inputs, output, declared)
     if as_json:
@@ -59,6 +67,28 @@ def convert(
         f"read {len(inputs)} file{'s' if len(inputs) > 1 else ''}, wrote {len(done.written)} into {output}"
     )
     typer.echo(f"{files}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _scales(text: str) -> tuple[float, float] | None:
+    """Return the two numbers of ``--imu-scale``, None without it.
+
+    Raises
+    ------
+    ConfigError : not two positive numbers
+    """
+    if not text:
+        return None
+    try:
+        angle, velocity = (float(part) for part in text.split(","))
+    except ValueError:
+        angle = velocity = 0.0
+    if not (0.0 < angle < 1.0 and 0.0 < velocity < 1.0):
+        raise ConfigError(
+            f"'{text}' are no two positive numbers",
+            key="--imu-scale",
+            advice="write rad and m/s of a count: 1e-9,2e-8",
+        )
+    return angle, velocity
 
 
 def _digest(done: Conversion) -> dict[str, Any]:

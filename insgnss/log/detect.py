@@ -9,12 +9,14 @@ from typing import Final, Literal
 from insgnss.errors import InputError
 from insgnss.log.files import file_buffer
 from insgnss.log.messages.bits import crc24q
+from insgnss.log.novatel_frames import frames_in
 from insgnss.log.sbf_blocks import find_blocks
 
-Format = Literal["ubx", "sbf", "rtcm", "android", "rinex_observation", "rinex_navigation"]
+Format = Literal["ubx", "sbf", "novatel", "rtcm", "android", "rinex_observation", "rinex_navigation"]
 NAMES: Final[dict[Format, str]] = {
     "ubx": "u-blox UBX",
     "sbf": "Septentrio SBF",
+    "novatel": "NovAtel OEM",
     "rtcm": "RTCM 3",
     "android": "Android GnssLogger",
     "rinex_observation": "RINEX observation",
@@ -25,6 +27,7 @@ _HEAD: Final = 4096  # of text
 _UBX_SYNC: Final = b"\xb5\x62"
 _UBX_TRIES: Final = 500  # sync words looked at, so that bytes made of them alone cost no more than a second
 _UBX_LONGEST: Final = 8192  # a RAWX of 255 measurements
+_NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
 _RTCM_PREAMBLE: Final = b"\xd3"
 _RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
 _RTCM_TRIES: Final = 2000
@@ -51,7 +54,11 @@ def detect_format(path: Path) -> Format:
     if rinex is not None:
         return "rinex_observation" if rinex[1] in "OoCc" else "rinex_navigation"
     # a receiver's own format counts before the RTCM that it may send beside it
-    own: dict[Format, int] = {"ubx": _ubx_bytes(data), "sbf": _sbf_bytes(data)}
+    own: dict[Format, int] = {
+        "ubx": _ubx_bytes(data),
+        "sbf": _sbf_bytes(data),
+        "novatel": _novatel_bytes(path, data),
+    }
     if any(own.values()):
         return max(own, key=lambda kind: own[kind])
     if _rtcm_bytes(data):
@@ -99,6 +106,12 @@ def _sbf_bytes(data: bytes) -> int:
     return sum(known) + 8 * found.unread
 
 
+def _novatel_bytes(path: Path, data: bytes) -> int:
+    """Return how many bytes lie in NovAtel binary messages with a sound check sum."""
+    frames = frames_in(path, data)
+    return len(data) - frames.foreign_bytes if frames.count else 0
+
+
 def _rtcm_bytes(data: bytes) -> int:
     """Return how many bytes lie in RTCM 3 frames with a sound check sum (CRC-24Q)."""
     total, tries, at = 0, _RTCM_TRIES, data.find(_RTCM_PREAMBLE)
@@ -126,6 +139,10 @@ def _looks_like(data: bytes) -> str:
         return "this is NMEA: it holds positions, no measurements"
     if data[:1] == _RTCM_PREAMBLE:
         return "this begins like RTCM 3, but no frame of it has a sound check sum"
+    if _NOVATEL_ASCII.match(data.lstrip()):
+        return (
+            "this is NovAtel ASCII: log the binary messages (RANGEB), or convert it with NovAtel's own tool"
+        )
     if data[:1] == b"#" or b"," in data[:200]:
         return "this looks like CSV: name it in a flight file with its columns instead"
     return "it is empty of what the formats begin with"

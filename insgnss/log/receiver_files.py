@@ -10,6 +10,7 @@ from insgnss.errors import InputError
 from insgnss.log.android import read_android
 from insgnss.log.declared import Declared
 from insgnss.log.detect import NAMES, Format
+from insgnss.log.novatel import read_novatel
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.log.rtcm import read_rtcm
@@ -46,6 +47,7 @@ def _alone(kind: Format, paths: Sequence[Path]) -> Path:
 _READERS: Final[dict[Format, Callable[[Sequence[Path], Declared], ReceiverLog]]] = {
     "ubx": lambda paths, _: read_ubx(paths),
     "sbf": lambda paths, _: read_sbf(*paths),
+    "novatel": lambda paths, declared: read_novatel(paths, declared.imu_scales),
     "rinex_observation": lambda paths, _: _rinex(paths),
     "rtcm": lambda paths, declared: read_rtcm(paths, declared.date),
     "android": lambda paths, _: read_android(_alone("android", paths)),

@@ -20,6 +20,7 @@ from insgnss.log.android import read_android
 from insgnss.log.detect import detect_format
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.imu_csv import read_imu
+from insgnss.log.novatel import read_novatel
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.receiver_events import read_receiver_events
@@ -43,7 +44,15 @@ from tests.antenna import test_obstruction, test_pattern_file
 from tests.config import test_simulation, test_strict
 from tests.gnss import precise_sample
 from tests.interference import test_command
-from tests.log import rtcm_encoder, test_fuzz, test_fuzz_receivers, test_rtcm, test_ubx_fuzz
+from tests.log import (
+    novatel_encoder,
+    rtcm_encoder,
+    test_fuzz,
+    test_fuzz_receivers,
+    test_novatel,
+    test_rtcm,
+    test_ubx_fuzz,
+)
 from tests.log.test_rinex_navigation import message
 from tests.log.writing import WEEK, gnss_config, imu_config
 from tests.small_run import small_run
@@ -201,6 +210,13 @@ def targets(folder: Path) -> list[Target]:
         Target("yuma", [yuma, *_minimised("yuma")], lambda path: _drop(read_yuma(path, WEEK))),
         Target("ubx", [test_ubx_fuzz.SMALL], lambda path: _check_log(read_ubx([path]))),
         Target("sbf", [b"".join(test_fuzz_receivers.SBF_BLOCKS)], lambda path: _check_log(read_sbf(path))),
+        Target("novatel", [test_novatel.FUZZED], lambda path: _check_log(read_novatel([path])), 0.3),
+        Target(
+            "novatel messages",
+            [test_novatel.FUZZED],
+            _resealed(read_novatel, novatel_encoder.resealed),
+            0.7,
+        ),
         Target("rtcm", [test_rtcm.STREAM], lambda path: _check_log(read_rtcm([path])), 0.3),
         Target("rtcm messages", [test_rtcm.STREAM], _resealed(read_rtcm, rtcm_encoder.resealed), 0.7),
         Target(
