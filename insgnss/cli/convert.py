@@ -16,6 +16,8 @@ from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
 from insgnss.saving import overwriting
 
+PARTS = ("imu", "gnss", "reference")
+
 if TYPE_CHECKING:
     from insgnss.log.convert import Conversion
 
@@ -24,7 +26,7 @@ def convert(
     inputs: Annotated[
         list[Path],
         typer.Argument(
-            help="UBX, SBF, NovAtel OEM, RTCM 3, Android GnssLogger, RINEX observation (and navigation) files."
+            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, Android GnssLogger, RINEX observation and navigation files."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
@@ -41,6 +43,13 @@ def convert(
             help="Angle and velocity of one count of a NovAtel inertial sensor whose type is not known.",
         ),
     ] = "",
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART=TOPIC",
+            help="Where several fit: imu=vehicle_imu:1, reference=vehicle_gps_position, gnss=/ublox/rawx.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -55,7 +64,7 @@ def convert(
     from insgnss.log.declared import Declared
 
     with own_errors_told(), overwriting(force, inputs):
-        declared = Declared(None if date is None else date.date(), _scales(imu_scale))
+        declared = Declared(None if date is None else date.date(), _scales(imu_scale), _topics(topic or []))
         with telling("converting"):
             done = convert_files(inputs, output, declared)
     if as_json:
@@ -89,6 +98,26 @@ def _scales(text: str) -> tuple[float, float] | None:
             advice="write rad and m/s of a count: 1e-9,2e-8",
         )
     return angle, velocity
+
+
+def _topics(named: list[str]) -> dict[str, str]:
+    """Return the topics by the parts they are named for.
+
+    Raises
+    ------
+    ConfigError : a part is none, or named twice
+    """
+    topics: dict[str, str] = {}
+    for text in named:
+        part, _, name = text.partition("=")
+        if part not in PARTS or not name or part in topics:
+            raise ConfigError(
+                f"'{text}' names no topic",
+                key="--topic",
+                advice=f"write each of {', '.join(PARTS)} once: imu=/imu/data",
+            )
+        topics[part] = name
+    return topics
 
 
 def _digest(done: Conversion) -> dict[str, Any]:

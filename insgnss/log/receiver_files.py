@@ -16,6 +16,7 @@ from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.log.rtcm import read_rtcm
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
+from insgnss.log.ulog import read_ulog
 
 
 def read_receiver(kind: Format, paths: Sequence[Path], declared: Declared) -> ReceiverLog:
@@ -50,5 +51,6 @@ _READERS: Final[dict[Format, Callable[[Sequence[Path], Declared], ReceiverLog]]]
     "novatel": lambda paths, declared: read_novatel(paths, declared.imu_scales),
     "rinex_observation": lambda paths, _: _rinex(paths),
     "rtcm": lambda paths, declared: read_rtcm(paths, declared.date),
+    "ulog": lambda paths, declared: read_ulog(_alone("ulog", paths), declared.topics),
     "android": lambda paths, _: read_android(_alone("android", paths)),
 }

@@ -30,6 +30,7 @@ from insgnss.log.rinex_obs import read_rinex_obs
 from insgnss.log.rtcm import read_rtcm
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
+from insgnss.log.ulog import read_ulog
 from insgnss.log.yuma import read_yuma
 from insgnss.report.digest import digest
 from insgnss.report.export import as_csv
@@ -52,6 +53,7 @@ from tests.log import (
     test_novatel,
     test_rtcm,
     test_ubx_fuzz,
+    test_ulog,
 )
 from tests.log.test_rinex_navigation import message
 from tests.log.writing import WEEK, gnss_config, imu_config
@@ -217,6 +219,7 @@ def targets(folder: Path) -> list[Target]:
             _resealed(read_novatel, novatel_encoder.resealed),
             0.7,
         ),
+        Target("ulog", [test_ulog.SMALL], lambda path: _check_log(read_ulog(path))),
         Target("rtcm", [test_rtcm.STREAM], lambda path: _check_log(read_rtcm([path])), 0.3),
         Target("rtcm messages", [test_rtcm.STREAM], _resealed(read_rtcm, rtcm_encoder.resealed), 0.7),
         Target(
