@@ -26,7 +26,7 @@ def convert(
     inputs: Annotated[
         list[Path],
         typer.Argument(
-            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, Android GnssLogger, RINEX observation and navigation files."
+            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files."
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],

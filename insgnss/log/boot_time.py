@@ -23,6 +23,7 @@ _EARLIEST_US: Final = 1_100_000_000_000_000  # November 2004; a receiver without
 _LATEST_US: Final = 6_300_000_000_000_000  # the year 2169
 _FITTED_FROM_S: Final = 60.0  # below, the scatter of the delays would give a worse rate than none
 _WORST_RATE: Final = 1e-3
+FURTHEST_US: Final = 10 * 86_400 * 1_000_000  # from the first GPS message; times beyond are damaged
 
 
 @dataclass(frozen=True)
@@ -34,9 +35,13 @@ class BootClock:
     rate: float
     scatter_s: float
 
+    def is_near(self, boot_us: Int64) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Return which times of the autopilot can be those of this log."""
+        return np.asarray((boot_us > self.boot_0_us - FURTHEST_US) & (boot_us < self.boot_0_us + FURTHEST_US))
+
     def gps_ns(self, boot_us: Int64) -> Int64:
         """Return the GPS time of times of the autopilot [us]."""
-        since = boot_us - self.boot_0_us
+        since = np.clip(boot_us - self.boot_0_us, -FURTHEST_US, FURTHEST_US)
         return np.asarray(
             self.gps_0_ns + since * _NS_PER_US + np.rint(since * (_NS_PER_US * self.rate)).astype(np.int64)
         )
@@ -72,6 +77,8 @@ def boot_clock(fixes: Any | None) -> tuple[BootClock | None, list[Event]]:
     kept = np.abs(offset_s - np.median(offset_s)) < 1.0  # a date that jumped
     rate, level = 0.0, float(np.median(offset_s))
     for _ in range(3):
+        if not kept.any():
+            return None, []
         if np.ptp(since_s[kept]) > _FITTED_FROM_S:
             slope, level = (float(v) for v in np.polyfit(since_s[kept], offset_s[kept], 1))
             rate = slope if abs(slope) < _WORST_RATE else 0.0
@@ -79,7 +86,7 @@ def boot_clock(fixes: Any | None) -> tuple[BootClock | None, list[Event]]:
         else:
             rate, level = 0.0, float(np.median(offset_s[kept]))
         residual = offset_s - level - rate * since_s
-        kept &= np.abs(residual) <= max(4.0 * float(np.median(np.abs(residual[kept]))), 1e-3)
+        kept = np.abs(residual) <= max(4.0 * float(np.median(np.abs(residual[kept]))), 1e-3)
     scatter_s = float(np.sqrt(np.mean(residual[kept] ** 2)))
     clock = BootClock(int(boot_us[0]), int(gps_ns[0]) + round(level * NS_PER_S), rate, scatter_s)
     detail = (

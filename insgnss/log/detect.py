@@ -12,20 +12,23 @@ from insgnss.log.messages.bits import crc24q
 from insgnss.log.novatel_frames import frames_in
 from insgnss.log.sbf_blocks import find_blocks
 
-Format = Literal["ubx", "sbf", "novatel", "rtcm", "ulog", "android", "rinex_observation", "rinex_navigation"]
+Format = Literal[
+    "ubx", "sbf", "novatel", "rtcm", "ulog", "mcap", "android", "rinex_observation", "rinex_navigation"
+]
 NAMES: Final[dict[Format, str]] = {
     "ubx": "u-blox UBX",
     "sbf": "Septentrio SBF",
     "novatel": "NovAtel OEM",
     "rtcm": "RTCM 3",
     "ulog": "PX4 ULog",
+    "mcap": "ROS 2 MCAP",
     "android": "Android GnssLogger",
     "rinex_observation": "RINEX observation",
     "rinex_navigation": "RINEX navigation",
 }
 _LOOKED_AT: Final = 1 << 18  # bytes; more than a second of any receiver
 _HEAD: Final = 4096  # of text
-_ULOG: Final = b"ULog\x01\x12\x35"
+_MAGIC: Final[dict[Format, bytes]] = {"ulog": b"ULog\x01\x12\x35", "mcap": b"\x89MCAP0\r\n"}
 _UBX_SYNC: Final = b"\xb5\x62"
 _UBX_TRIES: Final = 500  # sync words looked at, so that bytes made of them alone cost no more than a second
 _UBX_LONGEST: Final = 8192  # a RAWX of 255 measurements
@@ -49,8 +52,9 @@ def detect_format(path: Path) -> Format:
     """
     buffer = file_buffer(path)
     data = bytes(buffer.slice(0, min(len(buffer), _LOOKED_AT)).to_pybytes())
-    if data.startswith(_ULOG):
-        return "ulog"
+    for kind, magic in _MAGIC.items():
+        if data.startswith(magic):
+            return kind
     head = data[:_HEAD].decode("latin-1")
     if "CRINEX VERS" in head[:200]:
         return "rinex_observation"

@@ -51,10 +51,11 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
 
 
 def _imu_lines(log: ReceiverLog) -> list[str]:
+    axes = ", ".join(f'"{axis}"' for axis in log.imu_axes)
     lines = [
         "[imu]",
         f'files = ["{IMU_FILE}"]',
-        'axes = ["+x", "+y", "+z"]  # DECLARE: which sensor axis points forward, right, down',
+        f"axes = [{axes}]  # DECLARE: which sensor axis points forward, right, down",
         'grade = "mems_consumer"  # DECLARE: the sensor\'s grade, a name of the library or a table of numbers',
         _SAMPLING[log.imu is not None and log.imu_is_mean],
         'gyro_unit = "rad/s"',

@@ -19,6 +19,11 @@ class ReceiverLog:
     imu: ImuTable | None = None  # in the sensor's own axes, as logged
     events: list[Event] = field(default_factory=list)
     solution: ReferenceTable | None = None  # the receiver's own, with its sigmas
+    imu_axes: tuple[str, str, str] = (
+        "+x",
+        "+y",
+        "+z",
+    )  # the sensor's, as far as its format says where they point
     imu_is_mean: bool = False  # samples are means over their intervals, as integrating sensors give
     solution_point: Literal["imu", "antenna"] = (
         "antenna"  # whose place the solution is, unless the user told otherwise

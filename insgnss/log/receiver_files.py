@@ -13,6 +13,7 @@ from insgnss.log.detect import NAMES, Format
 from insgnss.log.novatel import read_novatel
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.rosbag import read_rosbag
 from insgnss.log.rtcm import read_rtcm
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
@@ -52,5 +53,6 @@ _READERS: Final[dict[Format, Callable[[Sequence[Path], Declared], ReceiverLog]]]
     "rinex_observation": lambda paths, _: _rinex(paths),
     "rtcm": lambda paths, declared: read_rtcm(paths, declared.date),
     "ulog": lambda paths, declared: read_ulog(_alone("ulog", paths), declared.topics),
+    "mcap": lambda paths, declared: read_rosbag(_alone("mcap", paths), declared.topics),
     "android": lambda paths, _: read_android(_alone("android", paths)),
 }

@@ -39,10 +39,18 @@ def read_rtcm(paths: Sequence[Path], date: dt.date | None = None) -> ReceiverLog
     InputError : a file cannot be read, or the stream holds no frame or no observation
     TimeError : nothing tells the date
     """
-    data = b"".join(file_buffer(path).to_pybytes() for path in paths)
+    return read_rtcm_bytes(b"".join(file_buffer(path).to_pybytes() for path in paths), str(paths[0]), date)
+
+
+def read_rtcm_bytes(data: bytes, file: str, date: dt.date | None = None) -> ReceiverLog:
+    """Read an RTCM 3 stream that came from ``file`` (see ``read_rtcm``).
+
+    Raises
+    ------
+    InputError, TimeError : as ``read_rtcm``
+    """
     stream = sidereon.decode_rtcm_stream(data, sidereon.RtcmPolicy.LENIENT)
     messages = list(stream.messages)
-    file = str(paths[0])
     if not messages:
         raise InputError(
             "no RTCM 3 message in the file",

@@ -51,8 +51,15 @@ def read_ulog(path: Path, topics: Mapping[str, str] | None = None) -> ReceiverLo
     InputError : pyulog is not installed, the file is no ULog, damaged at its head, or holds nothing of use
     """
     log, events = _load(path)
-    wanted = dict(topics or {})
     data = {(d.name, d.multi_id): d.data for d in log.data_list if "timestamp" in d.data}
+    with np.errstate(all="ignore"):  # of numbers that are none, which are looked for everywhere
+        return _tables(data, events, dict(topics or {}), path)
+
+
+def _tables(
+    data: Mapping[tuple[str, int], Any], events: list[Event], wanted: dict[str, str], path: Path
+) -> ReceiverLog:
+    """Return what the topics hold; ``events`` are those of the file itself."""
     clock, told = boot_clock(_fixes(data))
     events += told
     raw, told = _raw(data, path)
@@ -159,6 +166,7 @@ def _inertial(
         return None, []
     chosen = max(choices, key=lambda key: (len(data[key]["timestamp"]), -INERTIAL.index(key[0])))
     rows = data[chosen]
+    events: list[Event] = []
     try:
         if chosen[0] == "vehicle_imu":
             samples = _increments(rows)
@@ -170,7 +178,12 @@ def _inertial(
     except KeyError as error:
         return None, [Event(None, "imu_not_used", f"{chosen[0]} without the column {error}")]
     gyro_us, w, accel_us, f = samples
-    imu, events = paired(clock.gps_ns(gyro_us), w, clock.gps_ns(accel_us), f, f"{chosen[0]}:{chosen[1]}")
+    gyro, accel = clock.is_near(gyro_us), clock.is_near(accel_us)
+    if not (gyro.all() and accel.all()):
+        events.append(Event(None, "imu_time_unknown", f"{chosen[0]}: samples with damaged times left out"))
+    gyro_us, w, accel_us, f = gyro_us[gyro], w[gyro], accel_us[accel], f[accel]
+    imu, told = paired(clock.gps_ns(gyro_us), w, clock.gps_ns(accel_us), f, f"{chosen[0]}:{chosen[1]}")
+    events += told
     others = sorted(
         f"{len(data[key]['timestamp'])} {key[0]}:{key[1]}"
         for key in data

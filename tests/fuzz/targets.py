@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ from insgnss.log.receiver_events import read_receiver_events
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex import read_navigation
 from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.rosbag import read_rosbag
 from insgnss.log.rtcm import read_rtcm
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
@@ -51,6 +53,7 @@ from tests.log import (
     test_fuzz,
     test_fuzz_receivers,
     test_novatel,
+    test_rosbag,
     test_rtcm,
     test_ubx_fuzz,
     test_ulog,
@@ -176,6 +179,17 @@ def _resealed(
     return read_sealed
 
 
+def _optional() -> list[Target]:
+    """Return the readers whose libraries are installed."""
+    found = []
+    if importlib.util.find_spec("pyulog") is not None:
+        found.append(Target("ulog", [test_ulog.SMALL], lambda path: _check_log(read_ulog(path))))
+    if importlib.util.find_spec("mcap_ros2") is not None:
+        bags = [test_rosbag.recorded(packed, 2).data for packed in ("NONE", "LZ4", "ZSTD")]
+        found.append(Target("mcap", bags, lambda path: _check_log(read_rosbag(path))))
+    return found
+
+
 def _drop(_: object) -> None:
     return None
 
@@ -219,7 +233,7 @@ def targets(folder: Path) -> list[Target]:
             _resealed(read_novatel, novatel_encoder.resealed),
             0.7,
         ),
-        Target("ulog", [test_ulog.SMALL], lambda path: _check_log(read_ulog(path))),
+        *_optional(),
         Target("rtcm", [test_rtcm.STREAM], lambda path: _check_log(read_rtcm([path])), 0.3),
         Target("rtcm messages", [test_rtcm.STREAM], _resealed(read_rtcm, rtcm_encoder.resealed), 0.7),
         Target(
