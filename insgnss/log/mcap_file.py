@@ -5,6 +5,7 @@ Chunks are unpacked here, so that one cannot grow beyond belief: at most a hundr
 
 from __future__ import annotations
 
+import contextlib
 import io
 from collections import Counter
 from collections.abc import Callable
@@ -56,7 +57,6 @@ def read_topics(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, To
     InputError : the libraries are not installed, or the file is no MCAP file
     """
     try:
-        from mcap.exceptions import McapError
         from mcap.stream_reader import StreamReader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
@@ -67,7 +67,7 @@ def read_topics(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, To
     try:
         for record in StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_LIMIT).records:
             gathered.take(record)
-    except (McapError, Exception) as error:  # besides its own, struct.error, UnicodeDecodeError, ...
+    except Exception as error:  # besides the library's own, struct.error, UnicodeDecodeError, ...
         if not gathered.topics:
             raise InputError(f"the MCAP file cannot be read: {type(error).__name__}: {error}", file=path,
                              advice="was the recording ended in order? try 'mcap recover'") from error  # fmt: skip
@@ -99,7 +99,8 @@ class _Gathered:
             decode = None
             if schema is not None and self._wanted(schema.name):
                 try:
-                    decode = self._factory.decoder_for(record.message_encoding, schema)
+                    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                        decode = self._factory.decoder_for(record.message_encoding, schema)
                 except Exception as error:
                     detail = f"{record.topic}: its type cannot be understood: {type(error).__name__}"
                     self.events.append(Event(None, "mcap_damaged", detail))
