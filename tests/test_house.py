@@ -22,7 +22,9 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "insgnss").rglob("*.py"))
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
 TOP_LEVEL_FOLDERS = {".ci", "data", "insgnss", "models", "notebooks", "tests"}
-HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scipy", "xarray"}
+HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scipy", "xarray"} | {
+    *("lz4", "mcap", "mcap_ros2", "pyulog", "zstandard"),
+}
 MAX_FILE_LINES = 400
 MAX_BODY_LINES = 60
 # absolute paths of somebody's machine, unfinished work
@@ -253,7 +255,10 @@ def test_every_imported_library_is_declared() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     # the pictures' library is optional, and one room alone may load it: see the contracts; so is that of campaigns
     optional = project["optional-dependencies"]
-    named = project["dependencies"] + optional["plots"] + optional["campaign"] + optional["netcdf"]
+    named = sum(
+        (optional[extra] for extra in ("plots", "campaign", "netcdf", "mcap", "ulog")),
+        project["dependencies"],
+    )
     declared = {re.split(r"[<>=!~ ]", name)[0] for name in named}
     imported = set()
     for path in SOURCES:
@@ -263,7 +268,7 @@ def test_every_imported_library_is_declared() -> None:
             elif isinstance(node, ast.ImportFrom) and node.module:
                 imported.add(node.module.split(".")[0])
 
-    part_of = {"pydantic_core": "pydantic"}
+    part_of = {"mcap_ros2": "mcap-ros2-support", "pydantic_core": "pydantic"}
     assert {part_of.get(n, n) for n in imported} - set(sys.stdlib_module_names) - {"insgnss"} <= declared
 
 

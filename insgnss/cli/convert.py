@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,10 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
+from insgnss.errors import ConfigError
 from insgnss.saving import overwriting
+
+PARTS = ("imu", "gnss", "reference")
 
 if TYPE_CHECKING:
     from insgnss.log.convert import Conversion
@@ -21,9 +25,31 @@ if TYPE_CHECKING:
 def convert(
     inputs: Annotated[
         list[Path],
-        typer.Argument(help="UBX, SBF, Android GnssLogger, RINEX observation (and navigation) files."),
+        typer.Argument(
+            help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files."
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    date: Annotated[
+        datetime | None,
+        typer.Option(
+            formats=["%Y-%m-%d"], help="UTC date of the first epoch, for RTCM streams that do not say it."
+        ),
+    ] = None,
+    imu_scale: Annotated[
+        str,
+        typer.Option(
+            metavar="RAD,MPS",
+            help="Angle and velocity of one count of a NovAtel inertial sensor whose type is not known.",
+        ),
+    ] = "",
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART=TOPIC",
+            help="Where several fit: imu=vehicle_imu:1, reference=vehicle_gps_position, gnss=/ublox/rawx.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -35,10 +61,12 @@ def convert(
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs
     from insgnss.log.convert import convert as convert_files
+    from insgnss.log.declared import Declared
 
     with own_errors_told(), overwriting(force, inputs):
+        declared = Declared(None if date is None else date.date(), _scales(imu_scale), _topics(topic or []))
         with telling("converting"):
-            done = convert_files(inputs, output)
+            done = convert_files(inputs, output, declared)
     if as_json:
         print_json(_digest(done))
         return
@@ -48,6 +76,48 @@ def convert(
         f"read {len(inputs)} file{'s' if len(inputs) > 1 else ''}, wrote {len(done.written)} into {output}"
     )
     typer.echo(f"{files}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _scales(text: str) -> tuple[float, float] | None:
+    """Return the two numbers of ``--imu-scale``, None without it.
+
+    Raises
+    ------
+    ConfigError : not two positive numbers
+    """
+    if not text:
+        return None
+    try:
+        angle, velocity = (float(part) for part in text.split(","))
+    except ValueError:
+        angle = velocity = 0.0
+    if not (0.0 < angle < 1.0 and 0.0 < velocity < 1.0):
+        raise ConfigError(
+            f"'{text}' are no two positive numbers",
+            key="--imu-scale",
+            advice="write rad and m/s of a count: 1e-9,2e-8",
+        )
+    return angle, velocity
+
+
+def _topics(named: list[str]) -> dict[str, str]:
+    """Return the topics by the parts they are named for.
+
+    Raises
+    ------
+    ConfigError : a part is none, or named twice
+    """
+    topics: dict[str, str] = {}
+    for text in named:
+        part, _, name = text.partition("=")
+        if part not in PARTS or not name or part in topics:
+            raise ConfigError(
+                f"'{text}' names no topic",
+                key="--topic",
+                advice=f"write each of {', '.join(PARTS)} once: imu=/imu/data",
+            )
+        topics[part] = name
+    return topics
 
 
 def _digest(done: Conversion) -> dict[str, Any]:

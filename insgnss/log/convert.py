@@ -11,8 +11,8 @@ from pathlib import Path
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError, ResultError
 from insgnss.gpstime import ns_to_datetime
-from insgnss.log.android import read_android
 from insgnss.log.csv_writer import write_gnss_csv, write_imu_csv, write_reference_csv
+from insgnss.log.declared import Declared
 from insgnss.log.detect import NAMES, Format, detect_format
 from insgnss.log.first_flight_file import (
     FLIGHT_FILE,
@@ -23,11 +23,9 @@ from insgnss.log.first_flight_file import (
     flight_text,
 )
 from insgnss.log.receiver import ReceiverLog
+from insgnss.log.receiver_files import read_receiver
 from insgnss.log.rinex import read_navigation
 from insgnss.log.rinex_nav_writer import write_rinex_navigation
-from insgnss.log.rinex_obs import read_rinex_obs
-from insgnss.log.sbf import read_sbf
-from insgnss.log.ubx import read_ubx
 from insgnss.saving import overwriting, saving
 from insgnss.tables import Event
 
@@ -44,12 +42,13 @@ class Conversion:
     kept: tuple[Path, ...]  # was there before and was left as it is
 
 
-def convert(inputs: Sequence[Path], output: Path) -> Conversion:
+def convert(inputs: Sequence[Path], output: Path, declared: Declared | None = None) -> Conversion:
     """Read receivers' files and write what a flight needs into the folder ``output``.
 
     The logs among the inputs must be of one format, that is of one receiver; they may hold inertial samples alone.
     RINEX navigation files beside them are copied. The receiver's own solution, where the log has one, becomes a
-    reference. A flight file that is already there is kept: somebody may have filled it in.
+    reference. A flight file that is already there is kept: somebody may have filled it in. ``declared`` is what the
+    files cannot tell.
 
     Raises
     ------
@@ -57,7 +56,7 @@ def convert(inputs: Sequence[Path], output: Path) -> Conversion:
     ResultError : the folder cannot be written, or a file of somebody else has one of the names
     """
     formats = tuple((path, detect_format(path)) for path in inputs)
-    log, events = _read(formats)
+    log, events = _read(formats, Declared() if declared is None else declared)
     navigation_files = [path for path, kind in formats if kind == "rinex_navigation"]
     if navigation_files:
         events += read_navigation(navigation_files)[1]
@@ -127,7 +126,7 @@ def _has_messages(log: ReceiverLog) -> bool:
     )
 
 
-def _read(formats: Sequence[tuple[Path, Format]]) -> tuple[ReceiverLog, list[Event]]:
+def _read(formats: Sequence[tuple[Path, Format]], declared: Declared) -> tuple[ReceiverLog, list[Event]]:
     kinds = sorted({kind for _, kind in formats if kind != "rinex_navigation"})
     if len(kinds) != 1:
         found = " and ".join(NAMES[kind] for kind in kinds) or "navigation files alone"
@@ -136,22 +135,7 @@ def _read(formats: Sequence[tuple[Path, Format]]) -> tuple[ReceiverLog, list[Eve
             file=", ".join(str(path) for path, _ in formats),
             advice="convert each receiver's files into a folder of their own",
         )
-    paths = [path for path, kind in formats if kind == kinds[0]]
-    if kinds[0] == "ubx":
-        log = read_ubx(paths)
-    elif kinds[0] == "rinex_observation":
-        gnss, events = read_rinex_obs(paths)
-        log = ReceiverLog(gnss, events=events)
-    elif kinds[0] == "sbf":
-        log = read_sbf(*paths)
-    elif len(paths) > 1:
-        raise InputError(
-            f"{len(paths)} files of the format {NAMES[kinds[0]]}",
-            file=paths[1],
-            advice="convert them one by one, each into a folder of its own",
-        )
-    else:
-        log = read_android(paths[0])
+    log = read_receiver(kinds[0], [path for path, kind in formats if kind == kinds[0]], declared)
     return log, list(log.events)
 
 

@@ -8,21 +8,34 @@ from typing import Final, Literal
 
 from insgnss.errors import InputError
 from insgnss.log.files import file_buffer
+from insgnss.log.messages.bits import crc24q
+from insgnss.log.novatel_frames import frames_in
 from insgnss.log.sbf_blocks import find_blocks
 
-Format = Literal["ubx", "sbf", "android", "rinex_observation", "rinex_navigation"]
+Format = Literal[
+    "ubx", "sbf", "novatel", "rtcm", "ulog", "mcap", "android", "rinex_observation", "rinex_navigation"
+]
 NAMES: Final[dict[Format, str]] = {
     "ubx": "u-blox UBX",
     "sbf": "Septentrio SBF",
+    "novatel": "NovAtel OEM",
+    "rtcm": "RTCM 3",
+    "ulog": "PX4 ULog",
+    "mcap": "ROS 2 MCAP",
     "android": "Android GnssLogger",
     "rinex_observation": "RINEX observation",
     "rinex_navigation": "RINEX navigation",
 }
 _LOOKED_AT: Final = 1 << 18  # bytes; more than a second of any receiver
 _HEAD: Final = 4096  # of text
+_MAGIC: Final[dict[Format, bytes]] = {"ulog": b"ULog\x01\x12\x35", "mcap": b"\x89MCAP0\r\n"}
 _UBX_SYNC: Final = b"\xb5\x62"
 _UBX_TRIES: Final = 500  # sync words looked at, so that bytes made of them alone cost no more than a second
 _UBX_LONGEST: Final = 8192  # a RAWX of 255 measurements
+_NOVATEL_ASCII: Final = re.compile(rb"[#%][A-Z0-9_]+A,")
+_RTCM_PREAMBLE: Final = b"\xd3"
+_RTCM_FRAMING: Final = 6  # bytes of a frame besides its message
+_RTCM_TRIES: Final = 2000
 _RINEX_TYPE: Final = re.compile(r"^.{20}(.).{39}RINEX VERSION / TYPE", re.MULTILINE)
 _ANDROID: Final = re.compile(r"^(#\s*Raw\s*,.*TimeNanos|Raw,)", re.MULTILINE)
 
@@ -39,15 +52,25 @@ def detect_format(path: Path) -> Format:
     """
     buffer = file_buffer(path)
     data = bytes(buffer.slice(0, min(len(buffer), _LOOKED_AT)).to_pybytes())
+    for kind, magic in _MAGIC.items():
+        if data.startswith(magic):
+            return kind
     head = data[:_HEAD].decode("latin-1")
     if "CRINEX VERS" in head[:200]:
         return "rinex_observation"
     rinex = _RINEX_TYPE.search(head.replace("\r", "\n"))
     if rinex is not None:
         return "rinex_observation" if rinex[1] in "OoCc" else "rinex_navigation"
-    ubx, sbf = _ubx_bytes(data), _sbf_bytes(data)
-    if ubx or sbf:
-        return "ubx" if ubx >= sbf else "sbf"
+    # a receiver's own format counts before the RTCM that it may send beside it
+    own: dict[Format, int] = {
+        "ubx": _ubx_bytes(data),
+        "sbf": _sbf_bytes(data),
+        "novatel": _novatel_bytes(path, data),
+    }
+    if any(own.values()):
+        return max(own, key=lambda kind: own[kind])
+    if _rtcm_bytes(data):
+        return "rtcm"
     if _ANDROID.search(data.decode("latin-1")):
         return "android"
     raise InputError(
@@ -91,11 +114,43 @@ def _sbf_bytes(data: bytes) -> int:
     return sum(known) + 8 * found.unread
 
 
+def _novatel_bytes(path: Path, data: bytes) -> int:
+    """Return how many bytes lie in NovAtel binary messages with a sound check sum."""
+    frames = frames_in(path, data)
+    return len(data) - frames.foreign_bytes if frames.count else 0
+
+
+def _rtcm_bytes(data: bytes) -> int:
+    """Return how many bytes lie in RTCM 3 frames with a sound check sum (CRC-24Q)."""
+    total, tries, at = 0, _RTCM_TRIES, data.find(_RTCM_PREAMBLE)
+    while 0 <= at <= len(data) - _RTCM_FRAMING and tries:
+        tries -= 1
+        length = int.from_bytes(data[at + 1 : at + 3], "big")
+        end = at + _RTCM_FRAMING + length
+        # six reserved bits above the ten of the length; a CRC over a frame and its check sum is zero
+        if (
+            length < 1 << 10
+            and end <= len(data)
+            and not crc24q(int.from_bytes(data[at:end], "big"), 8 * (end - at))
+        ):
+            total += end - at
+            if total > _HEAD:
+                break
+            at = data.find(_RTCM_PREAMBLE, end)
+        else:
+            at = data.find(_RTCM_PREAMBLE, at + 1)
+    return total
+
+
 def _looks_like(data: bytes) -> str:
     if data.lstrip()[:3] in (b"$GP", b"$GN", b"$GL"):
         return "this is NMEA: it holds positions, no measurements"
-    if data[:1] == b"\xd3":
-        return "this looks like RTCM: convert it to RINEX first"
+    if data[:1] == _RTCM_PREAMBLE:
+        return "this begins like RTCM 3, but no frame of it has a sound check sum"
+    if _NOVATEL_ASCII.match(data.lstrip()):
+        return (
+            "this is NovAtel ASCII: log the binary messages (RANGEB), or convert it with NovAtel's own tool"
+        )
     if data[:1] == b"#" or b"," in data[:200]:
         return "this looks like CSV: name it in a flight file with its columns instead"
     return "it is empty of what the formats begin with"

@@ -18,6 +18,11 @@ REFERENCE_FILE: Final = "reference.csv"
 NAVIGATION_FILE: Final = "navigation.rnx"
 FLIGHT_FILE: Final = "flight.toml"
 
+_SAMPLING: Final = {
+    False: 'sampling = "instant"  # rates at their time tags; "mean" for a sensor that averages over its interval',
+    True: 'sampling = "mean"  # the sensor sends what it has summed up since its last sample',
+}
+
 
 def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str]) -> str:
     """Return the flight file.
@@ -46,12 +51,13 @@ def flight_text(sources: Sequence[Path], log: ReceiverLog, written: Sequence[str
 
 
 def _imu_lines(log: ReceiverLog) -> list[str]:
+    axes = ", ".join(f'"{axis}"' for axis in log.imu_axes)
     lines = [
         "[imu]",
         f'files = ["{IMU_FILE}"]',
-        'axes = ["+x", "+y", "+z"]  # DECLARE: which sensor axis points forward, right, down',
+        f"axes = [{axes}]  # DECLARE: which sensor axis points forward, right, down",
         'grade = "mems_consumer"  # DECLARE: the sensor\'s grade, a name of the library or a table of numbers',
-        'sampling = "instant"  # rates at their time tags; "mean" for a sensor that averages over its interval',
+        _SAMPLING[log.imu is not None and log.imu_is_mean],
         'gyro_unit = "rad/s"',
         'accel_unit = "m/s^2"',
     ]
@@ -103,7 +109,7 @@ def _reference_lines(log: ReceiverLog) -> list[str]:
         f"# The receiver's own solution with its sigmas{mark}: made of the same signals, no independent truth.",
         "[reference]",
         f'file = "{REFERENCE_FILE}"',
-        'point = "antenna"  # DECLARE: the point that the receiver was told to report',
+        f'point = "{log.solution_point}"  # DECLARE: the point that the receiver was told to report',
     ]
 
 

@@ -18,7 +18,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
 from insgnss.gpstime import datetime_to_ns, leap_seconds
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.ubx_frames import UbxFrames, find_frames
+from insgnss.log.ubx_frames import UbxFrames, find_frames, frames_in
 from insgnss.log.ubx_imu import MEAS, RAW, imu_table
 from insgnss.log.ubx_legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx_messages import SFRBX, UbxMessages
@@ -53,17 +53,31 @@ def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
     ------
     InputError : a file cannot be read or holds no UBX frame, or there is neither measurement nor sample in any
     """
+    return _read([find_frames(path) for path in paths])
+
+
+def read_ubx_bytes(streams: Sequence[tuple[Path, bytes]]) -> ReceiverLog:
+    """Read the UBX that another format's files hold, each as the receiver sent it (see ``read_ubx``).
+
+    Raises
+    ------
+    InputError : as ``read_ubx``
+    """
+    return _read([frames_in(path, data) for path, data in streams])
+
+
+def _read(files: list[UbxFrames]) -> ReceiverLog:
+    paths = [frames.path for frames in files]
     epochs: list[RawEpochs] = []
     imu: list[ImuTable] = []
     events: list[Event] = []
     messages = UbxMessages()
-    for path in paths:
-        frames = find_frames(path)
+    for frames in files:
         if not frames.count:
             raise InputError(
                 "the file holds no UBX frame",
-                file=path,
-                advice="give the receiver's own log; for NMEA or RTCM there is no reader",
+                file=frames.path,
+                advice="give the receiver's own log; NMEA holds no measurements",
             )
         part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
         offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _solution_times(frames)

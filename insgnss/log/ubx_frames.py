@@ -79,7 +79,11 @@ def find_frames(path: Path) -> UbxFrames:
     ------
     InputError : the file is missing, empty or cannot be read
     """
-    data: bytes = file_buffer(path).to_pybytes()
+    return frames_in(path, file_buffer(path).to_pybytes())
+
+
+def frames_in(path: Path, data: bytes) -> UbxFrames:
+    """Return all frames among the bytes of the file ``path`` (see ``find_frames``)."""
     frames = UbxFrames(path, data)
     running, weighted = _running_sums(data)
     length_of = struct.Struct("<H").unpack_from

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
+from insgnss.log.carrier_slips import slipped_rows
 from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.satellites import MAX_NUMBER
@@ -147,7 +148,7 @@ def observation_table(files: list[RawEpochs], path: Path) -> tuple[GnssTable, li
     table, lock_ms, halved, unknown = _rows(np.repeat(t_ns, count)[rows], measured[rows], path)
     order = np.argsort(table.t_ns, kind="stable")
     slips = np.zeros(len(order), np.bool_)
-    slips[order] = _slips(table.take(order), lock_ms[order], halved[order])
+    slips[order] = slipped_rows(table.take(order), lock_ms[order], halved[order], LOCK_CEILING_MS)
     assert table.lli is not None
     table.lli[slips] |= SLIP
     table, reordered = in_time_order(table, str(path))
@@ -234,24 +235,3 @@ def _channels(measured: npt.NDArray[np.void]) -> dict[str, int]:
         if name is not None and -7 <= channel <= 6:
             channels[name] = channel
     return channels
-
-
-def _slips(table: GnssTable, lock_ms: Int64, halved: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Return for rows in time order whether the carrier may have slipped since its last valid value.
-
-    It has when the lock time fell or is shorter than the time since then, or when a half cycle was subtracted or added;
-    beyond the lock time's ceiling nothing is known. The first value of a satellite and signal is no slip.
-    """
-    assert table.carrier_cycles is not None
-    valid = np.flatnonzero(np.isfinite(table.carrier_cycles))
-    track = table.sv[valid].astype(np.int64) * len(table.signal_names) + table.signal[valid]
-    order = valid[np.argsort(track, kind="stable")]
-    track = np.sort(track, kind="stable")
-    same = np.diff(track) == 0
-    before, after = order[:-1][same], order[1:][same]
-    elapsed_ms = (table.t_ns[after] - table.t_ns[before]) // 1_000_000
-    slipped = (lock_ms[after] < lock_ms[before]) | (lock_ms[after] < np.minimum(elapsed_ms, LOCK_CEILING_MS))
-    slipped |= (elapsed_ms > LOCK_CEILING_MS) | (halved[after] != halved[before]) | (lock_ms[after] == 0)
-    result = np.zeros(len(table.t_ns), np.bool_)
-    result[after] = slipped
-    return result

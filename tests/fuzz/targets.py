@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,14 +21,18 @@ from insgnss.log.android import read_android
 from insgnss.log.detect import detect_format
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.imu_csv import read_imu
+from insgnss.log.novatel import read_novatel
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.receiver_events import read_receiver_events
 from insgnss.log.reference import read_reference
 from insgnss.log.rinex import read_navigation
 from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.rosbag import read_rosbag
+from insgnss.log.rtcm import read_rtcm
 from insgnss.log.sbf import read_sbf
 from insgnss.log.ubx import read_ubx
+from insgnss.log.ulog import read_ulog
 from insgnss.log.yuma import read_yuma
 from insgnss.report.digest import digest
 from insgnss.report.export import as_csv
@@ -42,7 +47,17 @@ from tests.antenna import test_obstruction, test_pattern_file
 from tests.config import test_simulation, test_strict
 from tests.gnss import precise_sample
 from tests.interference import test_command
-from tests.log import test_fuzz, test_fuzz_receivers, test_ubx_fuzz
+from tests.log import (
+    novatel_encoder,
+    rtcm_encoder,
+    test_fuzz,
+    test_fuzz_receivers,
+    test_novatel,
+    test_rosbag,
+    test_rtcm,
+    test_ubx_fuzz,
+    test_ulog,
+)
 from tests.log.test_rinex_navigation import message
 from tests.log.writing import WEEK, gnss_config, imu_config
 from tests.small_run import small_run
@@ -152,6 +167,29 @@ def _clocks(sp3: bytes) -> Callable[[Path], None]:
     return read
 
 
+def _resealed(
+    read: Callable[[Sequence[Path]], ReceiverLog], seal: Callable[[bytes], bytes]
+) -> Callable[[Path], None]:
+    """Return a reader of files whose damage no check sum tells."""
+
+    def read_sealed(path: Path) -> None:
+        path.write_bytes(seal(path.read_bytes()))
+        _check_log(read([path]))
+
+    return read_sealed
+
+
+def _optional() -> list[Target]:
+    """Return the readers whose libraries are installed."""
+    found = []
+    if importlib.util.find_spec("pyulog") is not None:
+        found.append(Target("ulog", [test_ulog.SMALL], lambda path: _check_log(read_ulog(path))))
+    if importlib.util.find_spec("mcap_ros2") is not None:
+        bags = [test_rosbag.recorded(packed, 2).data for packed in ("NONE", "LZ4", "ZSTD")]
+        found.append(Target("mcap", bags, lambda path: _check_log(read_rosbag(path))))
+    return found
+
+
 def _drop(_: object) -> None:
     return None
 
@@ -188,6 +226,16 @@ def targets(folder: Path) -> list[Target]:
         Target("yuma", [yuma, *_minimised("yuma")], lambda path: _drop(read_yuma(path, WEEK))),
         Target("ubx", [test_ubx_fuzz.SMALL], lambda path: _check_log(read_ubx([path]))),
         Target("sbf", [b"".join(test_fuzz_receivers.SBF_BLOCKS)], lambda path: _check_log(read_sbf(path))),
+        Target("novatel", [test_novatel.FUZZED], lambda path: _check_log(read_novatel([path])), 0.3),
+        Target(
+            "novatel messages",
+            [test_novatel.FUZZED],
+            _resealed(read_novatel, novatel_encoder.resealed),
+            0.7,
+        ),
+        *_optional(),
+        Target("rtcm", [test_rtcm.STREAM], lambda path: _check_log(read_rtcm([path])), 0.3),
+        Target("rtcm messages", [test_rtcm.STREAM], _resealed(read_rtcm, rtcm_encoder.resealed), 0.7),
         Target(
             "android",
             [test_fuzz_receivers.ANDROID.encode(), *_minimised("android")],

@@ -104,7 +104,7 @@ class GlonassMessages:
         unhealthy = bits_of(second, 80, 80) | bits_of(third, 65, 65) << 1
         state = StateVector(
             sv,
-            _nearest_in_day(in_day_s, near_ns),
+            nearest_in_day(in_day_s, near_ns),
             tuple(_number(s, 35, 9, -11) * _KM for s in strings[:3]),
             tuple(_number(s, 64, 41, -20) * _KM for s in strings[:3]),
             tuple(_number(s, 40, 36, -30) * _KM for s in strings[:3]),
@@ -117,10 +117,10 @@ class GlonassMessages:
         self._broadcast.states.setdefault(state)
 
 
-def _nearest_in_day(in_day_s: int, near_ns: int) -> int:
+def nearest_in_day(in_day_s: float, near_ns: int) -> int:
     """Return the GPS time of these seconds of the Moscow day that is nearest to ``near_ns`` [ns]."""
     when = ns_to_datetime(near_ns)
     leap = leap_seconds(dt.datetime(when.year, when.month, when.day))
     to_moscow = (MOSCOW_MINUS_UTC_S - leap) * NS_PER_S
     day, near = S_PER_DAY * NS_PER_S, near_ns + to_moscow
-    return near + (in_day_s * NS_PER_S - near + day // 2) % day - day // 2 - to_moscow
+    return near + (round(in_day_s * NS_PER_S) - near + day // 2) % day - day // 2 - to_moscow

@@ -152,7 +152,7 @@ def _ephemeris(sv: str, values: dict[str, float], sent_ns: int) -> Ephemeris:
         values["health"],
         ura_m(int(values["ura"])),
         values["iode"],
-        _fit_interval_s(sv[0], int(values["fit"]), iodc),
+        fit_interval_s(sv[0], int(values["fit"]), iodc),
         tuple(values[name] for name in ELEMENTS),
     )
 
@@ -168,7 +168,7 @@ def ura_m(index: int) -> float:
     )  # rounded in the document itself
 
 
-def _fit_interval_s(system: str, flag: int, iodc: int) -> float:
+def fit_interval_s(system: str, flag: int, iodc: int) -> float:
     """Return the curve fit interval [s] (IS-GPS-200N, table 20-XII; QZSS: 2 h, longer is not said)."""
     if system == "J":
         return math.nan if flag else 7200.0

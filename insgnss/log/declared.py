@@ -1,0 +1,18 @@
+"""What the user of a receiver's file declares because the file cannot tell it."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Declared:
+    """The declarations beside the inputs of a conversion; what is left out is taken from the files or missed there."""
+
+    date: dt.date | None = None  # of the log's first epoch, for streams that do not say it
+    imu_scales: tuple[float, float] | None = None  # [rad, m/s] of one count of a NovAtel sensor
+    topics: Mapping[str, str] = field(
+        default_factory=dict
+    )  # part ("imu", "gnss", "reference") -> topic of a bag

@@ -1,0 +1,168 @@
+"""NovAtel OEM binary messages (OEM4 to OEM7): found by their sync bytes and check sum, sorted by kind.
+
+OEM7 commands and logs reference manual, "Binary" and "Description of ASCII and binary logs with short headers": AA 44
+12 with a header whose length it states (28), or AA 44 13 with one of 12 bytes; then the message, then a CRC-32
+(polynomial EDB88320 reflected, start 0) over all before it.
+
+NovAtel's own library (``novatel_edie``) serves as the oracle of the tests. It is no reader here: it makes an object of
+each message, and ends the process on some messages whose check sum holds but whose counts do not (2.10.11, RANGECMP).
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.log.files import file_buffer
+from insgnss.log.first_events import first_events
+from insgnss.tables import Event, Int64
+
+SYNC: Final = b"\xaa\x44"
+LONG, SHORT = 0x12, 0x13
+LONG_HEADER, SHORT_HEADER = 28, 12
+_CRC_BYTES: Final = 4
+_TIME_UNKNOWN: Final = 20  # the least time status; from there on the header's time is at least approximate
+_RESPONSE: Final = 0x80  # bits of the message type: an answer to a command, no log
+_NO_BINARY: Final = 0x60
+_SOURCE, _SECONDARY = 0x1F, 1  # bits that OEM7 gives a meaning; older receivers leave others there
+LATEST_WEEK: Final = 10_000  # the year 2171
+_LONG: Final = struct.Struct("<3xBHBxHxxxBHI")  # header length, kind, type, length, time status, week, ms
+_SHORT: Final = struct.Struct("<3xBHHI")  # length, kind, week, ms
+
+
+class Frame(NamedTuple):
+    """Where one message lies and what its header says."""
+
+    offset: int  # of what follows the header
+    length: int
+    t_ns: int  # GPS time of the header, -1 where the receiver did not know it
+    second: bool  # of the secondary antenna
+
+
+@dataclass
+class NovatelFrames:
+    """One file's bytes and its sound messages of each kind, in the order of the file."""
+
+    path: Path
+    data: bytes
+    frames: dict[int, list[Frame]] = field(default_factory=dict)
+    count: int = 0
+    foreign_bytes: int = 0
+    bad_checksums: list[int] = field(default_factory=list)  # offsets
+    cut_at: int | None = None
+
+    def of(self, *kinds: int) -> list[Frame]:
+        """Return the messages of these kinds, in the order of the file."""
+        found = [frame for kind in kinds for frame in self.frames.get(kind, [])]
+        return sorted(found) if len(kinds) > 1 else found
+
+    def events(self, known: frozenset[int]) -> list[Event]:
+        """Return what was damaged, foreign or of a kind that is not read."""
+        events = first_events(
+            self.bad_checksums,
+            lambda offset: Event(
+                None, "novatel_checksum", f"{self.path}: byte {offset}: wrong check sum; message refused"
+            ),
+            self.path,
+            "messages refused",
+        )
+        if self.cut_at is not None:
+            detail = f"{self.path}: byte {self.cut_at}: the file ends within a message"
+            events.append(Event(None, "novatel_cut", detail))
+        if self.foreign_bytes:
+            detail = (
+                f"{self.path}: {self.foreign_bytes} of {len(self.data)} bytes are no NovAtel binary message"
+            )
+            events.append(Event(None, "novatel_foreign_bytes", f"{detail} (ASCII, NMEA, damage)"))
+        others = Counter({kind: len(found) for kind, found in self.frames.items() if kind not in known})
+        if others:
+            listed = ", ".join(f"{n} of {kind}" for kind, n in others.most_common())
+            events.append(
+                Event(None, "novatel_not_used", f"{self.path}: messages not read, by number: {listed}")
+            )
+        return events
+
+
+def check_sum(data: bytes | memoryview) -> int:
+    """Return NovAtel's CRC-32: the usual one without its inversions before and after."""
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def find_frames(path: Path) -> NovatelFrames:
+    """Return all messages of a file (plain or gzipped) whose check sum holds.
+
+    Raises
+    ------
+    InputError : the file is missing, empty or cannot be read
+    """
+    return frames_in(path, file_buffer(path).to_pybytes())
+
+
+def frames_in(path: Path, data: bytes) -> NovatelFrames:
+    """Return the messages in the bytes of the file ``path``; after a wrong check sum the search goes on within."""
+    found, view, end = NovatelFrames(path, data), memoryview(data), 0
+    at = data.find(SYNC)
+    while at >= 0:
+        whole = _whole_length(data, at)
+        if whole == 0:
+            at = data.find(SYNC, at + 1)
+            continue
+        if at + whole > len(data):
+            found.cut_at = at if found.cut_at is None else found.cut_at
+            at = data.find(SYNC, at + 1)
+            continue
+        stop = at + whole - _CRC_BYTES
+        if check_sum(view[at:stop]) != int.from_bytes(data[stop : stop + _CRC_BYTES], "little"):
+            found.bad_checksums.append(at)
+            at = data.find(SYNC, at + 1)
+            continue
+        found.cut_at = None
+        _keep(found, at, stop)
+        found.foreign_bytes += at - end
+        end = at + whole
+        at = data.find(SYNC, end)
+    found.foreign_bytes += len(data) - end
+    return found
+
+
+def _whole_length(data: bytes, at: int) -> int:
+    """Return the length with header and check sum of the message that may begin here, 0 where none does."""
+    kind = data[at + 2] if at + 2 < len(data) else 0
+    if kind == LONG and at + LONG_HEADER <= len(data) and data[at + 3] >= LONG_HEADER:
+        return data[at + 3] + int.from_bytes(data[at + 8 : at + 10], "little") + _CRC_BYTES
+    if kind == SHORT and at + SHORT_HEADER <= len(data):
+        return SHORT_HEADER + data[at + 3] + _CRC_BYTES
+    return LONG_HEADER + _CRC_BYTES if kind in (LONG, SHORT) and at + LONG_HEADER > len(data) else 0
+
+
+def _keep(found: NovatelFrames, at: int, stop: int) -> None:
+    """Note the sound message from ``at``, whose check sum stands at ``stop``."""
+    found.count += 1
+    if found.data[at + 2] == SHORT:
+        _, kind, week, ms = _SHORT.unpack_from(found.data, at)
+        known, second, start = True, False, at + SHORT_HEADER
+    else:
+        head, kind, form, _, status, week, ms = _LONG.unpack_from(found.data, at)
+        known, second, start = status > _TIME_UNKNOWN, form & _SOURCE == _SECONDARY, at + head
+        if form & _RESPONSE or form & _NO_BINARY:
+            return
+    timed = known and 0 < week <= LATEST_WEEK and ms < NS_PER_WEEK // 1_000_000
+    t_ns = week * NS_PER_WEEK + ms * (NS_PER_S // 1000) if timed else -1
+    found.frames.setdefault(kind, []).append(Frame(start, stop - start, t_ns, second))
+
+
+def records(
+    data: bytes, starts: list[int] | Int64, layout: np.dtype[np.void]
+) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+    """Return the records of a layout that begin at ``starts``, one for each."""
+    if not len(starts):
+        return np.zeros(0, layout)
+    at = np.asarray(starts, dtype=np.int64)[:, None] + np.arange(layout.itemsize)
+    return np.ascontiguousarray(np.frombuffer(data, np.uint8)[at]).view(layout)[:, 0]
