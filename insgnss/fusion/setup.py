@@ -17,7 +17,9 @@ from insgnss.fusion.epoch_aid import EpochAid
 from insgnss.fusion.masking import NO_LIMITS
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.state import Layout
+from insgnss.gnss.clock_groups import tied_clocks
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.plausible_messages import plausible_klobuchar
@@ -59,6 +61,11 @@ class FilterSetup:
         return len(self.clock_groups) - 1
 
     @property
+    def ties(self) -> Ties:
+        """Which clocks are alike but for metres: QZSS's and GPS's."""
+        return tied_clocks(self.clock_groups, self.config.process.qzss_offset_sigma_m)
+
+    @property
     def layout(self) -> Layout:
         """Which optional states the filter has."""
         use = self.config.measurements
@@ -68,6 +75,7 @@ class FilterSetup:
             zenith_delay=use.zenith_delay,
             ionosphere=self._estimates_ionosphere,
             clone=self._carrier_used,
+            home=tuple(self.ties.home.tolist()),
         )
 
     @property

@@ -14,6 +14,7 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.fusion.fix import Fix
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, Layout, new_bank
+from insgnss.fusion.tied_offsets import tie_offsets
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -201,6 +202,7 @@ def open_bank(
     for i, attitude in enumerate(attitudes):
         _place_state(bank.state[i], kin, attitude, w_ib_b, par)
         _place_covariance(bank.state[i], bank.P[i], kin, attitude, sensor, config)
+        tie_offsets(bank.state[i], bank.P[i], layout.home, config.process.qzss_offset_sigma_m)
         if not kin.of_imu:
             _hang_on_antenna(bank.state[i], bank.P[i], w_ib_b, par.lever_b)
         _place_optional(bank.P[i], layout, config)

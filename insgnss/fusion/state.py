@@ -27,7 +27,7 @@ CLOCK: Final = 15  # receiver clock bias [m]
 DRIFT: Final = 16  # receiver clock drift [m/s]
 # optional states, where the settings and the log ask for them, in this order (``Layout`` says where each stands):
 OFFSETS: Final = 17  # inter-system clock offsets [m], as many as there are further constellations
-MAX_OPTIONAL: Final = 28  # room for all of them
+MAX_OPTIONAL: Final = 31  # room for all of them
 N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
@@ -159,6 +159,7 @@ class Layout:
     zenith_delay: bool = False  # what the model leaves of the wet zenith delay [m]
     ionosphere: bool = False  # what the model leaves of the ionosphere at the zenith, on L1 [m]
     clone: bool = False  # antenna position and clock of the epoch before
+    home: tuple[int, ...] = ()  # of each clock group the earlier one to which it is tied, else -1
 
     @property
     def at_channel_bias(self) -> int:

@@ -22,10 +22,12 @@ from insgnss.gnss.least_squares import (
     Bool,
     FitRows,
     Workspace,
+    clock_of,
     copy,
     count,
     covariance,
     fit,
+    free_clocks,
     n_unknowns,
     residual,
     rows_per_clock,
@@ -303,10 +305,23 @@ def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, 
 
 
 @kernel
+def _without_ties(rows: FitRows, n_clocks: int) -> FitRows:
+    """Return the rows with one clock for those that are tied, whose difference widens the sigma."""
+    group, sigma = rows.group.copy(), rows.sigma.copy()
+    for k in range(len(group)):
+        group[k] = clock_of(rows, k)
+        if group[k] != rows.group[k]:
+            sigma[k] = math.sqrt(sigma[k] * sigma[k] + 1.0 / rows.ties.weight)
+    return FitRows(rows.kind, rows.sat, rows.measured, sigma, group, free_clocks(n_clocks), rows.r_e)
+
+
+@kernel
 def search(
     rows: FitRows, candidates: Bool, start: Float64, work: Workspace, x: Float64, P: Float64, use: Bool
 ) -> float:
     """Replace ``use`` by the largest agreeing set, ``x`` and ``P`` by its fit; return its chi-square, NaN when none.
+
+    The subsets share one clock among tied ones; the last fit, which drops and takes in, has them all.
 
     Parameters
     ----------
@@ -315,6 +330,7 @@ def search(
     work : scratch
     x, P, use : output
     """
+    tied, rows = rows, _without_ties(rows, len(x) - 3)
     unknowns = n_unknowns(rows_per_clock(rows, candidates, len(x) - 3))
     members = _places(candidates)
     trial, near = np.zeros(len(use), np.bool_), np.zeros(len(use), np.bool_)
@@ -342,4 +358,4 @@ def search(
     if best == math.inf:
         return math.nan
     copy(start, x)
-    return polish(rows, candidates, x, P, work, use)
+    return polish(tied, candidates, x, P, work, use)
