@@ -131,7 +131,7 @@ def approximate_places(setup: FilterSetup, rows: Rows) -> tuple[Int64, Float64]:
     found_ns, found_e = [], []
     for start in np.searchsorted(rows.epoch_ns, wanted):
         for epoch in range(start, min(start + _EPOCHS_TRIED, len(rows.epoch_ns))):
-            fix = fix_epoch(rows, epoch, par, len(setup.clock_groups), _MAX_GDOP)
+            fix = fix_epoch(rows, epoch, par, setup.ties, _MAX_GDOP)
             if fix is not None:
                 found_ns.append(fix.t_ns)
                 found_e.append(fix.r_a)

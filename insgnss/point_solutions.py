@@ -29,6 +29,7 @@ from insgnss.datum import annotate_all
 from insgnss.errors import ConfigError, ResultError
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.setup import FilterSetup
+from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.point_log import solve_epochs
@@ -216,7 +217,7 @@ def solve_rows(
     prepared = _point_rows(rows, par)
     limits = chi_square_limits(int(np.diff(rows.first).max(initial=0)) + 1, false_alarm)
     out = new_point_log(prepared, len(setup.clock_groups))
-    solve_epochs(prepared, _settings(par, missed_detection), limits, out)
+    solve_epochs(prepared, _settings(par, setup.ties, missed_detection), limits, out)
     return prepared, limits, at_time_tags(out)
 
 
@@ -270,7 +271,7 @@ def _point_rows(rows: Rows, par: Parameters) -> PointRows:
     )
 
 
-def _settings(par: Parameters, missed_detection: float) -> PointSettings:
+def _settings(par: Parameters, ties: Ties, missed_detection: float) -> PointSettings:
     """Return masks and noise of the filter's parameters."""
 
     def noise(kind: str) -> tuple[float, float, float, float]:
@@ -286,6 +287,7 @@ def _settings(par: Parameters, missed_detection: float) -> PointSettings:
         rate_noise=noise("rate"),
         max_gdop=MAX_GDOP,
         missed_sigmas=NormalDist().inv_cdf(1.0 - missed_detection),
+        ties=ties,
     )
 
 

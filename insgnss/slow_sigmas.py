@@ -46,7 +46,7 @@ def slow_variances(
     t_ns, variances = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
     for part, key in zip(ledger, keys, strict=True):
         rows = _rows(part, key, group, factor)
-        epoch, variance = slow_position_variances(rows, sigmas, len(setup.clock_groups))
+        epoch, variance = slow_position_variances(rows, sigmas, setup.ties)
         t_ns.append(key.epoch_ns[epoch])
         variances.append(variance)
     return SlowVariances(np.concatenate(t_ns), np.concatenate(variances))

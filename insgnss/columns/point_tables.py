@@ -15,7 +15,8 @@ sd_n_m sd_e_m sd_d_m: one sigma of position
 cov_ne_m2 cov_nd_m2 cov_ed_m2: covariances of position
 sd_vn_mps sd_ve_mps sd_vd_mps: one sigma of velocity
 cov_vne_m2ps2 cov_vnd_m2ps2 cov_ved_m2ps2: covariances of velocity
-clock_*_m sd_clock_*_m: receiver clock against each constellation's time, and its sigma
+clock_*_m sd_clock_*_m: receiver clock against each constellation's time, and its sigma; QZSS's differs from GPS's by
+  zero with a sigma of `process.qzss_offset_sigma_m`
 clock_drift_mps sd_clock_drift_mps: rate of the receiver clock, and its sigma
 gdop pdop hdop vdop tdop: dilution of precision: all, position, horizontal, vertical, time
 hpl_m vpl_m: protection levels, horizontal and vertical

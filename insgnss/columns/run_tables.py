@@ -24,7 +24,8 @@ clock_bias_m clock_drift_mps: receiver clock against GPS time, and its rate
 sd_clock_bias_m sd_clock_drift_mps: one sigma of the receiver clock
 n_used: pseudorange rows used in the latest epoch; a satellite counts once for each of its bands
 n_hypotheses: headings still possible: 1 as soon as the heading is known
-offset_*_m: clock offset of each further constellation, and of each further band of one, where estimated
+offset_*_m: clock offset of each further constellation, and of each further band of one, where estimated; that of
+  QZSS begins as that of GPS's same band, with a sigma of `process.qzss_offset_sigma_m`
 glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
 zenith_delay_m: residual tropospheric delay at the zenith, where estimated
 ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (carriers of one band)

@@ -146,6 +146,12 @@ class Process(StrictModel):
     inter_system_sigma_m: Positive = Field(
         3000.0, description="initial sigma of an inter-system clock offset"
     )
+    qzss_offset_sigma_m: Positive = Field(
+        3.0,
+        ge=0.01,
+        description="initial sigma of QZSS's clock offset against GPS's, whose time it keeps; a satellite alone keeps"
+        " the worth of a range with so much more noise",
+    )
     inter_system_walk_m_per_sqrt_s: NotNegative = 0.005
     channel_bias_sigma_m: Positive = Field(
         0.3, description="initial sigma of the GLONASS delay per frequency channel"

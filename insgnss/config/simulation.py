@@ -91,7 +91,18 @@ class SimulatedClock(StrictModel):
     )
 
 
-class NominalSky(StrictModel):
+class _AnySky(StrictModel):
+    """What every sky may have."""
+
+    qzss: tuple[GpsSatellite, ...] = Field(
+        (), max_length=10, description="satellites that belong to QZSS instead: they become J01, J02, ..."
+    )
+    qzss_offset_m: Annotated[float, Field(ge=-1e3, le=1e3)] = Field(
+        0.0, description="by which the receiver measures their pseudoranges too long"
+    )
+
+
+class NominalSky(_AnySky):
     """An evenly filled GPS-like constellation."""
 
     kind: Literal["nominal"] = "nominal"
@@ -99,14 +110,14 @@ class NominalSky(StrictModel):
     per_plane: Annotated[int, Field(ge=1, le=8)] = 5
 
 
-class RinexSky(StrictModel):
+class RinexSky(_AnySky):
     """GPS satellites of RINEX navigation files, each by the message nearest to the middle of the scenario."""
 
     kind: Literal["rinex"]
     files: tuple[Path, ...] = Field(min_length=1)
 
 
-class YumaSky(StrictModel):
+class YumaSky(_AnySky):
     """GPS satellites of a YUMA almanac."""
 
     kind: Literal["yuma"]
@@ -121,7 +132,7 @@ class TableSatellite(StrictModel):
     elevation_deg: tuple[Elevation, Elevation]
 
 
-class TableSky(StrictModel):
+class TableSky(_AnySky):
     """Satellites on orbits that begin where the table says, and end as near to it as an orbit can."""
 
     kind: Literal["table"]

@@ -312,6 +312,7 @@ def _carry_values(
         apart2 = (m.optional[value] - old.optional[value]) ** 2
         agrees = value >= n_offsets or apart2 < _OFFSET_SIGMAS**2 * (P[at, at] + variance)
         if agrees and P[at, at] > variance:
+            P[at, :] = P[:, at] = 0.0  # a tie that the carried value replaces
             m.optional[value], P[at, at] = old.optional[value], variance
     m.noise_factor[:] = old.noise_factor
     m.adapted_count, m.adapted_ns = old.adapted_count, old.adapted_ns

@@ -35,7 +35,7 @@ from insgnss.fusion.screening import note_mean, screen, take
 from insgnss.fusion.sideslip import note_sideslip, sideslip
 from insgnss.fusion.state import new_bank
 from insgnss.gnss.carrier_rows import no_carriers
-from insgnss.gnss.least_squares import RANGE, FitRows, workspace
+from insgnss.gnss.least_squares import RANGE, FitRows, free_clocks, workspace
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
 from insgnss.gnss.robust_fit import search
 from insgnss.jit import collecting_rarely, compile_for, compiled_beside, end_with_parent, is_compiled
@@ -126,7 +126,8 @@ def fetch_loop() -> None:
 def compile_rivals() -> None:
     """Compile what finds the rivals of a given start: the fix of an epoch, and the search for what agrees in it."""
     unknowns, used = np.zeros(4), np.zeros(1, np.bool_)
-    rows = FitRows(RANGE, np.zeros((1, 8)), np.zeros(1), np.zeros(1), np.zeros(1, np.int64), np.zeros(3))
+    none, at = np.zeros(1), np.zeros(1, np.int64)
+    rows = FitRows(RANGE, np.zeros((1, 8)), none, none, at, free_clocks(1), np.zeros(3))
     compile_for(search, (rows, used, unknowns, workspace(4), unknowns, np.zeros((4, 4)), used))
 
 

@@ -13,6 +13,7 @@ from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.row_noise import model_variance, row_variance
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.point_solution import INCONSISTENT, SOLVED, UNCHECKED, point_position, point_velocity
@@ -51,25 +52,27 @@ class Fix:
         return int(self.used[PSEUDORANGE].sum())
 
 
-def fix_epoch(rows: Rows, epoch: int, par: Parameters, n_groups: int, max_gdop: float) -> Fix | None:
+def fix_epoch(rows: Rows, epoch: int, par: Parameters, ties: Ties, max_gdop: float) -> Fix | None:
     """Return the point solution of an epoch, or None when it has none that can be trusted."""
     index = np.arange(rows.first[epoch], rows.first[epoch + 1])
     row = rows.observation[index]
     tried = row["status"].T == USED
     sat = rows.sat[index]
-    x, P = np.full(3 + n_groups, math.nan), np.zeros((3 + n_groups, 3 + n_groups))
+    n = 3 + len(ties.home)
+    x, P = np.full(n, math.nan), np.zeros((n, n))
     corrected = row["value"][:, PSEUDORANGE] + sat[:, 6]
     use = tried[PSEUDORANGE].copy()
     sigma = np.full(len(index), _UNCORRECTED_SIGMA_M)
     group = row["group"].astype(np.int64)
-    status = point_position(sat, corrected, sigma, group, use, np.zeros(3), 2.0 * max_gdop, x, P)
+    status = point_position(sat, corrected, sigma, group, use, np.zeros(3), 2.0 * max_gdop, x, P, ties)
     radius = float(np.linalg.norm(x[:3]))
     if status not in (SOLVED, UNCHECKED, INCONSISTENT) or not _CLOSEST_RADIUS_M < radius < _FARTHEST_RADIUS_M:
         return None
     delay, variance, visible = _corrections(rows, index, x[:3].copy(), int(rows.epoch_ns[epoch]), par)
     use = tried[PSEUDORANGE] & visible
     start = x[:3].copy()
-    status = point_position(sat, corrected - delay, np.sqrt(variance[0]), group, use, start, max_gdop, x, P)
+    corrected -= delay
+    status = point_position(sat, corrected, np.sqrt(variance[0]), group, use, start, max_gdop, x, P, ties)
     if status not in (SOLVED, UNCHECKED):
         return None
     used = np.zeros_like(tried)

@@ -138,9 +138,8 @@ class Health:
             events += self._told(Event(t_ns, "kind_refused", f"{reason}: {kind}"))
         fix = None
         if not (refusing and is_thin(lines)):
-            fix = fix_epoch(
-                rows, epoch, parameters[0], self.setup.n_offsets + 1, self.setup.config.start.max_gdop
-            )
+            max_gdop = self.setup.config.start.max_gdop
+            fix = fix_epoch(rows, epoch, parameters[0], self.setup.ties, max_gdop)
         if fix is None or not fix.checked:
             steps = self._steps(bank, rows, epoch, parameters, space) if refusing else []
             events += steps

@@ -126,6 +126,7 @@ class Layout:
 
     blocks: tuple[StateBlock, ...] = ()
     clone: bool = False  # antenna position and clock of the epoch before
+    home: tuple[int, ...] = ()  # of each clock group the earlier one to which it is tied, else -1
 
     def __post_init__(self) -> None:
         """Refuse blocks that do not go together."""

@@ -26,6 +26,7 @@ from insgnss.fusion.prediction import Imu
 from insgnss.fusion.resetting import doubt_sensors, reset_kinematics
 from insgnss.fusion.setup import FilterSetup
 from insgnss.fusion.state import DR, Bank, copy_bank, joined_banks, select_members
+from insgnss.fusion.tied_offsets import tie_offsets
 from insgnss.fusion.witnesses import judged
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows, one_epoch
 from insgnss.inertial.sensor_model import sensor_model
@@ -193,6 +194,7 @@ def open_doubt(
         found = copy_bank(filter_bank)
         for m, P in zip(found.state, found.P, strict=True):
             reset_kinematics(m, P, fix, lever_b, setup.n_offsets, w_ib_b, sigma_m)
+            tie_offsets(m, P, setup.layout.home, setup.config.process.qzss_offset_sigma_m)
             if doubtful:
                 doubt_sensors(m, P, sensor_model(setup.grade))
         found.memory[:] = -np.inf  # innovations about another position

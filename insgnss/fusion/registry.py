@@ -15,7 +15,12 @@ from insgnss.fusion.states.zenith_delay import zenith_delay
 STATES: Final = (system_offsets, glonass_channel_bias, zenith_delay, ionosphere)
 
 
-def layout_of(wanted: StatesWanted, further: tuple[StateBlock, ...] = ()) -> Layout:
-    """Return the layout of a filter: its own blocks as the settings and the log want them, and ``further`` ones."""
+def layout_of(
+    wanted: StatesWanted, further: tuple[StateBlock, ...] = (), home: tuple[int, ...] = ()
+) -> Layout:
+    """Return the layout of a filter: its own blocks as the settings and the log want them, and ``further`` ones.
+
+    ``home`` says which clock groups are tied, see ``Layout``.
+    """
     own = [block for state in STATES if (block := state(wanted)) is not None]
-    return Layout((*own, *further), clone=wanted.with_carrier)
+    return Layout((*own, *further), clone=wanted.with_carrier, home=home)

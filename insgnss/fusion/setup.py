@@ -20,7 +20,9 @@ from insgnss.fusion.own_rows import OwnMeasurements
 from insgnss.fusion.parameters import resolve_parameters, weather_of
 from insgnss.fusion.registry import layout_of
 from insgnss.fusion.states.wanted import StatesWanted
+from insgnss.gnss.clock_groups import tied_clocks
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.plausible_messages import plausible_klobuchar
@@ -64,10 +66,16 @@ class FilterSetup:
         return len(self.clock_groups) - 1
 
     @property
+    def ties(self) -> Ties:
+        """Which clocks are alike but for metres: QZSS's and GPS's."""
+        return tied_clocks(self.clock_groups, self.config.process.qzss_offset_sigma_m)
+
+    @property
     def layout(self) -> Layout:
         """Which further states the filter has, and where they stand."""
         with_carrier = self.with_carrier and self.config.measurements.carrier
-        return layout_of(StatesWanted(self.config, self.clock_groups, with_carrier), self.states_wanted)
+        wanted = StatesWanted(self.config, self.clock_groups, with_carrier)
+        return layout_of(wanted, self.states_wanted, tuple(self.ties.home.tolist()))
 
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""

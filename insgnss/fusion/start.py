@@ -15,6 +15,7 @@ from insgnss.fusion.fix import Fix
 from insgnss.fusion.layout import SYSTEM_OFFSETS, Layout
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.fusion.tied_offsets import tie_offsets
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -202,6 +203,7 @@ def open_bank(
     for i, attitude in enumerate(attitudes):
         _place_state(bank.state[i], kin, attitude, w_ib_b, par)
         _place_covariance(bank.state[i], bank.P[i], kin, attitude, sensor, config)
+        tie_offsets(bank.state[i], bank.P[i], layout.home, config.process.qzss_offset_sigma_m)
         if not kin.of_imu:
             _hang_on_antenna(bank.state[i], bank.P[i], w_ib_b, par.lever_b)
         _place_further(bank.P[i], layout)

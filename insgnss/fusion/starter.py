@@ -72,7 +72,7 @@ class Starter:
         if self.first_try_ns is None:
             self.first_try_ns = t_ns
         start = self.setup.config.start
-        fix = fix_epoch(rows, epoch, par, len(self.setup.clock_groups), start.max_gdop)
+        fix = fix_epoch(rows, epoch, par, self.setup.ties, start.max_gdop)
         if fix is None:
             return None, None, []
         self.fixes = [f for f in self.fixes if t_ns - f.t_ns <= _LONGEST_HISTORY_NS] + [fix]
@@ -229,7 +229,7 @@ class Starter:
         """
         t_ns, limits = int(rows.epoch_ns[epoch]), self.setup.config.start
         self.first_try_ns = t_ns if self.first_try_ns is None else self.first_try_ns
-        fix = fix_epoch(rows, epoch, par, len(self.setup.clock_groups), limits.max_gdop)
+        fix = fix_epoch(rows, epoch, par, self.setup.ties, limits.max_gdop)
         patient = t_ns - self.first_try_ns < limits.patience_s * NS_PER_S
         if fix is None or (not fix.checked and patient):
             return None, None, []

@@ -1,8 +1,9 @@
 """Clock groups: which signals share one receiver clock, and which need an offset of their own against it.
 
 Each constellation keeps its own time and takes its own way through the receiver; so does each carrier. A group is
-named by its constellation ("E"), a further carrier of the constellation by its band too ("G:L5"). QZSS keeps GPS time
-and shares its groups where both are used. Within a group the signals of a band differ by less than a metre.
+named by its constellation ("E"), a further carrier of the constellation by its band too ("G:L5"). Within a group the
+signals of a band differ by less than a metre. QZSS keeps GPS time and sends GPS's signals, yet receivers show it off by
+metres: each of its groups is tied to GPS's of the same band, by a difference of zero with a sigma.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.signals import signal_of
 from insgnss.tables import GnssTable, Int64
 
@@ -41,17 +43,37 @@ def clock_groups(
     every_band : one signal of each band is used, not the most preferred one alone
     """
     present = set(present)
-    shared = {"J": "G"} if "G" in {letter for letter, _ in present} and "G" in constellations else {}
+    with_gps = "G" in {letter for letter, _ in present} and "G" in constellations
     groups: list[str] = []
     for letter in constellations:
-        home = shared.get(letter, letter)
+        own = _first_band(letter, signals, present)
+        # QZSS's groups bear the names of GPS's, whichever of its signals the log has
+        first = _first_band("G", signals, present) if letter == "J" and with_gps else own
         for code in signals.get(letter, ()):
             if (letter, code) not in present:
                 continue
-            name = _group(home, _band(letter, code), _first_band(home, signals, present))
-            if name not in groups and (every_band or ":" not in name):
+            band = _band(letter, code)
+            name = _group(letter, band, first)
+            if name not in groups and (every_band or band == own):
                 groups.append(name)
     return tuple(groups) or constellations[:1]
+
+
+def tied_clocks(groups: tuple[str, ...], sigma_m: float) -> Ties:
+    """Return which groups are tied: QZSS's and GPS's of the same band, the later one to the earlier.
+
+    Parameters
+    ----------
+    groups : as ``clock_groups`` returns them
+    sigma_m : of the difference of two tied clocks
+    """
+    home = np.full(len(groups), -1, np.int64)
+    for i, name in enumerate(groups):
+        other = "G" + name[1:]
+        if name[0] == "J" and other in groups:
+            j = groups.index(other)
+            home[max(i, j)] = min(i, j)
+    return Ties(home, 1.0 / sigma_m**2)
 
 
 def group_of_rows(gnss: GnssTable, groups: tuple[str, ...], signals: Mapping[str, tuple[str, ...]]) -> Int64:
@@ -70,12 +92,11 @@ def group_table(
     table = np.full((max(len(sv_names), 1), max(len(signal_names), 1)), -1, np.int64)
     for i, sv in enumerate(sv_names):
         letter = sv[0]
-        home = letter if letter in index or letter != "J" else "G"
         if letter not in signals:
             continue
         for j, code in enumerate(signal_names):
-            further = index.get(f"{home}:{_band(letter, code)}")
-            table[i, j] = index.get(home, -1) if further is None else further
+            further = index.get(f"{letter}:{_band(letter, code)}")
+            table[i, j] = index.get(letter, -1) if further is None else further
     return table
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from insgnss.gnss.least_squares import Bool, FitRows, Workspace, cholesky, covariance
+from insgnss.gnss.least_squares import Bool, FitRows, Workspace, cholesky, clock_of, covariance
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.jit import kernel
 from insgnss.tables import Float64
@@ -18,7 +18,8 @@ def dilution(
 
     Equation: Q = (H^T H)^-1 with the rows h = (-u, 1 at its clock), PDOP^2 = Q_nn + Q_ee + Q_dd, TDOP^2 = Q_tt of the
     first clock in use, GDOP^2 = PDOP^2 + TDOP^2 [Misra and Enge 2011, section 6.1.2].
-    Every row counts, a second band too. A clock is an unknown more: a row alone on its clock changes nothing.
+    Every row counts, a second band too. A clock is an unknown more: a row alone on its clock changes nothing. Clocks
+    that are tied count as one.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def dilution(
     for k in range(len(use)):
         if use[k]:
             line_of_sight_range(rows.sat, k, x, work.u)
-            j = 3 + rows.group[k]
+            j = 3 + clock_of(rows, k)
             clock = min(clock, j)
             for a in range(3):
                 for c in range(a + 1):

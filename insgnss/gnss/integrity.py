@@ -19,6 +19,7 @@ from insgnss.gnss.least_squares import (
     Bool,
     FitRows,
     Workspace,
+    clock_of,
     copy,
     count,
     covariance,
@@ -159,7 +160,7 @@ def _drop_lonely(rows: FitRows, offered: Bool, use: Bool, n_clocks: int) -> None
     """Exclude the last row of a clock that lost others: it says nothing, and which of them was wrong is not known."""
     before, after = rows_per_clock(rows, offered, n_clocks), rows_per_clock(rows, use, n_clocks)
     for k in range(len(use)):
-        g = rows.group[k]
+        g = clock_of(rows, k)
         if use[k] and after[g] == 1 and before[g] > 1:
             use[k] = False
 

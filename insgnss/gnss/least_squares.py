@@ -1,8 +1,9 @@
 """Weighted least squares over the rows of one epoch: position from pseudoranges, or velocity from range rates.
 
-The unknowns are three components and one clock per group; every row has the derivative (-u, 1). Gauss-Newton with a
-Cholesky factor; no matrix is inverted but for the covariance at the end. Vectors are filled and copied by loops: slices
-take Numba long to compile.
+The unknowns are three components and one clock per group; every row has the derivative (-u, 1). Two clocks may be tied:
+their difference is zero with a known sigma and counts as no further unknown. Gauss-Newton with a Cholesky factor; no
+matrix is inverted but for the covariance at the end. Vectors are filled and copied by loops: slices take Numba long to
+compile.
 """
 
 from __future__ import annotations
@@ -29,6 +30,13 @@ _SINGULAR: Final = 1e-10  # a pivot this small beside its diagonal: dilution bey
 _CHI_SQUARE_Z: Final = 3.719  # normal quantile of 1 - 1e-4: a false alarm of the whole fit costs one search
 
 
+class Ties(NamedTuple):
+    """Which clocks are known to be alike."""
+
+    home: Int64  # (g,) the clock before it to which a clock is tied, else -1
+    weight: float  # 1 / variance of their difference [1/m^2]
+
+
 class FitRows(NamedTuple):
     """The observations of one epoch, all of one kind."""
 
@@ -37,6 +45,7 @@ class FitRows(NamedTuple):
     measured: Float64  # (n,) corrected for everything but geometry and receiver clock [m, m/s]
     sigma: Float64  # (n,)
     group: Int64  # (n,) clock of the row
+    ties: Ties
     r_e: Float64  # (3,) antenna position for RANGE_RATE [m]
 
 
@@ -71,6 +80,12 @@ def count(flags: Bool) -> int:
         if flags[k]:
             total += 1
     return total
+
+
+@kernel
+def free_clocks(n: int) -> Ties:
+    """Return ``n`` clocks of which none is tied."""
+    return Ties(np.full(n, -1, np.int64), 0.0)
 
 
 @kernel
@@ -122,9 +137,28 @@ def normal_matrix(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> floa
         for a in range(3):
             work.b[a] -= weight * misfit * work.u[a]
         work.b[j] += weight * misfit
+    total += _tie_clocks(rows.ties, x, work)
     for j in range(3, len(work.b)):
         if work.N[j, j] == 0.0:
             work.N[j, j] = 1.0
+    return total
+
+
+@kernel
+def _tie_clocks(ties: Ties, x: Float64, work: Workspace) -> float:
+    """Add the tied clocks' differences to the normal matrix; return their part of chi-square."""
+    total = 0.0
+    for g in range(len(ties.home)):
+        i, j = 3 + ties.home[g], 3 + g
+        if i < 3 or (work.N[i, i] == 0.0 and work.N[j, j] == 0.0):
+            continue
+        apart = x[j] - x[i]
+        work.N[i, i] += ties.weight
+        work.N[j, j] += ties.weight
+        work.N[j, i] -= ties.weight
+        work.b[i] += ties.weight * apart
+        work.b[j] -= ties.weight * apart
+        total += ties.weight * apart * apart
     return total
 
 
@@ -201,12 +235,20 @@ def chi_square_limit(freedom: int) -> float:
 
 @kernel
 def rows_per_clock(rows: FitRows, use: Bool, n_clocks: int) -> Int64:
-    """Return the number of rows in use of each clock."""
+    """Return the number of rows in use of each clock, tied clocks counted as one."""
     rows_of = np.zeros(n_clocks, np.int64)
     for k in range(len(use)):
         if use[k]:
-            rows_of[rows.group[k]] += 1
+            rows_of[clock_of(rows, k)] += 1
     return rows_of
+
+
+@kernel
+def clock_of(rows: FitRows, k: int) -> int:
+    """Return the clock of row ``k``, of tied ones the first."""
+    group = rows.group[k]
+    home = rows.ties.home[group]
+    return int(home if home >= 0 else group)
 
 
 @kernel

@@ -34,9 +34,11 @@ from insgnss.gnss.least_squares import (
     RANGE_RATE,
     Bool,
     FitRows,
+    Ties,
     copy,
     count,
     fill,
+    free_clocks,
     n_unknowns,
     residual,
     rows_per_clock,
@@ -155,7 +157,7 @@ def _position(
 ) -> tuple[int, float, int]:
     """Return verdict, statistic and redundant rows of an epoch's position; ``x``, ``P`` and ``use`` are the output."""
     start = np.zeros(len(x))
-    fit_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], start)
+    fit_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, start)
     verdict, total, freedom = TOO_FEW, math.nan, 0
     for step in range(_MOST_PASSES + 1):
         if step > 0:
@@ -188,11 +190,12 @@ def _account(
     P: Float64,
     room: _Room,
     fits: Fits,
+    ties: Ties,
     out: PointLog,
 ) -> None:
     """Write status, residual and sigma of one kind of the epoch's rows; ``x`` is NaN where there is no solution."""
     solved = not math.isnan(x[0])
-    one = FitRows(kind, room.sat, room.fitted[kind], room.sigma[kind], room.group[kind], out.r_e[e])
+    one = FitRows(kind, room.sat, room.fitted[kind], room.sigma[kind], room.group[kind], ties, out.r_e[e])
     for j in range(len(use)):
         if not room.offered[kind, j]:
             continue
@@ -261,14 +264,14 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
     p, most = out.P.shape[1], len(limits)
     room, fits = _new_room(most), Fits(limits, workspace(p), redundancy_room(most))
     rate_fits = Fits(limits, workspace(4), fits.room)
-    Q = np.zeros((p, p))
+    Q, one_drift = np.zeros((p, p)), free_clocks(1)
     for e in range(len(rows.epoch_ns)):
         k = _gather(rows, e, room)
         x, P = np.full(p, math.nan), np.zeros((p, p))
         v, P_v = np.full(4, math.nan), np.full((4, 4), math.nan)
         use, use_rate = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
         verdict, total, freedom = _position(rows, settings, e, k, room, fits, use, x, P, out.u_n)
-        range_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], x)
+        range_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, x)
         if verdict != TOO_FEW and verdict != BAD_GEOMETRY and freedom >= 0:
             if not dilution(range_rows, use, x, room.C_ne, fits.work, Q, out.dop[e]):
                 verdict = BAD_GEOMETRY
@@ -287,7 +290,7 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
             _forget(use, room.group[0], x, P)
             for j in range(k):
                 use_rate[j] = room.offered[1, j] and room.visible[j]
-            rate_rows = FitRows(RANGE_RATE, room.sat, room.raw[1], room.sigma[1], room.group[1], x)
+            rate_rows = FitRows(RANGE_RATE, room.sat, room.raw[1], room.sigma[1], room.group[1], one_drift, x)
             rate_verdict, out.statistic[e, 1], out.freedom[e, 1] = agree(
                 rate_rows, use_rate, np.zeros(4), v, P_v, rate_fits
             )
@@ -298,6 +301,6 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
         out.statistic[e, 0], out.freedom[e, 0] = total, max(freedom, 0)
         for kind in range(2):
             if kind == 0:
-                _account(rows, settings, e, kind, use, x, P, room, fits, out)
+                _account(rows, settings, e, kind, use, x, P, room, fits, settings.ties, out)
             else:
-                _account(rows, settings, e, kind, use_rate, v, P_v, room, rate_fits, out)
+                _account(rows, settings, e, kind, use_rate, v, P_v, room, rate_fits, one_drift, out)

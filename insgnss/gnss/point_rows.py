@@ -9,6 +9,7 @@ import numpy as np
 
 from insgnss.constants import C_MPS
 from insgnss.gnss.integrity import NOT_IDENTIFIED, TOO_FEW
+from insgnss.gnss.least_squares import Ties
 from insgnss.tables import Float64, Int8, Int64
 
 
@@ -42,6 +43,7 @@ class PointSettings(NamedTuple):
     rate_noise: tuple[float, float, float, float]  # [m^2/s^2]
     max_gdop: float
     missed_sigmas: float  # normal quantile of a missed detection, for the protection levels
+    ties: Ties  # of the clocks
 
 
 class PointLog(NamedTuple):

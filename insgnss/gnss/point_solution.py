@@ -19,6 +19,7 @@ from insgnss.gnss.least_squares import (
     RANGE_RATE,
     Bool,
     FitRows,
+    Ties,
     Workspace,
     chi_square_limit,
     copy,
@@ -26,6 +27,7 @@ from insgnss.gnss.least_squares import (
     covariance,
     fill,
     fit,
+    free_clocks,
     n_unknowns,
     rows_per_clock,
     workspace,
@@ -50,8 +52,9 @@ def _drop_unusable(rows: FitRows, use: Bool) -> None:
         use[k] = use[k] and good
 
 
-def _forget_clocks(rows_of: Int64, x: Float64, P: Float64) -> None:
+def _forget_clocks(rows: FitRows, use: Bool, x: Float64, P: Float64) -> None:
     """Make the clocks without a row, and their covariances, NaN."""
+    rows_of = np.bincount(rows.group[use], minlength=len(x) - 3)
     for j in range(3, len(x)):
         if rows_of[j - 3] == 0:
             x[j] = math.nan
@@ -115,7 +118,7 @@ def _finish(
     for i in range(len(x)):
         for j in range(len(x)):
             P[i, j] *= factor
-    _forget_clocks(rows_of, x, P)
+    _forget_clocks(rows, use, x, P)
     return status
 
 
@@ -129,6 +132,7 @@ def point_position(
     gdop_limit: float,
     x: Float64,
     P: Float64,
+    ties: Ties | None = None,
 ) -> int:
     """Return the status of a position fix from one epoch of pseudoranges; light time and Sagnac are inside.
 
@@ -145,11 +149,13 @@ def point_position(
     gdop_limit : largest dilution of precision of position and one clock; 30 is usual
     x : (3 + n_groups,) output: position, ECEF [m], and each group's clock [m], NaN for a group without rows
     P : (3 + n_groups, 3 + n_groups) output: covariance, scaled by chi-square over its freedom where that is above 1
+    ties : clocks that are known to be alike; none are when left out
     """
+    ties = free_clocks(len(x) - 3) if ties is None else ties
     start = np.zeros(len(x))
     for j in range(3):
         start[j] = r_guess[j] if math.isfinite(r_guess[j]) else 0.0
-    rows = FitRows(RANGE, sat, pseudorange, sigma, group, start)
+    rows = FitRows(RANGE, sat, pseudorange, sigma, group, ties, start)
     _drop_unusable(rows, use)
     status, total = _agreeing(rows, use, start, workspace(len(x)), x, P)
     return _finish(rows, use, gdop_limit, status, total, x, P)
@@ -178,7 +184,8 @@ def point_velocity(
     x : (4,) output: velocity, ECEF [m/s], and clock drift [m/s], one for all constellations
     P : (4, 4) output: covariance, scaled as in ``point_position``
     """
-    rows = FitRows(RANGE_RATE, sat, range_rate, sigma, np.zeros(len(use), np.int64), r_e)
+    one_clock = np.zeros(len(use), np.int64)
+    rows = FitRows(RANGE_RATE, sat, range_rate, sigma, one_clock, free_clocks(1), r_e)
     _drop_unusable(rows, use)
     status, total = _agreeing(rows, use, np.zeros(len(x)), workspace(len(x)), x, P)
     return _finish(rows, use, gdop_limit, status, total, x, P)

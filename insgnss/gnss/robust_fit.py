@@ -17,15 +17,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
 from insgnss.gnss.least_squares import (
+    RANGE,
     RANGE_RATE,
     Bool,
     FitRows,
     Workspace,
+    clock_of,
     copy,
     count,
     covariance,
     fit,
+    free_clocks,
     n_unknowns,
     residual,
     rows_per_clock,
@@ -41,7 +45,7 @@ _GATE: Final = 4.0  # sigmas of the residual's own deviation: 6e-5 of true rows 
 # 1 mm, which a poor subset amplifies to 0.1 m
 _NEAR_M: Final = 200.0
 _NEAR_FACTOR, _NEAR_SHARE = 1.2, 0.5
-# A second step from there is exact to a millimetre within 10 km
+# A second step, the rows bent, is exact to a millimetre within 10 km
 _SECOND_FACTOR, _SECOND_SHARE, _SECOND_M = 1.01, 0.01, 1e4
 _LEAST_DETERMINANT: Final = 1e-9  # beside the cubed trace: dilution beyond 1e4
 # Where rows can be linearised: on the Earth or above it
@@ -52,12 +56,13 @@ class Linear(NamedTuple):
     """The rows linearised at a position, and scratch for a subset's solution."""
 
     at: Float64  # (3 + groups,) the position and its clocks
-    u: Float64  # (k, 3) lines of sight
+    u: Float64  # (k, 3) derivatives of the rows, along the lines of sight
+    bend: Float64  # (k,) second derivative across them, 1 / (2 range) [1/m]
     r: Float64  # (k,) residuals [m, m/s]
     weight: Float64  # (k,) 1 / sigma^2
     step: Float64  # (3 + groups,) of a subset's solution from there
     left: Float64  # (k,) what the subset's rows leave at the step made so far
-    sums: Float64  # (groups, 5) of weight, weight u, weight left over a subset
+    sums: Float64  # (groups, 5) over a subset: sum of weight, mean of u, sum of weight left
     adjugate: Float64  # (7,) of its normal matrix: xx, xy, xz, yy, yz, zz; determinant
 
 
@@ -92,6 +97,7 @@ def _linear(k: int, p: int) -> Linear:
         np.zeros((k, 3)),
         np.zeros(k),
         np.zeros(k),
+        np.zeros(k),
         np.zeros(p),
         np.zeros(k),
         np.zeros((p - 3, 5)),
@@ -110,8 +116,14 @@ def _linearise(rows: FitRows, among: Bool, x: Float64, work: Workspace, linear: 
         if among[k]:
             linear.r[k] = residual(rows, k, x, work)
             linear.weight[k] = 1.0 / (rows.sigma[k] * rows.sigma[k])
+            turn = 0.0
+            if rows.kind == RANGE:
+                x_s, y_s, z_s = rows.sat[k, 0], rows.sat[k, 1], rows.sat[k, 2]
+                # the Earth turns more while the signal travels longer
+                turn = WGS84_OMEGA_RADPS / C_MPS * (work.u[0] * y_s - work.u[1] * x_s)
+                linear.bend[k] = 0.5 / math.sqrt((x_s - x[0]) ** 2 + (y_s - x[1]) ** 2 + (z_s - x[2]) ** 2)
             for a in range(3):
-                linear.u[k, a] = work.u[a]
+                linear.u[k, a] = work.u[a] / (1.0 - turn)
     return True
 
 
@@ -131,13 +143,18 @@ def _normal_matrix(group: Int64, members: Int64, m: int, linear: Linear) -> bool
         sums[g, 0] += w
         for a in range(3):
             sums[g, 1 + a] += w * linear.u[k, a]
+    for g in range(len(sums)):
+        if sums[g, 0] > 0.0:
+            share = 1.0 / sums[g, 0]
+            for a in range(1, 4):
+                sums[g, a] *= share
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(m):
         k = members[n]
         g, w = group[k], linear.weight[k]
-        x = linear.u[k, 0] - sums[g, 1] / sums[g, 0]
-        y = linear.u[k, 1] - sums[g, 2] / sums[g, 0]
-        z = linear.u[k, 2] - sums[g, 3] / sums[g, 0]
+        x = linear.u[k, 0] - sums[g, 1]
+        y = linear.u[k, 1] - sums[g, 2]
+        z = linear.u[k, 2] - sums[g, 3]
         xx, xy, xz = xx + w * x * x, xy + w * x * y, xz + w * x * z
         yy, yz, zz = yy + w * y * y, yz + w * y * z, zz + w * z * z
     J = linear.adjugate
@@ -164,9 +181,9 @@ def _add_step(group: Int64, members: Int64, m: int, linear: Linear) -> None:
         k = members[n]
         g = group[k]
         e = linear.weight[k] * (sums[g, 4] / sums[g, 0] - linear.left[k])
-        bx += e * (linear.u[k, 0] - sums[g, 1] / sums[g, 0])
-        by += e * (linear.u[k, 1] - sums[g, 2] / sums[g, 0])
-        bz += e * (linear.u[k, 2] - sums[g, 3] / sums[g, 0])
+        bx += e * (linear.u[k, 0] - sums[g, 1])
+        by += e * (linear.u[k, 1] - sums[g, 2])
+        bz += e * (linear.u[k, 2] - sums[g, 3])
     x = (J[0] * bx + J[1] * by + J[2] * bz) / J[6]
     y = (J[1] * bx + J[3] * by + J[4] * bz) / J[6]
     z = (J[2] * bx + J[4] * by + J[5] * bz) / J[6]
@@ -174,33 +191,31 @@ def _add_step(group: Int64, members: Int64, m: int, linear: Linear) -> None:
     for g in range(len(sums)):
         if sums[g, 0] > 0.0:
             along = sums[g, 1] * x + sums[g, 2] * y + sums[g, 3] * z
-            step[3 + g] += (sums[g, 4] + along) / sums[g, 0]
+            step[3 + g] += sums[g, 4] / sums[g, 0] + along
 
 
 @kernel
-def _linear_score(group: Int64, members: Int64, linear: Linear, limit: float) -> float:
-    """Return the cut sum after the step by the linearised rows, or something beyond ``limit``."""
-    total, step = 0.0, linear.step
-    for n in range(len(members)):
-        k = members[n]
-        along = linear.u[k, 0] * step[0] + linear.u[k, 1] * step[1] + linear.u[k, 2] * step[2]
-        left = linear.r[k] + along - step[3 + group[k]]
-        total += min(left * left * linear.weight[k], _CUT * _CUT)
-        if total > limit:
-            break
-    return total
+def _left(k: int, group: Int64, bent: bool, linear: Linear) -> float:
+    """Return what is left of row ``k`` after the step, its range linear, or to second order (``bent``).
+
+    Equation: r + u dx - (|dx|^2 - (u dx)^2) / (2 rho) - c.
+    """
+    x, y, z = linear.step[0], linear.step[1], linear.step[2]
+    along = linear.u[k, 0] * x + linear.u[k, 1] * y + linear.u[k, 2] * z
+    left: float = linear.r[k] + along - linear.step[3 + group[k]]
+    if bent:
+        left -= linear.bend[k] * (x * x + y * y + z * z - along * along)
+    return left
 
 
 @kernel
-def _score_at(
-    rows: FitRows, members: Int64, x: Float64, work: Workspace, linear: Linear, limit: float
-) -> float:
-    """Return the cut sum of squared normalised residuals at ``x``, or something beyond ``limit``."""
+def _linear_score(group: Int64, members: Int64, bent: bool, linear: Linear, limit: float) -> float:
+    """Return the cut sum of squared normalised residuals after the step, or something beyond ``limit``."""
     total = 0.0
     # the subset's own rows stand first and fit: those that may not stand last
     for n in range(len(members) - 1, -1, -1):
         k = members[n]
-        left = residual(rows, k, x, work)
+        left = _left(k, group, bent, linear)
         total += min(left * left * linear.weight[k], _CUT * _CUT)
         if total > limit:
             break
@@ -208,16 +223,15 @@ def _score_at(
 
 
 @kernel
-def _is_worse(
-    rows: FitRows, members: Int64, m: int, start: Float64, best: float, x: Float64, work: Workspace,
-    linear: Linear,
-) -> bool:  # fmt: skip
-    """Return whether the candidate of the first ``m`` members scores worse than ``best`` for certain; ``x`` is scratch.
+def _is_worse(rows: FitRows, members: Int64, m: int, start: Float64, best: float, linear: Linear) -> bool:
+    """Return whether the candidate of the first ``m`` members scores worse than ``best`` for certain.
 
-    A clock without a row in the subset stays as in ``start``.
+    Otherwise ``linear.step`` leads to the candidate, or is NaN where it cannot be told. A clock without a row in the
+    subset stays as in ``start``.
     """
     step, n = linear.step, len(members)
     if not _normal_matrix(rows.group, members, m, linear):
+        step[0] = math.nan
         return False
     for j in range(len(step)):
         step[j] = 0.0 if j < 3 or linear.sums[j - 3, 0] > 0.0 else start[j] - linear.at[j]
@@ -226,19 +240,16 @@ def _is_worse(
     _add_step(rows.group, members, m, linear)
     size2 = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
     limit = _NEAR_FACTOR * best + _NEAR_SHARE * n
-    if size2 < _NEAR_M * _NEAR_M and _linear_score(rows.group, members, linear, limit) > limit:
+    if size2 < _NEAR_M * _NEAR_M and _linear_score(rows.group, members, False, linear, limit) > limit:
         return True
     if not size2 < _SECOND_M * _SECOND_M:
+        step[0] = math.nan
         return False
-    for j in range(len(step)):
-        x[j] = linear.at[j] + step[j]
     for i in range(m):
-        linear.left[members[i]] = residual(rows, members[i], x, work)
+        linear.left[members[i]] = _left(members[i], rows.group, True, linear)
     _add_step(rows.group, members, m, linear)
-    for j in range(len(step)):
-        x[j] = linear.at[j] + step[j]
     limit = _SECOND_FACTOR * best + _SECOND_SHARE * n
-    return _score_at(rows, members, x, work, linear, limit) > limit
+    return _linear_score(rows.group, members, True, linear, limit) > limit
 
 
 @kernel
@@ -303,10 +314,23 @@ def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, 
 
 
 @kernel
+def _without_ties(rows: FitRows, n_clocks: int) -> FitRows:
+    """Return the rows with one clock for those that are tied, whose difference widens the sigma."""
+    group, sigma = rows.group.copy(), rows.sigma.copy()
+    for k in range(len(group)):
+        group[k] = clock_of(rows, k)
+        if group[k] != rows.group[k]:
+            sigma[k] = math.sqrt(sigma[k] * sigma[k] + 1.0 / rows.ties.weight)
+    return FitRows(rows.kind, rows.sat, rows.measured, sigma, group, free_clocks(n_clocks), rows.r_e)
+
+
+@kernel
 def search(
     rows: FitRows, candidates: Bool, start: Float64, work: Workspace, x: Float64, P: Float64, use: Bool
 ) -> float:
     """Replace ``use`` by the largest agreeing set, ``x`` and ``P`` by its fit; return its chi-square, NaN when none.
+
+    The subsets share one clock among tied ones; the last fit, which drops and takes in, has them all.
 
     Parameters
     ----------
@@ -315,6 +339,7 @@ def search(
     work : scratch
     x, P, use : output
     """
+    tied, rows = rows, _without_ties(rows, len(x) - 3)
     unknowns = n_unknowns(rows_per_clock(rows, candidates, len(x) - 3))
     members = _places(candidates)
     trial, near = np.zeros(len(use), np.bool_), np.zeros(len(use), np.bool_)
@@ -322,13 +347,17 @@ def search(
     linear, is_linear = _linear(len(use), len(x)), False
     for _ in range(_TRIALS):
         state = _draw(unknowns, members, state)
-        if is_linear and _is_worse(rows, members, unknowns, start, best, x, work, linear):
-            continue
+        copy(start, x)
+        if is_linear:
+            if _is_worse(rows, members, unknowns, start, best, linear):
+                continue
+            if not math.isnan(linear.step[0]):
+                for j in range(len(x)):
+                    x[j] = linear.at[j] + linear.step[j]
         for k in range(len(trial)):
             trial[k] = False
         for i in range(unknowns):
             trial[members[i]] = True
-        copy(start, x)
         # the subset alone; then, of a better candidate, all its supporters together, which are better still
         while not math.isnan(fit(rows, trial, x, work)):
             score = _score(rows, candidates, x, work, near)
@@ -342,4 +371,4 @@ def search(
     if best == math.inf:
         return math.nan
     copy(start, x)
-    return polish(rows, candidates, x, P, work, use)
+    return polish(tied, candidates, x, P, work, use)

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import WGS84_A_M
+from insgnss.gnss.least_squares import Ties
 from insgnss.tables import Float64, Int64
 
 WORST_PDOP: Final = 6.0  # an epoch of a worse one says nothing: the filter carries earlier ones through it
@@ -49,7 +50,7 @@ class SlowRows(NamedTuple):
     ionosphere_factor: Float64  # (n,) delay against that on L1
 
 
-def slow_position_variances(rows: SlowRows, sigmas: SlowSigmas, n_groups: int) -> tuple[Int64, Float64]:
+def slow_position_variances(rows: SlowRows, sigmas: SlowSigmas, ties: Ties) -> tuple[Int64, Float64]:
     """Return epochs (m,) and the diagonal of P_slow (m, 3) there, north-east-down [m^2].
 
     Epochs whose geometry is worse than ``WORST_PDOP`` are left out.
@@ -58,7 +59,7 @@ def slow_position_variances(rows: SlowRows, sigmas: SlowSigmas, n_groups: int) -
         return np.zeros(0, np.int64), np.zeros((0, 3))
     starts = np.flatnonzero(np.diff(rows.epoch, prepend=rows.epoch[0] - 1))
     at = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(rows.epoch)))
-    gain, pdop = _position_gains(rows, starts, at, n_groups)
+    gain, pdop = _position_gains(rows, starts, at, ties)
     variance = np.zeros((len(starts), 3))
     for pattern in _patterns(rows, sigmas):
         variance += np.add.reduceat(gain * pattern[:, None], starts) ** 2
@@ -73,10 +74,10 @@ def slow_position_variances(rows: SlowRows, sigmas: SlowSigmas, n_groups: int) -
 
 
 def _position_gains(
-    rows: SlowRows, starts: Int64, at: Int64, n_groups: int
+    rows: SlowRows, starts: Int64, at: Int64, ties: Ties
 ) -> tuple[Float64, npt.NDArray[np.float64]]:
     """Return the first three rows of G, a column for each row (n, 3), and the epochs' PDOP at equal weights."""
-    k = 3 + n_groups
+    k = 3 + len(ties.home)
     H = np.zeros((len(at), k))
     H[:, :3] = -rows.u_n
     H[np.arange(len(at)), 3 + rows.group] = 1.0
@@ -84,6 +85,11 @@ def _position_gains(
     normal = np.empty((len(starts), k, k))
     for i in range(k):
         normal[:, i] = np.add.reduceat(weighted[:, i, None] * H, starts)
+    for group in np.flatnonzero(ties.home >= 0):
+        i, j = 3 + ties.home[group], 3 + group
+        weight = np.where(normal[:, i, i] * normal[:, j, j] > 0.0, ties.weight, 0.0)
+        normal[:, [i, j], [i, j]] += weight[:, None]
+        normal[:, [i, j], [j, i]] -= weight[:, None]
     # the clock of a group that has no row in the epoch is nobody's; what cannot be solved gets a huge PDOP
     normal[:, range(k), range(k)] += np.where(np.einsum("mii->mi", normal) == 0.0, 1.0, 1e-12)
     inverse = np.linalg.inv(normal)[:, :3]

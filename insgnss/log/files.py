@@ -1,4 +1,4 @@
-"""Log files as bytes: unpacked when gzipped, decoded, hashed for the record."""
+"""Log files as bytes: unpacked when packed by gzip or compress (.Z), decoded, hashed for the record."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import zlib
 from pathlib import Path
 from typing import BinaryIO, Final
 
+import ncompress
 import pyarrow as pa
 
 from insgnss.config.files import existing_file
@@ -23,12 +24,12 @@ _PIECE_BYTES: Final = 1 << 22
 
 
 def file_buffer(path: Path) -> pa.Buffer:
-    """Return the file's bytes without reading them yet (memory map), or unpacked when the file is gzipped.
+    """Return the file's bytes without reading them yet (memory map), or unpacked when gzip or compress packed it.
 
     Raises
     ------
     MissingFileError : no such file
-    InputError : empty file, unreadable file, or a gzip file that is cut or damaged
+    InputError : empty file, unreadable file, or a packed file that is cut or damaged
     """
     existing_file(path)
     try:
@@ -37,9 +38,7 @@ def file_buffer(path: Path) -> pa.Buffer:
         with path.open("rb") as stream:
             magic = stream.read(2)
         if magic == COMPRESS_MAGIC:
-            raise InputError(
-                "packed with 'compress' (.Z)", file=path, advice="unpack it first, or pack it with gzip"
-            )
+            return _uncompressed(path)
         if magic == GZIP_MAGIC:
             return _unpacked(path)
         return pa.memory_map(os.fsencode(path)).read_buffer()
@@ -59,19 +58,55 @@ def _unpacked(path: Path) -> pa.Buffer:
     InputError : it holds nothing, or grows more than a hundredfold
     OSError, EOFError, zlib.error : it is damaged or cut
     """
-    pieces = bytearray()
+    unpacked = _Unpacked(path, "gzip")
     with path.open("rb") as packed, gzip.GzipFile(fileobj=packed) as stream:
         while piece := stream.read(_PIECE_BYTES):
-            pieces += piece
-            if len(pieces) > max(_MOST_TIMES * packed.tell(), _ALWAYS_ALLOWED_BYTES):
-                raise InputError(
-                    f"the gzip file grows to more than {_MOST_TIMES} times its size, which no log does",
-                    file=path,
-                    advice="if it is one, unpack it and name the unpacked file",
-                )
-    if not pieces:
-        raise InputError("the gzip file holds nothing", file=path)
-    return pa.py_buffer(pieces)
+            unpacked.packed_bytes = packed.tell()
+            unpacked.write(piece)
+    return unpacked.buffer()
+
+
+def _uncompressed(path: Path) -> pa.Buffer:
+    """Return what a file of Unix' compress (LZW) holds; it has no checksum, its reader tells what is cut.
+
+    Raises
+    ------
+    InputError : it is damaged, holds nothing, or grows more than a hundredfold
+    """
+    unpacked = _Unpacked(path, "compressed (.Z)", path.stat().st_size)
+    try:
+        with path.open("rb") as packed:
+            ncompress.decompress(packed, unpacked)
+    except ValueError as error:
+        raise InputError(
+            "the compressed (.Z) file is damaged", file=path, advice="copy it again, or unpack it with gunzip"
+        ) from error
+    return unpacked.buffer()
+
+
+class _Unpacked:
+    """The growing contents of a packed file."""
+
+    def __init__(self, path: Path, kind: str, packed_bytes: int = 0) -> None:
+        self.path, self.kind, self.packed_bytes = path, kind, packed_bytes
+        self._pieces = bytearray()
+
+    def write(self, piece: bytes) -> int:
+        """Add a piece; a file that grows beyond belief is no log."""
+        self._pieces += piece
+        if len(self._pieces) > max(_MOST_TIMES * self.packed_bytes, _ALWAYS_ALLOWED_BYTES):
+            raise InputError(
+                f"the {self.kind} file grows to more than {_MOST_TIMES} times its size, which no log does",
+                file=self.path,
+                advice="if it is one, unpack it and name the unpacked file",
+            )
+        return len(piece)
+
+    def buffer(self) -> pa.Buffer:
+        """Return the contents; none is an error."""
+        if not self._pieces:
+            raise InputError(f"the {self.kind} file holds nothing", file=self.path)
+        return pa.py_buffer(self._pieces)
 
 
 def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
@@ -81,7 +116,7 @@ def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
     read once only.
     """
     stream = path.open("rb")
-    if stream.read(2) == GZIP_MAGIC:
+    if stream.read(2) in (GZIP_MAGIC, COMPRESS_MAGIC):
         stream.close()
         unpacked: BinaryIO = pa.BufferReader(buffer)
         return unpacked
@@ -90,7 +125,7 @@ def byte_stream(path: Path, buffer: pa.Buffer) -> BinaryIO:
 
 
 def file_text(path: Path) -> str:
-    """Return the file's text, unpacked when gzipped; bytes that are no UTF-8 are read as Latin-1."""
+    """Return the file's text, unpacked when packed; bytes that are no UTF-8 are read as Latin-1."""
     data: bytes = file_buffer(path).to_pybytes()
     try:
         return data.decode("utf-8-sig")

@@ -161,7 +161,7 @@ def _statistics(runs: Mapping[str, Run], first: str, differences: Mapping[str, p
                 values = table_.loc[table_["time_s"] >= from_s, f"d_{component}"].dropna()
                 row |= {"mean": values.mean(), "rms": float(np.sqrt((values**2).mean()))}
                 row |= {"p95": values.abs().quantile(0.95), "max": values.abs().max()}
-            row["median_sigma"] = run.nav[f"sd_{component}"].median()
+            row["median_sigma"] = run.nav[f"sd_{component}"].dropna().median()
             if errors is not None and component in errors.index:
                 row["rms_error"] = errors.loc[component, "rms"]
             rows.append(row)

@@ -18,7 +18,8 @@ def digest(run: Run) -> dict[str, Any]:
     counts = run.status_counts()
     reference = run.errors is not None and not run.errors.empty
     table = run.error_summary() if reference else pd.DataFrame()
-    middle = {c[3:]: float(nav[c].median()) for c in nav.columns if c.startswith("sd_")}
+    # pandas before 2.2.1 warns of a column without a number
+    middle = {c[3:]: float(nav[c].dropna().median()) for c in nav.columns if c.startswith("sd_")}
     summary = {
         "flight": dict(run.settings.get("flight") or {}).get("name"),
         "filter": dict(run.settings.get("filter") or {}).get("name"),

@@ -88,7 +88,7 @@ def assemble(
             key="duration_s",
             advice=f"give at most {LONGEST_S:.0f}",
         )
-    navigation = _sky(config, trajectory, inputs, start_ns, wanted_s)
+    navigation = _with_qzss(config, _sky(config, trajectory, inputs, start_ns, wanted_s))
     present = set(navigation.ephemerides.sv_names)
     _check_satellites(config, present)
     shaking = config.imu.vibration
@@ -109,7 +109,10 @@ def assemble(
             config.clock.jump_beyond_m,
             tuple((f.at_s, f.size_m) for f in config.fault if isinstance(f, told.ClockJump)),
         ),
-        faults=tuple(fault for entry in config.fault for fault in _faults(entry)),
+        faults=(
+            *([faults.system_offset("J", config.sky.qzss_offset_m)] if config.sky.qzss else ()),
+            *(fault for entry in config.fault for fault in _faults(entry)),
+        ),
         gyro_vibration=_spectrum(
             shaking, shaking.gyro_deg2_per_s2_per_hz, shaking.gyro_lines_hz_deg_per_s, deg_to_rad(1.0)
         ),
@@ -166,6 +169,22 @@ def _sky(
         known = NavigationData(navigation.ephemerides, np.array(KLOBUCHAR), LEAP_SECONDS)
         return referred_to(known, toe_ns)
     return nearest_messages(navigation, middle_ns, 0.5 * duration_s)
+
+
+def _with_qzss(config: SimulationConfig, navigation: NavigationData) -> NavigationData:
+    """Return the messages with the names of the satellites that belong to QZSS."""
+    names = navigation.ephemerides.sv_names
+    for sv in config.sky.qzss:
+        if sv not in names:
+            raise ConfigError(
+                "a satellite that should belong to QZSS is not in the sky",
+                key="sky.qzss",
+                satellite=sv,
+                advice=f"in the sky: {', '.join(sorted(names))}",
+            )
+    renamed = {sv: f"J{number:02d}" for number, sv in enumerate(config.sky.qzss, 1)}
+    names = tuple(renamed.get(sv, sv) for sv in names)
+    return replace(navigation, ephemerides=replace(navigation.ephemerides, sv_names=names))
 
 
 def _check_satellites(config: SimulationConfig, present: set[str]) -> None:

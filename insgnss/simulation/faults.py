@@ -40,6 +40,16 @@ def range_step(sv: str, size_m: float, from_s: float, to_s: float = np.inf) -> F
     return fault
 
 
+def system_offset(system: str, size_m: float) -> Fault:
+    """Return the fault that adds ``size_m`` to all pseudoranges of a system, whose clock the receiver sees apart."""
+
+    def fault(observations: Observations) -> Observations:
+        own = np.char.startswith(np.array(observations.sv_names), system)
+        return replace(observations, pseudorange_m=observations.pseudorange_m + size_m * own)
+
+    return fault
+
+
 def range_ramp(sv: str, rate_mps: float, from_s: float, to_s: float = np.inf) -> Fault:
     """Return the fault that lets the pseudorange of one satellite run away; its Doppler stays right."""
 

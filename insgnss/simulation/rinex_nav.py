@@ -1,4 +1,4 @@
-"""Writes GPS ephemerides as a RINEX 3.04 navigation file, and rounds them to what the file holds.
+"""Writes ephemerides as a RINEX 3.04 navigation file, GPS's and QZSS's, and rounds them to what the file holds.
 
 The truth is computed from the rounded values, so the file is exact.
 """
@@ -57,8 +57,10 @@ def _labelled(content: str, label: str) -> str:
 
 def _header(navigation: NavigationData, created: dt.datetime) -> list[str]:
     origin = f"{'insgnss':<20}{'simulation':<20}{created:%Y%m%d %H%M%S} UTC"
+    systems = {name[0] for name in navigation.ephemerides.sv_names}
+    system = "G: GPS" if systems <= {"G"} else "M: MIXED"
     lines = [
-        _labelled("     3.04           N: GNSS NAV DATA    G: GPS", "RINEX VERSION / TYPE"),
+        _labelled(f"     3.04           N: GNSS NAV DATA    {system}", "RINEX VERSION / TYPE"),
         _labelled(origin, "PGM / RUN BY / DATE"),
         _labelled("simulated satellites, not those of this date", "COMMENT"),
     ]

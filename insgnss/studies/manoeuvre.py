@@ -26,7 +26,7 @@ from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.fusion.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
-from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace
+from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace, free_clocks
 from insgnss.library import scenario_config
 from insgnss.shown import Shown
 from insgnss.studies import manoeuvre_pictures
@@ -170,7 +170,8 @@ def _dilutions(run: CovarianceRun, t_s: float, seen: Bool) -> tuple[float, float
     n = len(seen)
     states = run.sky.states(np.full((1, n), t_s))
     sat = np.ascontiguousarray(np.concatenate([states.r_e[0], states.v_e[0]], axis=1))
-    rows = FitRows(RANGE, sat, np.zeros(n), np.ones(n), np.zeros(n, np.int64), run.sky.r_e)
+    one_clock = np.zeros(n, np.int64)
+    rows = FitRows(RANGE, sat, np.zeros(n), np.ones(n), one_clock, free_clocks(1), run.sky.r_e)
     work = Workspace(np.zeros(3), np.zeros(3), np.zeros((4, 4)), np.zeros(4))
     dop = np.full(5, np.nan)
     x = np.append(run.sky.r_e, 0.0)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pymap3d
 
 from insgnss.gnss.integrity import Fits, agree, redundancy_room
-from insgnss.gnss.least_squares import RANGE, FitRows, workspace
+from insgnss.gnss.least_squares import RANGE, FitRows, Ties, free_clocks, workspace
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.point_solutions import chi_square_limits
 from insgnss.tables import Float64
@@ -33,6 +33,7 @@ class Sky:
         groups: Sequence[int] | None = None,
         sigma_m: float = 1.0,
         false_alarm: float = 1e-3,
+        ties: Ties | None = None,
     ) -> None:
         places = [pymap3d.aer2ecef(az, el, 2.2e7, *PLACE) for az, el in SKY[:n]]
         self.sat = np.hstack([np.array(places), np.zeros((n, 5))])
@@ -43,12 +44,13 @@ class Sky:
         self.ranges = np.array(distances) + CLOCK_M + 25.0 * self.group
         p = 3 + int(self.group.max()) + 1
         self.fits = Fits(chi_square_limits(n, false_alarm), workspace(p), redundancy_room(n))
+        self.ties = free_clocks(p - 3) if ties is None else ties
         self.x, self.P, self.use = np.zeros(p), np.zeros((p, p)), np.ones(n, np.bool_)
         self.statistic, self.freedom = np.nan, 0
 
     def rows(self, ranges: Float64) -> FitRows:
         """Return the rows as the solution takes them."""
-        return FitRows(RANGE, self.sat, ranges, self.sigma, self.group, np.zeros(len(self.x)))
+        return FitRows(RANGE, self.sat, ranges, self.sigma, self.group, self.ties, np.zeros(len(self.x)))
 
     def solve(self, ranges: Float64) -> int:
         """Return the verdict on an epoch's ranges; the solution stays in ``x``, ``P`` and ``use``."""

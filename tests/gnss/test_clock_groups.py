@@ -7,7 +7,7 @@ import pytest
 
 from insgnss.config.filter import DEFAULT_SIGNALS, Measurements
 from insgnss.fusion.state import MAX_OPTIONAL, N_CLONE
-from insgnss.gnss.clock_groups import clock_groups, group_of_rows, pairs_of
+from insgnss.gnss.clock_groups import clock_groups, group_of_rows, pairs_of, tied_clocks
 from insgnss.gnss.observation_rows import prepare_rows
 from insgnss.status import CONSTELLATION_NOT_USED, SIGNAL_NOT_USED, USED
 from insgnss.tables import GnssTable
@@ -67,11 +67,24 @@ def test_one_band_alone_needs_no_further_groups() -> None:
     assert groups("G C1C", "G C5Q", "E C1C", "E C5Q", every_band=False) == ("G", "E")
 
 
-def test_qzss_keeps_the_clock_of_gps_where_gps_is_used() -> None:
-    assert groups("G C1C", "J C1C", "J C5Q", "G C5Q") == ("G", "G:L5")
-    assert groups("J C1C", "G C1C", constellations=("J", "G")) == ("G",)
-    assert groups("J C1C", "E C1C") == ("E", "J")
-    assert groups("G C1C", "J C1C", constellations=("J",)) == ("J",)
+def homes(*names: str) -> list[int]:
+    """Return to which group each of these is tied."""
+    return tied_clocks(names, 3.0).home.tolist()
+
+
+def test_each_band_of_qzss_is_tied_to_the_same_band_of_gps() -> None:
+    both = groups("G C1C", "J C1C", "J C5Q", "G C5Q")
+    assert both == ("G", "G:L5", "J", "J:L5") and homes(*both) == [-1, -1, 0, 1]
+    assert groups("J C1C", "G C1C", constellations=("J", "G")) == ("J", "G") and homes("J", "G") == [-1, 0]
+    assert tied_clocks(both, 2.0).weight == 0.25
+
+
+def test_qzss_without_gps_or_with_a_band_of_its_own_is_free() -> None:
+    assert groups("J C1C", "E C1C") == ("E", "J") and homes("E", "J") == [-1, -1]
+    assert groups("G C1C", "J C1C", constellations=("J",)) == ("J",) and homes("J") == [-1]
+    # what bears GPS's band alone is not tied to another band of GPS's
+    assert groups("G C1C", "J C5Q") == groups("G C1C", "J C5Q", every_band=False) == ("G", "J:L5")
+    assert homes("G", "J:L5") == [-1, -1]
 
 
 def test_log_without_a_signal_in_use_still_has_a_clock() -> None:
@@ -81,9 +94,7 @@ def test_log_without_a_signal_in_use_still_has_a_clock() -> None:
 def test_all_groups_of_all_systems_fit_the_state() -> None:
     everything = {(letter, code) for letter, codes in DEFAULT_SIGNALS.items() for code in codes}
     letters = tuple(DEFAULT_SIGNALS)
-    widest = clock_groups(
-        letters, dict(DEFAULT_SIGNALS), everything - {("G", c) for c in DEFAULT_SIGNALS["G"]}, every_band=True
-    )
+    widest = clock_groups(letters, dict(DEFAULT_SIGNALS), everything, every_band=True)
     # and channel bias, zenith delay, the epoch before
     assert len(widest) - 1 + 2 + N_CLONE <= MAX_OPTIONAL
     assert len(set(widest)) == len(widest)
@@ -98,8 +109,8 @@ def test_pairs_are_those_of_the_rows_not_of_the_names() -> None:
 
 def test_each_row_finds_its_group() -> None:
     table = log("G05 C1C", "G05 C5Q", "E07 C1C", "J02 C1C", "J02 C5Q", "R03 C1C", "S23 C1C")
-    names = ("G", "G:L5", "E")
-    assert group_of_rows(table, names, SIGNALS).tolist() == [0, 1, 2, 0, 1, -1, -1]
+    names = ("G", "G:L5", "E", "J", "J:L5")
+    assert group_of_rows(table, names, SIGNALS).tolist() == [0, 1, 2, 3, 4, -1, -1]
 
 
 def statuses(table: GnssTable, use: Measurements) -> list[int]:

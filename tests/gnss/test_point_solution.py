@@ -11,7 +11,7 @@ import pymap3d
 import pytest
 from scipy import stats
 
-from insgnss.gnss.least_squares import chi_square_limit
+from insgnss.gnss.least_squares import Ties, chi_square_limit
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.point_solution import (
     BAD_GEOMETRY,
@@ -58,13 +58,17 @@ class Epoch:
     P: Float64 = field(default_factory=lambda: np.zeros((0, 0)))
 
     def position(
-        self, sigma: float = 3.0, guess: npt.ArrayLike = (0.0, 0.0, 0.0), gdop_limit: float = 30.0
+        self,
+        sigma: float = 3.0,
+        guess: npt.ArrayLike = (0.0, 0.0, 0.0),
+        gdop_limit: float = 30.0,
+        ties: Ties | None = None,
     ) -> int:
         n = 3 + self.n_groups
         self.x, self.P = np.zeros(n), np.zeros((n, n))
         sigmas, r_guess = np.full(len(self.use), sigma), np.array(guess, dtype=np.float64)
         return point_position(
-            self.sat, self.ranges, sigmas, self.group, self.use, r_guess, gdop_limit, self.x, self.P
+            self.sat, self.ranges, sigmas, self.group, self.use, r_guess, gdop_limit, self.x, self.P, ties
         )
 
     def velocity(self, sigma: float = 0.1, r_e: Float64 = R_E) -> int:
@@ -103,6 +107,62 @@ def test_position_without_noise_is_exact_from_any_guess(
     assert error_m(epoch) < 1e-6
     assert epoch.x[3] == pytest.approx(CLOCK_M, abs=1e-6)
     assert epoch.use.all()
+
+
+def tied(sigma_m: float) -> Ties:
+    """Return two clocks that differ by so much, one sigma."""
+    return Ties(np.array([-1, 0]), 1.0 / sigma_m**2)
+
+
+def dense_solution(epoch: Epoch, sigma: float, tie_m: float) -> tuple[Float64, Float64]:
+    """Return solution and covariance with the tie as a row of its own, linear at the truth."""
+    n = len(epoch.ranges)
+    H = np.zeros((n + 1, 5))
+    at = np.array([line_of_sight(epoch.sat, k, R_E, V_E, np.zeros(3), np.zeros(3))[0] for k in range(n)])
+    to = epoch.sat[:, :3] - R_E
+    H[:n, :3] = -to / np.linalg.norm(to, axis=1)[:, None]
+    H[np.arange(n), 3 + epoch.group] = 1.0
+    H[n, 3:] = -1.0, 1.0
+    W = np.diag([1.0 / sigma**2] * n + [1.0 / tie_m**2])
+    P = np.linalg.inv(H.T @ W @ H)
+    return np.append(R_E, [0.0, 0.0]) + P @ H.T @ W @ np.append(epoch.ranges - at, 0.0), P
+
+
+@pytest.mark.parametrize("tie_m", [0.1, 3.0, 1e4])
+def test_tied_clocks_are_the_solution_with_a_row_that_says_they_are_alike(
+    rng: np.random.Generator, tie_m: float
+) -> None:
+    epoch = epoch_of(SKY, rng, groups=[0] * 7 + [1] * 4)
+    epoch.ranges += np.where(epoch.group == 1, 2.0 - 25.0, 0.0) + rng.normal(size=11)
+    assert epoch.position(ties=tied(tie_m)) == SOLVED
+    x, P = dense_solution(epoch, 3.0, tie_m)
+    # the lines of sight of the dense rows leave the Earth's turn out: 1e-5 of the sensitivity
+    np.testing.assert_allclose(epoch.x, x, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(epoch.P, P, rtol=1e-3, atol=1e-3)
+
+
+def test_one_satellite_of_a_tied_clock_fixes_a_position_with_three_others(rng: np.random.Generator) -> None:
+    epoch = epoch_of(SKY[2:6], rng, groups=[0, 0, 0, 1])
+    assert epoch.position() == TOO_FEW
+    epoch.use[:], epoch.ranges[3] = True, epoch.ranges[3] - 25.0
+    assert epoch.position(ties=tied(3.0)) == UNCHECKED
+    assert error_m(epoch) < 1e-6
+    assert epoch.x[4] == pytest.approx(epoch.x[3], abs=1e-6)
+
+
+def test_tied_clock_without_its_home_is_a_clock_of_its_own(rng: np.random.Generator) -> None:
+    epoch = epoch_of(SKY[:6], rng, groups=[1] * 6)
+    assert epoch.position(ties=tied(3.0)) == SOLVED
+    assert error_m(epoch) < 1e-6 and np.isnan(epoch.x[3])
+
+
+def test_false_ranges_among_tied_clocks_are_found_by_the_search(rng: np.random.Generator) -> None:
+    epoch = epoch_of(SKY, rng, groups=[0] * 7 + [1] * 4)
+    epoch.ranges += np.where(epoch.group == 1, 2.0 - 25.0, 0.0)
+    epoch.ranges[[1, 5, 8]] += (90.0, 400.0, -300.0)
+    assert epoch.position(sigma=1.0, ties=tied(3.0)) == SOLVED
+    assert np.flatnonzero(~epoch.use).tolist() == [1, 5, 8]
+    assert error_m(epoch) < 1.0 and epoch.x[4] - epoch.x[3] == pytest.approx(2.0, abs=1.0)
 
 
 def test_velocity_without_noise_is_exact(rng: np.random.Generator) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insgnss.gnss.least_squares import Ties, free_clocks
 from insgnss.gnss.slow_errors import SlowRows, SlowSigmas, slow_position_variances
 
 SHELL = 6_378_137.0 / (6_378_137.0 + 350_000.0)
@@ -69,7 +70,7 @@ def test_variances_are_the_sums_written_out(
 ) -> None:
     rows = sky(rng)
     sigmas = SlowSigmas(sizes[0] * rng.uniform(0.5, 2.0, 9), *sizes[1:])
-    epochs, found = slow_position_variances(rows, sigmas, 2)
+    epochs, found = slow_position_variances(rows, sigmas, free_clocks(2))
     assert epochs.tolist() == [3, 4, 5, 6, 7]
     wanted = np.array([written_out(rows, sigmas, int(epoch)) for epoch in epochs])
     assert np.allclose(found, wanted, rtol=1e-8)
@@ -84,7 +85,7 @@ def test_error_that_all_rows_share_alike_is_the_clocks(rng: np.random.Generator)
     # one satellite above all makes the height observable
     u_n = np.vstack([u_n, [0.0, 0.0, -1.0]])
     rows = SlowRows(np.zeros(9, np.int64), u_n, np.ones(9), np.arange(9), np.zeros(9, np.int64), np.ones(9))
-    _, found = slow_position_variances(rows, SlowSigmas(np.zeros(9), 3.0, 0.0, 0.1), 1)
+    _, found = slow_position_variances(rows, SlowSigmas(np.zeros(9), 3.0, 0.0, 0.1), free_clocks(1))
     assert np.allclose(found[0, :2], 0.0, atol=1e-20)
     slant = 1.0 / np.cos(np.arcsin(SHELL * np.cos(el)))
     # the height moves by what the low satellites have more than the high one, over what tells height from clock
@@ -96,7 +97,15 @@ def test_epoch_that_fixes_no_position_is_left_out(rng: np.random.Generator) -> N
     rows = sky(rng, epochs=2)
     three = np.flatnonzero((rows.epoch == 4) | (rows.sv < 2))  # two satellites in the first epoch
     some = SlowRows(*(column[three] for column in rows))
-    epochs, found = slow_position_variances(some, SlowSigmas(np.ones(9), 1.0, 1.0, 0.1), 2)
+    epochs, found = slow_position_variances(some, SlowSigmas(np.ones(9), 1.0, 1.0, 0.1), free_clocks(2))
     assert epochs.tolist() == [4] and np.isfinite(found).all()
     none = SlowRows(*(column[:0] for column in rows))
-    assert len(slow_position_variances(none, SlowSigmas(np.ones(9), 1.0, 1.0, 0.1), 2)[0]) == 0
+    assert len(slow_position_variances(none, SlowSigmas(np.ones(9), 1.0, 1.0, 0.1), free_clocks(2))[0]) == 0
+
+
+def test_clocks_tied_without_doubt_are_one_clock(rng: np.random.Generator) -> None:
+    rows, sigmas = sky(rng), SlowSigmas(np.ones(9), 1.0, 1.0, 0.1)
+    _, tied = slow_position_variances(rows, sigmas, Ties(np.array([-1, 0]), 1e8))
+    _, one = slow_position_variances(rows._replace(group=0 * rows.group), sigmas, free_clocks(1))
+    _, free = slow_position_variances(rows, sigmas, free_clocks(2))
+    assert np.allclose(tied, one, rtol=1e-5) and not np.allclose(free, one, rtol=1e-2)

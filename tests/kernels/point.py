@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.point_log import solve_epochs
 from insgnss.gnss.point_rows import PointRows, PointSettings, at_time_tags, new_point_log
@@ -59,7 +60,9 @@ def log_of_epochs() -> list[Any]:
         ionosphere_m=np.full(len(take), 3.0),
         klobuchar=np.zeros(8),
     )
-    settings = PointSettings(0.09, 25.0, 0.0, _NOISE, (9e-4, 4e-4, 9e-4, 1.0), 100.0, 3.0)
+    settings = PointSettings(
+        0.09, 25.0, 0.0, _NOISE, (9e-4, 4e-4, 9e-4, 1.0), 100.0, 3.0, Ties(np.array([-1, 0]), 4e-4)
+    )
     out = new_point_log(rows, 2)
     solve_epochs(rows, settings, chi_square_limits(n + 1, 1e-3), out)
     return list(at_time_tags(out))

@@ -320,13 +320,6 @@ def test_file_without_readable_rows_is_a_typed_error(tmp_path: Path, content: by
         read_csv_table(path, WANTED)
 
 
-def test_file_packed_by_compress_says_so(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv.Z"
-    path.write_bytes(b"\x1f\x9d\x90abc")
-    with pytest.raises(InputError, match="unpack it first"):
-        read_csv_table(path, WANTED)
-
-
 def test_missing_file_names_the_nearest(tmp_path: Path) -> None:
     (tmp_path / "imu_log.csv").write_text("a")
     with pytest.raises(MissingFileError, match=r"imu_log\.csv"):

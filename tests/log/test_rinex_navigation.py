@@ -7,6 +7,7 @@ import gzip
 from dataclasses import fields
 from pathlib import Path
 
+import ncompress
 import numpy as np
 import pytest
 
@@ -169,6 +170,14 @@ def test_several_files_are_merged_sorted_and_without_repetitions(tmp_path: Path)
     assert navigation.ephemerides.sv_names == ("G05", "G05", "G07")
     assert np.diff(navigation.ephemerides.toe_ns[:2]).tolist() == [7200 * 10**9]
     assert [event.kind for event in events] == ["navigation_repeated"]
+
+
+def test_navigation_file_that_compress_packed_is_read_as_the_plain_one(tmp_path: Path) -> None:
+    text = HEADER + message() + message("G07")
+    packed = tmp_path / "brdc1800.23n.Z"
+    packed.write_bytes(ncompress.compress(text.encode()))
+    (tables, events), (plain, _) = (read_navigation([path]) for path in (packed, write(tmp_path, text)))
+    assert tables.ephemerides.sv_names == plain.ephemerides.sv_names == ("G05", "G07") and not events
 
 
 def test_all_columns_have_one_entry_a_message(tmp_path: Path) -> None:

@@ -118,9 +118,7 @@ def antenna_against_fixes(found: Replayed) -> tuple[Float64, Float64]:
     times = ns_to_week_seconds(rows.epoch_ns, found.week)
     position, velocity = [], []
     for row in nav.itertuples():
-        fix = fix_epoch(
-            rows, int(np.argmin(np.abs(times - row.time_s))), par, len(found.setup.clock_groups), 20.0
-        )
+        fix = fix_epoch(rows, int(np.argmin(np.abs(times - row.time_s))), par, found.setup.ties, 20.0)
         if fix is None or fix.v_a is None:
             continue
         lever_n = body_to_ned(row) @ np.array(found.setup.lever_arm_m)

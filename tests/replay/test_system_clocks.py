@@ -40,6 +40,17 @@ def test_constellation_of_the_middle_third_comes_and_goes_with_its_offset_found(
     assert len(found) and np.abs(found - offset_m).max() < 2.0
 
 
+def test_qzss_that_the_receiver_shows_off_by_metres_moves_no_position() -> None:
+    """2 m of five satellites are 1.2 m in the position where QZSS shares the clock of GPS."""
+    off, right = (
+        replayed(two_clocks(offset_m, letter="J"), settings(ionosphere="none")) for offset_m in (2.0, 0.0)
+    )
+    assert_honest(off, 0.0)
+    assert off.nav["offset_J_m"].iloc[-1] == pytest.approx(2.0, abs=0.6)
+    moved = position_error_m(after(off, 60.0)) - position_error_m(after(right, 60.0))
+    assert np.abs(moved).max() < 0.2
+
+
 def test_outage_of_gps_is_flown_through_with_galileo_alone() -> None:
     _, log = two_systems()
     t = seconds_of(log.gnss)

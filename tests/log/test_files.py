@@ -1,0 +1,49 @@
+"""Packed files: what gzip and Unix' compress (.Z, of the older archives) made is read, damage and bombs are told."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import ncompress
+import pytest
+
+from insgnss.errors import InputError
+from insgnss.log.files import byte_stream, file_buffer, file_text
+
+TEXT = "time_s,x,y,name\n1,2,3,a\n"
+# compress 4.2.4 of Debian: printf 'time_s,x,y,name\\n1,2,3,a\\n' | compress -c | xxd -p
+BY_COMPRESS = bytes.fromhex("1f9d9074d2b429f3650e0b3c2cf2b0701366a082182c64b098c1228c02")
+PACKERS = {"gz": gzip.compress, "Z": ncompress.compress}
+
+
+def written(tmp_path: Path, data: bytes, name: str = "brdc0010.21n.Z") -> Path:
+    path = tmp_path / name
+    path.write_bytes(data)
+    return path
+
+
+def test_file_that_compress_made_is_read(tmp_path: Path) -> None:
+    path = written(tmp_path, BY_COMPRESS)
+    assert file_text(path) == TEXT
+    assert byte_stream(path, file_buffer(path)).read() == TEXT.encode()
+
+
+@pytest.mark.parametrize("data", [b"\x1f\x9d", b"\x1f\x9d\xff" + BY_COMPRESS[3:], b"\x1f\x9d\x90abc"])
+def test_damaged_compressed_file_is_told(tmp_path: Path, data: bytes) -> None:
+    path = written(tmp_path, data)
+    with pytest.raises(InputError, match=r"(?s)brdc0010\.21n\.Z.*damaged.*gunzip"):
+        file_buffer(path)
+
+
+def test_compressed_file_of_nothing_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds nothing"):
+        file_buffer(written(tmp_path, BY_COMPRESS[:3]))
+
+
+@pytest.mark.parametrize("pack", PACKERS.values(), ids=PACKERS.keys())
+def test_file_that_grows_beyond_belief_is_refused(tmp_path: Path, pack: Callable[[bytes], bytes]) -> None:
+    path = written(tmp_path, pack(bytes(80_000_000)))
+    with pytest.raises(InputError, match="more than 100 times its size"):
+        file_buffer(path)
