@@ -26,7 +26,10 @@ def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
 
 @inlined
 def covariance_with(P: Float64, h: Float64, columns: Int64, g: Float64) -> None:
-    """Write g = P h^T (>= n,), four rows of the symmetric ``P`` (n, n) in a pass: each pass writes all of g once."""
+    """Write g = P h^T (>= n,), four rows of the symmetric ``P`` (n, n) in a pass, each of which writes g once.
+
+    The sum goes in the order of the entries: one that is zero changes no bit.
+    """
     n, k = P.shape[0], columns.shape[0]
     for c in range(n):
         g[c] = 0.0
@@ -35,7 +38,7 @@ def covariance_with(P: Float64, h: Float64, columns: Int64, g: Float64) -> None:
         h0, h1, h2, h3 = h[a], h[a + 1], h[a + 2], h[a + 3]
         r0, r1, r2, r3 = columns[a], columns[a + 1], columns[a + 2], columns[a + 3]
         for c in range(n):
-            g[c] += h0 * P[r0, c] + h1 * P[r1, c] + (h2 * P[r2, c] + h3 * P[r3, c])
+            g[c] = g[c] + h0 * P[r0, c] + h1 * P[r1, c] + h2 * P[r2, c] + h3 * P[r3, c]
         a += 4
     while a < k:
         ha, row = h[a], columns[a]
