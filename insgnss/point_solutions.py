@@ -30,7 +30,7 @@ from insgnss.errors import ConfigError, ResultError
 from insgnss.fusion.parameters import Parameters
 from insgnss.fusion.setup import FilterSetup
 from insgnss.gnss.least_squares import Ties
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.point_log import solve_epochs
 from insgnss.gnss.point_rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
@@ -274,17 +274,16 @@ def _point_rows(rows: Rows, par: Parameters) -> PointRows:
 def _settings(par: Parameters, ties: Ties, missed_detection: float) -> PointSettings:
     """Return masks and noise of the filter's parameters."""
 
-    def noise(kind: str) -> tuple[float, float, float, float]:
-        names = ("floor2", "elevation2", "cn02", "missing_thermal")
-        floor2, elevation2, cn02, missing = (float(par[f"{kind}_{name}"]) for name in names)
-        return floor2, elevation2, cn02, missing
+    def noise(kind: int) -> tuple[float, float, float, float]:
+        of = par.kind[kind]
+        return float(of.floor2), float(of.elevation2), float(of.cn02), float(of.missing_thermal)
 
     return PointSettings(
         sine_mask=float(par["sine_mask"]),
         cn0_mask=float(par["cn0_mask"]),
         troposphere_factor=float(par["use_troposphere"]),
-        range_noise=noise("range"),
-        rate_noise=noise("rate"),
+        range_noise=noise(PSEUDORANGE),
+        rate_noise=noise(RANGE_RATE),
         max_gdop=MAX_GDOP,
         missed_sigmas=NormalDist().inv_cdf(1.0 - missed_detection),
         ties=ties,
