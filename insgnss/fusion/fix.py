@@ -137,4 +137,4 @@ def _variances(row: np.record, sine: float, par: Parameters) -> tuple[float, flo
         max(row_variance(row.sigma[kind], sine, row.thermal, of), model_variance(sine, row.thermal, of))
         for kind, of in ((PSEUDORANGE, par.kind[PSEUDORANGE]), (RANGE_RATE, par.kind[RANGE_RATE]))
     )
-    return row.variance_scale * of_range, of_rate
+    return float(row.variance_scale) * of_range, of_rate

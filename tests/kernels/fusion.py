@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from insgnss.fusion.creeping import follow_satellites
 from insgnss.fusion.epoch_space import new_epoch
 from insgnss.fusion.headings import heading_variance, turn_about
 from insgnss.fusion.integrity import follow_explained
-from insgnss.fusion.layout import Layout
+from insgnss.fusion.layout import Coupling, GaussMarkov, Layout, StateBlock, diagonal
 from insgnss.fusion.lines import Lines
 from insgnss.fusion.loop import DONE, Imu, new_workspace, run_epochs, run_to
 from insgnss.fusion.masking import MASK, OFF, deweight
@@ -40,7 +41,6 @@ from insgnss.fusion.state import (
     new_bank,
     select_members,
 )
-from insgnss.fusion.states.ionosphere import IONOSPHERE
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -179,6 +179,18 @@ def imu() -> Imu:
     return Imu(t_ns[keep], (w_b + ripple)[keep], (f_n + ripple)[keep])
 
 
+# errors of the sensors that are no biases, one of which returns to zero
+ACCEL_SCALE = StateBlock("accel_scale", ("sx", "sy", "sz"), "-", 1e-3, couples=diagonal("accelerometer"))
+GYRO_OVER_FORCE = StateBlock(
+    "gyro_over_force",
+    ("gx", "one"),
+    "s/m",
+    1e-6,
+    GaussMarkov(1e-6, 60.0),
+    (Coupling("gyro", "x", "f_z"), Coupling("gyro", "y")),
+)
+
+
 def bank(layout: Layout) -> Bank:
     """Return two hypotheses 2 deg of heading apart, with one inter-system offset."""
     r_e, C_ne, _ = level_state()
@@ -187,8 +199,8 @@ def bank(layout: Layout) -> Bank:
     for at, value in ((DR, 5.0), (DV, 0.5), (PSI, 0.03), (BA, 0.01), (BG, 5e-6)):
         sigma[at : at + 3] = value
     sigma[[CLOCK, DRIFT, OFFSETS]] = 50.0, 5.0, 20.0
-    if layout.ionosphere:
-        sigma[layout.at(IONOSPHERE)] = 0.5
+    for block in layout.blocks[1:]:  # behind the offset
+        sigma[layout.at(block.name) : layout.at(block.name) + block.size] = math.sqrt(block.variance)
     for i, heading in enumerate(np.radians([-1.0, 1.0])):
         c, s = math.cos(heading), math.sin(heading)
         made.state["C_eb"][i] = C_ne.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -201,13 +213,18 @@ def bank(layout: Layout) -> Bank:
 
 
 def short_log(
-    output_between: bool, with_carrier: bool, with_masking: bool = False, motion_sigma: float = 0.0
+    output_between: bool,
+    with_carrier: bool,
+    with_masking: bool = False,
+    motion_sigma: float = 0.0,
+    further: tuple[StateBlock, ...] = (),
 ) -> list[Any]:
     """Return everything the loop changes or writes for the short log, with output at the epochs or between them.
 
     The loop stops where a hypothesis has become negligible; it goes on with both.
     """
     layout = layout_with(n_offsets=1, ionosphere=with_carrier, clone=with_carrier)
+    layout = replace(layout, blocks=(*layout.blocks, *further))
     made, log, par = bank(layout), rows(layout), parameters(layout)
     times = START_NS + np.arange(1, 22) * 50_000_000 + 3_000_000 if output_between else np.zeros(0)
     out = new_output(log, 40, 20, times.astype(np.int64), layout.n_values)
@@ -220,6 +237,11 @@ def short_log(
     if output_between:
         run_to(made, int(times[-1]), imu(), par, out, work)
     return [ended, made, out]
+
+
+def errors_of_the_sensors() -> list[Any]:
+    """Return what the loop changes and writes where errors of the sensors are states."""
+    return short_log(False, False, further=(ACCEL_SCALE, GYRO_OVER_FORCE))
 
 
 def lost_log() -> list[Any]:
@@ -347,6 +369,7 @@ CASES = [
     KernelCase("tests.kernels.fusion:crowd", (0.5,), rtol=1e-9, label="one runs away"),
     KernelCase("tests.kernels.fusion:crowd", (40.0,), rtol=1e-9, label="all are noisy"),
     KernelCase("tests.kernels.fusion:short_log", (False, True), rtol=1e-10, label="with carrier"),
+    KernelCase("tests.kernels.fusion:errors_of_the_sensors", rtol=1e-10),
     KernelCase("tests.kernels.fusion:lost_log", (), rtol=1e-10),
     KernelCase("tests.kernels.fusion:short_log", (False, False, True), rtol=1e-10, label="with masking"),
     # what counts of a force hardly above its noise is a small difference: 1 - k^2 sigma^2 / |f|^2

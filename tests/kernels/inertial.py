@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.inertial.alignment import inertial_window
+from insgnss.inertial.error_dynamics import COUPLING_DTYPE, apply_transition, transition_step
+from insgnss.inertial.error_state import FURTHER, PSI
 from tests.kernels import KernelCase
 
 _MECHANIZATION = "insgnss.inertial.mechanization"
@@ -26,6 +28,15 @@ def window() -> tuple[float, np.ndarray, np.ndarray, float, float]:
     return found.length_s, found.f_b, found.w_ib_b, found.spread_f, found.spread_w
 
 
+def transition() -> np.ndarray:
+    """Return Phi of a step with one further state, an error of gyro y."""
+    couplings, Phi, keep = np.zeros(1, COUPLING_DTYPE), np.zeros((18, 18)), np.full(18, 0.9)
+    couplings["at"], couplings["into"], couplings["s"] = FURTHER, PSI, _C_EB[:, 1] * 0.01
+    step = transition_step(0.02, 0.1, -0.2, 0.15, _R_E)
+    apply_transition(step, _C_EB * 0.02, couplings, keep, np.eye(18), Phi)
+    return Phi
+
+
 CASES = [
     KernelCase("tests.kernels.inertial:window"),
     KernelCase(
@@ -39,4 +50,5 @@ CASES = [
         f"{_MECHANIZATION}:mechanize",
         (_Q_EB, _C_EB, _R_E, _V_E, _W, _F, 0.005, np.zeros(3), np.zeros(3)),
     ),
+    KernelCase("tests.kernels.inertial:transition"),
 ]

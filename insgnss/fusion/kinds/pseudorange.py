@@ -45,7 +45,7 @@ def pseudorange(
     left, count = zenith_columns(m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, shell)
     line.count[PSEUDORANGE] = count
     predicted += left + (row.ionosphere_factor * a.ionosphere + a.troposphere)
-    variance = row.variance_scale * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
+    variance = float(row.variance_scale) * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
     return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance
 
 
