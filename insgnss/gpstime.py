@@ -14,6 +14,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 
 GPS_EPOCH = dt.datetime(1980, 1, 6)
 UNIX_TO_GPS_S = 315_964_800  # GPS epoch in Unix seconds
+LATEST_WEEK = 10_000  # the year 2171: a receiver that states a later GPS week does not know the time
 BDT_WEEK_OFFSET = 1356  # BeiDou week 0 began in GPS week 1356 (BDS-SIS-ICD B1I, 3.3)
 BDT_MINUS_GPST_S = -14  # BeiDou time is 14 s behind GPS time
 GST_WEEK_OFFSET = 1024  # Galileo week 0 began in GPS week 1024 (OS SIS ICD, 5.1.2)

@@ -39,7 +39,7 @@ from insgnss.status import DRIFTING, USED
 
 ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
-NOISE = "noise"  # of all satellites: that is nobody's fault
+NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again
 ANY = "any of these"
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
@@ -221,8 +221,8 @@ class Hindsight:
     def without_satellites(self) -> Iterator[Verdict]:
         """Yield what comes of leaving out each satellite, and sets of two and three that run away from the others.
 
-        Such sets are told by the range rates of the last seconds, and by what each satellite still shows of a ramp to
-        the filter that runs without the likeliest.
+        Candidate sets come from the range rates of the last seconds. Others add to the likeliest set the satellites
+        that still look like a ramp in the filter without it.
         """
         starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= WITHOUT_S * NS_PER_S]
         most = most_satellites(self.base)
@@ -325,9 +325,9 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
     """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
 
-    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. A gyro's
-    fault on a straight is seen by nobody: one that may be ``earlier`` than the bank has turned it by psi = -C b t, t
-    uniform up to 90 s.
+    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. On a
+    straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude by
+    psi = -C b t, with t uniform up to 90 s.
     """
     if suspect == NOISE:
         found = copy_bank(bank)

@@ -130,7 +130,7 @@ class Layout:
 
     def __post_init__(self) -> None:
         """Refuse blocks that do not go together."""
-        names = [block.name for block in self.blocks] + list(_FIXED)
+        names = [block.name for block in self.blocks] + list(FIXED)
         columns = self.columns
         for taken in (names, columns):
             twice = next((name for name in taken if taken.count(name) > 1), None)
@@ -152,12 +152,6 @@ class Layout:
                 return at
             at += block.size
         return ABSENT_STATE
-
-    @property
-    def slices(self) -> dict[str, slice]:
-        """Where the states of each block stand, the fixed ones among them."""
-        ends = {name: slice(at, at + size) for name, (at, size) in _FIXED.items()}
-        return ends | {b.name: slice(self.at(b.name), self.at(b.name) + b.size) for b in self.blocks}
 
     @property
     def n_values(self) -> int:
@@ -208,14 +202,15 @@ class Layout:
 
 
 SYSTEM_OFFSETS: Final = "system_offsets"
-_FIXED: Final = {
-    "position": (DR, 3),
-    "velocity": (DV, 3),
-    "attitude": (PSI, 3),
-    "accelerometer_bias": (BA, 3),
-    "gyro_bias": (BG, 3),
-    "clock_bias": (CLOCK, 1),
-    "clock_drift": (DRIFT, 1),
+# the blocks of every filter: where they stand, their size, unit and axes
+FIXED: Final = {
+    "position": (DR, 3, "m", "ECEF"),
+    "velocity": (DV, 3, "m/s", "ECEF"),
+    "attitude": (PSI, 3, "rad", "ECEF"),
+    "accelerometer_bias": (BA, 3, "m/s^2", "body"),
+    "gyro_bias": (BG, 3, "rad/s", "body"),
+    "clock_bias": (CLOCK, 1, "m", ""),
+    "clock_drift": (DRIFT, 1, "m/s", ""),
 }
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from insgnss.fusion.layout import SYSTEM_OFFSETS, Layout
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.fusion.layout import FIXED, SYSTEM_OFFSETS, Layout
+from insgnss.fusion.state import OFFSETS
 
 
 class StatePlace(NamedTuple):
@@ -57,7 +57,7 @@ class StateLayout(Mapping[str, StatePlace]):
         return ", ".join(f"{name} {block}" for name, block in self.blocks.items())
 
 
-def further_names(layout: Layout) -> dict[str, StatePlace]:
+def _further_places(layout: Layout) -> dict[str, StatePlace]:
     """Return the names of the further states in their order, each with its place.
 
     A block of several states has one name, but the clock offsets have one each.
@@ -77,14 +77,7 @@ def further_names(layout: Layout) -> dict[str, StatePlace]:
 
 def state_layout(layout: Layout) -> StateLayout:
     """Return the blocks of a filter's error state without the clone of the epoch before."""
-    vectors = (
-        ("position", DR, "m", "ECEF"),
-        ("velocity", DV, "m/s", "ECEF"),
-        ("attitude", PSI, "rad", "ECEF"),
-        ("accelerometer_bias", BA, "m/s^2", "body"),
-        ("gyro_bias", BG, "rad/s", "body"),
-    )
-    places = {name: StatePlace(slice(at, at + 3), unit, frame) for name, at, unit, frame in vectors}
-    for name, at, unit in (("clock_bias", CLOCK, "m"), ("clock_drift", DRIFT, "m/s")):
-        places[name] = StatePlace(slice(at, at + 1), unit, "")
-    return StateLayout(places | further_names(layout))
+    places = {
+        name: StatePlace(slice(at, at + size), unit, frame) for name, (at, size, unit, frame) in FIXED.items()
+    }
+    return StateLayout(places | _further_places(layout))

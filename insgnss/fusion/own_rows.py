@@ -131,8 +131,8 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
 
     Raises
     ------
-    MeasurementError : a name that is no identifier, taken, or stands twice; times that are no increasing integers; a
-        gate that is no positive number; something without ``name``, ``times_ns`` and ``rows``
+    MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
+        positive; ``name``, ``times_ns`` or ``rows`` is missing
     """
     kinds = tuple(_checked_kind(each, place) for place, each in enumerate(measurements))
     if not kinds:

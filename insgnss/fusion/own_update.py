@@ -21,7 +21,7 @@ import numpy.typing as npt
 from insgnss.errors import MeasurementError
 from insgnss.fusion.closed_loop import close_loop, turn_attitude_errors
 from insgnss.fusion.headings import turn_about, weigh_headings
-from insgnss.fusion.layout_names import further_names, state_layout
+from insgnss.fusion.layout_names import StateLayout, state_layout
 from insgnss.fusion.lines import ANTENNA_DTYPE, Antenna
 from insgnss.fusion.loop import DONE, Workspace, current_sample, run_epochs
 from insgnss.fusion.measurements import place_antenna
@@ -80,8 +80,8 @@ def use_own_rows(
     if not sound[lead]:
         return OwnUpdate([], np.zeros(n))
     k = current_sample(bank, imu)
-    kinds, asked = setup.own.at(t_ns), np.flatnonzero(sound)
-    members = {int(i): _asked(bank, int(i), kinds, t_ns, setup, imu, k, par) for i in asked}
+    kinds, asked, layout = setup.own.at(t_ns), np.flatnonzero(sound), state_layout(setup.layout)
+    members = {int(i): _asked(bank, int(i), kinds, t_ns, layout, imu, k, par) for i in asked}
     _require_alike(members, lead, t_ns)
     direct = _tells_heading(bank, lead, members[lead])
     count = len(members[lead].rows)
@@ -99,12 +99,11 @@ def use_own_rows(
 
 
 def _asked(
-    bank: Bank, i: int, kinds: list[Kind], t_ns: int, setup: FilterSetup, imu: Imu, k: int, par: Parameters
+    bank: Bank, i: int, kinds: list[Kind], t_ns: int, layout: StateLayout, imu: Imu, k: int, par: Parameters
 ) -> _Member:
     """Return a hypothesis with the rows that it is given, and its antenna."""
     m, P = bank.state[i], bank.P[i]
-    layout = state_layout(setup.layout)
-    estimate = state_estimate(m, t_ns, imu.w_ib_b[k], imu.f_b[k], further_names(setup.layout))
+    estimate = state_estimate(m, t_ns, imu.w_ib_b[k], imu.f_b[k], layout)
     rows = [(kind, row) for kind in kinds for row in checked_rows(kind, estimate, layout)]
     variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
     antenna = np.zeros(1, ANTENNA_DTYPE)[0]

@@ -37,12 +37,12 @@ KIND_DTYPE = np.dtype(
             (
                 "correlation",
                 np.float64,
-            ),  # how long errors stay alike [s]; a carrier difference forgets its own
+            ),  # correlation time of the errors [s]; zero for carrier differences
             ("gate2", np.float64),  # squared gate [-]
             (
                 "least_step",
                 np.float64,
-            ),  # least common step that few rows show of the clock: bias [m], drift [m/s]
+            ),  # smallest clock step accepted from few rows: bias [m], drift [m/s]
         ],
     )
 )
@@ -145,9 +145,9 @@ def _further_states(layout: Layout) -> tuple[npt.NDArray[np.float64], int, npt.N
 
 def _couplings(layout: Layout) -> tuple[int | npt.NDArray[np.int64], ...]:
     """Return the number of couplings, and the columns of ``Layout.couplings`` with room for the most there can be."""
-    table = np.zeros((MAX_COUPLINGS, 4), np.int64)
-    table[: len(layout.couplings)] = np.reshape(layout.couplings, (-1, 4))
-    return len(layout.couplings), *table.T
+    couplings, table = layout.couplings, np.zeros((MAX_COUPLINGS, 4), np.int64)
+    table[: len(couplings)] = np.reshape(couplings, (-1, 4))
+    return len(couplings), *table.T
 
 
 def _visibility(config: FilterConfig, with_antennas: bool) -> int:

@@ -29,6 +29,7 @@ from insgnss.fusion.state import (
     Bank,
     StateRecord,
 )
+from insgnss.geodesy.vectors import Vector
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
@@ -76,7 +77,7 @@ class Scratch(NamedTuple):
     rates: npt.NDArray[Any]  # (1,) of RATES_DTYPE
     A: Float64  # (n, n)
     B: Float64  # (n, n)
-    keep: Float64  # (n,) what a step leaves of each state, 1 but of those that decay
+    keep: Float64  # (n,) decay factor of each state over a step, 1 where it does not decay
     couplings: Couplings  # (MAX_COUPLINGS,) of the further errors of the sensors
 
 
@@ -102,7 +103,7 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
 
 @apart
 def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
-    """Carry the covariance ``P`` over everything that ``m`` has summed; what is left of each state is in ``keep``.
+    """Propagate the covariance ``P`` over the sums in ``m``; write the decay factor of each state into ``keep``.
 
     Equation: P <- Phi (P + Q/2) Phi^T + Q/2: the trapezoid rule for the integral of Phi Q Phi^T, which gives the
     noise's way into position, velocity and clock bias to second order in the step.
@@ -126,7 +127,7 @@ def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: S
 
 @inlined
 def place_decays(par: Parameters, dt: float, keep: Float64) -> None:
-    """Write what a step of ``dt`` [s] leaves of the states that decay: exp(-dt / time)."""
+    """Write the decay factors exp(-dt / time) of a step of ``dt`` [s]."""
     of_a, of_g = math.exp(-dt / par.accel_bias_time), math.exp(-dt / par.gyro_bias_time)
     for i in range(3):
         keep[BA + i] = of_a
@@ -209,7 +210,7 @@ def sum_couplings(m: StateRecord, par: Parameters, w: Float64, f: Float64, dt: f
 
 
 @inlined
-def factor_of(which: int, f: Float64, w: Float64) -> float:
+def factor_of(which: int, f: Vector | Float64, w: Vector | Float64) -> float:
     """Return what an error of a sensor is proportional to: ``layout.FACTORS`` of specific force and rate."""
     if which == 0:
         return 1.0
@@ -223,13 +224,11 @@ def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> 
     Equation: w_i <- w_i - sum x_k m_k, with m_k of the measured values: to first order in x_k
     """
     if par.n_couplings > 0:
-        f0, f1, f2, w0, w1, w2 = f[0], f[1], f[2], w[0], w[1], w[2]
+        measured_f, measured_w = (f[0], f[1], f[2]), (w[0], w[1], w[2])
         for k in range(par.n_couplings):
-            axis, which = par.coupling_axis[k], par.coupling_times[k]
-            force = f0 if which == 1 else (f1 if which == 2 else f2)
-            rate = w0 if which == 4 else (w1 if which == 5 else w2)
-            error = 1.0 if which == 0 else (force if which <= 3 else rate)
+            error = factor_of(par.coupling_times[k], measured_f, measured_w)
             error *= m.optional[par.coupling_at[k] - OFFSETS]
+            axis = par.coupling_axis[k]
             if par.coupling_into[k] == PSI:
                 w[axis] -= error
             else:

@@ -5,7 +5,7 @@ The filter that runs without a satellite tells what its rows would have shown. I
     range rate y = b + e,   pseudorange y = b (t - t1) + e,   carrier difference y = b dt + e, or e if it stays behind
 
 Integrated over b ~ N(0, s^2) and t1, that is a likelihood like that of the rows which the filter uses: it pays for its
-unknowns, and noise is no ramp.                                                       [MacKay 2003, 28: Occam factor]
+unknowns; noise does not look like a ramp.                                              [MacKay 2003, 28: Occam factor]
 """
 
 from __future__ import annotations

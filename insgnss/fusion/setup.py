@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy.typing as npt
@@ -70,7 +71,7 @@ class FilterSetup:
         """Which clocks are alike but for metres: QZSS's and GPS's."""
         return tied_clocks(self.clock_groups, self.config.process.qzss_offset_sigma_m)
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """Which further states the filter has, and where they stand."""
         with_carrier = self.with_carrier and self.config.measurements.carrier

@@ -10,7 +10,8 @@ where P_k Phi^T is read off a prediction that carries a copy of the state at k a
 with the filter's own mechanization and covariance. A carrier difference at k+1 is about the clone of k as well, so the
 next epoch is taken together with that clone; the clone follows from the smoothed state of k+1 by regression, for all
 later measurements know it only by way of that state. [Rauch, Tung & Striebel 1965; Roumeliotis & Burdick 2002]
-A user's own rows between epochs make a step of their own. The clone lasts over it: there it is part of what is told.
+A user's own rows between epochs are a step of their own. The clone of the last epoch outlives it, so that step smooths
+the clone as well.
 
 Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
 was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
@@ -144,7 +145,7 @@ class Smoother:
         for found in self._back():
             row = int(np.searchsorted(t_ns, found.kept.t_ns))
             if found.onward is not None and found.onward.t_ns == found.kept.t_ns:
-                continue  # own rows at the time of an epoch, which has told of it
+                continue  # own rows at the time of an epoch, which was written already
             if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
                 if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
                     state = found.kept.bank.state[:1].copy()

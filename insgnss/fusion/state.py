@@ -28,7 +28,7 @@ from insgnss.tables import Float64, Int8, Int64
 # inter-system clock offsets [m], as many as there are further constellations
 OFFSETS: Final = FURTHER
 MAX_OPTIONAL: Final = 40  # room for all of them
-MAX_COUPLINGS: Final = 24  # room for errors of the sensors that are no biases
+MAX_COUPLINGS: Final = 24  # room for sensor errors other than biases
 N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )

@@ -23,7 +23,7 @@ class StateEstimate:
     """What the filter knows at ``t_ns``, before the measurement: copies, read only.
 
     Frames and signs are those of the package: e ECEF, n north-east-down, b forward-right-down; ``C_eb`` takes body axes
-    to ECEF. All of the vehicle is told of the IMU's place.
+    to ECEF. Position and velocity are those of the IMU.
     """
 
     t_ns: int  # GPS time
@@ -106,17 +106,19 @@ class StateEstimate:
 
 
 def state_estimate(
-    m: StateRecord, t_ns: int, w_ib_b: Float64, f_b: Float64, further: Mapping[str, StatePlace]
+    m: StateRecord, t_ns: int, w_ib_b: Float64, f_b: Float64, layout: Mapping[str, StatePlace]
 ) -> StateEstimate:
     """Return a hypothesis ``m`` as its user sees it.
 
     Parameters
     ----------
     w_ib_b, f_b : (3,) inertial sample as the filter takes it, biases in it
-    further : names of the further states that have a value, each with its place in the error state
+    layout : the blocks of the error state by name; those behind the fixed ones have a value in ``optional``
     """
     values: dict[str, float | Float64] = {}
-    for name, place in further.items():
+    for name, place in layout.items():
+        if place.columns.start < OFFSETS:
+            continue
         found = m.optional[place.columns.start - OFFSETS : place.columns.stop - OFFSETS]
         values[name] = float(found[0]) if place.size == 1 else _read_only(found.copy())
     vectors = {name: _read_only(np.array(m[name])) for name in ("r_e", "v_e", "C_eb", "b_a", "b_g")}

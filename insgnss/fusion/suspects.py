@@ -113,7 +113,7 @@ def judge(
     if best.suspect == NOISE or (again.stormy and best.suspect in (*SENSORS, IMU_TAGS)):
         return None, past  # rows that contradict each other are no sensor's fault
     if best.suspect in SENSORS and past.tags_were_off(_TAGS_EVERY_NS):
-        return None, past  # what late tags have done to the filter is no sensor's fault
+        return None, past  # late tags have disturbed the filter, not a failed sensor
     if best.suspect == SATELLITES:
         best = with_fewest(best, sure)
         if best.log_likelihood - again.as_it_was < _SURE_AT_ONCE and best.satellites != past.suspected:

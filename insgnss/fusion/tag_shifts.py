@@ -11,7 +11,7 @@ from insgnss.gnss.observation_rows import Rows
 
 
 def at_other_tags(bank: Bank, late_s: float) -> Bank:
-    """Return a filter whose inertial tags turn out to be late: it stands at an earlier GNSS time than it has been told.
+    """Return a filter whose inertial tags turn out to be late: its true GNSS time is earlier than its tags say.
 
     Equation: r <- r - v dt, v <- v - (f + g - 2 w x v) dt, clock <- clock - drift dt; the attitude is the sensors' own
     """

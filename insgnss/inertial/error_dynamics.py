@@ -93,7 +93,7 @@ def apply_transition(
     s : the step
     C_dt : (3, 3) integral of C_eb over the step [s]
     couplings : (k,) of the further states into the motion
-    keep : (n,) what the step leaves of each state of first order, exp(-dt / time)
+    keep : (n,) decay factor of each state of first order over the step, exp(-dt / time)
     A, B : (n, n) input and output, not the same; error states as in ``error_state``
     """
     n = A.shape[1]

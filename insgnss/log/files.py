@@ -18,9 +18,14 @@ from insgnss.errors import InputError
 GZIP_MAGIC = b"\x1f\x8b"
 COMPRESS_MAGIC = b"\x1f\x9d"
 # Logs shrink to a third or a twentieth; a file of zeros to a thousandth
-_MOST_TIMES: Final = 100
+MOST_TIMES: Final = 100
 _ALWAYS_ALLOWED_BYTES: Final = 1 << 26
 _PIECE_BYTES: Final = 1 << 22
+
+
+def largest_unpacked(packed_bytes: int) -> int:
+    """Return the largest size that a packed part of a log may unpack to."""
+    return max(MOST_TIMES * packed_bytes, _ALWAYS_ALLOWED_BYTES)
 
 
 def file_buffer(path: Path) -> pa.Buffer:
@@ -94,9 +99,9 @@ class _Unpacked:
     def write(self, piece: bytes) -> int:
         """Add a piece; a file that grows beyond belief is no log."""
         self._pieces += piece
-        if len(self._pieces) > max(_MOST_TIMES * self.packed_bytes, _ALWAYS_ALLOWED_BYTES):
+        if len(self._pieces) > largest_unpacked(self.packed_bytes):
             raise InputError(
-                f"the {self.kind} file grows to more than {_MOST_TIMES} times its size, which no log does",
+                f"the {self.kind} file grows to more than {MOST_TIMES} times its size, which no log does",
                 file=self.path,
                 advice="if it is one, unpack it and name the unpacked file",
             )

@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from insgnss.errors import InputError
-from insgnss.log.files import file_buffer
+from insgnss.log.files import MOST_TIMES, file_buffer, largest_unpacked
 from insgnss.log.first_events import shortened
 from insgnss.tables import Event
 
 INSTALL: Final = "pip install 'insgnss[mcap]'"
-_MOST_TIMES: Final = 100
-_ALWAYS_ALLOWED: Final = 1 << 26
 _RECORD_LIMIT: Final = 1 << 30
 
 
@@ -133,9 +131,9 @@ def _unpacked(chunk: Any) -> bytes:
     ------
     ValueError : it would grow beyond belief, or is packed in an unknown way
     """
-    size, most = chunk.uncompressed_size, max(_MOST_TIMES * len(chunk.data), _ALWAYS_ALLOWED)
+    size, most = chunk.uncompressed_size, largest_unpacked(len(chunk.data))
     if size > most:
-        raise ValueError(f"it grows to more than {_MOST_TIMES} times its size")
+        raise ValueError(f"it grows to more than {MOST_TIMES} times its size")
     if chunk.compression == "":
         return bytes(chunk.data)
     if chunk.compression == "lz4":

@@ -4,8 +4,9 @@ OEM7 commands and logs reference manual, "Binary" and "Description of ASCII and 
 12 with a header whose length it states (28), or AA 44 13 with one of 12 bytes; then the message, then a CRC-32
 (polynomial EDB88320 reflected, start 0) over all before it.
 
-NovAtel's own library (``novatel_edie``) serves as the oracle of the tests. It is no reader here: it makes an object of
-each message, and ends the process on some messages whose check sum holds but whose counts do not (2.10.11, RANGECMP).
+NovAtel's own library (``novatel_edie``) serves as the oracle of the tests. The package does not read with it: it makes
+an object of each message, and ends the process on some messages whose check sum holds but whose counts do not
+(2.10.11, RANGECMP).
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.files import file_buffer
-from insgnss.log.first_events import first_events
+from insgnss.log.framing_events import framing_events
 from insgnss.tables import Event, Int64
 
 SYNC: Final = b"\xaa\x44"
@@ -32,7 +34,6 @@ _TIME_UNKNOWN: Final = 20  # the least time status; from there on the header's t
 _RESPONSE: Final = 0x80  # bits of the message type: an answer to a command, no log
 _NO_BINARY: Final = 0x60
 _SOURCE, _SECONDARY = 0x1F, 1  # bits that OEM7 gives a meaning; older receivers leave others there
-LATEST_WEEK: Final = 10_000  # the year 2171
 _LONG: Final = struct.Struct("<3xBHBxHxxxBHI")  # header length, kind, type, length, time status, week, ms
 _SHORT: Final = struct.Struct("<3xBHHI")  # length, kind, week, ms
 
@@ -65,22 +66,8 @@ class NovatelFrames:
 
     def events(self, known: frozenset[int]) -> list[Event]:
         """Return what was damaged, foreign or of a kind that is not read."""
-        events = first_events(
-            self.bad_checksums,
-            lambda offset: Event(
-                None, "novatel_checksum", f"{self.path}: byte {offset}: wrong check sum; message refused"
-            ),
-            self.path,
-            "messages refused",
-        )
-        if self.cut_at is not None:
-            detail = f"{self.path}: byte {self.cut_at}: the file ends within a message"
-            events.append(Event(None, "novatel_cut", detail))
-        if self.foreign_bytes:
-            detail = (
-                f"{self.path}: {self.foreign_bytes} of {len(self.data)} bytes are no NovAtel binary message"
-            )
-            events.append(Event(None, "novatel_foreign_bytes", f"{detail} (ASCII, NMEA, damage)"))
+        foreign = "no NovAtel binary message (ASCII, NMEA, damage)"
+        events = framing_events(self, "novatel", "message", foreign)
         others = Counter({kind: len(found) for kind, found in self.frames.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind}" for kind, n in others.most_common())

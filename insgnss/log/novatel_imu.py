@@ -3,7 +3,7 @@
 Each message holds the increments of angle and velocity since the one before, Z, -Y, X, in counts of the sensor, in its
 own axes; a rate is the increment times the sensor's output rate. What a count is depends on the sensor's type (OEM7
 commands and logs reference manual, "Raw IMU Scale Factors"): the extended messages and INSCONFIG state it. CORRIMUDATA
-and IMURATECORRIMUS are no inertial samples: gravity and the Earth's rate are taken off them.
+and IMURATECORRIMUS are not inertial samples: gravity and the Earth's rate are already removed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
-from insgnss.log.novatel_frames import LATEST_WEEK, NovatelFrames, records
+from insgnss.gpstime import LATEST_WEEK
+from insgnss.log.novatel_frames import NovatelFrames, records
 from insgnss.tables import Event, Float64, ImuTable, Int64
 from insgnss.units import RAD_PER_DEG
 
@@ -81,7 +82,7 @@ def imu_table(
     rows = rows[first]
     if len(t_ns) < 2:
         return None, events + told
-    hz = NS_PER_S / float(np.median(np.diff(t_ns)))  # the sensor's own rate: a gap is no interval of a sample
+    hz = NS_PER_S / float(np.median(np.diff(t_ns)))  # the sensor's own rate, which gaps must not change
     rates, forces = _xyz(rows["gyro_zyx"]) * (scales[0] * hz), _xyz(rows["accel_zyx"]) * (scales[1] * hz)
     return ImuTable(t_ns, rates, forces), events + told
 

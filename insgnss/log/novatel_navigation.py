@@ -15,11 +15,11 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.signals import CHANNELS
-from insgnss.gpstime import BDT_MINUS_GPST_S
+from insgnss.gpstime import BDT_MINUS_GPST_S, LATEST_WEEK
 from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.gps_lnav import LnavMessages
-from insgnss.log.novatel_frames import LATEST_WEEK, NovatelFrames, records
+from insgnss.log.novatel_frames import NovatelFrames, records
 from insgnss.log.novatel_signals import CHANNEL_OFFSET, satellite_name
 
 _BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S

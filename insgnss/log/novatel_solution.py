@@ -12,7 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
-from insgnss.log.novatel_frames import LATEST_WEEK, NovatelFrames, records
+from insgnss.gpstime import LATEST_WEEK
+from insgnss.log.novatel_frames import NovatelFrames, records
 from insgnss.tables import Event, Float64, Int64, ReferenceTable
 
 INSPVAX: Final = 1465

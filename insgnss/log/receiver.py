@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from insgnss.errors import InputError
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData, ReferenceTable
 
 
@@ -40,3 +42,38 @@ def no_measurements() -> GnssTable:
     """Return a table of measurements without a row, for logs that hold other things alone."""
     none, index = np.zeros(0), np.zeros(0, np.int16)
     return GnssTable(np.zeros(0, np.int64), index, index, none, none, none, none, (), ())
+
+
+def assembled(
+    path: Path,
+    raw: ReceiverLog | None,
+    imu: ImuTable | None,
+    solution: ReferenceTable | None,
+    events: list[Event],
+    *,
+    holder: str,
+    advice: str,
+) -> ReceiverLog:
+    """Return the log of a container (a bag, a flight recorder's file) from what was found in it.
+
+    Parameters
+    ----------
+    raw : a receiver's own bytes or messages, read
+    events : of the container; they get its name
+    holder : what the container is called, as ``advice`` what to record in it, for the error
+
+    Raises
+    ------
+    InputError : there is neither a measurement nor a sample nor a solution
+    """
+    if raw is None and imu is None and solution is None:
+        why = "; ".join(event.detail for event in events[:4])
+        raise InputError(
+            f"the {holder} holds nothing that can be used{': ' + why if why else ''}",
+            file=path,
+            advice=advice,
+        )
+    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events]
+    if raw is None:
+        return ReceiverLog(no_measurements(), None, imu, named, solution)
+    return ReceiverLog(raw.gnss, raw.navigation, imu, named + raw.events, solution)

@@ -9,6 +9,7 @@ left, up (REP-103).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +20,7 @@ from insgnss.errors import InputError
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.log.android_fixes import OWN_SOLUTION
 from insgnss.log.mcap_file import Topic, read_topics
-from insgnss.log.receiver import ReceiverLog, no_measurements
+from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.rosbag_raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, raw_log
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable, Int64, ReferenceTable
@@ -69,22 +70,9 @@ def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> Receiver
     others = [topic for topic in found.values() if topic.name not in used and topic.count]
     if others:
         events.append(Event(None, "mcap_not_used", f"topics not read: {_listed(others)}"))
-    if raw is None and imu is None and own is None:
-        why = "; ".join(event.detail for event in events[:4])
-        raise InputError(
-            f"the bag holds nothing that can be used{': ' + why if why else ''}",
-            file=path,
-            advice=f"record {IMU}, {FIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes",
-        )
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events]
-    return ReceiverLog(
-        no_measurements() if raw is None else raw.gnss,
-        None if raw is None else raw.navigation,
-        imu,
-        named + ([] if raw is None else raw.events),
-        own,
-        imu_axes=_AXES,
-    )
+    advice = f"record {IMU}, {FIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes"
+    log = assembled(path, raw, imu, own, events, holder="bag", advice=advice)
+    return replace(log, imu_axes=_AXES)
 
 
 def _listed(topics: Any) -> str:

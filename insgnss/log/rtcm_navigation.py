@@ -17,10 +17,10 @@ from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, ne
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.glonass_strings import nearest_in_day
 from insgnss.log.messages.gps_lnav import fit_interval_s, ura_m
+from insgnss.log.rtcm_observations import CHANNEL_OFFSET
 from insgnss.log.rtcm_time import BDT_TO_GPS_NS, GPS_WEEKS_SENT
 from insgnss.log.satellites import MAX_NUMBER
 
-_CHANNEL_OFFSET: Final = 7
 _UNKNOWN_CHANNEL: Final = -128
 _KM: Final = 1000.0
 _FAR_NS: Final = 2 * 86_400 * NS_PER_S  # of a message's week from that of the epochs
@@ -51,7 +51,7 @@ def broadcast(messages: Sequence[tuple[Any, int]]) -> Broadcast:
 def stated_channels(messages: Sequence[Any]) -> dict[str, int]:
     """Return the frequency channels of the GLONASS satellites that sent their ephemeris."""
     states = [message.glonass_ephemeris for message in messages if message.message_number == 1020]
-    channels = {f"R{state.satellite_id:02d}": state.frequency_channel - _CHANNEL_OFFSET for state in states}
+    channels = {f"R{state.satellite_id:02d}": state.frequency_channel - CHANNEL_OFFSET for state in states}
     return {sv: channel for sv, channel in channels.items() if channel in CHANNELS}
 
 
@@ -160,7 +160,7 @@ def _glonass(found: Broadcast, message: Any, near_ns: int) -> None:
     if not sv or row.t_b * 900 >= 86_400:
         found.refused["message 1020 without a known satellite or time; refused"] += 1
         return
-    channel = row.frequency_channel - _CHANNEL_OFFSET
+    channel = row.frequency_channel - CHANNEL_OFFSET
     r_e, v_e, a_e = (
         tuple(getattr(row, f"{axis}n{dots}") * power(scale) * _KM for axis in "xyz")
         for dots, scale in (("", -11), ("_dot", -20), ("_dot_dot", -30))

@@ -42,7 +42,7 @@ _FINE: Final = {
     **dict.fromkeys((6, 7), (20, 2.0**-29, 24, 2.0**-31, 0.0625)),
 }
 _SBAS_OFFSET: Final = 19  # satellite 1 is PRN 120, S20
-_CHANNEL_OFFSET: Final = 7
+CHANNEL_OFFSET: Final = 7  # of a GLONASS frequency channel, as sent
 _FIRST_SBAS: Final = 40  # of the GPS numbers of 1002 and 1004: PRN 120
 _MODULUS_M: Final = {"G": C_MPS / 1000.0, "R": 2.0 * C_MPS / 1000.0}
 _LEGACY_CODES: Final = {
@@ -156,7 +156,7 @@ class Cells:
                 continue
             one, two = satellite.l1, satellite.l2
             if satellite.frequency_channel is not None:
-                channel = satellite.frequency_channel - _CHANNEL_OFFSET
+                channel = satellite.frequency_channel - CHANNEL_OFFSET
                 self.channels.update({sv: channel} if channel in CHANNELS else {})
             has_range = one.pseudorange_modulus_ambiguity is not None
             range_m = one.pseudorange * 0.02 + (one.pseudorange_modulus_ambiguity or 0) * _MODULUS_M[system]
@@ -206,7 +206,7 @@ def _satellite(system: str, seen: Any, kind: int) -> tuple[str, float, float, in
     )
     rough_mps = np.nan if rate is None or rate == _NO_RATE else float(rate)
     channel = (
-        seen.extended_info - _CHANNEL_OFFSET if system == "R" and seen.extended_info is not None else None
+        seen.extended_info - CHANNEL_OFFSET if system == "R" and seen.extended_info is not None else None
     )
     return name, rough_ms, rough_mps, channel if channel in CHANNELS else None
 

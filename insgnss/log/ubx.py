@@ -16,13 +16,13 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
-from insgnss.gpstime import datetime_to_ns, leap_seconds
+from insgnss.gpstime import LATEST_WEEK, datetime_to_ns, leap_seconds
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.ubx_frames import UbxFrames, find_frames, frames_in
 from insgnss.log.ubx_imu import MEAS, RAW, imu_table
 from insgnss.log.ubx_legacy import RAW_LEGACY, SFRB, legacy_epochs
 from insgnss.log.ubx_messages import SFRBX, UbxMessages
-from insgnss.log.ubx_observations import LATEST_WEEK, RAWX, RawEpochs, observation_table, raw_epochs
+from insgnss.log.ubx_observations import RAWX, RawEpochs, observation_table, raw_epochs
 from insgnss.tables import Event, ImuTable, Int64
 
 PVT: Final = 0x0107

@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.log.files import file_buffer
-from insgnss.log.first_events import first_events
+from insgnss.log.framing_events import framing_events
 from insgnss.tables import Event
 
 SYNC: Final = b"\xb5\x62"
@@ -48,20 +48,7 @@ class UbxFrames:
 
     def events(self, known: set[int]) -> list[Event]:
         """Return what was damaged, foreign or of a kind that is not read."""
-        events = first_events(
-            self.bad_checksums,
-            lambda offset: Event(
-                None, "ubx_checksum", f"{self.path}: byte {offset}: wrong check sum; frame refused"
-            ),
-            self.path,
-            "frames refused",
-        )
-        if self.cut_at is not None:
-            detail = f"{self.path}: byte {self.cut_at}: the file ends within a frame"
-            events.append(Event(None, "ubx_cut", detail))
-        if self.foreign_bytes:
-            detail = f"{self.path}: {self.foreign_bytes} of {len(self.data)} bytes are no UBX (NMEA, RTCM or damage)"
-            events.append(Event(None, "ubx_foreign_bytes", detail))
+        events = framing_events(self, "ubx", "frame", "no UBX (NMEA, RTCM or damage)")
         others = Counter({kind: len(found) for kind, found in self.payloads.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind >> 8:02X} {kind & 255:02X}" for kind, n in others.most_common())

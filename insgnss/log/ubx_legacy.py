@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.messages.bits import joined
 from insgnss.log.messages.gps_lnav import LnavMessages
 from insgnss.log.ubx_frames import UbxFrames
 from insgnss.log.ubx_observations import (
     CARRIER_VALID,
     HALF_CYCLE_KNOWN,
-    LATEST_WEEK,
     LOCK_CEILING_MS,
     MEASUREMENT,
     RANGE_VALID,

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
+from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.carrier_slips import slipped_rows
 from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
@@ -49,7 +50,6 @@ RANGE_VALID, CARRIER_VALID, HALF_CYCLE_KNOWN, HALF_CYCLE_SUBTRACTED = (
     8,
 )  # bits of the measurement's status
 SLIP, HALF_CYCLE_OPEN = 1, 2  # bits of the loss-of-lock indicator (RINEX 3.05, table A3)
-LATEST_WEEK: Final = 10_000  # the year 2171
 LOCK_CEILING_MS: Final = 64_500  # the lock time counts no further
 CHANNEL_OFFSET: Final = 7
 

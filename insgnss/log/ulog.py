@@ -11,6 +11,7 @@ import contextlib
 import io
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +20,7 @@ import numpy as np
 from insgnss.errors import InputError
 from insgnss.log.boot_time import BootClock, boot_clock
 from insgnss.log.files import file_buffer
-from insgnss.log.receiver import ReceiverLog, no_measurements
+from insgnss.log.receiver import ReceiverLog, assembled
 from insgnss.log.sensor_pairs import paired
 from insgnss.log.ubx import read_ubx_bytes
 from insgnss.log.ulog_definitions import check_definitions, sound_messages
@@ -75,23 +76,9 @@ def _tables(
         own, told = solution(data, clock, wanted.get("reference"))
         events += told
     events += _not_read(wanted, data)
-    if raw is None and imu is None and own is None:
-        why = "; ".join(event.detail for event in events[:4])
-        raise InputError(
-            f"the ULog holds nothing that can be used{': ' + why if why else ''}",
-            file=path,
-            advice="log sensor_combined and vehicle_gps_position; for raw measurements gps_dump (GPS_DUMP_COMM = 1)",
-        )
-    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events]
-    return ReceiverLog(
-        no_measurements() if raw is None else raw.gnss,
-        None if raw is None else raw.navigation,
-        imu,
-        named + ([] if raw is None else raw.events),
-        own,
-        imu_is_mean=True,
-        solution_point="imu",
-    )
+    advice = "log sensor_combined and vehicle_gps_position; for raw measurements gps_dump (GPS_DUMP_COMM = 1)"
+    log = assembled(path, raw, imu, own, events, holder="ULog", advice=advice)
+    return replace(log, imu_is_mean=True, solution_point="imu")
 
 
 def _load(path: Path) -> tuple[Any, list[Event]]:

@@ -1,0 +1,45 @@
+"""Events of a binary protocol's framing: wrong check sums, a cut end, bytes between the frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from insgnss.log.first_events import first_events
+from insgnss.tables import Event
+
+
+class Framed(Protocol):
+    """One file's bytes, and what was found wrong while its frames were searched."""
+
+    path: Path
+    data: bytes
+    foreign_bytes: int  # between the frames
+    bad_checksums: list[int]  # offsets
+    cut_at: int | None  # offset of a frame that the end of the file cuts
+
+
+def framing_events(file: Framed, protocol: str, unit: str, foreign: str) -> list[Event]:
+    """Return the events of one file.
+
+    Parameters
+    ----------
+    protocol : begins the kind of each event ("ubx")
+    unit : what the protocol calls a frame ("frame", "message")
+    foreign : what the bytes between the frames are, behind "of n bytes are"
+    """
+    events = first_events(
+        file.bad_checksums,
+        lambda offset: Event(
+            None, f"{protocol}_checksum", f"{file.path}: byte {offset}: wrong check sum; {unit} refused"
+        ),
+        file.path,
+        f"{unit}s refused",
+    )
+    if file.cut_at is not None:
+        detail = f"{file.path}: byte {file.cut_at}: the file ends within a {unit}"
+        events.append(Event(None, f"{protocol}_cut", detail))
+    if file.foreign_bytes:
+        detail = f"{file.path}: {file.foreign_bytes} of {len(file.data)} bytes are {foreign}"
+        events.append(Event(None, f"{protocol}_foreign_bytes", detail))
+    return events
