@@ -29,8 +29,8 @@ test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k 
 # What computes indices: kernels, filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has
 # a cache of its own (insgnss/jit.py). Every test of the suite may run so, but not in a few minutes.
 KERNELS := tests/test_jit.py::test_kernel_gives_the_same_numbers_compiled_and_as_plain_python
-BOUNDS := $(KERNELS) tests/fusion/test_soundness.py tests/fusion/test_gating.py tests/fusion/test_faults.py \
-    tests/fusion/test_scalar_update.py tests/gnss/test_point_integrity.py tests/gnss/test_plausible_messages.py \
+BOUNDS := $(KERNELS) tests/filter/test_soundness.py tests/filter/test_gating.py tests/filter/test_faults.py \
+    tests/filter/test_scalar_update.py tests/gnss/test_point_integrity.py tests/gnss/test_plausible_messages.py \
     tests/gnss/test_glonass_orbit.py tests/gnss/test_troposphere.py tests/antenna/test_gain_pattern.py \
     tests/antenna/test_visibility.py tests/replay/test_wild_cells.py
 

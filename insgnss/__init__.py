@@ -10,7 +10,7 @@ Conventions, assumed by every file:
 - Error = estimate minus truth, everywhere: ``r_e_hat = r_e + dr``, ``C_eb_hat = (I + [psi x]) C_eb``, estimated bias
   minus true bias. Innovation = measured minus predicted.
 - Error state, in this order: dr_e(3) dv_e(3) psi_e(3) b_a(3) b_g(3) clock bias [m] clock drift [m/s], then one
-  further states as ``fusion.layout`` has them. Indices exist only in ``inertial/error_state.py``, as names.
+  further states as ``filter.layout`` has them. Indices exist only in ``inertial/error_state.py``, as names.
 - Clock in metres and m/s. Range rate is positive when the distance grows; Doppler has the RINEX sign (positive when the
   distance shrinks): range_rate = -wavelength * doppler.
 - Quaternions scalar first (Hamilton).
@@ -31,11 +31,11 @@ from __future__ import annotations
 from insgnss.doctor import examine as check_flight
 from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
-from insgnss.fusion.engine import NavState
-from insgnss.fusion.layout import Coupling, GaussMarkov, RandomWalk, StateBlock
-from insgnss.fusion.layout_names import StateLayout
-from insgnss.fusion.own_rows import Measurement, Row
-from insgnss.fusion.state_estimate import StateEstimate
+from insgnss.filter.engine import NavState
+from insgnss.filter.layout import Coupling, GaussMarkov, RandomWalk, StateBlock
+from insgnss.filter.layout_names import StateLayout
+from insgnss.filter.own_rows.rows import Measurement, Row
+from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.log.flight import Flight
 from insgnss.log_replay import engine_settings, replay
 from insgnss.point_solutions import PointRun, point

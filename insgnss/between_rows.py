@@ -25,7 +25,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.errors import ResultError
-from insgnss.fusion.body_points import attitudes_of, local_levels_of, places_of
+from insgnss.filter.smoothing.body_points import attitudes_of, local_levels_of, places_of
 from insgnss.tables import Float64, Int64
 
 _GAP: Final = 1.5  # times the usual step of the rows: farther apart, and by more than a second, is a gap

@@ -16,8 +16,8 @@ import pymap3d
 from insgnss.config.flight import Base
 from insgnss.constants import NS_PER_S
 from insgnss.errors import NavigationDataError
-from insgnss.fusion.fix import fix_epoch
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.fix import fix_epoch
 from insgnss.gnss.differential import apply, differential_corrections
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.ionosphere_rows import ionosphere_growth, ionosphere_rows, serving_models

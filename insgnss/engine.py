@@ -1,4 +1,4 @@
-"""The live filter and its outputs: ``fusion.engine`` and, where asked, the aiding of the tracking loops."""
+"""The live filter and its outputs: ``filter.engine`` and, where asked, the aiding of the tracking loops."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from insgnss.aiding.stream import AidingStream, Message
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import ConfigError
-from insgnss.fusion.engine import Engine as FilterEngine
-from insgnss.fusion.own_ledger import OwnEntry
-from insgnss.fusion.own_rows import Measurement, own_measurements
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.engine import Engine as FilterEngine
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.rows import Measurement, own_measurements
+from insgnss.filter.setup import FilterSetup
 from insgnss.tables import Event
 
 

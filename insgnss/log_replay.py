@@ -21,17 +21,17 @@ from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
-from insgnss.fusion import compile_loop
-from insgnss.fusion.body_points import Further
-from insgnss.fusion.inertial_stream import screened
-from insgnss.fusion.layout import StateBlock
-from insgnss.fusion.output import Output, Table
-from insgnss.fusion.own_ledger import OwnEntry
-from insgnss.fusion.own_rows import Measurement, own_measurements
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.trace_rows import output_samples
-from insgnss.fusion.whole_log import LedgerPart, TraceWanted, run_blocks
-from insgnss.fusion.whole_log import run_filter as run_filter
+from insgnss.filter import compile_loop
+from insgnss.filter.imu.inertial_stream import screened
+from insgnss.filter.layout import StateBlock
+from insgnss.filter.output.trace_rows import output_samples
+from insgnss.filter.output.writing import Output, Table
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.rows import Measurement, own_measurements
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.smoothing.body_points import Further
+from insgnss.filter.whole_log import LedgerPart, TraceWanted, run_blocks
+from insgnss.filter.whole_log import run_filter as run_filter
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
@@ -191,8 +191,8 @@ def replay(
     supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
         ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
     smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
-        outages and while several headings were open too (``fusion.smoother``); the measurements are then still those
-        of the filter
+        outages and while several headings were open too (``filter.smoothing.smoother``); the measurements are then
+        still those of the filter
     states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
     measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
         ``rows(state, layout)``, see ``Measurement``. Their rows stand in ``run.measurements`` by their name

@@ -27,8 +27,8 @@ from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import corrected_rows
 from insgnss.datum import annotate_all
 from insgnss.errors import ConfigError, ResultError
-from insgnss.fusion.parameters import Parameters
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.plausible_messages import refused_messages

@@ -13,11 +13,11 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.aiding.table import AidingTable
-from insgnss.fusion.output import NAV_COLUMNS, Output, Table
-from insgnss.fusion.own_ledger import OwnEntry
-from insgnss.fusion.own_rows import OwnMeasurements
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.whole_log import LedgerPart
+from insgnss.filter.output.writing import NAV_COLUMNS, Output, Table
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.rows import OwnMeasurements
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.whole_log import LedgerPart
 from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.status import NAMES, USED

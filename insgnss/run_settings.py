@@ -11,8 +11,8 @@ import numba
 import numpy as np
 import pandas as pd
 
-from insgnss.fusion.own_rows import Kind
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.own_rows.rows import Kind
+from insgnss.filter.setup import FilterSetup
 from insgnss.log.flight import Flight
 from insgnss.version import __version__
 

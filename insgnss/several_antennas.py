@@ -15,11 +15,11 @@ from insgnss.attitude.array_observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight, mounted_antennas
 from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InputError
-from insgnss.fusion.antenna_attitude import AttitudeAid
-from insgnss.fusion.antenna_data import AntennaData, new_ledger
-from insgnss.fusion.antenna_rows import Antennas
-from insgnss.fusion.antenna_visibility import Hiding
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.antennas.attitude import AttitudeAid
+from insgnss.filter.antennas.data import AntennaData, new_ledger
+from insgnss.filter.antennas.rows import Antennas
+from insgnss.filter.antennas.visibility import Hiding
+from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.antenna_phases import AntennaPhases, antenna_phases
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.observation_rows import Rows

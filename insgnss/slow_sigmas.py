@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.whole_log import LedgerPart
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.whole_log import LedgerPart
 from insgnss.gnss.clock_groups import group_table
 from insgnss.gnss.observation_rows import PSEUDORANGE
 from insgnss.gnss.signals import L1_HZ, carrier_hz

@@ -1,6 +1,6 @@
 """The tables that flow through the package: frozen records of arrays, time first, component last.
 
-``log`` fills them, ``gnss`` and ``fusion`` read them. Time is GPS time in integer nanoseconds (``insgnss.gpstime``).
+``log`` fills them, ``gnss`` and ``filter`` read them. Time is GPS time in integer nanoseconds (``insgnss.gpstime``).
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.errors import ConfigError
-from insgnss.fusion.body_points import Further, Wanted
-from insgnss.fusion.whole_log import OutputRate
+from insgnss.filter.smoothing.body_points import Further, Wanted
+from insgnss.filter.whole_log import OutputRate
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.log.flight import Flight
 from insgnss.tables import Event, Float64, Int64

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from insgnss.config.filter import FilterConfig
-from insgnss.fusion.layout import SYSTEM_OFFSETS, Layout, StateBlock
-from insgnss.fusion.states.glonass_channel_bias import glonass_channel_bias
-from insgnss.fusion.states.ionosphere import ionosphere as ionosphere_block
-from insgnss.fusion.states.wanted import StatesWanted
-from insgnss.fusion.states.zenith_delay import zenith_delay as zenith_delay_block
+from insgnss.filter.layout import SYSTEM_OFFSETS, Layout, StateBlock
+from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
+from insgnss.filter.states.ionosphere import ionosphere as ionosphere_block
+from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.zenith_delay import zenith_delay as zenith_delay_block
 from insgnss.library import filter_config
 
 

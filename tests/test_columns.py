@@ -19,7 +19,7 @@ from insgnss.columns.sheet import Sheet, unit_of
 from insgnss.columns.statuses import STATUS_MEANINGS
 from insgnss.config.flight import GnssColumns, ImuColumns, MountedAntenna, ReferenceColumns
 from insgnss.config.log_table import NO_COLUMN
-from insgnss.fusion.output import NAV_COLUMNS
+from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.log.flight import Flight
 from insgnss.point_solutions import TABLES as POINT_TABLES
 from insgnss.run import TABLES, Run

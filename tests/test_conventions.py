@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import C_MPS, NS_PER_WEEK, WGS84_A_M, WGS84_B_M, WGS84_OMEGA_RADPS
-from insgnss.fusion import state
-from insgnss.fusion.closed_loop import close_loop
-from insgnss.fusion.epoch_space import new_epoch
-from insgnss.fusion.measurements import observe
-from insgnss.fusion.output import NAV_COLUMNS
-from insgnss.fusion.scalar_update import scalar_update
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord, new_bank
+from insgnss.filter import state
+from insgnss.filter.output.writing import NAV_COLUMNS
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord, new_bank
+from insgnss.filter.update.closed_loop import close_loop
+from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.observe import observe
+from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -30,7 +30,7 @@ from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight
 from insgnss.gnss.satellite_state import range_rates
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.simulation.imu import gauss_markov
-from tests.kernels import fusion as short_log
+from tests.kernels import filter as short_log
 from tests.layouts import layout_with
 
 NORTH, EAST, DOWN = np.eye(3)

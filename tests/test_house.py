@@ -277,7 +277,7 @@ def test_no_number_stands_for_a_state() -> None:
     matrices = {"P", "A", "B", "prior", "correction", "h"}
     found = []
     for path in SOURCES:
-        if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "fusion", "aiding"):
+        if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "filter", "aiding"):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Subscript) and matrix_name(node.value) in matrices:

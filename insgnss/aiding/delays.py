@@ -22,7 +22,7 @@ from insgnss.tables import Float64
 
 
 class AirModel(NamedTuple):
-    """Which corrections there are and what they start from (``fusion.parameters`` has the same numbers)."""
+    """Which corrections there are and what they start from (``filter.parameters`` has the same numbers)."""
 
     klobuchar: Float64  # (8,), zeros without
     ionosphere: Float64  # (s,) (f_L1 / f)^2 of each satellite's carrier, zero for none

@@ -10,7 +10,7 @@ from insgnss.aiding.table import AidingSetup, AidingTable, compute_aiding
 from insgnss.aiding.trace import Traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.errors import NavigationDataError
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.plausible_messages import plausible_klobuchar
 from insgnss.inertial.clock_model import clock_model

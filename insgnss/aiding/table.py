@@ -52,7 +52,7 @@ from insgnss.aiding.uncertainty import (
 )
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import NS_PER_S, WGS84_E2
-from insgnss.fusion.state import OFFSETS
+from insgnss.filter.state import OFFSETS
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.gnss.troposphere import STANDARD_WEATHER, Weather
 from insgnss.gpstime import ns_to_week_seconds

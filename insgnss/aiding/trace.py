@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.fusion.trace_rows import TraceRoom
+from insgnss.filter.output.trace_rows import TraceRoom
 from insgnss.tables import Float64, Int64
 
 
@@ -33,7 +33,7 @@ class Covariances(NamedTuple):
     """The filter's covariance at some times; a trace row reads the newest that is not later than itself."""
 
     t_ns: Int64  # (m,) increasing
-    P: Float64  # (m, q, q), the 17 states of ``fusion.state`` first
+    P: Float64  # (m, q, q), the 17 states of ``filter.state`` first
 
 
 class Samples(NamedTuple):

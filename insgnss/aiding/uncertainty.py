@@ -29,7 +29,7 @@ from insgnss.aiding.observables import Spans, expand_satellite, towards
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.aiding.trace import Covariances, Samples, Trace
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
 from insgnss.jit import inlined, kernel
 from insgnss.tables import Float64, Int64
 

@@ -51,9 +51,9 @@ CORRECTIONS: Final = (
         "phase_centre",
         "ANTEX 1.4; broadcast orbits hold it",
     ),
-    Correction("receiver clock", "+", "b", (1.0, 3e5), "fusion.state", "Kaplan and Hegarty (2017), 11.2"),
+    Correction("receiver clock", "+", "b", (1.0, 3e5), "filter.state", "Kaplan and Hegarty (2017), 11.2"),
     Correction(
-        "inter-system offset", "+", "o", (0.1, 1e3), "fusion.state", "RINEX 4.01, 5.4; receiver's own"
+        "inter-system offset", "+", "o", (0.1, 1e3), "filter.state", "RINEX 4.01, 5.4; receiver's own"
     ),
     Correction("satellite clock", "-", "c dt_s", (1.0, 3e5), "satellite_clock", "IS-GPS-200N, 20.3.3.3.3.1"),
     Correction(

@@ -1,7 +1,7 @@
 """Where the errors of the navigation filter stand: the only place of these indices. Error = estimate minus truth.
 
 The first nine are the navigation errors, which the motion couples. Behind them come states of first order, each with a
-decay of its own: the biases, the receiver clock, and whatever else a filter estimates (``fusion.layout``).
+decay of its own: the biases, the receiver clock, and whatever else a filter estimates (``filter.layout``).
 """
 
 from __future__ import annotations

@@ -25,15 +25,15 @@ from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.fusion.kinds.pseudorange import range_row
-from insgnss.fusion.kinds.range_rate import rate_row
-from insgnss.fusion.layout import Layout
-from insgnss.fusion.lines import ANTENNA_DTYPE
-from insgnss.fusion.parameters import resolve_parameters
-from insgnss.fusion.prediction import Scratch, new_scratch, predict_covariance
-from insgnss.fusion.predictions import RANGE_COLUMNS, RATE_COLUMNS
-from insgnss.fusion.scalar_update import predicted_variance, scalar_update
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.layout import Layout
+from insgnss.filter.measurements.pseudorange import range_row
+from insgnss.filter.measurements.range_rate import rate_row
+from insgnss.filter.parameters import resolve_parameters
+from insgnss.filter.prediction import Scratch, new_scratch, predict_covariance
+from insgnss.filter.rows.lines import ANTENNA_DTYPE
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.update.predictions import RANGE_COLUMNS, RATE_COLUMNS
+from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.library import imu_grade, oscillator
 from insgnss.simulation.sky_law import SkyLaw
@@ -178,7 +178,7 @@ class CovarianceRun:
 
 
 def initial_covariance(scenario: ScenarioConfig, grade: ImuGrade, C_ne: Float64) -> Float64:
-    """Return P0 (17, 17) in the order of ``fusion.state``: the scenario's sigmas, the biases those of the grade.
+    """Return P0 (17, 17) in the order of ``filter.state``: the scenario's sigmas, the biases those of the grade.
 
     Roll, pitch and heading errors are independent rotations about north, east and down.
     """

@@ -24,7 +24,7 @@ import pandas as pd
 
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
-from insgnss.fusion.state import DR, copy_bank
+from insgnss.filter.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
 from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace, free_clocks
 from insgnss.library import scenario_config

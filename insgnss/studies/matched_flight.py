@@ -27,11 +27,11 @@ from insgnss.config.flight import Imu as InertialLog
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_WEEK
-from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import new_output
-from insgnss.fusion.prediction import Imu
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.writing import new_output
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion

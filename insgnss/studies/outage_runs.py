@@ -18,14 +18,14 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S
 from insgnss.corrected_rows import row_corrections
-from insgnss.fusion.carried_start import Carried, kept_over
-from insgnss.fusion.inertial_stream import screened
-from insgnss.fusion.loop import run_to
-from insgnss.fusion.navigator import Navigator, Snapshot
-from insgnss.fusion.output import Output, new_output
-from insgnss.fusion.prediction import Imu
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.whole_log import output_times
+from insgnss.filter.imu.inertial_stream import screened
+from insgnss.filter.loop import run_to
+from insgnss.filter.navigator import Navigator, Snapshot
+from insgnss.filter.output.writing import Output, new_output
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.carried_start import Carried, kept_over
+from insgnss.filter.whole_log import output_times
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns

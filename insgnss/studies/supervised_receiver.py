@@ -14,8 +14,8 @@ from insgnss.antenna.tracking_state import TRACK
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.whole_log import TraceWanted, run_filter
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.whole_log import TraceWanted, run_filter
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation.observations import Observations

@@ -42,7 +42,7 @@ from insgnss.config.filter import Visibility
 from insgnss.config.search import Grid, Search
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.errors import InputError
-from insgnss.fusion.state import PSI
+from insgnss.filter.state import PSI
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.tables import Float64, Int8, Int64

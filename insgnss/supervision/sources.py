@@ -12,7 +12,7 @@ from insgnss.aiding.trace import Traced, at_times
 from insgnss.antenna.receiver_events import ReceiverEvents
 from insgnss.config.flight import Gnss
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.setup import FilterSetup
 from insgnss.log.flight import FlightLogs
 from insgnss.log.receiver_events import read_receiver_events
 from insgnss.supervision.predictions import SupervisionSetup, outlook

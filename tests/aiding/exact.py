@@ -14,7 +14,7 @@ from insgnss.aiding.table import AidingSetup
 from insgnss.aiding.trace import Covariances, Samples, Trace
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model

@@ -16,7 +16,7 @@ from insgnss.aiding.table import AidingTable
 from insgnss.aiding.trace import Samples, Traced, traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.errors import ConfigError, NavigationDataError
-from insgnss.fusion.whole_log import TraceWanted, run_filter
+from insgnss.filter.whole_log import TraceWanted, run_filter
 from insgnss.library import filter_config
 from insgnss.log_replay import setup_filter
 from insgnss.simulation.faults import cycle_slip

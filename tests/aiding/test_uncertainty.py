@@ -14,7 +14,7 @@ from insgnss.aiding.table import AidingSetup, AidingTable, compute_aiding
 from insgnss.aiding.trace import Covariances
 from insgnss.aiding.uncertainty import ACCELERATION_PARTS, N_PARTS, RATE_PARTS, motion_rows
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
 from insgnss.inertial.clock_model import ClockModel
 from insgnss.inertial.sensor_model import BiasModel, SensorModel
 from insgnss.tables import Float64

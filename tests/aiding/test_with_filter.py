@@ -8,9 +8,9 @@ import pytest
 from insgnss.aiding.table import AidingSetup, AidingTable, compute_aiding
 from insgnss.aiding.trace import Covariances, Samples, Trace
 from insgnss.config.aiding import AidingConfig
-from insgnss.fusion.loop import Imu
-from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import new_output
+from insgnss.filter.loop import Imu
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.writing import new_output
 from insgnss.gnss.observation_rows import prepare_rows
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model

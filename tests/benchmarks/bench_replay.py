@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from insgnss.corrected_rows import corrected_rows
-from insgnss.fusion.whole_log import run_filter
+from insgnss.filter.whole_log import run_filter
 from insgnss.jit import cache_root
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs

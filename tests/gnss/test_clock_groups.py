@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insgnss.config.filter import DEFAULT_SIGNALS, Measurements
-from insgnss.fusion.state import MAX_OPTIONAL, N_CLONE
+from insgnss.filter.state import MAX_OPTIONAL, N_CLONE
 from insgnss.gnss.clock_groups import clock_groups, group_of_rows, pairs_of, tied_clocks
 from insgnss.gnss.observation_rows import prepare_rows
 from insgnss.status import CONSTELLATION_NOT_USED, SIGNAL_NOT_USED, USED

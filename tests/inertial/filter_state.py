@@ -8,8 +8,8 @@ import numpy as np
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.fusion.parameters import resolve_parameters
-from insgnss.fusion.state import Bank, new_bank
+from insgnss.filter.parameters import resolve_parameters
+from insgnss.filter.state import Bank, new_bank
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
 
 NOTHING_UNKNOWN = np.zeros((0, 2))  # of the motion that samples show

@@ -10,8 +10,8 @@ from filterpy.common import van_loan_discretization
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, WGS84_GM_M3PS2
-from insgnss.fusion.prediction import USUAL_FORCE_S, carry, new_scratch, predict_covariance
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
+from insgnss.filter.prediction import USUAL_FORCE_S, carry, new_scratch, predict_covariance
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation import journeys

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.prediction import carry, new_scratch
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DV, OFFSETS, PSI
+from insgnss.filter.prediction import carry, new_scratch
+from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, PSI
 from insgnss.simulation import journeys
 from insgnss.simulation.imu import gauss_markov
 from tests.inertial.filter_state import NOTHING_UNKNOWN, bank_at, parameters

@@ -11,10 +11,10 @@ import numpy as np
 
 from insgnss.aiding.satellite_arcs import broadcast_arcs
 from insgnss.aiding.table import compute_aiding
-from insgnss.fusion.loop import new_workspace, run_epochs
-from insgnss.fusion.output import new_output
-from insgnss.fusion.state import select_members
-from insgnss.fusion.trace_rows import new_trace_room, output_samples
+from insgnss.filter.loop import new_workspace, run_epochs
+from insgnss.filter.output.trace_rows import new_trace_room, output_samples
+from insgnss.filter.output.writing import new_output
+from insgnss.filter.state import select_members
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.tables import Float64
 from tests.aiding.exact import (
@@ -27,7 +27,7 @@ from tests.aiding.exact import (
 )
 from tests.gnss.glonass_sample import FIRST_NS, glonass_navigation
 from tests.kernels import KernelCase
-from tests.kernels.fusion import EPOCHS, SKY, bank, imu, parameters, rows
+from tests.kernels.filter import EPOCHS, SKY, bank, imu, parameters, rows
 from tests.layouts import layout_with
 from tests.replay.scenes import WEEK
 

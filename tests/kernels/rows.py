@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from insgnss.fusion.between import Onward, filtered, smoothed, write_smoothed
-from insgnss.fusion.body_points import Wanted, further_values
-from insgnss.fusion.output import N_NAV, NAV_DTYPE
-from insgnss.fusion.state import BG, OFFSETS, select_members
+from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
+from insgnss.filter.smoothing.between import Onward, filtered, smoothed, write_smoothed
+from insgnss.filter.smoothing.body_points import Wanted, further_values
+from insgnss.filter.state import BG, OFFSETS, select_members
 from tests.kernels import KernelCase
-from tests.kernels.fusion import START_NS, bank, imu, parameters
+from tests.kernels.filter import START_NS, bank, imu, parameters
 from tests.layouts import layout_with
 
 

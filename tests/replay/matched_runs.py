@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.filter import Adaptation, FilterConfig, Health, Measurements, Noise
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.fusion.loop import Imu
-from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import Output, new_output
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, STATE_NAMES, Bank, new_bank
+from insgnss.filter.loop import Imu
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.writing import Output, new_output
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, STATE_NAMES, Bank, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion

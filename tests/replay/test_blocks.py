@@ -12,7 +12,7 @@ import pytest
 
 from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import block_cuts, row_blocks
-from insgnss.fusion.whole_log import run_blocks
+from insgnss.filter.whole_log import run_blocks
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightInMemory
 from insgnss.log_replay import replay, setup_filter

@@ -18,11 +18,11 @@ import pytest
 
 from insgnss.config.filter import Noise
 from insgnss.config.flight import ImuGrade
-from insgnss.fusion.loop import Imu
-from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import new_output
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.state import BA, BG, DR, DV, OFFSETS, Bank, new_bank
+from insgnss.filter.loop import Imu
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.writing import new_output
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.state import BA, BG, DR, DV, OFFSETS, Bank, new_bank
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator

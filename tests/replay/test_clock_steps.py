@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import insgnss
-from insgnss.fusion.engine import Engine
+from insgnss.filter.engine import Engine
 from insgnss.library import filter_config
 from insgnss.log_replay import setup_filter
 from insgnss.run import Run
@@ -19,7 +19,7 @@ from insgnss.simulation.faults import outage, range_step
 from insgnss.simulation.observations import Fault
 from insgnss.simulation.simulated_log import ClockStart
 from insgnss.tables import GnssTable
-from tests.fusion.test_engine import assert_same_bits, no_delay, stream
+from tests.filter.test_engine import assert_same_bits, no_delay, stream
 from tests.replay.scenes import (
     START_NS,
     START_S,

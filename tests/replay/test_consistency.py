@@ -14,7 +14,7 @@ from scipy import stats
 
 from insgnss.config.filter import Noise
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.fusion.setup import FilterSetup
+from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import Float64

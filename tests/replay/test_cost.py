@@ -8,8 +8,8 @@ from typing import Any
 import numba
 import pytest
 
-from insgnss.fusion import compile_loop
-from insgnss.fusion.carrier import clone_epoch
+from insgnss.filter import compile_loop
+from insgnss.filter.update.clone import clone_epoch
 from insgnss.gnss.least_squares import fit
 from insgnss.library import filter_config
 from insgnss.log_replay import replay
@@ -26,7 +26,7 @@ MOST_OF_OURS_MIB = (
 NEEDED = """
 import gc, sys
 from insgnss.apart import Apart
-from insgnss.fusion import compile_loop
+from insgnss.filter import compile_loop
 from insgnss.log_replay import replay
 compile_loop.fetch_loop = lambda: None
 replay(sys.argv[1])

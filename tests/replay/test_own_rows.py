@@ -14,10 +14,10 @@ import pytest
 import insgnss
 from insgnss.config.flight import GivenStart
 from insgnss.errors import MeasurementError
-from insgnss.fusion.own_ledger import OwnEntry
-from insgnss.fusion.own_rows import Measurement, own_measurements
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.whole_log import run_blocks
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.rows import Measurement, own_measurements
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.whole_log import run_blocks
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightInMemory
@@ -29,7 +29,7 @@ from insgnss.simulation.journeys import AIRFIELD, static
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.status import NAMES
 from insgnss.tables import Float64, Int64
-from tests.fusion.test_engine import epochs, no_delay, stream
+from tests.filter.test_engine import epochs, no_delay, stream
 from tests.replay.own_kinds import Compass, MapHeight, ZeroVelocity
 from tests.replay.scenes import (
     START_NS,

@@ -15,9 +15,9 @@ import pymap3d
 import pytest
 
 import insgnss
-from insgnss.fusion.fix import fix_epoch
-from insgnss.fusion.setup import FilterSetup
-from insgnss.fusion.whole_log import run_filter
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.fix import fix_epoch
+from insgnss.filter.whole_log import run_filter
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.library import filter_config

@@ -15,7 +15,7 @@ import pytest
 
 import insgnss
 from insgnss.errors import ConfigError, ResultError
-from insgnss.fusion.whole_log import output_times
+from insgnss.filter.whole_log import output_times
 from insgnss.library import filter_config
 from insgnss.run import TABLES, Run
 from insgnss.simulation.faults import outage

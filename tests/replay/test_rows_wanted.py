@@ -14,7 +14,7 @@ import pytest
 
 import insgnss
 from insgnss.errors import ConfigError
-from insgnss.fusion.body_points import local_levels_of
+from insgnss.filter.smoothing.body_points import local_levels_of
 from insgnss.library import imu_grade
 from insgnss.run import Run
 from insgnss.simulation.course import Course

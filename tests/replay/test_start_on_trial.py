@@ -10,10 +10,10 @@ import pytest
 
 import insgnss
 from insgnss.config.flight import GivenStart
-from insgnss.fusion import navigator
-from insgnss.fusion.engine import Engine
-from insgnss.fusion.trial import Trial
-from insgnss.fusion.whole_log import run_filter
+from insgnss.filter import navigator
+from insgnss.filter.engine import Engine
+from insgnss.filter.start.trial import Trial
+from insgnss.filter.whole_log import run_filter
 from insgnss.gnss.observation_rows import Rows, one_epoch
 from insgnss.library import filter_config, imu_grade
 from insgnss.log_replay import setup_filter
@@ -21,7 +21,7 @@ from insgnss.run import Run
 from insgnss.simulation.course import Course
 from insgnss.simulation.journeys import AIRFIELD, car, static
 from insgnss.simulation.simulated_log import Simulator
-from tests.fusion.test_engine_arrivals import epochs, feed, with_latency
+from tests.filter.test_engine_arrivals import epochs, feed, with_latency
 from tests.replay.scenes import (
     START_NS,
     START_S,

@@ -10,8 +10,8 @@ import pytest
 from scipy import stats
 
 from insgnss.config.filter import FilterConfig
-from insgnss.fusion.engine import Engine
-from insgnss.fusion.whole_log import run_filter
+from insgnss.filter.engine import Engine
+from insgnss.filter.whole_log import run_filter
 from insgnss.library import scenario_config
 from insgnss.log.flight import FlightInMemory
 from insgnss.log_replay import replay, setup_filter
@@ -19,7 +19,7 @@ from insgnss.run import Run
 from insgnss.studies.banked_flight import BankedFlight
 from insgnss.studies.masking_cases import _flight_in_memory, _log
 from insgnss.studies.scenario_equipment import filter_of
-from tests.fusion.test_engine import no_delay, stream
+from tests.filter.test_engine import no_delay, stream
 
 SETTINGS = ("keep", "hide", "deweight")
 KEYS = ["time_s", "sv", "kind"]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from insgnss.fusion.output import NAV_COLUMNS
+from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.imu_summary import imu_spectrum, imu_table
 from insgnss.run import Run

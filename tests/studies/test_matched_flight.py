@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from insgnss.fusion.loop import run_epochs
+from insgnss.filter.loop import run_epochs
 from insgnss.studies.matched_flight import (
     BLOCKS,
     MatchedFlight,

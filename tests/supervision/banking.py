@@ -13,7 +13,7 @@ from insgnss.config.aiding import AidingConfig
 from insgnss.config.filter import Visibility
 from insgnss.config.search import Search
 from insgnss.constants import NS_PER_S
-from insgnss.fusion.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix

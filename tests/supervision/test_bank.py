@@ -16,7 +16,7 @@ from insgnss.antenna.visibility import HIDDEN, IS_UNCERTAIN, IS_VISIBLE
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.errors import InputError
-from insgnss.fusion.state import DR, PSI
+from insgnss.filter.state import DR, PSI
 from insgnss.gnss.signals import L1_HZ
 from insgnss.simulation.constellation import satellite_states
 from insgnss.simulation.journeys import AIRFIELD

@@ -13,11 +13,11 @@ from insgnss.aiding.table import AidingSetup
 from insgnss.aiding.trace import Samples, Traced, traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.fusion.loop import Imu
-from insgnss.fusion.navigator import Navigator
-from insgnss.fusion.output import Output, new_output
-from insgnss.fusion.state import BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
-from insgnss.fusion.trace_rows import new_trace_room
+from insgnss.filter.loop import Imu
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.trace_rows import new_trace_room
+from insgnss.filter.output.writing import Output, new_output
+from insgnss.filter.state import BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.observation_rows import prepare_rows
 from insgnss.inertial.clock_model import clock_model

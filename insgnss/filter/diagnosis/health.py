@@ -1,0 +1,218 @@
+"""The filter's health: what it does when its measurements contradict it, and what it remembers for that.
+
+Two things can be wrong with a filter whose rows do not fit. Something failed a short while ago, a sensor or a
+satellite: then the last minute is run once more (``suspects``). Or the filter is lost: then a fix is put on trial
+beside it (``recovery``). Neither touches the filter before the rows have decided.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.filter.diagnosis.hindsight import GNSS_TAGS, IMU_TAGS
+from insgnss.filter.diagnosis.lockout import absorb, clock_steps, in_words, is_thin
+from insgnss.filter.diagnosis.past import Past
+from insgnss.filter.diagnosis.recovery import Doubt, contradicted_kind, is_lost, open_doubt
+from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
+from insgnss.filter.diagnosis.suspects import judge, run_away
+from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
+from insgnss.filter.output.writing import Output
+from insgnss.filter.prediction import Imu
+from insgnss.filter.rows.lines import Epoch, Lines
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.fix import fix_epoch
+from insgnss.filter.state import Bank
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.status import GATED, USED
+from insgnss.tables import Event
+
+_WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
+_TELL_AGAIN_NS = 60 * NS_PER_S
+_LEAST_RANGES = 6  # fewer cannot tell a clock that stepped from a sensor that failed
+
+
+class Remedy(NamedTuple):
+    """What is to become of the filter."""
+
+    bank: Bank  # that goes on: the same or another one
+    events: list[Event]
+    give_up: str = ""  # why it is to start anew instead
+
+
+def _tells(lines: Lines) -> bool:
+    """Return whether an epoch has enough pseudoranges, used or refused, to say whose fault it is."""
+    status = lines["status"][:, PSEUDORANGE]
+    return int(np.sum((status == USED) | (status == GATED))) >= _LEAST_RANGES
+
+
+@dataclass
+class Health:
+    """What a filter remembers of itself, and how it is set right."""
+
+    setup: FilterSetup
+    resets_ns: list[int] = field(default_factory=list)
+    doubt: Doubt | None = None  # whether the filter is lost
+    past: Past = field(default_factory=Past)  # the last minute
+    told_ns: dict[str, int] = field(default_factory=dict)  # when something that lasts was told last
+
+    def copied(self) -> Health:
+        """Return a copy that shares nothing that changes."""
+        doubt = None if self.doubt is None else self.doubt.copied()
+        return replace(self, resets_ns=list(self.resets_ns), doubt=doubt, told_ns=dict(self.told_ns))
+
+    @property
+    def banks(self) -> list[Bank]:
+        """All that is carried along with the samples."""
+        return [] if self.doubt is None else [self.doubt.bank]
+
+    def stop(self, bank: Bank, rows: Rows, epoch: int, last: int) -> int:
+        """Return up to which epoch the filter may run before its health is to be looked at."""
+        if self.doubt is not None:
+            return epoch + 1
+        if not self.past.banks and len(bank.state) > 1:
+            return last
+        due_ns = int(bank.head[0].doubted_ns) if self.past.unclear_ns else self.past.due_ns
+        return min(max(int(np.searchsorted(rows.epoch_ns, due_ns)), epoch) + 1, last)
+
+    def is_due(self, bank: Bank, t_ns: int) -> bool:
+        """Return whether what was not clear yet is to be looked at again."""
+        return self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
+
+    def forget(self) -> None:
+        """Forget what concerns a filter that is no more."""
+        self.doubt, self.past, self.resets_ns = None, self.past.forgotten(), []
+
+    def suspect(self, bank: Bank, imu: Imu, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
+        """Look whose fault it is that the satellites contradict the prediction."""
+        if bank.head[0].heading_open == 1:
+            bank.head["doubted_ns"] = t_ns + self.past.respite_ns
+            return Remedy(bank, [])  # a heading that is not known yet explains what a sensor would
+        was = self.past.banks[:1]
+        if int(bank.state[0].crept_ns) == t_ns:
+            verdict, self.past = run_away(self.past, bank, self.setup, imu, parameters)
+        else:
+            verdict, self.past = judge(self.past, self.setup, imu, parameters)
+        bank.head["doubted_ns"] = t_ns + self.past.respite_ns
+        if verdict is None:
+            return Remedy(bank, [])
+        event = verdict_in_words(t_ns, was[0], verdict)
+        if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
+            return Remedy(bank, self._told(event))
+        verdict.bank.head[:] = bank.head
+        verdict.bank.head["renewed_ns"] = t_ns
+        self.doubt = None
+        return Remedy(verdict.bank, [event])
+
+    def recover(
+        self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any], space: Epoch
+    ) -> Remedy:
+        """Put a fix of the epoch on trial, or absorb a step of the clock that the refused rows agree on.
+
+        ``space`` holds the leader's lines and correction of the epoch.
+        """
+        t_ns = int(rows.epoch_ns[epoch])
+        health = self.setup.config.health
+        refusing = bool(bank.head[0].locked_out >= health.lockout_epochs)
+        bank.head["locked_out"] = 0
+        bank.head["strained_ns"] = 0
+        reason = (
+            f"most measurements refused for {health.lockout_epochs} epochs"
+            if refusing
+            else f"innovations far too large for {health.strain_s:.0f} s"
+        )
+        events: list[Event] = []
+        lines = space.lines[: rows.first[epoch + 1] - rows.first[epoch]]
+        tells = _tells(lines) and health.recovery
+        if len(bank.state) == 1 and t_ns >= bank.head[0].doubted_ns and tells:
+            found = self.suspect(bank, imu, t_ns, parameters)
+            if found.bank is not bank:
+                return found
+            events = found.events
+        kind = contradicted_kind(lines)
+        if kind is not None:
+            events += self._told(Event(t_ns, "kind_refused", f"{reason}: {kind}"))
+        fix = None
+        if not (refusing and is_thin(lines)):
+            max_gdop = self.setup.config.start.max_gdop
+            fix = fix_epoch(rows, epoch, parameters[0], self.setup.ties, max_gdop)
+        if fix is None or not fix.checked:
+            steps = self._steps(bank, rows, epoch, parameters, space) if refusing else []
+            events += steps
+            if not steps and kind is None:
+                events += self._told(Event(t_ns, "lockout", f"{reason}, and no fix to recover with"))
+        elif not health.recovery:
+            events += self._told(Event(t_ns, "lockout", f"{reason}, and recovery is switched off"))
+        elif self.doubt is None:
+            k = min(int(bank.head[0].next), len(imu.t_ns) - 1)
+            doubt = open_doubt(self.setup, bank, fix, imu.w_ib_b[k], t_ns, reason)
+            if is_lost(lines, fix):
+                done = self._set_right(bank, doubt.at_once(bank, not refusing), doubt, t_ns)
+                return done._replace(events=events + done.events)
+            self.doubt = doubt
+        return Remedy(bank, events)
+
+    def _steps(
+        self, bank: Bank, rows: Rows, epoch: int, parameters: npt.NDArray[Any], space: Epoch
+    ) -> list[Event]:
+        """Absorb the steps of the receiver clock that the refused rows agree on; return what there is to tell."""
+        par, P, t_ns = parameters[0], bank.P[bank.head[0].leader], int(rows.epoch_ns[epoch])
+        first, last = rows.first[epoch], rows.first[epoch + 1]
+        sv, correction = rows.observation["sv"][first:last], space.vectors[0, : len(P)]
+        steps = clock_steps(
+            space.lines[: last - first],
+            sv,
+            P,
+            correction,
+            (par.kind[PSEUDORANGE].gate2, par.kind[RANGE_RATE].gate2),
+        )
+        for step in steps:
+            absorb(bank, step, par.lever_b)
+            bank.head["renewed_ns"] = t_ns
+        return [in_words(t_ns, step, self.setup.config.health.lockout_epochs) for step in steps]
+
+    def weigh(
+        self,
+        doubt: Doubt,
+        bank: Bank,
+        imu: Imu,
+        rows: Rows,
+        epoch: int,
+        parameters: npt.NDArray[Any],
+        out: Output,
+    ) -> Remedy:
+        """Let an epoch say whether the filter is lost, and set it right when that is clear."""
+        t_ns = int(rows.epoch_ns[epoch])
+        found = doubt.take(bank, imu, rows, epoch, parameters, out)
+        if doubt.over:
+            self.doubt = None
+        if found is None:
+            return Remedy(bank, [])
+        return self._set_right(bank, found, doubt, t_ns)
+
+    def _set_right(self, bank: Bank, found: Bank, doubt: Doubt, t_ns: int) -> Remedy:
+        """Put what the rows bear out in the filter's place; give it up where that does not last."""
+        health = self.setup.config.health
+        self.past = self.past.forgotten()
+        found.head["renewed_ns"] = t_ns
+        recent = [t for t in self.resets_ns if t_ns - t <= health.lost_window_s * NS_PER_S]
+        self.resets_ns = [*recent, t_ns]
+        moved_m = float(np.linalg.norm(found.state["r_e"][0] - bank.state["r_e"][0]))
+        if len(self.resets_ns) > health.heading_lost_resets:
+            return Remedy(bank, [], f"{len(self.resets_ns)} resets within {health.lost_window_s:.0f} s")
+        if moved_m / WGS84_A_M > _WRONG_VERTICAL_RAD:  # by so much the vertical turns with the position
+            far = f"the position is {moved_m / 1000.0:.0f} km away: the attitude was levelled elsewhere"
+            return Remedy(bank, [], far)
+        return Remedy(found, [reset_in_words(t_ns, bank, found, doubt)])
+
+    def _told(self, event: Event) -> list[Event]:
+        """Return an event of something that lasts, once a minute at most."""
+        assert event.t_ns is not None
+        if event.t_ns - self.told_ns.get(event.kind, -_TELL_AGAIN_NS) < _TELL_AGAIN_NS:
+            return []
+        self.told_ns[event.kind] = event.t_ns
+        return [event]

@@ -1,0 +1,366 @@
+"""The last minute once more: the filter of a minute ago over the epochs since, one thing or another taken for wrong.
+
+The filter runs as it was; with the accelerometers' or the gyros' biases unknown from some instant on; without
+satellites that may run away; with time tags that are off. Its likelihood says how well each explains what was seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.past import Past, Stretch
+from insgnss.filter.diagnosis.ramps import ramp_evidence, ramps
+from insgnss.filter.diagnosis.tag_shifts import at_other_tags, later, summit
+from insgnss.filter.diagnosis.witnesses import (
+    MOST_SATELLITES,
+    Written,
+    fits,
+    most_satellites,
+    run_away_sets,
+    singles,
+    tag_error_s,
+)
+from insgnss.filter.loop import DONE, new_workspace
+from insgnss.filter.output.writing import new_output
+from insgnss.filter.own_update import run_beside
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
+from insgnss.filter.update.creeping import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows, some_epochs
+from insgnss.inertial.sensor_model import sensor_model
+from insgnss.status import DRIFTING, USED
+
+ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
+SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
+NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
+LAPSE = "lapse"  # of a sensor that lied for a moment and works again
+ANY = "any of these"
+_TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
+SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
+
+_ONSETS_S: Final = (
+    3.0,
+    5.0,
+    7.0,
+    9.0,
+    12.0,
+    15.0,
+    18.0,
+    22.0,
+    26.0,
+    32.0,
+    40.0,
+    50.0,
+)  # how long ago the fault may have begun
+_SIZE: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
+_NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
+WITHOUT_S: Final = 30.0  # for which satellites are left out
+_NOISE2: Final = 9.0
+_EARLIEST_S: Final = 90.0
+_LAPSE: Final = ((DR, 30.0), (DV, 10.0), (PSI, math.radians(10.0)))  # what a lie leaves behind [m, m/s, rad]
+_LARGEST: Final = 6.0 * _SIZE  # by so many a bias does not jump: the sensor itself has failed
+_HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless it is shown innocent before
+_TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
+_GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
+_SMALLEST_SHIFT_NS: Final = 10_000_000  # noise alone estimates some milliseconds
+_LONGEST_SHIFT_NS: Final = 110_000_000
+_STORMY: Final = 4.0  # by what a noise level rises when most rows of an epoch are noise
+_TAGS_EPOCHS: Final = 3
+
+
+class Verdict(NamedTuple):
+    """What has failed, the likelihood of the epochs if that is so, and the filter that knows of it."""
+
+    suspect: str
+    log_likelihood: float
+    bank: Bank
+    fits: bool
+    satellites: tuple[int, ...] = ()  # slots
+    rates_mps: tuple[float, ...] = ()  # at which these run away
+    size: float = 0.0  # of the time tags' error [s]
+
+
+class Hindsight:
+    """The filter of a minute ago and all that it could have known."""
+
+    def __init__(
+        self, past: Past, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any], span: tuple[int, int]
+    ) -> None:
+        """Run it as it was; ``span`` is where the judgement ends and the time of the last epoch."""
+        self.setup, self.imu = setup, imu
+        self.past, self.stretches = past, tuple(e.alone() for e in past.epochs)
+        self.end_ns, self.now_ns = span
+        self.parameters = quiet(parameters)
+        largest = max(int(np.diff(e.rows.first[e.first : e.last + 1]).max()) for e in past.epochs)
+        self.work = new_workspace(largest, setup.layout, setup.installation, setup.visibility_limits)
+        oldest_ns = int(past.banks[0].head[0].now_ns)
+        onsets_ns = [self.end_ns - int(onset_s * NS_PER_S) for onset_s in reversed(_ONSETS_S)]
+        bank = self.oldest()
+        self.before: list[Bank] = []
+        self.base: list[Written] = []
+        self.came_through = True
+        for stop_ns in [*(t for t in onsets_ns if t > oldest_ns), self.end_ns]:
+            written = self.until(bank, stop_ns)
+            if written is None:
+                self.came_through = False
+                return
+            self.base += written
+            self.before.append(copy_bank(bank))
+        self.as_it_was = float(bank.head[0].log_likelihood)
+
+    def oldest(self) -> Bank:
+        """Return the oldest filter of the past."""
+        bank = copy_bank(self.past.banks[0])
+        bank.head["heading_open"] = 0
+        bank.head["log_likelihood"] = 0.0
+        return bank
+
+    @property
+    def stormy(self) -> bool:
+        """Whether the noise of what the satellites show against each other has risen at a stroke."""
+        first, last = (bank.state["noise_factor"][0, :CARRIER] for bank in (self.before[0], self.before[-1]))
+        return bool(np.any(last > _STORMY * first))
+
+    def suspects(self) -> Iterator[Verdict]:
+        """Yield all that may have failed."""
+        for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE):
+            yield from self.sensor(suspect)
+        yield from self.without_satellites()
+        yield from self.other_tags()
+
+    def sensor(self, suspect: str) -> list[Verdict]:
+        """Return what comes of a sensor's fault that began at every other onset, then beside the best of these."""
+        found: dict[int, Verdict] = {}
+
+        def look(indices: Iterable[int]) -> None:
+            for i in indices:
+                if i in found or not 0 <= i < len(self.before) - 1:
+                    continue
+                bank = self.before[i]
+                for each in _TOGETHER.get(suspect, (suspect,)):
+                    bank = with_fault(bank, self.setup, each, earlier=i == 0)
+                verdict = self.verdict(suspect, bank, self.stretches)
+                if verdict is not None:
+                    found[i] = verdict._replace(fits=verdict.fits and self.plausible(verdict.bank))
+
+        look(range(0, len(self.before) - 1, 2))
+        if found:
+            best = max(found, key=lambda i: found[i].log_likelihood)
+            look((best - 1, best + 1))
+        return list(found.values())
+
+    def plausible(self, bank: Bank) -> bool:
+        """Return whether the biases are still those of a sensor that works: what lies or is stuck has no bias."""
+        sensor = sensor_model(self.setup.grade)
+        before = self.past.banks[0].state[0]
+        moved = (
+            np.abs(bank.state["b_a"][0] - before["b_a"]).max() / sensor.accel_bias.sigma,
+            np.abs(bank.state["b_g"][0] - before["b_g"]).max() / sensor.gyro_bias.sigma,
+        )
+        return bool(max(moved) < _LARGEST)
+
+    def other_tags(self) -> Iterator[Verdict]:
+        """Yield what comes of GNSS time tags that are off since a few seconds."""
+        rows = tuple((w, self.rows_at(w.t_ns)) for w in self.base[-_TAGS_EPOCHS:])
+        for start in self.before[-1 - _GNSS_TAGS_BACK : -1]:
+            found = self.shifted(GNSS_TAGS, copy_bank(start), -tag_error_s(rows))
+            if found is not None:
+                yield found
+
+    def other_imu_tags(self) -> Iterator[Verdict]:
+        """Yield what comes of inertial time tags that are off from the start on, at last between the best of these."""
+        found = {0.0: self.as_it_was}
+        for shift_s in _TAGS_S:
+            verdict = self.shifted(IMU_TAGS, at_other_tags(self.oldest(), shift_s), shift_s)
+            if verdict is not None:
+                found[shift_s] = verdict.log_likelihood
+                yield verdict
+        top_s = summit(found)
+        verdict = self.shifted(IMU_TAGS, at_other_tags(self.oldest(), top_s), top_s)
+        if verdict is not None:
+            yield verdict
+
+    def shifted(self, suspect: str, bank: Bank, shift_s: float) -> Verdict | None:
+        """Return what comes of time tags that are off by ``shift_s``; those of GNSS tell where the satellites were."""
+        shift_ns = int(shift_s * NS_PER_S)
+        if not _SMALLEST_SHIFT_NS < abs(shift_ns) < _LONGEST_SHIFT_NS:
+            return None
+        bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
+        satellites_s = shift_s if suspect == GNSS_TAGS else 0.0
+        shifted = tuple(e._replace(rows=later(e.rows, shift_ns, satellites_s)) for e in self.stretches)
+        found = self.verdict(suspect, bank, shifted, shift_ns)
+        return None if found is None else found._replace(size=shift_s)
+
+    def rows_at(self, t_ns: int) -> Rows:
+        """Return the rows of one epoch of the past."""
+        for stretch in self.stretches:
+            k = (
+                int(np.searchsorted(stretch.rows.epoch_ns[stretch.first : stretch.last], t_ns))
+                + stretch.first
+            )
+            if k < stretch.last and int(stretch.rows.epoch_ns[k]) == t_ns:
+                return some_epochs(stretch.rows, k, k + 1)
+        raise AssertionError("an epoch that was written is in the past")
+
+    def verdict(
+        self, suspect: str, bank: Bank, stretches: tuple[Stretch, ...], shift_ns: int = 0
+    ) -> Verdict | None:
+        """Return what comes of a suspicion."""
+        written = self.until(bank, self.end_ns + shift_ns, stretches)
+        if written is None:
+            return None
+        return Verdict(suspect, float(bank.head[0].log_likelihood), bank, fits(written, suspect in SENSORS))
+
+    def without_satellites(self) -> Iterator[Verdict]:
+        """Yield what comes of leaving out each satellite, and sets of two and three that run away from the others.
+
+        Candidate sets come from the range rates of the last seconds. Others add to the likeliest set the satellites
+        that still look like a ramp in the filter without it.
+        """
+        starts = [b for b in self.before[:-1] if self.end_ns - int(b.head[0].now_ns) <= WITHOUT_S * NS_PER_S]
+        most = most_satellites(self.base)
+        if not starts or most < 1:
+            return
+        heard: dict[tuple[int, ...], tuple[Verdict, list[Written]]] = {}
+
+        def hear(sets: Iterable[tuple[int, ...]]) -> None:
+            for satellites in sets:
+                found = (
+                    None
+                    if satellites in heard or len(satellites) > most
+                    else self.leaving_out(starts[0], satellites)
+                )
+                if found is not None:
+                    heard[satellites] = found
+
+        alone = singles(self.base, int(starts[0].head[0].now_ns))
+        hear((*alone, *run_away_sets(self.base, self.end_ns)))
+        for size in range(1, MOST_SATELLITES):
+            of_size = [found for satellites, found in heard.items() if len(satellites) == size]
+            if of_size:
+                verdict, written = max(of_size, key=lambda found: found[0].log_likelihood)
+                rest = [each for (each,) in alone if each not in verdict.satellites]
+                rest.sort(key=lambda each: -ramp_evidence(written, each, self.parameters[0]))
+                hear(tuple(sorted((*verdict.satellites, each))) for each in rest[: _NEXT[size]])
+        for verdict, _ in heard.values():
+            yield verdict
+
+    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[Written]] | None:
+        """Return what comes of leaving satellites out, their rows charged as those of ramps, and what was written."""
+        stretches = tuple(e._replace(rows=_without(e.rows, satellites)) for e in self.stretches)
+        bank = copy_bank(start)
+        written = self.until(bank, self.end_ns, stretches)
+        if written is None:
+            return None
+        since = [w for w in self.base if w.t_ns > int(start.head[0].now_ns)]
+        found = ramps(since, written, satellites, self.parameters[0])
+        total = float(bank.head[0].log_likelihood) + sum(each.log_likelihood for each in found)
+        rates = tuple(each.rate_mps for each in found)
+        return Verdict(SATELLITES, total, bank, fits(written, False), satellites, rates), written
+
+    def until(
+        self, bank: Bank, stop_ns: int, stretches: tuple[Stretch, ...] | None = None
+    ) -> list[Written] | None:
+        """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
+        told: list[Written] = []
+        for stretch in self.stretches if stretches is None else stretches:
+            times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
+            now_ns = int(bank.head[0].now_ns)
+            first, last = stretch.first + np.searchsorted(times_ns, [now_ns, stop_ns], side="right")
+            if last <= first:
+                continue
+            rows = some_epochs(stretch.rows, int(first), int(last))
+            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_values)
+            code = run_beside(bank, rows, self.imu, self.parameters, out, self.work, self.setup)
+            if code != DONE:
+                return None
+            slot = rows.observation["slot"]
+            for t_ns, i, j in zip(rows.epoch_ns, rows.first[:-1], rows.first[1:], strict=True):
+                told.append(Written(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
+        return told
+
+    def either(self, lapse: bool) -> Verdict | None:
+        """Return the filter to which both sensors are suspect, for as long as it is not clear which one it is.
+
+        ``lapse`` says whether one may have lied for a moment, too.
+        """
+        found = self.sensor(ANY if lapse else EITHER)
+        if not found:
+            return None
+        best = max(found, key=lambda v: v.log_likelihood)
+        return self.to_the_end(best._replace(suspect=EITHER))
+
+    def to_the_end(self, verdict: Verdict) -> Verdict | None:
+        """Return a verdict whose filter stands at the last epoch."""
+        if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
+            return verdict
+        stretches = tuple(e._replace(rows=_without(e.rows, verdict.satellites)) for e in self.stretches)
+        if self.until(verdict.bank, self.now_ns, stretches) is None:
+            return None
+        for satellite, rate in zip(verdict.satellites, verdict.rates_mps, strict=True):
+            of_it = verdict.bank.memory[0, satellite * N_BANDS : (satellite + 1) * N_BANDS]
+            of_it[:, RATE] = rate
+            of_it[:, RATE_S] = self.now_ns * 1e-9
+            of_it[:, RATE_SINCE_S] = self.now_ns * 1e-9 - _HELD_S
+            of_it[:, LEFT_OUT_S] = self.now_ns * 1e-9 + _HELD_S
+        return verdict
+
+
+def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the filter's numbers with nothing that stops the loop."""
+    calm = parameters.copy()
+    calm["suspicion_limit"] = 0.0
+    calm["lockout_epochs"] = math.inf
+    calm["strain_limit"] = math.inf
+    return calm
+
+
+def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
+    """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
+
+    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. On a
+    straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude by
+    psi = -C b t, with t uniform up to 90 s.
+    """
+    if suspect == NOISE:
+        found = copy_bank(bank)
+        found.state["noise_factor"][:, :CARRIER] *= _NOISE2
+        return found
+    if suspect == LAPSE:
+        found = copy_bank(bank)
+        for at, sigma in _LAPSE:
+            found.P[0, range(at, at + 3), range(at, at + 3)] += sigma**2
+        return found
+    sensor = sensor_model(setup.grade)
+    at, bias = (BA, sensor.accel_bias) if suspect == ACCELEROMETER else (BG, sensor.gyro_bias)
+    found = copy_bank(bank)
+    variance = (_SIZE * bias.sigma) ** 2
+    found.P[0, range(at, at + 3), range(at, at + 3)] += variance
+    if suspect == GYRO and earlier:
+        turned = _EARLIEST_S / 2.0 * variance * found.state[0].C_eb
+        found.P[0, PSI : PSI + 3, BG : BG + 3] -= turned
+        found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T
+        found.P[0, range(PSI, PSI + 3), range(PSI, PSI + 3)] += _EARLIEST_S**2 / 3.0 * variance
+    return found
+
+
+def _without(rows: Rows, satellites: tuple[int, ...]) -> Rows:
+    """Return rows without those of some satellites."""
+    if not satellites:
+        return rows
+    gone = np.isin(rows.observation["slot"] // N_BANDS, satellites)
+    observation = rows.observation.copy()
+    status = observation["status"]
+    status[gone[:, None] & (status == USED)] = DRIFTING
+    carrier = rows.carrier
+    if len(carrier):
+        carrier = carrier.copy()
+        carrier["status"][gone & (carrier["status"] == USED)] = DRIFTING
+    return rows._replace(observation=observation, carrier=carrier)

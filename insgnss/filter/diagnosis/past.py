@@ -1,0 +1,119 @@
+"""What the filter keeps of its last minute, to look at once more when it may have been wrong (``suspects``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.state import Bank, copy_bank
+from insgnss.gnss.observation_rows import Rows, some_epochs
+
+_EVERY_NS: Final = 15 * NS_PER_S
+_KEPT: Final = 5  # so the oldest is 60 to 75 s old
+_LEAST_NS: Final = 8 * NS_PER_S  # a shorter past tells nothing
+_MARGIN_NS: Final = 110_000_000  # time tags may be tried that are so much later than the newest sample allows
+_LOOK_AGAIN_NS: Final = 3 * NS_PER_S
+_MOST_IN_VAIN: Final = 8  # a quarter of an hour
+_FORGIVEN_NS: Final = 1800 * NS_PER_S
+
+
+class Stretch(NamedTuple):
+    """Epochs of a log that the filter went over."""
+
+    rows: Rows
+    first: int
+    last: int
+
+    def alone(self) -> Stretch:
+        """Return the epochs without the rest of their log; they share their memory with it."""
+        return Stretch(some_epochs(self.rows, self.first, self.last), 0, self.last - self.first)
+
+
+@dataclass(frozen=True)
+class Past:
+    """The filter as it stood, and the epochs since the oldest of that. Nothing in it is ever changed."""
+
+    banks: tuple[Bank, ...] = ()
+    epochs: tuple[Stretch, ...] = ()
+    unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
+    opened: bool = False  # whether both sensors are suspect meanwhile
+    suspected: tuple[int, ...] = ()  # satellites that were suspected at the last look
+    tag_error_s: float = 0.0  # of the inertial tags, as it seemed then
+    judged_ns: int = 0  # when it was last looked at
+    tags_ns: int = 0  # when other time tags were last tried
+    tags_off_ns: int = 0  # when they were last found to be off
+    in_vain: int = 0  # how often in a row without a result
+
+    @property
+    def respite_ns(self) -> int:
+        """For how long no suspicion is raised: longer and longer while nothing comes of it."""
+        return int(_LOOK_AGAIN_NS * 2 ** min(self.in_vain, _MOST_IN_VAIN))
+
+    @property
+    def due_ns(self) -> int:
+        """When the filter is to be kept next."""
+        return int(self.banks[-1].head[0].now_ns) + _EVERY_NS if self.banks else 0
+
+    def after(self, bank: Bank, rows: Rows, first: int, last: int) -> Past:
+        """Return the past after the epochs ``first`` to ``last - 1``."""
+        if len(bank.state) > 1:
+            return self.forgotten()
+        epochs = (*self.epochs, Stretch(rows, first, last)) if self.banks else ()
+        if int(bank.head[0].now_ns) < self.due_ns:
+            return replace(self, epochs=epochs)
+        banks = (*self.banks, copy_bank(bank))[-_KEPT:]
+        oldest_ns = int(banks[0].head[0].now_ns)
+        kept = tuple(e for e in epochs if int(e.rows.epoch_ns[e.last - 1]) > oldest_ns)
+        return replace(self, banks=banks, epochs=kept)
+
+    def judged(self) -> tuple[Past, tuple[int, int] | None]:
+        """Return the past as it is looked at now, where the judgement ends and the last epoch; None if it is too short.
+
+        The judgement ends a little before the last epoch, so that other time tags can be tried.
+        """
+        if not self.banks or not self.epochs:
+            return self, None
+        last = self.epochs[-1]
+        now_ns = int(last.rows.epoch_ns[last.last - 1])
+        in_vain = self.in_vain + 1 if now_ns - self.judged_ns < _FORGIVEN_NS else 0
+        past = replace(self, judged_ns=now_ns, in_vain=in_vain)
+        times_ns = np.concatenate([e.rows.epoch_ns[e.first : e.last] for e in self.epochs])
+        end = int(np.searchsorted(times_ns, now_ns - _MARGIN_NS, side="right")) - 1
+        oldest_ns = int(self.banks[0].head[0].now_ns)
+        if end < 0 or int(times_ns[end]) - oldest_ns < _LEAST_NS:
+            return past, None
+        return past, (int(times_ns[end]), now_ns)
+
+    def tags_are_due(self, every_ns: int) -> bool:
+        """Return whether other time tags are to be tried again."""
+        return self.judged_ns - self.tags_ns >= every_ns
+
+    def tags_were_off(self, within_ns: int) -> bool:
+        """Return whether time tags were found to be off of late."""
+        return self.tags_off_ns > 0 and self.judged_ns - self.tags_off_ns < within_ns
+
+    def of_late(self, since_ns: int) -> Past:
+        """Return the past from the youngest filter on that is ``since_ns`` old, from the oldest where none is."""
+        old = [b for b in self.banks if self.judged_ns - int(b.head[0].now_ns) >= since_ns]
+        return replace(self, banks=tuple(old[-1:]) or self.banks[:1])
+
+    def soon(self) -> Past:
+        """Return the past of which something explains much: it is worth another look before long."""
+        return replace(self, in_vain=min(self.in_vain, 1))
+
+    def after_verdict(self, renewed: bool) -> Past:
+        """Return the past once something has been found; what was before a new filter is of no use to it.
+
+        Time tags leave the filter as it is.
+        """
+        if renewed:
+            return Past(judged_ns=self.judged_ns, tags_ns=self.tags_ns, tags_off_ns=self.tags_off_ns)
+        return replace(self, unclear_ns=0, opened=False, tags_off_ns=self.judged_ns)
+
+    def forgotten(self) -> Past:
+        """Return an empty past."""
+        empty = self.after_verdict(True)
+        return replace(empty, in_vain=self.in_vain)

@@ -1,0 +1,157 @@
+"""What the rows of a satellite that is left out are worth: as those of one whose measurements run away at one rate.
+
+The filter that runs without a satellite tells what its rows would have shown. If it runs away from t1 on at a rate b,
+
+    range rate y = b + e,   pseudorange y = b (t - t1) + e,   carrier difference y = b dt + e, or e if it stays behind
+
+Integrated over b ~ N(0, s^2) and t1, that is a likelihood like that of the rows which the filter uses: it pays for its
+unknowns; noise does not look like a ramp.                                              [MacKay 2003, 28: Occam factor]
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.witnesses import OfKind, Written, used_and_refused
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.update.epoch_update import spread_of
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, N_KINDS, PSEUDORANGE, RANGE_RATE
+from insgnss.tables import Float64
+
+_RATE_MPS: Final = 2.0  # sigma of the rates at which satellites run away
+_ONSETS: Final = 12
+_RIDGE: Final = (
+    1e-6  # of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
+)
+
+
+class _Shown(NamedTuple):
+    """The rows of one kind of a satellite: what they would have shown, and when."""
+
+    kind: int
+    t_s: Float64
+    since_s: Float64  # the epoch before
+    innovation: Float64
+    variance: Float64
+    widened: Float64  # as the filter charges rows whose errors are alike
+
+
+class Ramp(NamedTuple):
+    """How well a satellite's rows fit a ramp, and which."""
+
+    log_likelihood: float
+    rate_mps: float
+
+
+def ramps(
+    base: list[Written], without: list[Written], satellites: tuple[int, ...], par: Parameters
+) -> tuple[Ramp, ...]:
+    """Return the ramp of each of ``satellites``.
+
+    Parameters
+    ----------
+    base, without : what the filter wrote of the same epochs with them and without them
+    """
+    return tuple(_ramp(_shown(base, without, satellites, each, par), base, par) for each in satellites)
+
+
+def ramp_evidence(written: list[Written], satellite: int, par: Parameters) -> float:
+    """Return how much better a satellite's rows fit a ramp than none, as they stand in what the filter wrote."""
+    shown = _shown(written, written, (), satellite, par)
+    if not shown:
+        return -math.inf
+    none = -0.5 * sum(float(np.sum(_cost(each, each.innovation, par))) for each in shown)
+    return max(_of_one(shown, carrier_too, par).log_likelihood for carrier_too in (True, False)) - none
+
+
+def _cost(shown: _Shown, rest: Float64, par: Parameters) -> Float64:
+    """Return what the filter charges for rows of which so much is left: q + ln S, and the gate for what is refused."""
+    gate2 = par.kind[shown.kind].gate2
+    cost = rest**2 / shown.widened + np.log(shown.widened)
+    return np.where(rest**2 > gate2 * shown.variance, gate2 + np.log(shown.variance), cost)
+
+
+def _ramp(shown: list[_Shown], base: list[Written], par: Parameters) -> Ramp:
+    """Return the ramp of a satellite; the carrier runs away, too, or it does not."""
+    in_view = len({int(k) for k in base[-1].slot // N_BANDS})
+    found = [_of_one(shown, carrier_too, par) for carrier_too in (True, False)] if shown else [Ramp(0.0, 0.0)]
+    every = float(np.logaddexp.reduce([each.log_likelihood for each in found])) - math.log(len(found))
+    rate = max(found, key=lambda each: each.log_likelihood).rate_mps
+    return Ramp(every - math.log(max(in_view, 1)), rate)  # it could have been any of them
+
+
+def _of_one(shown: list[_Shown], carrier_too: bool, par: Parameters) -> Ramp:
+    """Return the ramp that a satellite's rows show.
+
+    Equation: L = sum_j L_j / n over the onsets, L_j = exp(-sum (q + ln S) / 2 - b^2 / (2 s^2)) / sqrt(1 + a s^2) with
+              a = sum h^2 / S, b = sum h y / S / (a + 1 / s^2), q = (y - h b)^2 / S, at most the gate's
+    """
+    first, last = min(each.t_s[0] for each in shown), max(each.t_s[-1] for each in shown)
+    onset = first + (last - first) * np.arange(_ONSETS) / _ONSETS
+    h = [_response(each, onset[:, None], carrier_too) for each in shown]
+    a = sum(np.sum(k**2 / each.widened, axis=1) for k, each in zip(h, shown, strict=True))
+    y = sum(k @ (each.innovation / each.widened) for k, each in zip(h, shown, strict=True))
+    rate = y / (a + _RATE_MPS**-2)
+    found = -0.5 * (rate**2 / _RATE_MPS**2 + np.log(1.0 + a * _RATE_MPS**2))
+    for k, each in zip(h, shown, strict=True):
+        found -= 0.5 * np.sum(_cost(each, each.innovation - k * rate[:, None], par), axis=1)
+    every = float(np.logaddexp.reduce(found)) - math.log(_ONSETS)
+    return Ramp(every, float(rate[np.argmax(found)]))
+
+
+def _response(shown: _Shown, onset_s: Float64, carrier_too: bool) -> Float64:
+    """Return by how much a ramp of 1 m/s moves each row (onsets, rows)."""
+    if shown.kind == RANGE_RATE:
+        return np.asarray(shown.t_s > onset_s, np.float64)
+    if shown.kind == PSEUDORANGE:
+        return np.maximum(shown.t_s - onset_s, 0.0)
+    moved = np.maximum(shown.t_s - np.maximum(shown.since_s, onset_s), 0.0)
+    return moved if carrier_too else np.zeros_like(moved)
+
+
+def _shown(
+    base: list[Written], without: list[Written], satellites: tuple[int, ...], satellite: int, par: Parameters
+) -> list[_Shown]:
+    """Return what a satellite's rows of each kind would have shown the filter that runs without it.
+
+    Equation: y' = y + g dx, dx the least-squares change of antenna and clock that the other rows' innovations show
+    Neglects: that a constellation's own clock offset may have changed, too.
+    """
+    told = [k for k, epoch in enumerate(base) if len(epoch.slot)]
+    sizes = [len(base[k].slot) for k in told]
+    t_s, since_s = (np.repeat([base[k].t_ns / NS_PER_S for k in at], sizes) for at in (told, _before(told)))
+    satellite_of = np.concatenate([base[k].slot for k in told]) // N_BANDS
+    u_n = np.concatenate([base[k].ledger["u_n"] for k in told])
+    G = np.column_stack((-u_n, np.ones(len(u_n))))
+    step_s = float(np.median(np.diff([epoch.t_ns for epoch in base]))) / NS_PER_S if len(base) > 1 else 1.0
+    shown = []
+    for kind in range(N_KINDS if len(base[-1].carrier) else CARRIER):
+        before = OfKind(*map(np.concatenate, zip(*(base[k].of_kind(kind) for k in told), strict=True)))
+        after = np.concatenate([without[k].of_kind(kind).innovation for k in told])
+        own = (satellite_of == satellite) & np.any(used_and_refused(before.status), axis=0)
+        if not own.any():
+            continue
+        moved = after - before.innovation
+        dx = _common_change(G, np.where(np.isin(satellite_of, satellites), np.nan, moved), sizes)
+        y = before.innovation + np.sum(G * np.repeat(dx, sizes, axis=0), axis=1)
+        S, D = before.variance.astype(float), before.predicted
+        widened = D + spread_of(par, kind, step_s) * (S - D)
+        shown.append(_Shown(kind, *(column[own] for column in (t_s, since_s, y, S, widened))))
+    return shown
+
+
+def _before(epochs: list[int]) -> list[int]:
+    return [epochs[0], *epochs[:-1]]
+
+
+def _common_change(G: Float64, moved: Float64, sizes: list[int]) -> Float64:
+    """Return the least-squares dx (epochs, 4) of each epoch's rows: moved = G dx, rows without a number left out."""
+    told = np.isfinite(moved)
+    G, moved = np.where(told[:, None], G, 0.0), np.where(told, moved, 0.0)
+    first = np.cumsum([0, *sizes[:-1]])
+    N = np.add.reduceat(G[:, :, None] * G[:, None, :], first) + _RIDGE * np.eye(4)
+    return np.asarray(np.linalg.solve(N, np.add.reduceat(G * moved[:, None], first)[..., None])[..., 0])

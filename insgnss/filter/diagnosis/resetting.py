@@ -1,0 +1,83 @@
+"""Setting a hypothesis right: its position, velocity and clock by a fix, its biases and attitude by doubt."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.filter.start.fix import Fix
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.inertial.sensor_model import SensorModel
+from insgnss.tables import Float64
+
+_RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
+_DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
+_RESET_VELOCITY_FLOOR_MPS = 0.1
+_RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
+
+
+def reset_kinematics(
+    m: np.record,
+    P: Float64,
+    fix: Fix,
+    lever_b: Float64,
+    n_offsets: int,
+    w_ib_b: Float64,
+    inter_system_sigma_m: float,
+) -> None:
+    """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states.
+
+    Equation: r_e = r_a - C l, v_e = v_a - C (w x l) + w_ie x C l, w the gyros' rate less its bias; what the attitude's
+    variance makes of the lever arm l is added to both.
+
+    Parameters
+    ----------
+    w_ib_b : (3,) the gyros' rate at the fix [rad/s]
+    inter_system_sigma_m : of a clock offset that the fix does not tell
+    """
+    states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
+    kept = P[DV : DV + 3, DV : DV + 3].copy()
+    P[states, :] = 0.0
+    P[:, states] = 0.0
+    reference = int(np.flatnonzero(np.isfinite(fix.clocks))[0])
+    l_e, turning = m.C_eb @ lever_b, np.cross(w_ib_b - m.b_g, lever_b)
+    attitude = float(np.trace(P[PSI : PSI + 3, PSI : PSI + 3]))
+    m.r_e[:] = fix.r_a - l_e
+    of_lever = attitude * float(lever_b @ lever_b)
+    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + (_RESET_BIAS_SIGMA_M**2 + of_lever) * np.eye(3)
+    m.clock[0] = fix.clocks[reference]
+    P[CLOCK, CLOCK] = fix.P[3 + reference, 3 + reference] + _RESET_BIAS_SIGMA_M**2
+    if fix.v_a is not None:
+        earth_rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
+        m.v_e[:] = fix.v_a - m.C_eb @ turning + np.cross(earth_rate, l_e)
+        of_lever = attitude * float(turning @ turning)
+        P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + (_RESET_VELOCITY_FLOOR_MPS**2 + of_lever) * np.eye(3)
+        m.clock[1] = fix.drift
+        P[DRIFT, DRIFT] = fix.P_v[3, 3]
+    else:
+        P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
+        P[DRIFT, DRIFT] = 10.0**2
+    m.clone_ns = 0
+    for i in range(OFFSETS, OFFSETS + n_offsets):
+        group = i - OFFSETS + 1
+        known = math.isfinite(fix.clocks[group]) and reference == 0
+        m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
+        P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else inter_system_sigma_m**2
+
+
+def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
+    """Doubt the biases of a hypothesis and widen its attitude: what it has made of them went astray.
+
+    The biases keep their values: most of what a sensor is off by is there from the start on.
+    """
+    biases = slice(BA, BG + 3)
+    P[biases, :] = 0.0
+    P[:, biases] = 0.0
+    u = m.r_e / np.linalg.norm(m.r_e)  # up, to a fifth of a degree
+    accel = sensor.accel_bias_variances(m.C_eb.T @ u)
+    for i in range(3):
+        P[BA + i, BA + i] = accel[i]
+        P[BG + i, BG + i] = sensor.gyro_bias.sigma**2
+        P[PSI + i, PSI + i] += _DOUBTED_ATTITUDE_RAD**2

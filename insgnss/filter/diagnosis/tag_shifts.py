@@ -1,0 +1,47 @@
+"""A filter and its rows if the time tags were off: what they become, and which offset explains most."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.filter.state import Bank
+from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.gnss.observation_rows import Rows
+
+
+def at_other_tags(bank: Bank, late_s: float) -> Bank:
+    """Return a filter whose inertial tags turn out to be late: its true GNSS time is earlier than its tags say.
+
+    Equation: r <- r - v dt, v <- v - (f + g - 2 w x v) dt, clock <- clock - drift dt; the attitude is the sensors' own
+    """
+    for m in bank.state:
+        g_e = np.zeros(3)
+        normal_gravity_ecef(m.r_e, g_e)
+        x, y, _ = m.v_e
+        g_e += 2.0 * WGS84_OMEGA_RADPS * np.array([y, -x, 0.0])
+        m.r_e -= late_s * m.v_e
+        m.v_e -= late_s * (m.f_smooth + g_e)
+        m.clock[0] -= late_s * m.clock[1]
+    return bank
+
+
+def summit(found: dict[float, float]) -> float:
+    """Return where the parabola through the largest of some values and its neighbours is largest; 0 at the ends."""
+    at = sorted(found)
+    best = max(range(len(at)), key=lambda i: found[at[i]])
+    if not 0 < best < len(at) - 1:
+        return 0.0
+    x = np.array(at[best - 1 : best + 2])
+    second, first, _ = np.polyfit(x, [found[k] for k in x], 2)
+    return float(-0.5 * first / second) if second < 0.0 else 0.0
+
+
+def later(rows: Rows, shift_ns: int, satellites_s: float) -> Rows:
+    """Return rows with other time tags, the satellites carried on by ``satellites_s``."""
+    sat = rows.sat
+    if satellites_s != 0.0:
+        sat = sat.copy()
+        sat[:, :3] += satellites_s * sat[:, 3:6]
+    before_ns = rows.before_ns + shift_ns * (rows.before_ns != 0)
+    return rows._replace(epoch_ns=rows.epoch_ns + shift_ns, before_ns=before_ns, sat=sat)

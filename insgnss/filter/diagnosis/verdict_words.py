@@ -1,0 +1,70 @@
+"""What the filter tells of a fault that it has found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.filter.diagnosis.hindsight import (
+    ACCELEROMETER,
+    EITHER,
+    GNSS_TAGS,
+    GYRO,
+    IMU_TAGS,
+    LAPSE,
+    SATELLITES,
+    Verdict,
+)
+from insgnss.filter.state import BA, BG, Bank
+from insgnss.gnss.observation_rows import satellite_name
+from insgnss.tables import Event
+
+
+def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
+    """Return the event of a verdict; ``was`` is the filter before the fault."""
+    if verdict.suspect == SATELLITES:
+        names = ", ".join(sorted(satellite_name(slot) for slot in verdict.satellites))
+        detail = (
+            f"{names}: code and Doppler run away from those of all others; left out, the last minute anew"
+        )
+        return Event(t_ns, "satellite_suspect", detail)
+    if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
+        late = "inertial" if verdict.suspect == IMU_TAGS else "GNSS"
+        size = abs(verdict.size)
+        sign = "late" if (verdict.size > 0.0) == (verdict.suspect == IMU_TAGS) else "early"
+        detail = (
+            f"the {late} time tags are about {size:.2f} s {sign}: what the satellites show goes with the motion;"
+            " the sigmas do not know of it"
+        )
+        return Event(t_ns, "time_tag_suspect", detail)
+    if verdict.suspect == LAPSE:
+        detail = "an inertial sensor has lied for a moment: attitude, velocity and position are learnt anew"
+        return Event(t_ns, "sensor_suspect", detail)
+    if verdict.suspect == EITHER:
+        detail = (
+            "an accelerometer or gyro bias has jumped, and it is not clear yet which; both are learnt anew"
+        )
+        return Event(t_ns, "sensor_suspect", detail)
+    return Event(t_ns, "sensor_suspect", _of_sensor(was, verdict))
+
+
+def _of_sensor(was: Bank, verdict: Verdict) -> str:
+    before, after, P = was.state[0], verdict.bank.state[0], verdict.bank.P[0]
+    name, at = ("b_a", BA) if verdict.suspect == ACCELEROMETER else ("b_g", BG)
+    moved = after[name] - before[name]
+    sigma = np.sqrt(P[range(at, at + 3), range(at, at + 3)])
+    size = np.abs(moved)
+    named = (size > 3.0 * sigma) & (size > 0.3 * size.max())
+    if not named.any():
+        named = size / sigma == (size / sigma).max()
+    axes = "/".join(np.array(list("xyz"))[named])
+    scale, unit = (
+        (math.degrees(3600.0), "deg/h") if verdict.suspect == GYRO else (1e3 / STANDARD_GRAVITY_MPS2, "mg")
+    )
+    by = ", ".join(f"{value:.1f}" for value in moved * scale)
+    within = ", ".join(f"{value:.1f}" for value in sigma * scale)
+    return (
+        f"{verdict.suspect} {axes}: its bias has jumped by ({by}) {unit}, sigma ({within}); it is learnt anew"
+    )

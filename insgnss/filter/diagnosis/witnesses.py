@@ -1,0 +1,175 @@
+"""What the ledger of the last seconds says: which satellites run away from the others, and how late the tags are."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.output.writing import Table
+from insgnss.filter.update.creeping import RATE_FLOOR2
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, Rows
+from insgnss.status import GATED, INCONSISTENT, USED
+from insgnss.tables import Float64, Int64
+
+MOST_SATELLITES: Final = 3
+_TELLING_S: Final = 5.0  # over which the means of the range rates say which satellites run away
+_COUNTING_S: Final = 12.0
+_FAR2: Final = 2.5**2
+_MOST_CANDIDATES: Final = 9
+_LEAST_AGREEING: Final = 5
+_FEW: Final = 3
+_FITS: Final = (0.75, 0.85)  # share of the rows of each kind that must fit what is believed
+_FITTING_EPOCHS: Final = 5
+_LARGEST_NIS: Final = (2.5, 1.7)  # in the mean of the rows that fit
+
+
+class OfKind(NamedTuple):
+    """The ledger's columns of one kind."""
+
+    innovation: Float64
+    variance: Float64
+    predicted: Float64
+    status: Int64
+
+
+class Written(NamedTuple):
+    """What the filter wrote of an epoch."""
+
+    t_ns: int
+    slot: Int64
+    ledger: Table
+    carrier: Table  # (0,) where no carrier is used
+
+    def of_kind(self, kind: int) -> OfKind:
+        """Return what it wrote of the rows of one kind."""
+        if kind == CARRIER:
+            return OfKind(*(self.carrier[name] for name in OfKind._fields))
+        return OfKind(*(self.ledger[name][:, kind] for name in OfKind._fields))
+
+
+def used_and_refused(status: Int64) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return which rows of a status were used, and which were refused because they contradict the filter."""
+    return status == USED, (status == GATED) | (status == INCONSISTENT)
+
+
+def judged(status: Int64) -> tuple[int, int]:
+    """Return how many rows of a status were used, and how many refused."""
+    used, refused = used_and_refused(status)
+    return int(np.sum(used)), int(np.sum(refused))
+
+
+def fits(written: list[Written], strict: bool) -> bool:
+    """Return whether most rows of each kind fit in the last epochs, and in the mean as well as they should.
+
+    ``strict`` is for what explains much in any case: sensors whose errors are unknown.
+    """
+    if not written:
+        return False
+    ledger = np.concatenate([w.ledger for w in written[-_FITTING_EPOCHS:]])
+    for kind in range(2):
+        status = ledger["status"][:, kind]
+        used, refused = judged(status)
+        if used + refused < _FEW:
+            continue
+        if used < _FITS[strict] * (used + refused):
+            return False
+        row = ledger[status == USED]
+        nis = row["innovation"][:, kind] ** 2 / row["variance"][:, kind]
+        if float(nis.mean()) > _LARGEST_NIS[strict]:
+            return False
+    return True
+
+
+def singles(written: list[Written], since_ns: int) -> list[tuple[int, ...]]:
+    """Return each satellite of the epochs after ``since_ns`` as a set of its own, also one that has set meanwhile."""
+    slots = [w.slot for w in written if w.t_ns > since_ns]
+    return [(int(name),) for name in np.unique(np.concatenate(slots) // N_BANDS)] if slots else []
+
+
+def most_satellites(written: list[Written]) -> int:
+    """Return how many satellites may be left out: five must be left that agree, or they agree on anything."""
+    told = [w.slot[np.any(used_and_refused(w.ledger["status"]), axis=(0, 2))] for w in written[-1:]]
+    in_view = len({int(slot) // N_BANDS for slots in told for slot in slots})
+    return min(MOST_SATELLITES, in_view - _LEAST_AGREEING)
+
+
+def run_away_sets(written: list[Written], end_ns: int) -> list[tuple[int, ...]]:
+    """Return sets of one, two and three satellites that may run away, by two witnesses.
+
+    The means of the last seconds' range rates tell by what the satellites show against each other, whatever the filter
+    believes. What each of them showed against the prediction, many times beyond two and a half sigmas, tells where
+    those are too few for that.
+    """
+    by_means = _apart_from_the_others([w for w in written if end_ns - w.t_ns <= _TELLING_S * NS_PER_S])
+    by_count = _often_far_off([w for w in written if end_ns - w.t_ns <= _COUNTING_S * NS_PER_S])
+    return list(dict.fromkeys(tuple(sorted(chosen)) for chosen in (*by_means, *by_count)))
+
+
+def _often_far_off(written: list[Written]) -> list[tuple[int, ...]]:
+    """Return the one, two and three satellites whose range rates were far from the prediction most often."""
+    often: Counter[int] = Counter()
+    for epoch in written:
+        status = epoch.ledger["status"][:, RANGE_RATE]
+        told = (status == USED) | (status == GATED)
+        ledger, slot = epoch.ledger[told], epoch.slot[told]
+        far = ledger["innovation"][:, RANGE_RATE] ** 2 > _FAR2 * ledger["variance"][:, RANGE_RATE]
+        often.update(int(number) for number in np.unique(slot[far] // N_BANDS))
+    names = [number for number, count in often.most_common(MOST_SATELLITES) if count >= _FEW]
+    return [tuple(names[: i + 1]) for i in range(len(names))]
+
+
+def _apart_from_the_others(written: list[Written]) -> list[tuple[int, ...]]:
+    """Return the one, two and three satellites without which the means of the range rates agree best.
+
+    Equation: the set without which the weighted sum of squares of the means' parity part is least, see ``integrity``
+    """
+    sums: dict[int, Any] = {}
+    for epoch in written:
+        status = epoch.ledger["status"][:, RANGE_RATE]
+        for k in np.flatnonzero((status == USED) | (status == GATED)):
+            entry = epoch.ledger[k]
+            r = float(entry.variance[RANGE_RATE] - entry.predicted[RANGE_RATE])
+            row = np.array([1.0, entry.innovation[RANGE_RATE], r, *(-entry.u_n), 1.0])
+            total = sums.setdefault(int(epoch.slot[k]) // N_BANDS, np.zeros(7))
+            total += row
+    names = [number for number, total in sums.items() if total[0] >= _FEW]
+    if len(names) <= _LEAST_AGREEING:
+        return []
+    table = np.array([sums[number] / sums[number][0] for number in names])
+    count = np.array([sums[number][0] for number in names])
+    weight = 1.0 / np.sqrt(table[:, 2] / count + RATE_FLOOR2)
+    y, G = table[:, 1] * weight, table[:, 3:] * weight[:, None]
+
+    def left(out: tuple[int, ...]) -> float:
+        keep = np.delete(np.arange(len(names)), out)
+        x = np.linalg.lstsq(G[keep], y[keep], rcond=None)[0]
+        return float(np.sum((y[keep] - G[keep] @ x) ** 2))
+
+    likely = sorted(range(len(names)), key=lambda i: left((i,)))[:_MOST_CANDIDATES]
+    sizes = range(1, min(MOST_SATELLITES, len(names) - _LEAST_AGREEING) + 1)
+    best = [min(itertools.combinations(likely, size), key=left) for size in sizes]
+    return [tuple(names[i] for i in chosen) for chosen in best]
+
+
+def tag_error_s(epochs: tuple[tuple[Written, Rows], ...]) -> float:
+    """Return by how much the GNSS tags seem to be late: their error moves each satellite by its own range rate.
+
+    Equation: y = -dt (rate - mean rate) + common, by least squares over the last epochs
+    """
+    above = below = 0.0
+    for written, rows in epochs:
+        status = written.ledger["status"][:, 0]
+        told = (status == USED) | (status == GATED)
+        rate = (rows.observation["value"][:, RANGE_RATE] + rows.sat[:, 7])[told]
+        y = written.ledger["innovation"][told, 0]
+        told = np.isfinite(rate) & np.isfinite(y)
+        if np.sum(told) > _LEAST_AGREEING:
+            apart = rate[told] - rate[told].mean()
+            above -= float(apart @ y[told])
+            below += float(apart @ apart)
+    return above / below if below > 0.0 else 0.0

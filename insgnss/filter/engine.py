@@ -1,0 +1,399 @@
+"""The streaming engine: the same filter as ``replay``, fed sample by sample, with GNSS epochs that may arrive late.
+
+It keeps the filter as it stood after each recent epoch. An epoch that arrives late is put in its place: the filter goes
+back to the state before it and runs forward again over the samples and epochs since. Rows of a time tag that it knows
+already join that epoch, which is done again in the same way. An epoch outside the inertial samples is passed over, once
+it is certain that none will come. So what the engine says of an epoch in the end is, bit for bit, what ``replay`` says.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.epoch_tables import empty_epoch, epochs_of, tag_of
+from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream
+from insgnss.filter.imu.samples import SampleBuffer
+from insgnss.filter.imu.tag_guard import TagGuard
+from insgnss.filter.loop import write_between
+from insgnss.filter.navigator import Navigator, Snapshot
+from insgnss.filter.output.writing import NAV_COLUMNS, Output, mark_without_imu, new_output
+from insgnss.filter.own_rows.ledger import OwnResults
+from insgnss.filter.own_update import carry_through
+from insgnss.filter.prediction import carry_bank
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.soundness import is_finite
+from insgnss.filter.start.carried_start import Carried, kept_over
+from insgnss.filter.state import copy_bank
+from insgnss.filter.update.masking import still_uncertain
+from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gnss.plausible_messages import refused_messages
+from insgnss.gnss.table_joining import joined
+from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
+from insgnss.tables import Event, GnssTable
+
+_LONG_AGO_NS = -(2**62)
+_HISTORY_S = 6.0  # of samples behind the oldest state kept: what a start looks back on
+
+
+@dataclass(frozen=True)
+class NavState:
+    """The filter's answer at the time of the newest inertial sample; ``values`` has the columns of ``run.nav``."""
+
+    t_ns: int
+    started: bool
+    values: dict[str, float]
+
+
+@dataclass
+class EpochResult:
+    """What became of one epoch: its rows and the loop's output for them."""
+
+    t_ns: int
+    gnss: GnssTable
+    rows: Rows
+    out: Output
+
+
+@dataclass
+class _Kept:
+    """The filter after an epoch (or at a settled time)."""
+
+    t_ns: int
+    saved: Snapshot
+
+
+class Engine:
+    """A live filter.
+
+    ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
+    setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
+    what has become final since the last call, ``engine.events`` all that happened.
+    """
+
+    def __init__(self, setup: FilterSetup) -> None:
+        """Make an engine for a filter's setup (``insgnss.log_replay.setup_filter`` makes one from a flight)."""
+        self._setup = setup
+        self._messages: BroadcastMessages | None = None
+        if setup.navigation is not None:
+            self._messages = broadcast_messages(
+                setup.navigation, max_age_s=setup.config.measurements.max_ephemeris_age_s
+            )
+        self._samples = SampleBuffer()
+        self._stream = SampleStream(setup)
+        self._tags = TagGuard()
+        self._arrived: deque[Sample | Cut | Event] = deque()  # screened, not used yet
+        self._latency_ns = int(setup.config.latency_s * NS_PER_S)
+        # events of stretches that have ended, and of refusals
+        self._done: list[Event] = refused_messages(setup.navigation)
+        self._final: list[EpochResult] = []
+        self._waiting: list[GnssTable] = []  # epochs ahead of the samples, in the order of time
+        self._recent: list[EpochResult] = []  # processed, but still within the latency
+        self._own = OwnResults(setup.own)
+        self._last_settled: GnssTable | None = None  # the newest epoch older than those
+        self._closed_ns = _LONG_AGO_NS  # epochs up to here are final, whatever the latency
+        self._first_ns = _LONG_AGO_NS  # first sample of the unbroken stretch
+        self._started = False  # in a stretch that has ended
+        self._begin()
+
+    def _begin(self, carried: Carried | None = None) -> None:
+        """Start over with an empty filter: at first, and after a gap too long to bridge."""
+        self._navigator = Navigator(self._setup)
+        given = self._setup.start is not None and not self._started
+        self._navigator.starter.begin(given=given, carried=carried)
+        self._kept: list[_Kept] = []
+        self._live: Any = None
+        self._keep(_LONG_AGO_NS)
+
+    def imu(self, t_ns: int, gyro_radps: npt.ArrayLike, accel_mps2: npt.ArrayLike) -> None:
+        """Take one inertial sample: the mean over the interval since the sample before, body axes.
+
+        A sample that is not later than the one before is refused with an event, and so is a tag far ahead of those that
+        follow. What the values say of a sample may have to wait for the next ones: the filter takes it then.
+        """
+        w, f = np.asarray(gyro_radps, np.float64), np.asarray(accel_mps2, np.float64)
+        tagged = self._tags.take(int(t_ns), w, f)
+        self._done += tagged.events
+        if tagged.set_back:
+            self._set_back()
+        for sample in tagged.samples:
+            self._arrived += self._stream.take(*sample)
+            self._process(sample[0])
+
+    def _process(self, now_ns: int) -> None:
+        """Use what has arrived; before a cut wait for the epochs that may still come from the time before it."""
+        while self._arrived:
+            found = self._arrived[0]
+            if isinstance(found, Cut) and now_ns <= found.last_ns + self._latency_ns:
+                return
+            self._arrived.popleft()
+            if isinstance(found, Event):
+                self._done.append(found)
+            elif isinstance(found, Cut):
+                self._cut(found)
+            else:
+                self._accept(found)
+
+    def _accept(self, sample: Sample) -> None:
+        """Take a sample that has been found sound."""
+        if self._samples.last_ns is None:
+            self._first_ns = sample.t_ns
+        self._samples.append(*sample[:4])
+        self._insert_waiting(sample.t_ns - 1)
+        self._carry_live()
+        if sample.logged:
+            self._at_sample(sample.t_ns)
+        if self._insert_waiting(sample.t_ns):
+            self._carry_live()
+        self._settle()
+
+    def _insert_waiting(self, until_ns: int) -> bool:
+        """Process the epochs that were ahead of the samples; return whether there was one."""
+        some = False
+        while self._waiting:
+            t_ns = tag_of(self._waiting[0])
+            if t_ns > until_ns or self._waits(t_ns):
+                break
+            self._insert(self._waiting.pop(0))
+            some = True
+        return some
+
+    def _waits(self, t_ns: int) -> bool:
+        """Return whether samples are still to come at or after a time.
+
+        A single sample between gaps is no stretch that a filter could run over: its own epoch waits for the second.
+        """
+        newest = self._samples.last_ns
+        return newest is None or t_ns > newest or t_ns == newest == self._first_ns
+
+    def _at_sample(self, t_ns: int) -> None:
+        """Do what there is to be done at each sample, the filter carried to it; here nothing."""
+
+    def gnss(self, epoch: GnssTable) -> None:
+        """Take one or more GNSS epochs, whole or in parts: rows of one time tag make one epoch, in the order they come.
+
+        What is older than the latency is refused with an event.
+        """
+        for part in epochs_of(epoch):
+            t_ns, newest = tag_of(part), self._samples.last_ns
+            if t_ns <= self._closed_ns or (newest is not None and t_ns < newest - self._latency_ns):
+                self._refuse(part)
+            elif self._waits(t_ns):
+                at = bisect_left(self._waiting, t_ns, key=tag_of)
+                known = [e for e in self._waiting[at : at + 1] if tag_of(e) == t_ns]
+                self._waiting[at : at + len(known)] = [joined([*known, part])]
+            else:
+                known = [r.gnss for r in self._recent if r.t_ns == t_ns]
+                self._insert(joined([*known, part]))
+                self._carry_live()
+
+    @property
+    def state(self) -> NavState:
+        """The navigation state at the newest inertial sample."""
+        newest = self._samples.last_ns
+        if self._live is None or newest is None:
+            return NavState(newest or 0, False, {})
+        rows = self._rows(empty_epoch())
+        out = self._output(rows)
+        work = self._navigator.workspace(rows)
+        par = self._navigator.parameters[0]
+        write_between(self._live, newest, self._samples.view(), par, out, work)
+        if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
+            return NavState(newest, False, {})
+        values = {name: float(v) for name, v in zip(NAV_COLUMNS, out.nav["value"][0], strict=True)}
+        further = self._setup.layout.in_columns(out.optional[0])
+        return NavState(newest, True, values | {name: float(value) for name, value in further.items()})
+
+    @property
+    def events(self) -> list[Event]:
+        """All events so far, in the order of their time."""
+        both = self._done + self._told()
+        return sorted(both, key=lambda e: -1 if e.t_ns is None else e.t_ns)
+
+    def _told(self) -> list[Event]:
+        """Return what the filter of this stretch has told so far."""
+        open_now = still_uncertain(self._navigator.bank, self._setup.config.visibility)
+        return self._navigator.events + open_now
+
+    def take_results(self, *, all_of_them: bool = False) -> list[EpochResult]:
+        """Return the epochs that have become final (older than the latency), each once; or all, at the end of a log.
+
+        At the end of a log the epochs after the last sample have no inertial samples.
+        """
+        if all_of_them:
+            self._process(2**62)
+            if self._samples.last_ns is not None:
+                self._use_own_rows(self._samples.last_ns)
+                self._navigator.note_silence(self._samples.last_ns)
+            while self._waiting:
+                self._insert(self._waiting.pop(0))
+            self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
+        taken, self._final = self._final, []
+        return taken
+
+    def _use_own_rows(self, until_ns: int) -> None:
+        """Carry the filter by way of the own rows that no epoch comes before any more, and use them."""
+        if self._setup.own is not None:
+            rows = self._rows_for_size()
+            self._navigator.use_own_rows(self._samples.view(), rows, until_ns, self._output(rows))
+
+    def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> Rows:
+        """Return an epoch's rows; the carrier's differences need the epoch before it."""
+        if before is None or not self._setup.with_carrier:
+            return self._setup.rows(epoch, self._messages)
+        both = self._setup.rows(joined([before, epoch]), self._messages)
+        rows = from_epoch(both, len(both.epoch_ns) - 1)
+        rows.observation["sv"] = epoch.sv  # numbered as in the epoch's own table
+        return rows
+
+    def _output(self, rows: Rows) -> Output:
+        return new_output(rows, 1, 32, np.zeros(0, np.int64), self._setup.layout.n_values)
+
+    def _cut(self, cut: Cut) -> None:
+        """Begin anew, with what the filter leaves behind."""
+        last_ns = self._samples.last_ns
+        assert last_ns is not None  # a cut has a sample before it
+        self._started = self._started or self._navigator.started_ns is not None
+        self._done += self._told()
+        while self._waiting and tag_of(self._waiting[0]) <= last_ns:  # at a sample that stayed alone
+            self._insert(self._waiting.pop(0))
+        self._use_own_rows(last_ns)
+        kept = self._navigator.leave(self._samples.view())
+        self._own.keep(self._navigator.own, (self._first_ns, last_ns))
+        self._close(last_ns)
+        self._samples.clear()
+        self._begin(None if kept is None else kept_over(kept, cut))
+
+    def _set_back(self) -> None:
+        """Begin anew after tags that were wrong: what they made of the filter goes with them."""
+        self._done += self._told()
+        self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
+        self._own.keep(self._navigator.own, (self._first_ns, self._samples.last_ns or self._first_ns))
+        self._samples.clear()
+        self._arrived.clear()
+        self._stream = SampleStream(self._setup)
+        self._begin()
+
+    def _close(self, t_ns: int) -> None:
+        """Make all epochs that were processed final; none up to ``t_ns`` is taken any more."""
+        if self._recent:
+            self._last_settled = self._recent[-1].gnss
+        self._final += self._recent
+        self._recent = []
+        del self._kept[:-1]
+        self._closed_ns = max(self._closed_ns, t_ns)
+
+    def _insert(self, epoch: GnssTable) -> None:
+        """Put an epoch in its place, also in that of its own earlier rows, and run forward over it and those after it.
+
+        One outside the inertial samples leaves the filter as it is, and no state is kept of it.
+        """
+        t_ns, n_kept = tag_of(epoch), len(self._kept)
+        later = [r.gnss for r in self._recent if r.t_ns > t_ns]
+        self._recent = [r for r in self._recent if r.t_ns < t_ns]
+        while len(self._kept) > 1 and self._kept[-1].t_ns >= t_ns:
+            self._kept.pop()
+        if len(self._kept) < n_kept:
+            self._navigator.restore(self._kept[-1].saved)
+            self._navigator.forget_own(self._kept[-1].t_ns)
+        for gnss in [epoch, *later]:
+            rows = self._rows(gnss, self._recent[-1].gnss if self._recent else self._last_settled)
+            result = EpochResult(tag_of(gnss), gnss, rows, self._output(rows))
+            if result.t_ns < self._first_ns or self._waits(result.t_ns):
+                mark_without_imu(result.out.ledger, result.out.carrier)
+            else:
+                self._navigator.run(self._samples.view(), rows, 0, 1, result.out)
+                self._keep(result.t_ns)
+                self._live = None
+            self._recent.append(result)
+
+    def _keep(self, t_ns: int) -> None:
+        self._kept.append(_Kept(t_ns, self._navigator.snapshot()))
+
+    def _carry_live(self) -> None:
+        """Bring the copy that answers ``state`` to the newest sample."""
+        bank = self._navigator.bank
+        newest = self._samples.last_ns
+        if bank is None or newest is None:
+            self._live = None
+            return
+        if self._live is None:
+            self._live = copy_bank(bank)
+        work, samples = self._navigator.workspace(self._rows_for_size()), self._samples.view()
+        carry_through(self._live, newest, self._setup, samples, self._navigator.parameters, work.scratch)
+        carry_bank(self._live, newest, samples, self._navigator.parameters[0], work.scratch)
+        lead = self._live.head[0].leader
+        if not is_finite(self._live.state[lead], self._live.P[lead]):
+            self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
+
+    def _rows_for_size(self) -> Rows:
+        return self._recent[-1].rows if self._recent else self._rows(empty_epoch())
+
+    def _settle(self) -> None:
+        """Let go of what no late epoch can reach any more: states, epochs and samples."""
+        newest = self._samples.last_ns
+        if newest is None:
+            return
+        horizon = newest - self._latency_ns
+        self._navigator.note_silence(horizon)
+        while len(self._kept) > 1 and self._kept[1].t_ns < horizon:
+            self._kept.pop(0)
+        while self._recent and self._recent[0].t_ns < horizon:
+            self._last_settled = self._recent[0].gnss
+            self._final.append(self._recent.pop(0))
+        bank = self._navigator.bank
+        if len(self._kept) == 1 and bank is not None and horizon - bank.head[0].now_ns > NS_PER_S:
+            # a long outage: carry the filter itself on, at whole samples, which changes no bit
+            stop, samples = self._samples.last_before(horizon), self._samples.view()
+            work, parameters = self._navigator.workspace(self._rows_for_size()), self._navigator.parameters
+            self._use_own_rows(stop)
+            for each in self._navigator.banks:
+                carry_through(each, stop, self._setup, samples, parameters, work.scratch)
+                carry_bank(each, stop, samples, parameters[0], work.scratch)
+            self._kept = []
+            self._keep(stop)
+        if bank is None and self._navigator.starter.given:
+            return  # the given state's own time is still to be reached
+        oldest = min(
+            [horizon, self._oldest_state_ns(), *(int(each.head[0].now_ns) for each in self._navigator.banks)]
+        )
+        dropped = self._samples.drop_before(oldest - int(_HISTORY_S * NS_PER_S))
+        if dropped:
+            self._shift(dropped)
+
+    def _oldest_state_ns(self) -> int:
+        return min((int(bank.head[0].now_ns) for bank in self._kept[0].saved.banks), default=2**62)
+
+    def _shift(self, dropped: int) -> None:
+        """Let every kept state count its samples from the buffer's new first one."""
+        banks = [
+            *self._navigator.banks,
+            *self._navigator.health.past.banks,
+            *(bank for kept in self._kept for bank in kept.saved.banks),
+        ]
+        if self._live is not None:
+            banks.append(self._live)
+        for bank in {id(bank): bank for bank in banks}.values():  # what is never changed is shared
+            bank.head["next"] -= dropped
+
+    def _refuse(self, epoch: GnssTable) -> None:
+        rows = self._rows(epoch)
+        result = EpochResult(tag_of(epoch), epoch, rows, self._output(rows))
+        for ledger in (result.out.ledger, result.out.carrier):
+            # read by itself, its carriers had no epoch before them
+            reached = (ledger["status"] == USED) | (ledger["status"] == NO_EPOCH_BEFORE)
+            ledger["status"][reached] = TOO_LATE
+        late = ((self._samples.last_ns or result.t_ns) - result.t_ns) / NS_PER_S
+        limit = self._latency_ns / NS_PER_S
+        detail = f"a GNSS epoch {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"
+        if late <= limit:
+            detail = "a GNSS epoch not later than what is final already: refused"
+        self._done.append(Event(result.t_ns, "too_late", detail))
+        self._final.append(result)

@@ -1,0 +1,25 @@
+"""What may help the filter at an epoch from outside of the compiled loop, as the navigator sees it.
+
+Only the interface stands here: a filter that nobody helps does not load what the help is made of.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.state import Bank
+from insgnss.tables import Event, Float64
+
+
+class EpochAid(Protocol):
+    """A stage that follows each epoch's own update, with a memory of its own."""
+
+    def use(self, bank: Bank, t_ns: int, w_ib_b: Float64, par: Parameters) -> tuple[Bank, int]:
+        """Update a bank that stands at an epoch; return it and how many measurements were used."""
+
+    def take_events(self) -> list[Event]:
+        """Return the events since the last call."""
+
+    def snapshot(self) -> EpochAid:
+        """Return a copy of the memory."""

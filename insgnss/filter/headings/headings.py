@@ -1,0 +1,148 @@
+"""The headings of a bank: what an epoch's likelihood says of them, and which of them are still different, compiled.
+
+Two hypotheses that agree to half a sigma are one Gaussian again; one that is wider than a filter can be linear in is to
+be split (``heading_bank`` does both).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from insgnss.apart import apart
+from insgnss.filter.headings.motion import sees_earth_rate
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.state import PSI, Bank, StateRecord
+from insgnss.geodesy.local_level import up_direction
+from insgnss.jit import borrowing, inlined
+from insgnss.tables import Float64
+
+_SAME_HEADING: Final = 0.5  # sigmas of the lighter one
+_SAME_HEADING_RAD: Final = math.radians(
+    5.0
+)  # and no farther: together they are as linear as each of them was
+_SMALLEST_DIFFERENCE_RAD: Final = 0.02
+
+
+@borrowing
+def yaw_variance(m: StateRecord, P: Float64) -> float:
+    """Return the variance of the rotation about the local vertical [rad^2]."""
+    up = up_direction(m.r_e)
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += up[i] * P[PSI + i, PSI + j] * up[j]
+    return total
+
+
+@borrowing
+def turn_about(m: StateRecord, other: StateRecord) -> float:
+    """Return the turn about the vertical that brings ``m`` nearest to the attitude of ``other`` [rad]."""
+    p, q = other.q_eb, m.q_eb  # p (x) conj(q)
+    c = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
+    x = -p[0] * q[1] + p[1] * q[0] - p[2] * q[3] + p[3] * q[2]
+    y = -p[0] * q[2] + p[2] * q[0] - p[3] * q[1] + p[1] * q[3]
+    z = -p[0] * q[3] + p[3] * q[0] - p[1] * q[2] + p[2] * q[1]
+    up = up_direction(m.r_e)
+    sine = x * up[0] + y * up[1] + z * up[2]
+    return 2.0 * (math.atan2(sine, c) if c >= 0.0 else math.atan2(-sine, -c))
+
+
+@borrowing
+def heading_variance(bank: Bank) -> float:
+    """Return the variance of the heading about the leader's, of all hypotheses together [rad^2]."""
+    lead = bank.state[bank.head[0].leader]
+    total = 0.0
+    for i in range(bank.state.shape[0]):
+        m = bank.state[i]
+        total += math.exp(m.log_weight) * (yaw_variance(m, bank.P[i]) + turn_about(lead, m) ** 2)
+    return total
+
+
+@apart
+@borrowing
+def is_prunable(bank: Bank, i: int, drop: float) -> bool:
+    """Return whether hypothesis ``i`` can go: of negligible weight, or the same heading as a heavier one."""
+    return bank.state[i].log_weight < drop or same_heading(bank, i) >= 0
+
+
+@borrowing
+def same_heading(bank: Bank, i: int) -> int:
+    """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 where there is none."""
+    state = bank.state
+    own = math.sqrt(max(yaw_variance(state[i], bank.P[i]), 0.0))
+    nearest = max(_SMALLEST_DIFFERENCE_RAD, min(_SAME_HEADING * own, _SAME_HEADING_RAD))
+    for j in range(state.shape[0]):
+        heavier = state[j].log_weight > state[i].log_weight or (
+            state[j].log_weight == state[i].log_weight and j < i
+        )
+        if heavier:
+            c = 0.0
+            for k in range(4):
+                c += state[i].q_eb[k] * state[j].q_eb[k]
+            angle = 2.0 * math.acos(min(1.0, abs(c)))
+            if angle < nearest:
+                return j
+    return -1
+
+
+@inlined
+def needs_pruning(bank: Bank, drop: float) -> bool:
+    """Return whether the bank holds a hypothesis that can go."""
+    n = bank.state.shape[0]
+    if n > 1:
+        for i in range(n):
+            if is_prunable(bank, i, drop):
+                return True
+    return False
+
+
+@inlined
+def is_wide(bank: Bank, widest: float) -> bool:
+    """Return whether the variance of a hypothesis' heading is above ``widest`` [rad^2]."""
+    for i in range(bank.state.shape[0]):
+        if yaw_variance(bank.state[i], bank.P[i]) > widest:
+            return True
+    return False
+
+
+@inlined
+def weigh_headings(bank: Bank, par: Parameters) -> None:
+    """Multiply the weights by the likelihood of an epoch, as far as shown motion can carry it.
+
+    Equation: log w_i += rho log L_i, rho = min(1, sum_i w_i sum_rows (h q_i)^2 / S_i), q_i the response to the motion
+    that was shown. Without motion the hypotheses differ in nothing but the direction in which they integrate the
+    accelerometers' noise: their likelihood ratio is a driftless random walk that would choose one in the end.
+    The factor is common to all, so it favours none. Hypotheses that differ in more than their headings (a given start
+    against others, a filter against a fix) are weighed in full.
+    """
+    state, lead = bank.state, bank.head[0].leader
+    carried = 0.0
+    for i in range(state.shape[0]):
+        carried += math.exp(state[i].log_weight) * state[i].motion_information
+    all_of_it = par.motion_gate2 <= 0.0 or bank.head[0].more_than_headings == 1
+    all_of_it = all_of_it or sees_earth_rate(state[lead], bank.P[lead])
+    share = 1.0 if all_of_it else min(carried, 1.0)
+    for i in range(state.shape[0]):
+        lost = state[i].log_likelihood == -math.inf
+        state[i].log_weight += state[i].log_likelihood if lost else share * state[i].log_likelihood
+    normalise_weights(bank)
+
+
+@inlined
+def normalise_weights(bank: Bank) -> None:
+    """Make the weights sum to one and name the heaviest hypothesis the leader; leave them where all are lost."""
+    state = bank.state
+    lead = 0
+    for i in range(1, state.shape[0]):
+        if state[i].log_weight > state[lead].log_weight:
+            lead = i
+    top = state[lead].log_weight
+    bank.head[0].leader = lead
+    if top == -math.inf:
+        return
+    total = 0.0
+    for i in range(state.shape[0]):
+        total += math.exp(state[i].log_weight - top)
+    for i in range(state.shape[0]):
+        state[i].log_weight -= top + math.log(total)

@@ -1,0 +1,1 @@
+"""Inertial samples on their way into the filter: gaps, bad samples, spikes, sensors that are out."""

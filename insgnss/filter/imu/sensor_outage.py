@@ -1,0 +1,133 @@
+"""A sensor that is out: an axis that holds its value, or that stands at the end of its range; compiled.
+
+A sound sensor repeats a value now and then: how often, its own resolution and its noise say, and what the log has shown
+so far. A run that these would bring once in a million million samples is an outage. Where a sensor is as coarse as its
+noise, no run is long enough, and nothing is tested: what it hides is less than a step of its resolution.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from insgnss.apart import apart
+from insgnss.filter.imu.screen_state import SATURATED, STUCK, ScreenRecord
+from insgnss.jit import inlined
+from insgnss.tables import Float64
+
+WINDOW: Final = 100  # samples, in which repeats are counted
+SHOWN: Final = 300  # samples before anything is tested: what the log usually does must be seen first
+COARSE: Final = 0.6  # share of repeats above which an axis is not tested
+LEAST_RUN: Final = 8
+_RARE: Final = math.log(1e-12)
+# Sensors may be quieter than their grade, by smoothing or luck, and then repeat themselves more
+QUIETER: Final = 0.3
+AT_RANGE: Final = 0.999  # of the declared range, or of the largest value seen, as in ``log.imu_faults``
+# How long a rate or a specific force stays alike: turns and manoeuvres of vehicles take seconds
+MOTION_TIME_S: Final = 2.0
+OUT_S: Final = 4.0  # seconds of change that a sensor which is out may hide at least: 10 deg/s, 2 m/s^2
+SATURATED_S: Final = 16.0  # 20 deg/s, 4 m/s^2 beyond its range
+
+
+@inlined
+def needed_run(s: ScreenRecord, axis: int) -> int:
+    """Return how many repeats in a row are an outage; 0: the axis is too coarse, or not seen for long enough.
+
+    Equation: p^n < 1e-12, with p the larger of the log's share of repeats and r / (2 sqrt(pi) sigma), which is the
+    probability that two values of a noise sigma fall into the same step r of the resolution
+    """
+    if s.n_steps < SHOWN:
+        return 0
+    sigma = QUIETER * math.sqrt(s.noise_density[axis // 3] / s.step)
+    share = max(s.most_repeats[axis], 1e-3)
+    if s.finest[axis] >= 3.5 * COARSE * sigma:
+        return 0
+    share = max(share, s.finest[axis] / (3.5 * sigma))
+    if share > COARSE:
+        return 0
+    return max(LEAST_RUN, math.ceil(_RARE / math.log(share)))
+
+
+@apart
+def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
+    """Return whether an axis that holds its value at sample ``k`` of ``x`` (n, 3) is out from there on.
+
+    STUCK or SATURATED when it is, 0 when not, -1 when that takes samples which are not there yet.
+    """
+    needed = needed_run(s, axis)
+    if needed == 0:
+        return 0
+    i = axis % 3
+    run, j = s.run[axis] + 1, k + 1
+    while run < needed and j < x.shape[0] and x[j, i] == x[k, i]:
+        run += 1
+        j += 1
+    if run >= needed:
+        return stuck_kind(s, axis, x[k, i])
+    return -1 if j == x.shape[0] else 0
+
+
+@inlined
+def note_repeats(s: ScreenRecord, x: Float64) -> None:
+    """Count a sample's repeats, after it has been judged; an axis that is out tells nothing of the sound one."""
+    for axis in range(6):
+        change = abs(x[axis] - s.x[axis])
+        if change == 0.0:
+            s.run[axis] += 1
+            s.repeats[axis] += 1 if s.out[axis] == 0 else 0
+        else:
+            s.run[axis] = 0
+            s.fresh[axis] = s.x[axis]
+            s.finest[axis] = min(s.finest[axis], change)
+        if s.out[axis] == 0:
+            s.largest[axis // 3] = max(s.largest[axis // 3], abs(x[axis]))
+    s.window += 1
+    if s.window == WINDOW:
+        for axis in range(6):
+            if (s.run[axis] < WINDOW // 2 and s.out[axis] == 0) or s.n_steps < SHOWN:
+                s.most_repeats[axis] = max(s.most_repeats[axis], s.repeats[axis] / WINDOW)
+            s.repeats[axis] = 0
+        s.window = 0
+
+
+@inlined
+def stuck_kind(s: ScreenRecord, axis: int, value: float) -> int:
+    """Return whether a value that is held is the largest of the log: then the sensor is rather saturated."""
+    largest = abs(value) >= AT_RANGE * s.largest[axis // 3] and value != 0.0
+    return SATURATED if largest else STUCK
+
+
+@inlined
+def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
+    """Return what stands for the value of an axis that is out.
+
+    The value before it fades to the mean; a saturated one stays, as the truth lies beyond it.
+    """
+    if s.out[axis] == SATURATED:
+        return value
+    kept = math.exp(-s.out_s[axis // 3] / MOTION_TIME_S)
+    stands: float = s.usual[axis] + kept * (s.fresh[axis] - s.usual[axis])
+    return stands
+
+
+@inlined
+def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
+    """Return the variance of the motion that a sensor which is out does not show [rad^2/s^2] or [m^2/s^4].
+
+    It is what the log has shown, at least what may change in some seconds; where a sensor is saturated the motion is
+    violent, by how much nobody knows.
+    """
+    seconds = SATURATED_S if saturated else OUT_S
+    variance: float = max(s.most_spread2[sensor], seconds * s.least_change[sensor])
+    return variance
+
+
+@inlined
+def unknown_density(s: ScreenRecord, sensor: int, variance: float) -> float:
+    """Return the density with which the unknown motion enters angle or velocity [rad^2/s] or [m^2/s^3].
+
+    Equation: 2 sigma^2 T (1 - exp(-t/T))^2 of a Gauss-Markov rate that was known at t = 0
+    """
+    grown = 1.0 - math.exp(-s.out_s[sensor] / MOTION_TIME_S)
+    density: float = 2.0 * variance * MOTION_TIME_S * grown * grown
+    return density

@@ -1,0 +1,82 @@
+"""Samples that no sensor or no vehicle gives: impossible values, and spikes that leap away and back; compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from insgnss.apart import apart
+from insgnss.filter.imu.screen_state import ACCEL, GYRO, ScreenRecord
+from insgnss.jit import inlined
+from insgnss.tables import Float64, Int64
+
+WARM: Final = 50  # samples that must have been seen before a spike is one
+# A spike leaps and returns within a step: what vehicles do stays below (racing drones 300 rad/s^2, shocks of 5 g in
+# 10 ms), a slow log's mean over its step below the second number
+SLEW: Final = (75.0, 2500.0)  # [rad/s^2], [m/s^3]
+SLEW_MOST: Final = (3.0, 60.0)  # [rad/s], [m/s^2]
+ALONE: Final = 5  # samples before and after a spike without another: vibration leaps again and again
+NEAR_STEPS: Final = 3.5  # typical steps to the sample before, within which a leap is one
+
+
+@inlined
+def is_possible(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
+    """Return whether a sensor can have given sample ``k``; what is not a number is not smaller than anything."""
+    for i in range(3):
+        if not (abs(w[k, i]) <= s.limit[GYRO] and abs(f[k, i]) <= s.limit[ACCEL]):
+            return False
+    return True
+
+
+@inlined
+def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> int:
+    """Return 1 or 2 when sample ``k`` is a spike of the gyros or the accelerometers, 0 when not, -1 when undecided."""
+    if s.spike_sigma <= 0.0 or s.n_wiggles < WARM or s.n == 0:
+        return 0
+    if (t_ns[k] - s.t_ns) * 1e-9 > NEAR_STEPS * s.step:
+        return 0
+    for sensor in range(2):
+        x = w if sensor == GYRO else f
+        limit2 = max(s.spike_sigma * s.spike_sigma * s.wiggle2[sensor], least_spike(s, sensor) ** 2)
+        if leap(s, x, k, sensor) ** 2 <= limit2:
+            continue
+        found = stands_alone(s, w, f, k, sensor, math.sqrt(limit2)) if s.calm >= ALONE else 0
+        if found < 0:
+            return -1
+        s.calm = 0
+        if found > 0:
+            return sensor + 1
+    return 0
+
+
+@inlined
+def leap(s: ScreenRecord, x: Float64, k: int, sensor: int) -> float:
+    """Return by how much sample ``k`` differs from the newest one taken, the largest axis."""
+    most = 0.0
+    for i in range(3):
+        most = max(most, abs(x[k, i] - s.x[3 * sensor + i]))
+    return most
+
+
+@apart
+def stands_alone(s: ScreenRecord, w: Float64, f: Float64, k: int, sensor: int, limit: float) -> int:
+    """Return 1 when the samples after ``k`` are back where it leapt from, 0 when not, -1 when they are missing."""
+    x = w if sensor == GYRO else f
+    n, j = 0, k + 1
+    while n < ALONE and j < w.shape[0]:
+        if is_possible(s, w, f, j):
+            off = 0.0
+            for i in range(3):
+                off = max(off, abs(x[k, i] - 0.5 * (x[j, i] + s.x[3 * sensor + i])))
+            if off <= limit or leap(s, x, j, sensor) >= 0.5 * off:
+                return 0
+            n += 1
+        j += 1
+    return 1 if n == ALONE else -1
+
+
+@inlined
+def least_spike(s: ScreenRecord, sensor: int) -> float:
+    """Return by how much a spike stands out at least, whatever the noise [rad/s] or [m/s^2]."""
+    least: float = min(SLEW[sensor] * s.step, SLEW_MOST[sensor])
+    return least

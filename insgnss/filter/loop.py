@@ -1,0 +1,344 @@
+"""The compiled loop over a log: carry the bank to each epoch, update it, write what came of it.
+
+The streaming engine calls the same function with one epoch at a time: both give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.antenna.installation import Installation
+from insgnss.antenna.visibility import Limits
+from insgnss.apart import apart
+from insgnss.filter.headings.headings import heading_variance, is_wide, needs_pruning, weigh_headings
+from insgnss.filter.headings.sideslip import note_sideslip
+from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
+from insgnss.filter.layout import Layout
+from insgnss.filter.output.tracing import copy_matrix, write_trace
+from insgnss.filter.output.writing import (
+    CLOCK_STEP,
+    DRIFT_STEP,
+    MASKING_ON,
+    MASKING_UNCERTAIN,
+    MASKING_WAITS,
+    MEASUREMENTS_BACK,
+    NO_MEASUREMENTS,
+    Output,
+    Table,
+    log_event,
+    mixture_covariance,
+    write_ledger,
+    write_nav,
+)
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.rows.lines import Epoch
+from insgnss.filter.soundness import is_sound
+from insgnss.filter.state import DV, OFFSETS, Bank, HeadRecord, StateRecord, copy_state, new_bank
+from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_update import Outcome, update_epoch
+from insgnss.filter.update.masking import NO_LIMITS, Masking, new_masking
+from insgnss.gnss.observation_rows import Rows
+from insgnss.jit import borrowing, inlined
+from insgnss.tables import Float64
+
+# why the loop stopped
+DONE: Final = 0  # all epochs processed
+LOCKOUT: Final = 1  # most rows of a kind refused for too long
+PRUNE: Final = 2  # a hypothesis is negligible, or has the heading of a heavier one
+COVARIANCE_LOST: Final = 3  # the state is not finite any more, or a variance not positive
+HEADING_KNOWN: Final = 4  # its sigma fell below the limit
+HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one filter can be linear in
+SUSPICION: Final = 6  # all satellites contradict the prediction again and again, or one has run away
+
+_FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
+_UNCERTAIN_APART_S = (
+    10.0  # satellites at an edge come and go: uncertainty that returns within it is one event
+)
+SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
+
+
+class Workspace(NamedTuple):
+    """All work space of the loop, allocated once per log."""
+
+    epoch: Epoch
+    scratch: Scratch
+    spare: Bank  # one member: the leader carried on to an output time
+    P_out: Float64  # (n, n)
+    masking: Masking
+
+
+def new_workspace(
+    rows_per_epoch: int,
+    layout: Layout,
+    installation: Installation | None = None,
+    limits: Limits = NO_LIMITS,
+) -> Workspace:
+    """Return work space for epochs of at most ``rows_per_epoch`` rows and the error states of ``layout``.
+
+    ``installation`` and ``limits`` are those of the visibility stage.
+    """
+    n = OFFSETS + layout.n_optional
+    epoch = new_epoch(rows_per_epoch, n, layout.at_clone)
+    masking = new_masking(installation, limits)
+    return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
+
+
+@apart
+def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
+    """Carry the whole bank to ``stop_ns`` by way of the trace's times, writing the output times before it on the way.
+
+    All that the bank is carried by way of are whole samples, which changes no bit of the filter; an output between
+    samples is made on a copy of the leader. Times of the trace up to a start are passed over: there was no filter.
+    """
+    count, traced = out.counts[0], out.trace.counts[0]
+    head = bank.head[0]
+    while True:
+        goal_ns = stop_ns
+        writes = count.time < out.times_ns.shape[0] and out.times_ns[count.time] < stop_ns
+        if writes:
+            goal_ns = newest_sample(head, imu, out.times_ns[count.time])
+        traces = traced.next < out.trace.times_ns.shape[0] and out.trace.times_ns[traced.next] <= goal_ns
+        if traces:
+            goal_ns = out.trace.times_ns[traced.next]
+            traced.next += 1
+        ahead = goal_ns > head.now_ns
+        carry_bank(bank, goal_ns, imu, par, work.scratch)
+        if traces:
+            if ahead:
+                asked_for = out.trace.is_epoch[traced.next - 1]
+                write_trace(bank, goal_ns, asked_for, par, out.trace, work.P_out, work.scratch)
+        elif writes:
+            t_ns = out.times_ns[count.time]
+            count.time += 1
+            if t_ns >= head.now_ns:
+                write_between(bank, t_ns, imu, par, out, work)
+        else:
+            return
+
+
+@inlined
+def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
+    """Return the time of the last sample up to ``t_ns``, the bank's own where none lies between."""
+    k = head.next
+    whole_ns: int = head.now_ns
+    while k < imu.t_ns.shape[0] and imu.t_ns[k] <= t_ns:
+        whole_ns = imu.t_ns[k]
+        k += 1
+    return whole_ns
+
+
+@inlined
+def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
+    """Write a navigation row at ``t_ns`` from a copy of the leader."""
+    head = bank.head[0]
+    spare = work.spare
+    copy_state(bank.state[head.leader], spare.state[0])
+    copy_matrix(bank.P[head.leader], spare.P[0])
+    spare.head[0].now_ns, spare.head[0].next = head.now_ns, head.next
+    carry_bank(spare, t_ns, imu, par, work.scratch)
+    predict_covariance(spare.state[0], spare.P[0], par, work.scratch)
+    nothing_used = 0 * head.leader
+    write_row(bank, spare, nothing_used, t_ns, nothing_used, out, work)
+
+
+@apart
+@borrowing
+def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Output, work: Workspace) -> None:
+    """Write a row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
+    n_hypotheses = bank.state.shape[0]
+    if n_hypotheses > 1:
+        mixture_covariance(bank, work.P_out)
+    else:
+        copy_matrix(source.P[i], work.P_out)
+    write_nav(out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, n_used, n_hypotheses)
+
+
+@inlined
+def current_sample(bank: Bank, imu: Imu) -> int:
+    """Return the index of the inertial sample whose rate holds at the bank's time."""
+    k: int = bank.head[0].next
+    if k >= imu.t_ns.shape[0] or imu.t_ns[k - 1] == bank.head[0].now_ns:
+        return k - 1
+    return k
+
+
+@borrowing
+def run_epochs(
+    bank: Bank,
+    first: int,
+    last: int,
+    rows: Rows,
+    imu: Imu,
+    parameters: Table,
+    drop: float,
+    out: Output,
+    work: Workspace,
+) -> tuple[int, int]:
+    """Process the epochs ``first`` to ``last - 1``; return why it stopped and the epoch after the one it stopped at.
+
+    Parameters
+    ----------
+    parameters : (1,) of ``PARAMETERS_DTYPE``
+    drop : logarithm of the weight below which a hypothesis is negligible
+    """
+    par = parameters[0]
+    head = bank.head[0]
+    count = out.counts[0]
+    for epoch in range(first, last):
+        t_ns = rows.epoch_ns[epoch]
+        advance(bank, t_ns, imu, par, out, work)
+        k = current_sample(bank, imu)
+        done = update_bank(bank, epoch, rows, imu.w_ib_b[k], imu.f_b[k], par, out, work)
+        if bank.state.shape[0] == 1:
+            note_sideslip(head, bank.state[0], bank.P[0], t_ns)
+        if k < imu.unknown.shape[0] and imu.unknown[k, 0] > 0.0:
+            widen_velocity(bank, imu.unknown[k, 0], par)
+        head.epoch_step_ns = t_ns - head.epoch_ns
+        head.epoch_ns = t_ns
+        at_time = count.time < out.times_ns.shape[0] and out.times_ns[count.time] == t_ns
+        if at_time:
+            count.time += 1
+        if bank.state[head.leader].log_likelihood == -math.inf:
+            return COVARIANCE_LOST, epoch + 1
+        if at_time or out.times_ns.shape[0] == 0:
+            write_row(bank, bank, head.leader, t_ns, done.ranges_used, out, work)
+        n_ranges, n_rates = done.ranges_used + done.ranges_refused, done.rates_used + done.rates_refused
+        few = max(n_ranges, n_rates) < _FEW
+        locked = mostly(done.ranges_used, done.ranges_refused, few)
+        locked = locked or mostly(done.rates_used, done.rates_refused, few)
+        head.locked_out = head.locked_out + 1 if locked else 0
+        if not done.strain > par.strain_limit:
+            head.strained_ns = 0
+        elif head.strained_ns == 0:
+            head.strained_ns = t_ns
+        strained = head.strained_ns != 0 and (t_ns - head.strained_ns) * 1e-9 >= par.strain_time
+        if head.locked_out >= par.lockout_epochs or strained:
+            return LOCKOUT, epoch + 1
+        if needs_pruning(bank, drop):
+            return PRUNE, epoch + 1
+        if is_wide(bank, par.widest_heading_variance):
+            return HEADING_WIDE, epoch + 1
+        if bank.state.shape[0] == 1 and t_ns >= head.doubted_ns and par.suspicion_limit > 0.0:
+            if bank.state[0].suspicion > par.suspicion_limit or bank.state[0].crept_ns == t_ns:
+                return SUSPICION, epoch + 1
+        if head.heading_open == 1 and heading_variance(bank) < par.heading_known_variance:
+            return HEADING_KNOWN, epoch + 1
+    return DONE, last
+
+
+@inlined
+def widen_velocity(bank: Bank, unknown: float, par: Parameters) -> None:
+    """Add to the velocity's variance what an unknown rate adds between the antenna, which was measured, and the IMU.
+
+    Equation: var(w x l) <= sigma^2 |l|^2 with the rate's variance sigma^2 = density / (2 T), as in ``sensor_outage``
+    """
+    lever2 = par.lever_b[0] ** 2 + par.lever_b[1] ** 2 + par.lever_b[2] ** 2
+    for member in range(bank.state.shape[0]):
+        for i in range(DV, DV + 3):
+            bank.P[member, i, i] += unknown / (2.0 * MOTION_TIME_S) * lever2
+
+
+@inlined
+def mostly(used: int, refused: int, few: bool) -> bool:
+    """Return whether most rows of a kind, and at least three unless an epoch has few, were refused by the gate."""
+    return refused > used and (few or refused >= 3)
+
+
+@borrowing
+def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, work: Workspace) -> None:
+    """Carry the bank to ``stop_ns``, writing output times on the way, that one too."""
+    par = parameters[0]
+    advance(bank, stop_ns, imu, par, out, work)
+    count = out.counts[0]
+    if count.time < out.times_ns.shape[0] and out.times_ns[count.time] == stop_ns:
+        count.time += 1
+        write_between(bank, stop_ns, imu, par, out, work)
+
+
+@inlined
+def update_bank(
+    bank: Bank,
+    epoch: int,
+    rows: Rows,
+    w_ib_b: Float64,
+    f_b: Float64,
+    par: Parameters,
+    out: Output,
+    work: Workspace,
+) -> Outcome:
+    """Update every hypothesis with one epoch; return what it did to the leader.
+
+    The leader is updated last, so that the work space then holds its entries for the ledger.
+    """
+    n = bank.state.shape[0]
+    lead = bank.head[0].leader
+    since_last = (rows.epoch_ns[epoch] - bank.head[0].epoch_ns) * 1e-9
+    for turn in range(n):
+        i = turn if turn < lead else turn + 1
+        if turn == n - 1:
+            i = lead
+        done = update_epoch(
+            bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
+            work.masking, bank.seen[i], bank.memory[i], since_last, n == 1,
+        )  # fmt: skip
+        sound = math.isfinite(done.log_likelihood) and is_sound(bank.state[i], bank.P[i])
+        # one that is lost has no weight, whatever comes
+        bank.state[i].log_likelihood = done.log_likelihood if sound else -math.inf
+        bank.state[i].motion_information = done.motion_information if sound else 0.0
+    if n > 1:
+        weigh_headings(bank, par)
+    else:
+        bank.head[0].log_likelihood += done.log_likelihood
+    t_ns = rows.epoch_ns[epoch]
+    write_ledger(
+        out.ledger,
+        out.carrier,
+        rows.first[epoch],
+        work.epoch.lines[: rows.first[epoch + 1] - rows.first[epoch]],
+    )
+    if done.clock_step != 0.0:
+        log_event(out.events, out.counts[0], t_ns, CLOCK_STEP, done.clock_step)
+        bank.head[0].renewed_ns = t_ns
+    if done.drift_step != 0.0:
+        log_event(out.events, out.counts[0], t_ns, DRIFT_STEP, done.drift_step)
+        bank.head[0].renewed_ns = t_ns
+    if par.visibility != 0:
+        note_masking(bank.head[0], bank.state[lead], out, t_ns)
+    note_outage(bank.head[0], out, t_ns, done.ranges_used + done.rates_used)
+    return done
+
+
+@inlined
+def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) -> None:
+    """Write an event when the visibility stage begins to wait for the heading, and when it begins to mask.
+
+    Satellites whose visibility is uncertain are counted; the event has the time of the first and their number.
+    """
+    now = 1 if lead.mask_waits == 1 else 2
+    if now != head.masking:
+        head.masking = now
+        log_event(out.events, out.counts[0], t_ns, MASKING_WAITS if now == 1 else MASKING_ON, 0.0)
+    if lead.mask_uncertain > 0:
+        if head.uncertain == 0:
+            head.uncertain_ns = t_ns
+        head.uncertain += lead.mask_uncertain
+        head.uncertain_last_ns = t_ns
+    elif head.uncertain > 0 and (t_ns - head.uncertain_last_ns) * 1e-9 > _UNCERTAIN_APART_S:
+        log_event(out.events, out.counts[0], head.uncertain_ns, MASKING_UNCERTAIN, head.uncertain * 1.0)
+        head.uncertain = 0
+
+
+@inlined
+def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
+    """Write an event when the measurements stop, refused or not written at all, and when they are back."""
+    quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > SILENCE_S
+    if head.silent_ns == 0 and (used == 0 or quiet):
+        head.silent_ns = head.epoch_ns if quiet else t_ns
+        log_event(out.events, out.counts[0], head.silent_ns, NO_MEASUREMENTS, 0.0)
+    if head.silent_ns != 0 and used > 0:
+        log_event(out.events, out.counts[0], t_ns, MEASUREMENTS_BACK, (t_ns - head.silent_ns) * 1e-9)
+        head.silent_ns = 0

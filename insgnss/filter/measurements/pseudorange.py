@@ -1,0 +1,57 @@
+"""Pseudorange: how far the satellite was, and what clocks and air add.
+
+    z = |r_s - r_a| + clock + offset of the system + k channel bias - satellite clock + f I + T
+    H = [-u in position, u x l_e in attitude, 1 in the clock]; 1, k and the mappings in the further states
+
+at the antenna, r_e + C_eb l, u from it to the satellite.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.delays import zenith_columns
+from insgnss.filter.rows.lines import Antenna, Epoch, Line
+from insgnss.filter.rows.row_noise import row_variance
+from insgnss.filter.state import CLOCK, DR, OFFSETS, PSI, StateRecord
+from insgnss.geodesy.vectors import cross, place, place_negative
+from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
+from insgnss.jit import inlined
+from insgnss.tables import Float64
+
+COLUMNS: Final = (DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK)
+_POSITION, _ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOCK))
+
+
+@inlined
+def pseudorange(
+    m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
+) -> tuple[float, float]:
+    """Write the row of H; return innovation [m] and variance [m^2]."""
+    a, row, of = s.antenna[0], rows.observation[i], par.kind[PSEUDORANGE]
+    h, columns, count = line.h[PSEUDORANGE], line.columns[PSEUDORANGE], len(COLUMNS)
+    range_row(a, h)
+    predicted = a.distance + m.clock[0] - rows.sat[i, 6]
+    if row.group > 0:
+        h[count], columns[count] = 1.0, OFFSETS + row.group - 1
+        predicted += m.optional[row.group - 1]
+        count += 1
+    if par.at_channel_bias >= 0 and row.channel != 0:
+        h[count], columns[count] = row.channel, par.at_channel_bias
+        predicted += row.channel * m.optional[par.at_channel_bias - OFFSETS]
+        count += 1
+    shell = row.ionosphere_factor * a.shell
+    left, count = zenith_columns(m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, shell)
+    line.count[PSEUDORANGE] = count
+    predicted += left + (row.ionosphere_factor * a.ionosphere + a.troposphere)
+    variance = float(row.variance_scale) * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
+    return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance
+
+
+@inlined
+def range_row(a: Antenna, h: Float64) -> None:
+    """Write the row of H of a range: -u, (u x l_e), clock 1."""
+    place_negative(h, _POSITION, a.u)
+    place(h, _ATTITUDE, cross(a.u, a.l_e))
+    h[_CLOCK] = 1.0

@@ -1,0 +1,398 @@
+"""A filter over one unbroken stretch of inertial samples: start, run, recover, tell what happened.
+
+``replay`` hands it all epochs at once, the streaming engine one at a time: the same calls, the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.health import Health, Remedy
+from insgnss.filter.epoch_aid import EpochAid
+from insgnss.filter.headings.heading_bank import heading_deg, pruned, split
+from insgnss.filter.headings.headings import heading_variance, needs_pruning
+from insgnss.filter.loop import (
+    COVARIANCE_LOST,
+    DONE,
+    HEADING_KNOWN,
+    HEADING_WIDE,
+    LOCKOUT,
+    PRUNE,
+    SILENCE_S,
+    SUSPICION,
+    Workspace,
+    new_workspace,
+    run_epochs,
+    run_to,
+    write_row,
+)
+from insgnss.filter.output.writing import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_update import OwnUpdate, before, use_own_rows
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.soundness import is_sound
+from insgnss.filter.start.carried_start import Carried, left_behind
+from insgnss.filter.start.fix import Fix
+from insgnss.filter.start.ledger_marks import mark_rows
+from insgnss.filter.start.starter import Starter
+from insgnss.filter.start.trial import Trial, banks_of, refusal
+from insgnss.filter.state import Bank, copy_bank
+from insgnss.filter.update.masking import became_of_uncertain, still_uncertain
+from insgnss.gnss.observation_rows import Rows
+from insgnss.tables import Event
+
+_DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
+
+
+class Snapshot(NamedTuple):
+    """All of a navigator that changes with the data."""
+
+    bank: Bank | None
+    starter: Starter
+    events: list[Event]
+    started_ns: int | None
+    aid: EpochAid | None
+    trial: Trial | None
+    health: Health
+
+    @property
+    def banks(self) -> list[Bank]:
+        """All that counts samples: what is carried along with them, and what the filter was before."""
+        return [*banks_of(self.bank, self.trial), *self.health.banks, *self.health.past.banks]
+
+
+@dataclass
+class Navigator:
+    """The filter and everything about it that is not in the compiled loop."""
+
+    setup: FilterSetup
+    before_loop: Callable[[], object] = lambda: None  # called when the compiled loop is needed
+    starter: Starter = field(init=False)
+    aid: EpochAid | None = field(init=False)  # by several antennas, None without
+    bank: Bank | None = None
+    opened: Bank | None = None  # as a given start has opened it, before its first epoch
+    health: Health = field(init=False)
+    events: list[Event] = field(default_factory=list)
+    started_ns: int | None = None
+    trial: Trial | None = None  # of a given start
+    own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
+    after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
+    _parameters: npt.NDArray[Any] = field(init=False)
+    _work: Workspace | None = None
+
+    def __post_init__(self) -> None:
+        """Resolve the parameters and get ready to start."""
+        self._parameters = self.setup.parameters()
+        self.starter = Starter(self.setup, given=self.setup.start is not None)
+        self.health = Health(self.setup)
+        self.aid = None if self.setup.new_aid is None else self.setup.new_aid()
+
+    @property
+    def parameters(self) -> npt.NDArray[Any]:
+        """The numbers of the compiled filter, (1,)."""
+        return self._parameters
+
+    @property
+    def banks(self) -> list[Bank]:
+        """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+        return [*banks_of(self.bank, self.trial), *self.health.banks]
+
+    def snapshot(self) -> Snapshot:
+        """Return a copy of everything that changes with the data."""
+        return Snapshot(
+            bank=None if self.bank is None else copy_bank(self.bank),
+            starter=self.starter.snapshot(),
+            events=list(self.events),
+            started_ns=self.started_ns,
+            aid=None if self.aid is None else self.aid.snapshot(),
+            trial=None if self.trial is None else self.trial.copied(),
+            health=self.health.copied(),
+        )
+
+    def restore(self, saved: Snapshot) -> None:
+        """Return to a snapshot."""
+        self.bank = None if saved.bank is None else copy_bank(saved.bank)
+        self.starter = saved.starter.snapshot()
+        self.events, self.started_ns = list(saved.events), saved.started_ns
+        self.aid = None if saved.aid is None else saved.aid.snapshot()
+        self.trial = None if saved.trial is None else saved.trial.copied()
+        self.health = saved.health.copied()
+
+    def forget_own(self, after_ns: int) -> None:
+        """Forget what became of a user's own rows after a time."""
+        self.own = {t_ns: entries for t_ns, entries in self.own.items() if t_ns <= after_ns}
+
+    def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:
+        """Process the epochs ``first`` to ``last - 1``, all of them within the inertial samples."""
+        epoch = first
+        while epoch < last:
+            if self.bank is None:
+                epoch += self._try_start(imu, rows, epoch, out)
+                continue
+            work = self.workspace(rows)
+            self.before_loop()
+            self.use_own_rows(imu, rows, int(rows.epoch_ns[epoch]), out)
+            if self.bank is None:
+                continue
+            stop = last if self.aid is None else epoch + 1
+            if self.setup.own is not None:
+                stop = min(stop, self.setup.own.epochs_before_next(rows.epoch_ns, epoch, last))
+            if self.trial is not None:
+                stop = min(stop, self.trial.epoch_after_look(rows, epoch, last))
+            stop, begin = min(stop, self.health.stop(self.bank, rows, epoch, last)), epoch
+            code, epoch = run_epochs(
+                self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
+            )
+            self._collect_events(out)
+            self.health.past = self.health.past.after(self.bank, rows, begin, epoch)
+            doubt = self.health.doubt
+            if self.trial is None:
+                self._handle(code, imu, rows, epoch - 1)
+            else:
+                self._try(self.trial, code, imu, rows, epoch - 1)
+            if doubt is not None and doubt is self.health.doubt and self.bank is not None:
+                self._accept(
+                    self.health.weigh(doubt, self.bank, imu, rows, epoch - 1, self._parameters, out),
+                    int(rows.epoch_ns[epoch - 1]),
+                )
+            if self.aid is not None:
+                self._use_antennas(self.aid, imu, rows, epoch - 1, out)
+
+    def use_own_rows(self, imu: Imu, rows: Rows, until_ns: int, out: Output) -> None:
+        """Carry the filter by way of a user's own rows up to ``until_ns`` and use them; it stays at the last of them.
+
+        ``rows`` tells how large the work space must be.
+        """
+        if self.setup.own is None or self.bank is None:
+            return
+        for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
+            work = self.workspace(rows)
+            run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
+            update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
+            self.own[t_ns] = update.entries
+            lead = int(self.bank.head[0].leader)
+            if not is_sound(self.bank.state[lead], self.bank.P[lead]):
+                del self.own[t_ns]
+                self._restart(t_ns, "the state is not finite any more, or a variance not positive")
+                return
+            if needs_pruning(self.bank, self.setup.log_drop):
+                self._prune()
+            self._tell_heading()
+            self.after_own(update)
+
+    def leave(self, imu: Imu) -> Carried | None:
+        """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
+        if self.bank is None:
+            return self.starter.carried
+        return left_behind(self.bank, imu, self._parameters, self.setup.config)
+
+    def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int) -> None:
+        """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if code == LOCKOUT and trial.standing() < _DOUBTED:
+            self._refuse_start(t_ns, trial.rivals())  # rather than to set right what is not worth it
+            return
+        assert self.bank is not None
+        self.bank.head["doubted_ns"] = t_ns + 1  # it is the start that is in doubt, no sensor
+        self._handle(code, imu, rows, epoch)
+        if self.bank is None:
+            self.trial = None
+        elif self.trial is trial:
+            found = trial.take(self.bank, imu, rows, epoch, self._parameters)
+            if found is not None:
+                self._refuse_start(t_ns, found)
+            elif trial.over:
+                self.trial = None
+
+    def _refuse_start(self, t_ns: int, found: Bank) -> None:
+        """Put the rivals of the given start in its place."""
+        assert self.bank is not None
+        self.events.append(refusal(t_ns, self.bank, found))
+        self.bank, self.trial = found, None
+        self.health.forget()
+        found.head["renewed_ns"] = t_ns
+        self._tell_heading()
+
+    def _use_antennas(self, aid: EpochAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+        """Update with the phase differences of an epoch, and write its navigation row once more."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if self.bank is None or self.bank.head[0].now_ns != t_ns:
+            return
+        k = min(int(self.bank.head[0].next), len(imu.t_ns) - 1)
+        self.bank, used = aid.use(self.bank, t_ns, imu.w_ib_b[k], self._parameters[0])
+        self.events += aid.take_events()
+        count = out.counts[0]
+        if used and count.nav and out.nav[count.nav - 1].t_ns == t_ns:
+            count.nav -= 1
+            n_used = int(out.nav[count.nav].value[N_USED])
+            lead = int(self.bank.head[0].leader)
+            write_row(self.bank, self.bank, lead, t_ns, n_used, out, self.workspace(rows))
+        if used:
+            self._tell_heading()
+
+    def workspace(self, rows: Rows) -> Workspace:
+        """Return work space that fits the largest epoch."""
+        largest = int(np.diff(rows.first).max()) if len(rows.epoch_ns) else 1
+        if self._work is None or len(self._work.epoch.lines) < largest:
+            self._work = new_workspace(
+                largest, self.setup.layout, self.setup.installation, self.setup.visibility_limits
+            )
+        return self._work
+
+    def _try_start(self, imu: Imu, rows: Rows, epoch: int, out: Output) -> int:
+        """Try to start at an epoch; return 1 when that used the epoch up.
+
+        A fix that starts the filter is in its state: its rows are not used again. A given state leaves the epoch to
+        the filter.
+        """
+        bank, fix, events = self.starter.try_start(imu, rows, epoch, self._parameters[0])
+        self.events += events
+        if bank is None:
+            mark_rows(out, rows, epoch, None)
+            return 1
+        self.bank = bank
+        self.started_ns = int(bank.head[0].now_ns)
+        bank.head["renewed_ns"] = self.started_ns
+        self._tell_heading()
+        if fix is None:
+            self.opened = copy_bank(bank)
+            # where the attitude chooses the satellites, hypotheses cannot be judged by the same ones
+            chooses = self.aid is not None or self._parameters[0].visibility != 0
+            self.trial = None if chooses else Trial(self.setup)
+            return 0
+        mark_rows(out, rows, epoch, fix)
+        self._write_start(bank, rows, epoch, fix, out)
+        return 1
+
+    def _write_start(self, bank: Bank, rows: Rows, epoch: int, fix: Fix | None, out: Output) -> None:
+        """Write the navigation row of an automatic start."""
+        t_ns = int(rows.epoch_ns[epoch])
+        count = out.counts[0]
+        while count.time < len(out.times_ns) and out.times_ns[count.time] < t_ns:
+            count.time += 1
+        at_time = count.time < len(out.times_ns) and out.times_ns[count.time] == t_ns
+        if at_time:
+            count.time += 1
+        if at_time or len(out.times_ns) == 0:
+            lead = int(bank.head[0].leader)
+            used = 0 if fix is None else fix.n_used
+            write_row(bank, bank, lead, t_ns, used, out, self.workspace(rows))
+
+    def _tell_heading(self) -> None:
+        """Say that the heading is known when the start already knows it."""
+        if self.bank is not None and heading_variance(self.bank) < self._parameters[0].heading_known_variance:
+            self._heading_known()
+
+    def _handle(self, code: int, imu: Imu, rows: Rows, epoch: int) -> None:
+        """Act on what stopped the compiled loop after ``epoch``."""
+        bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
+        assert bank is not None
+        if self.trial is None and (code == SUSPICION or (code == DONE and self.health.is_due(bank, t_ns))):
+            self._accept(self.health.suspect(bank, imu, t_ns, self._parameters), t_ns)
+        elif code == PRUNE:
+            self._prune()
+        elif code == HEADING_WIDE:
+            self._split()
+        elif code == HEADING_KNOWN:
+            self._heading_known()
+        elif code == LOCKOUT:
+            space = self.workspace(rows).epoch
+            self._accept(self.health.recover(bank, imu, rows, epoch, self._parameters, space), t_ns)
+        elif code == COVARIANCE_LOST:
+            self._restart(t_ns, "the state is not finite any more, or a variance not positive")
+        elif code not in (DONE, SUSPICION):
+            raise AssertionError(f"unknown code {code} of the compiled loop")
+
+    def _prune(self) -> None:
+        """Drop the hypotheses of negligible weight and merge those that have become one."""
+        if self.bank is None:
+            return
+        self.bank = pruned(self.bank, self.setup.log_drop, self.setup.layout)
+        if len(self.bank.state) == 1:
+            t_ns = int(self.bank.head[0].now_ns)
+            yaw, sd = heading_deg(self.bank)
+            self.events.append(
+                Event(t_ns, "heading_single", f"one heading is left: {yaw:.1f} deg, sigma {sd:.1f} deg")
+            )
+            self._tell_heading()
+
+    def _split(self) -> None:
+        """Put hypotheses in the place of those that are too uncertain of their heading for one filter."""
+        bank = self.bank
+        if bank is None:
+            return
+        heading, par = self.setup.config.heading, self._parameters[0]
+        single, (_, sd) = len(bank.state) == 1, heading_deg(bank)
+        self.bank = split(bank, heading.hypotheses, self.setup.log_drop, par.lever_b, self.setup.layout)
+        if single:
+            self.bank.head["heading_open"] = 1
+            detail = (
+                f"the heading's sigma has grown to {sd:.0f} deg: {len(self.bank.state)} headings are open"
+            )
+            self.events.append(Event(int(bank.head[0].now_ns), "heading_open", detail))
+
+    def _heading_known(self) -> None:
+        bank = self.bank
+        if bank is None or bank.head[0].heading_open == 0:
+            return
+        bank.head["heading_open"] = 0
+        t_ns = int(bank.head[0].now_ns)
+        yaw, sd = heading_deg(bank)
+        after = (t_ns - (self.started_ns or t_ns)) / NS_PER_S
+        detail = f"heading {yaw:.1f} deg, sigma {sd:.1f} deg, {after:.1f} s after the start"
+        self.events.append(Event(t_ns, "heading_known", detail))
+
+    def _accept(self, remedy: Remedy, t_ns: int) -> None:
+        """Do what the filter's health asks for."""
+        self.events += remedy.events
+        if remedy.give_up:
+            self._restart(t_ns, remedy.give_up)
+        elif remedy.bank is not self.bank:
+            self.bank = remedy.bank
+            if self.trial is not None:
+                self.trial = Trial(self.setup)  # of the filter as it has been set right
+
+    def note_silence(self, t_ns: int) -> None:
+        """Tell at ``t_ns`` that the measurements have ended, where no further epoch has come to tell it."""
+        if self.bank is None or self.started_ns is None:
+            return
+        head = self.bank.head[0]
+        last_ns = max(int(head.epoch_ns), self.started_ns)
+        if head.silent_ns == 0 and t_ns - last_ns > SILENCE_S * NS_PER_S:
+            head.silent_ns = last_ns
+            self.events.append(event_in_words(last_ns, int(NO_MEASUREMENTS), 0.0, self._left_without_gnss))
+
+    @property
+    def _left_without_gnss(self) -> str:
+        own = self.setup.own
+        return "" if own is None else f"no GNSS measurement is used: inertial samples and {own.named} alone"
+
+    def _restart(self, t_ns: int, reason: str) -> None:
+        """Give the filter up and wait for a new automatic start."""
+        self.events += still_uncertain(self.bank, self.setup.config.visibility)
+        self.bank = self.opened = None
+        self.health.forget()
+        self.starter = Starter(self.setup, given=False)
+        self.events.append(Event(t_ns, "restart", f"{reason}: the filter starts anew"))
+
+    def _collect_events(self, out: Output) -> None:
+        """Turn the compiled loop's events into words."""
+        count = out.counts[0]
+        for row in out.events[: min(count.events, len(out.events))]:
+            kind, became = int(row["kind"]), ""
+            if kind == MASKING_UNCERTAIN:
+                became = became_of_uncertain(self.setup.config.visibility)
+            elif kind == NO_MEASUREMENTS:
+                became = self._left_without_gnss
+            self.events.append(event_in_words(int(row["t_ns"]), kind, float(row["a"]), became))
+        if count.events > len(out.events):
+            self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
+        count.events = 0

@@ -1,0 +1,1 @@
+"""What the compiled loop writes: navigation rows, ledger, events, traces."""

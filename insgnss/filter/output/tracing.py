@@ -1,0 +1,55 @@
+"""Writing a bank's state, and now and then its covariance, at the times at which it is wanted, compiled."""
+
+from __future__ import annotations
+
+from insgnss.apart import apart
+from insgnss.filter.output.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
+from insgnss.filter.output.writing import mixture_covariance
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.prediction import Scratch, propagate_covariance
+from insgnss.filter.soundness import is_finite
+from insgnss.filter.state import Bank
+from insgnss.jit import borrowing
+from insgnss.tables import Float64
+
+
+@apart
+@borrowing
+def write_trace(
+    bank: Bank,
+    t_ns: int,
+    with_covariance: bool,
+    par: Parameters,
+    room: TraceRoom,
+    P_out: Float64,
+    scratch: Scratch,
+) -> None:
+    """Write the leader's state at the bank's time ``t_ns``, and the covariance there where it is due or asked for.
+
+    It is the leader's, or the bank's while the heading is open; of a state that is not finite there is none. The work
+    space is handed over in its parts: handing over all of it would cost more than the row.
+
+    Parameters
+    ----------
+    P_out : (n, n) scratch
+    """
+    head = bank.head[0]
+    if not is_finite(bank.state[head.leader], bank.P[head.leader]):
+        return
+    write_state(room, t_ns, bank.state[head.leader])
+    if not (with_covariance or covariance_due(head, room.counts[0].newest_ns, t_ns, room.interval_ns)):
+        return
+    if bank.state.shape[0] > 1:
+        mixture_covariance(bank, P_out)
+    else:
+        copy_matrix(bank.P[0], P_out)
+        propagate_covariance(bank.state[0], P_out, par, scratch)
+    write_covariance(room, t_ns, P_out)
+
+
+@borrowing
+def copy_matrix(source: Float64, target: Float64) -> None:
+    """Copy an (n, n) matrix."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]

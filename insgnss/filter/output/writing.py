@@ -1,0 +1,359 @@
+"""What the compiled loop writes: navigation rows, the ledger of measurements, and events."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.apart import apart
+from insgnss.constants import C_MPS
+from insgnss.filter.output.nav_sigmas import (
+    attitude_deviations,
+    level_turn,
+    rotated_variances,
+    velocity_deviations,
+)
+from insgnss.filter.output.trace_rows import TraceRoom, no_trace
+from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.soundness import is_finite
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.gnss.observation_rows import CARRIER, Rows
+from insgnss.jit import borrowing, inlined, kernel
+from insgnss.status import NO_IMU, USED
+from insgnss.tables import Event, Float64, Int64
+
+_AXES = ("x", "y", "z")
+NAV_COLUMNS: Final = (
+    *("lat_deg", "lon_deg", "h_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg"),
+    *(
+        "sd_n_m",
+        "sd_e_m",
+        "sd_d_m",
+        "sd_vn_mps",
+        "sd_ve_mps",
+        "sd_vd_mps",
+        "sd_roll_deg",
+        "sd_pitch_deg",
+        "sd_yaw_deg",
+    ),
+    *(f"accel_bias_{a}_mps2" for a in _AXES),
+    *(f"gyro_bias_{a}_radps" for a in _AXES),
+    *(f"sd_accel_bias_{a}_mps2" for a in _AXES),
+    *(f"sd_gyro_bias_{a}_radps" for a in _AXES),
+    *("clock_bias_m", "clock_drift_mps", "sd_clock_bias_m", "sd_clock_drift_mps"),
+    *("n_used", "n_hypotheses"),
+)
+N_NAV: Final = len(NAV_COLUMNS)
+N_USED: Final = NAV_COLUMNS.index("n_used")
+
+_LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
+
+
+# kinds of event the compiled loop writes; the numbers a, b behind each
+CLOCK_STEP: Final = np.int64(1)  # a: step [m]
+DRIFT_STEP: Final = np.int64(2)  # a: step [m/s]
+NO_MEASUREMENTS: Final = np.int64(3)
+MEASUREMENTS_BACK: Final = np.int64(4)  # a: seconds without
+MASKING_WAITS: Final = np.int64(5)
+MASKING_ON: Final = np.int64(6)
+MASKING_UNCERTAIN: Final = np.int64(7)  # a: satellites over epochs
+
+
+NAV_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("t_ns", np.int64),
+            ("value", np.float64, (N_NAV,)),  # NAV_COLUMNS
+        ],
+    )
+)
+LEDGER_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        np.dtype(
+            [  # pairs: 0 pseudorange, 1 range rate; narrow types: a log has millions of entries
+                ("innovation", np.float64, (2,)),
+                ("variance", np.float32, (2,)),  # of the innovation: D + r
+                ("predicted", np.float32, (2,)),  # D = h P h^T
+                ("u_n", np.float32, (3,)),  # line of sight, north-east-down
+                ("u_b", np.float32, (3,)),  # line of sight in body axes
+                ("gain", np.float32),  # of the best antenna [dBic], NaN where none is described
+                ("status", np.int8, (2,)),
+            ],
+            align=True,
+        ),
+    )
+)
+CARRIER_LEDGER_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        np.dtype(
+            [
+                ("innovation", np.float64),
+                ("variance", np.float32),
+                ("predicted", np.float32),
+                ("status", np.int8),
+            ],
+            align=True,
+        ),
+    )
+)
+EVENT_DTYPE: Final = np.dtype((np.record, [("t_ns", np.int64), ("kind", np.int64), ("a", np.float64)]))
+COUNT_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("nav", np.int64),  # navigation rows written
+            ("events", np.int64),  # events, those beyond the room for them too
+            ("time", np.int64),  # the first output time not written yet
+        ],
+    )
+)
+Table: TypeAlias = npt.NDArray[Any]
+CountRecord: TypeAlias = Any  # one element of COUNT_DTYPE
+CarrierEntry: TypeAlias = Any  # one element of CARRIER_LEDGER_DTYPE
+
+
+class Output(NamedTuple):
+    """Where the loop writes, and when."""
+
+    nav: Table  # of NAV_DTYPE, filled from the front
+    optional: Float64  # (n_nav, 2 k) values of the further states and their sigmas, beside ``nav``
+    ledger: Table  # (n,) of LEDGER_DTYPE, one entry per observation
+    carrier: Table  # (n,) or, where no carrier is used, (0,) of CARRIER_LEDGER_DTYPE
+    events: Table  # of EVENT_DTYPE, filled from the front
+    times_ns: Int64  # (k,) output times; empty for one row per epoch
+    counts: Table  # (1,) of COUNT_DTYPE
+    trace: TraceRoom
+
+
+def new_output(
+    rows: Rows,
+    n_nav: int,
+    n_events: int,
+    times_ns: Int64,
+    n_values: int = 0,
+    trace: TraceRoom | None = None,
+) -> Output:
+    """Return room for ``n_nav`` navigation rows, a ledger of ``rows`` as known before the filter, and events.
+
+    ``n_values`` is the number of optional states with a value, as the filter's layout has them; ``trace`` is room for
+    states at further times.
+    """
+    ledger, carrier = new_ledger(rows)
+    return Output(
+        np.zeros(n_nav, NAV_DTYPE),
+        np.zeros((n_nav, 2 * n_values)),
+        ledger,
+        carrier,
+        np.zeros(n_events, EVENT_DTYPE),
+        times_ns,
+        np.zeros(1, COUNT_DTYPE),
+        no_trace() if trace is None else trace,
+    )
+
+
+def new_ledger(rows: Rows) -> tuple[Table, Table]:
+    """Return the entries of rows, and those of their carriers, as they are known before the filter."""
+    ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
+    ledger["status"] = rows.observation["status"]
+    for name in ("innovation", "variance", "predicted", "u_n", "u_b", "gain"):
+        ledger[name] = math.nan
+    carrier = np.zeros(len(rows.carrier), CARRIER_LEDGER_DTYPE)
+    carrier["status"] = rows.carrier["status"]
+    for name in ("innovation", "variance", "predicted"):
+        carrier[name] = math.nan
+    return ledger, carrier
+
+
+def mark_without_imu(ledger: Table, carriers: Table) -> None:
+    """Write of entries that there were no inertial samples at their time, where they could have been used."""
+    for entries in (ledger, carriers):
+        status = entries["status"]
+        status[status == USED] = NO_IMU
+
+
+def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
+    """Return an event of the filter as users read it: ``a`` is its number, if any.
+
+    ``why`` goes on: why a step is believed, what became of the satellites, or what is left without GNSS.
+    """
+    if kind == CLOCK_STEP:
+        size = f"{a:.1f} m ({1e3 * a / C_MPS:.4f} ms)"
+        return Event(t_ns, "clock_jump", f"the receiver clock stepped by {size}{why}; absorbed")
+    if kind == DRIFT_STEP:
+        size = f"{a:.2f} m/s"
+        return Event(t_ns, "clock_drift_jump", f"the receiver clock's drift stepped by {size}{why}; absorbed")
+    if kind == NO_MEASUREMENTS:
+        return Event(t_ns, "no_measurements", why or "no measurement is used: the filter coasts")
+    if kind == MEASUREMENTS_BACK:
+        return Event(t_ns, "measurements_back", f"measurements are used again after {a:.1f} s")
+    if kind == MASKING_WAITS:
+        return Event(t_ns, "masking_waits", "the heading is too uncertain to tell what the airframe hides")
+    if kind == MASKING_ON:
+        return Event(t_ns, "masking_on", "the heading is known well enough: hidden satellites are masked")
+    if kind == MASKING_UNCERTAIN:
+        detail = (
+            f"{a:.0f} satellite-epochs too near to the edge of what the antennas see for this attitude{why}"
+        )
+        return Event(t_ns, "masking_uncertain", detail)
+    return Event(t_ns, f"kind_{kind}", f"{a}")
+
+
+@borrowing
+def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: float) -> None:
+    """Write one event while there is room, and count it in any case."""
+    i = count.events
+    if i < events.shape[0]:
+        event = events[i]
+        event.t_ns = t_ns
+        event.kind = kind
+        event.a = a
+    count.events = i + 1
+
+
+@apart
+def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> None:
+    """Write an epoch's entries, from ``first`` on, from its lines.
+
+    Where there is no satellite, the rest of a line is of another epoch: its entry keeps the NaN that it began with. So
+    does one whose numbers are not finite.
+    """
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        entry = ledger[first + j]
+        if math.isfinite(line.u_n[0] + line.u_n[1] + line.u_n[2] + line.u_b[0] + line.u_b[1] + line.u_b[2]):
+            entry.gain = line.gain
+            for k in range(3):
+                entry.u_n[k] = line.u_n[k]
+                entry.u_b[k] = line.u_b[k]
+        for kind in range(2):
+            entry.status[kind] = line.status[kind]
+            if is_entry(line, kind):
+                entry.innovation[kind] = line.innovation[kind]
+                entry.predicted[kind] = line.predicted[kind]
+                entry.variance[kind] = line.predicted[kind] + line.variance[kind]
+        if carriers.shape[0] > 0:
+            write_carrier(carriers[first + j], line)
+
+
+@inlined
+def is_entry(line: Line, kind: int) -> bool:
+    """Return whether innovation and variances of one kind are numbers that the ledger's single precision holds."""
+    variance = line.predicted[kind] + line.variance[kind]
+    return math.isfinite(line.innovation[kind]) and _LEAST_VARIANCE < variance < _LARGEST_VARIANCE
+
+
+@inlined
+def write_carrier(entry: CarrierEntry, line: Line) -> None:
+    """Write the entry of a carrier difference."""
+    entry.status = line.status[CARRIER]
+    if is_entry(line, CARRIER):
+        entry.innovation = line.innovation[CARRIER]
+        entry.predicted = line.predicted[CARRIER]
+        entry.variance = line.predicted[CARRIER] + line.variance[CARRIER]
+
+
+@apart
+@kernel
+def write_nav(
+    nav: Table,
+    optional: Float64,
+    count: CountRecord,
+    t_ns: int,
+    m: StateRecord,
+    P: Float64,
+    n_used: int,
+    n_hypotheses: int,
+) -> None:
+    """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``.
+
+    Of a state that is not finite there is no row.
+    """
+    if count.nav >= nav.shape[0] or not is_finite(m, P):
+        return
+    row = nav[count.nav]
+    count.nav += 1
+    row.t_ns = t_ns
+    v = row.value
+    lat, lon, h = ecef_to_geodetic(m.r_e)
+    C_ne = np.empty((3, 3))
+    C_nb = np.empty((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    for i in range(3):
+        v[3 + i] = C_ne[i, 0] * m.v_e[0] + C_ne[i, 1] * m.v_e[1] + C_ne[i, 2] * m.v_e[2]
+        for j in range(3):
+            C_nb[i, j] = C_ne[i, 0] * m.C_eb[0, j] + C_ne[i, 1] * m.C_eb[1, j] + C_ne[i, 2] * m.C_eb[2, j]
+    roll, pitch, yaw = matrix_to_euler(C_nb)
+    v[0], v[1], v[2] = math.degrees(lat), math.degrees(lon), h
+    v[6], v[7], v[8] = math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+    T = np.empty((3, 3))
+    level_turn(lat, h, C_ne, T)
+    rotated_variances(P, DR, C_ne, v, 9)
+    velocity_deviations(P, C_ne, T, v, 12)
+    attitude_deviations(P, C_ne, T, pitch, yaw, v, 15)
+    for i in range(3):
+        v[18 + i] = m.b_a[i]
+        v[21 + i] = m.b_g[i]
+        v[24 + i] = math.sqrt(max(P[BA + i, BA + i], 0.0))
+        v[27 + i] = math.sqrt(max(P[BG + i, BG + i], 0.0))
+    v[30], v[31] = m.clock[0], m.clock[1]
+    v[32] = math.sqrt(max(P[CLOCK, CLOCK], 0.0))
+    v[33] = math.sqrt(max(P[DRIFT, DRIFT], 0.0))
+    v[34], v[35] = n_used, n_hypotheses
+    k = optional.shape[1] // 2
+    for i in range(k):
+        optional[count.nav - 1, i] = m.optional[i]
+        optional[count.nav - 1, k + i] = math.sqrt(max(P[OFFSETS + i, OFFSETS + i], 0.0))
+
+
+@apart
+@kernel
+def mixture_covariance(bank: Bank, P: Float64) -> None:
+    """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).
+
+    d is the state of a hypothesis minus the leader's; the clone's part of it is left out, which nobody asks for here.
+    """
+    lead = bank.state[bank.head[0].leader]
+    n = P.shape[0]
+    d = np.zeros(n)
+    for a in range(n):
+        for b in range(n):
+            P[a, b] = 0.0
+    for i in range(bank.state.shape[0]):
+        m = bank.state[i]
+        weight = math.exp(m.log_weight)
+        if not weight > 0.0:  # lost, perhaps: nothing times what is no number is none
+            continue
+        for k in range(3):
+            d[DR + k] = m.r_e[k] - lead.r_e[k]
+            d[DV + k] = m.v_e[k] - lead.v_e[k]
+            d[BA + k] = m.b_a[k] - lead.b_a[k]
+            d[BG + k] = m.b_g[k] - lead.b_g[k]
+        d[CLOCK], d[DRIFT] = m.clock[0] - lead.clock[0], m.clock[1] - lead.clock[1]
+        attitude_difference(m.q_eb, lead.q_eb, d)
+        for a in range(n):
+            for b in range(n):
+                P[a, b] += weight * (bank.P[i, a, b] + d[a] * d[b])
+
+
+@inlined
+def attitude_difference(q: Float64, q_lead: Float64, d: Float64) -> None:
+    """Write the rotation vector [rad] that turns the leader's attitude into ``q`` at PSI of ``d``."""
+    # q (x) conj(q_lead)
+    c = q[0] * q_lead[0] + q[1] * q_lead[1] + q[2] * q_lead[2] + q[3] * q_lead[3]
+    x = -q[0] * q_lead[1] + q[1] * q_lead[0] - q[2] * q_lead[3] + q[3] * q_lead[2]
+    y = -q[0] * q_lead[2] + q[1] * q_lead[3] + q[2] * q_lead[0] - q[3] * q_lead[1]
+    z = -q[0] * q_lead[3] - q[1] * q_lead[2] + q[2] * q_lead[1] + q[3] * q_lead[0]
+    if c < 0.0:
+        c, x, y, z = -c, -x, -y, -z
+    s = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(s, c) / s if s > 0.0 else 0.0
+    d[PSI], d[PSI + 1], d[PSI + 2] = scale * x, scale * y, scale * z

@@ -1,0 +1,138 @@
+"""One hypothesis of the filter at one time, as a user's own measurement sees it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+
+from insgnss.filter.layout_names import StatePlace
+from insgnss.filter.state import OFFSETS, StateRecord
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import matrix_to_euler
+from insgnss.tables import Float64
+
+
+@dataclass(frozen=True)
+class StateEstimate:
+    """What the filter knows at ``t_ns``, before the measurement: copies, read only.
+
+    Frames and signs are those of the package: e ECEF, n north-east-down, b forward-right-down; ``C_eb`` takes body axes
+    to ECEF. Position and velocity are those of the IMU.
+    """
+
+    t_ns: int  # GPS time
+    r_e: Float64  # (3,) position [m]
+    v_e: Float64  # (3,) velocity against the Earth [m/s]
+    C_eb: Float64  # (3, 3)
+    b_a: Float64  # (3,) accelerometer bias [m/s^2]
+    b_g: Float64  # (3,) gyro bias [rad/s]
+    clock_bias_m: float
+    clock_drift_mps: float
+    w_ib_b: Float64  # (3,) rate of the sample whose interval holds the time, bias removed [rad/s]
+    f_b: Float64  # (3,) its specific force, bias removed [m/s^2]
+    optional: Mapping[
+        str, float | Float64
+    ]  # values of the further blocks by their names in the layout, SI units
+
+    @cached_property
+    def _geodetic(self) -> tuple[float, float, float]:
+        lat, lon, h = ecef_to_geodetic(np.array(self.r_e))
+        return float(lat), float(lon), float(h)
+
+    @property
+    def lat_deg(self) -> float:
+        """Geodetic latitude [deg]."""
+        return math.degrees(self._geodetic[0])
+
+    @property
+    def lon_deg(self) -> float:
+        """Longitude [deg]."""
+        return math.degrees(self._geodetic[1])
+
+    @property
+    def h_m(self) -> float:
+        """Height above the WGS-84 ellipsoid [m]; ``insgnss.geodesy.sea_level`` has the geoid."""
+        return self._geodetic[2]
+
+    @cached_property
+    def C_ne(self) -> Float64:
+        """ECEF to north-east-down (3, 3): its rows are the unit vectors north, east and down."""
+        C_ne = np.zeros((3, 3))
+        ecef_to_ned_matrix(self._geodetic[0], self._geodetic[1], C_ne)
+        return _read_only(C_ne)
+
+    @cached_property
+    def C_nb(self) -> Float64:
+        """Body to north-east-down (3, 3)."""
+        return _read_only(self.C_ne @ self.C_eb)
+
+    @property
+    def up_e(self) -> Float64:
+        """Unit vector up, ECEF (3,): how the height grows with the position."""
+        return np.asarray(-self.C_ne[2])
+
+    @property
+    def v_n(self) -> Float64:
+        """Velocity north, east, down (3,) [m/s]; it grows with ``velocity`` by ``C_ne``."""
+        return np.asarray(self.C_ne @ self.v_e)
+
+    @cached_property
+    def rpy_rad(self) -> Float64:
+        """Roll, pitch and yaw (3,) [rad]; yaw from true north, -pi to pi."""
+        return _read_only(np.array(matrix_to_euler(np.array(self.C_nb))))
+
+    @property
+    def yaw_rad(self) -> float:
+        """Yaw from true north, -pi to pi [rad]."""
+        return float(self.rpy_rad[2])
+
+    @cached_property
+    def rpy_by_attitude(self) -> Float64:
+        """How roll, pitch and yaw (rows) grow with ``attitude`` (columns), (3, 3).
+
+        Equation: C_ne psi = dyaw (0, 0, 1) + dpitch (-sin yaw, cos yaw, 0) + droll C_nb (1, 0, 0)
+        Neglects: what the position's error turns of north and down, 1.6e-7 rad per metre.
+        """
+        _, _, yaw = self.rpy_rad
+        pitched = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+        turns = np.column_stack([self.C_nb[:, 0], pitched, [0.0, 0.0, 1.0]])
+        return _read_only(np.linalg.solve(turns, self.C_ne))
+
+
+def state_estimate(
+    m: StateRecord, t_ns: int, w_ib_b: Float64, f_b: Float64, layout: Mapping[str, StatePlace]
+) -> StateEstimate:
+    """Return a hypothesis ``m`` as its user sees it.
+
+    Parameters
+    ----------
+    w_ib_b, f_b : (3,) inertial sample as the filter takes it, biases in it
+    layout : the blocks of the error state by name; those behind the fixed ones have a value in ``optional``
+    """
+    values: dict[str, float | Float64] = {}
+    for name, place in layout.items():
+        if place.columns.start < OFFSETS:
+            continue
+        found = m.optional[place.columns.start - OFFSETS : place.columns.stop - OFFSETS]
+        values[name] = float(found[0]) if place.size == 1 else _read_only(found.copy())
+    vectors = {name: _read_only(np.array(m[name])) for name in ("r_e", "v_e", "C_eb", "b_a", "b_g")}
+    return StateEstimate(
+        t_ns=t_ns,
+        **vectors,
+        clock_bias_m=float(m.clock[0]),
+        clock_drift_mps=float(m.clock[1]),
+        w_ib_b=_read_only(w_ib_b - m.b_g),
+        f_b=_read_only(f_b - m.b_a),
+        optional=MappingProxyType(values),
+    )
+
+
+def _read_only(array: Float64) -> Float64:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,252 @@
+"""The update with a user's own rows, between epochs or at one, before it.
+
+Each time of such rows is a small epoch of its own: the bank is carried to it, every hypothesis is asked for its rows,
+all are gated on the prior, each corrects as a scalar, and the correction is fed back with the reset of an epoch.
+
+Of several open headings the rows tell by the same principle as an epoch does (``headings``): a row that a turn of the
+vehicle about the vertical through its antenna would change, such as a heading, says itself which one it fits and counts
+in full. Any other row tells only as much as the motion that was shown can carry: at rest the hypotheses' positions and
+velocities differ by noise alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.errors import MeasurementError
+from insgnss.filter.headings.headings import turn_about, weigh_headings
+from insgnss.filter.headings.motion import place_turning
+from insgnss.filter.layout_names import StateLayout, state_layout
+from insgnss.filter.loop import DONE, Workspace, current_sample, run_epochs
+from insgnss.filter.output.writing import Output, Table
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.rows import CheckedRow, Kind, checked_rows
+from insgnss.filter.own_rows.state_estimate import state_estimate
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.prediction import Imu, Scratch, carry_bank, predict_covariance
+from insgnss.filter.rows.lines import ANTENNA_DTYPE, Antenna
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.soundness import is_sound
+from insgnss.filter.state import DR, DV, N_CLONE, PSI, Bank, StateRecord
+from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
+from insgnss.filter.update.observe import place_antenna
+from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
+from insgnss.geodesy.local_level import up_direction
+from insgnss.gnss.observation_rows import Rows
+from insgnss.status import BAD_VALUE, GATED, USED
+from insgnss.tables import Float64
+
+Bool = npt.NDArray[np.bool_]
+
+
+class OwnUpdate(NamedTuple):
+    """What the rows of one time did."""
+
+    entries: list[OwnEntry]  # of the hypothesis that led before
+    correction: Float64  # (n,) what was added to its state
+
+
+class _Member(NamedTuple):
+    """One hypothesis and its rows."""
+
+    rows: list[tuple[Kind, CheckedRow]]
+    variance: Float64  # (k,) of the innovations at the prior
+    antenna: Antenna
+
+
+def use_own_rows(
+    bank: Bank, t_ns: int, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any], scratch: Scratch
+) -> OwnUpdate:
+    """Update a bank that stands at ``t_ns`` with the own rows of that time.
+
+    Parameters
+    ----------
+    scratch : with which the bank was carried to that time; it holds the gravity there
+
+    Raises
+    ------
+    MeasurementError : a row cannot be used, or the hypotheses were given different numbers of rows
+    """
+    assert setup.own is not None
+    par, n, lead = parameters[0], bank.P.shape[1], int(bank.head[0].leader)
+    for m, P in zip(bank.state, bank.P, strict=True):
+        predict_covariance(m, P, par, scratch)
+    sound = [is_sound(m, P) for m, P in zip(bank.state, bank.P, strict=True)]
+    if not sound[lead]:
+        return OwnUpdate([], np.zeros(n))
+    k = current_sample(bank, imu)
+    kinds, asked, layout = setup.own.at(t_ns), np.flatnonzero(sound), state_layout(setup.layout)
+    members = {int(i): _asked(bank, int(i), kinds, t_ns, layout, imu, k, par) for i in asked}
+    _require_alike(members, lead, t_ns)
+    direct = _tells_heading(bank, lead, members[lead])
+    count = len(members[lead].rows)
+    log_likelihood = np.full((len(sound), count), -math.inf)
+    information = np.zeros((len(sound), count))
+    updates: dict[int, OwnUpdate] = {}
+    for i, member in members.items():
+        updates[i] = _updated(
+            *(bank.state[i], bank.P[i], member, t_ns, par, log_likelihood[i], information[i]),
+            gate2=setup.config.gates.pseudorange_sigma**2,
+            several=len(sound) > 1,
+        )
+    _weigh(bank, log_likelihood, information, direct, par)
+    return updates[lead]
+
+
+def _asked(
+    bank: Bank, i: int, kinds: list[Kind], t_ns: int, layout: StateLayout, imu: Imu, k: int, par: Parameters
+) -> _Member:
+    """Return a hypothesis with the rows that it is given, and its antenna."""
+    m, P = bank.state[i], bank.P[i]
+    estimate = state_estimate(m, t_ns, imu.w_ib_b[k], imu.f_b[k], layout)
+    rows = [(kind, row) for kind in kinds for row in checked_rows(kind, estimate, layout)]
+    variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
+    antenna = np.zeros(1, ANTENNA_DTYPE)[0]
+    place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
+    place_turning(m, P, par, antenna)
+    return _Member(rows, variance, antenna)
+
+
+def _require_alike(members: dict[int, _Member], lead: int, t_ns: int) -> None:
+    """Refuse rows that differ in kind or number between the headings: their likelihoods could not be compared."""
+    wanted = [kind.name for kind, _ in members[lead].rows]
+    for member in members.values():
+        given = [kind.name for kind, _ in member.rows]
+        if given != wanted:
+            raise MeasurementError(
+                f"one open heading is given the rows {wanted} and another one {given}, at {t_ns} ns",
+                advice="give each state as many rows as the others; a row with the innovation NaN is refused",
+            )
+
+
+def _tells_heading(bank: Bank, lead: int, member: _Member) -> Bool:
+    """Return of each row whether a turn about the vertical through the antenna moves it by more than a sigma.
+
+    The turn is that to the farthest of the open headings. The antenna's position and velocity stay: what GNSS shows of
+    all headings is the same. Only a rotation that was shown moves the antenna about the IMU.
+    """
+    m, antenna = bank.state[lead], member.antenna
+    turn = max(abs(turn_about(m, other)) for other in bank.state)
+    up = np.array(up_direction(m.r_e))
+    d = np.zeros(bank.P.shape[1])
+    d[PSI : PSI + 3] = turn * up
+    d[DR : DR + 3], d[DV : DV + 3] = (
+        -np.cross(turn * up, antenna.l_e),
+        -np.cross(turn * up, antenna.turning_e),
+    )
+    moved = np.array([row.h @ d[row.columns] for _, row in member.rows])
+    return np.asarray(moved**2 > member.variance)
+
+
+def _updated(
+    m: StateRecord,
+    P: Float64,
+    member: _Member,
+    t_ns: int,
+    par: Parameters,
+    log_likelihood: Float64,
+    information: Float64,
+    *,
+    gate2: float,
+    several: bool,
+) -> OwnUpdate:
+    """Correct one hypothesis; fill the logarithm of each row's likelihood, NaN of a refused value, and information."""
+    n = len(P)
+    vectors, response, entries = np.zeros((3, n)), m.motion_response[:n], []
+    for j, (kind, row) in enumerate(member.rows):
+        S, status = float(member.variance[j]), USED
+        gate = gate2 if kind.gate2 is None else kind.gate2
+        log_likelihood[j] = math.nan
+        if not math.isfinite(row.innovation):
+            status = BAD_VALUE
+        elif not row.innovation**2 <= gate * S:
+            status = GATED
+        else:
+            y, given = scalar_update(P, row.h, row.columns, row.innovation, row.variance, vectors)
+            if 0.0 < given < math.inf and math.isfinite(y):
+                log_likelihood[j] = -0.5 * (y * y / given + math.log(given))
+            else:
+                status = GATED
+        if status == USED and several:  # as in ``epoch_update.respond``
+            moved = float(row.h @ response[row.columns])
+            response -= vectors[1] * moved
+            information[j] = moved**2 / given
+        if status == GATED:  # a hypothesis must not gain by leaving out what contradicts it
+            charged = gate if math.isfinite(gate) else row.innovation**2 / S
+            log_likelihood[j] = -0.5 * (charged + (math.log(S) if 0.0 < S < math.inf else 0.0))
+        entries.append(OwnEntry(t_ns, kind.name, row.innovation, S, status))
+    correction = vectors[0]
+    if correction.any():
+        if par.motion_gate2 > 0.0:
+            turn_attitude_errors(m, P, correction, member.antenna)
+        _feed_back(m, correction, int(par.at_clone))
+    return OwnUpdate(entries, correction)
+
+
+def _feed_back(m: StateRecord, correction: Float64, at_clone: int) -> None:
+    """Close the loop; the epoch before is corrected too, as the next carrier differences are about it."""
+    close_loop(m, correction, len(correction) - (N_CLONE if at_clone >= 0 else 0))
+    if at_clone >= 0:
+        m.r_clone += correction[at_clone : at_clone + 3]
+        m.clock_clone += correction[at_clone + 3]
+
+
+def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bool, par: Parameters) -> None:
+    """Let the rows judge the hypotheses: those that tell of the heading in full, the others by the shown motion."""
+    if len(bank.state) == 1:
+        bank.head[0].log_likelihood += float(np.nansum(log_likelihood))
+        return
+    judging = ~np.isnan(log_likelihood).any(axis=0)  # a value refused for one says nothing of the others
+    for rows, carried in ((judging & ~direct, information), (judging & direct, np.ones_like(information))):
+        if rows.any():
+            bank.state["log_likelihood"] = log_likelihood[:, rows].sum(axis=1)
+            bank.state["motion_information"] = carried[:, rows].sum(axis=1)
+            weigh_headings(bank, par)
+
+
+def carry_through(
+    bank: Bank,
+    until_ns: int,
+    setup: FilterSetup,
+    imu: Imu,
+    parameters: npt.NDArray[Any],
+    scratch: Scratch,
+    take: Callable[[OwnUpdate], None] = lambda _: None,
+) -> None:
+    """Carry a bank that writes nothing by way of the own rows up to ``until_ns`` and use them; it stays at the last."""
+    for t_ns in () if setup.own is None else setup.own.due(int(bank.head[0].now_ns), until_ns):
+        carry_bank(bank, t_ns, imu, parameters[0], scratch)
+        take(use_own_rows(bank, t_ns, setup, imu, parameters, scratch))
+
+
+def run_beside(
+    bank: Bank,
+    rows: Rows,
+    imu: Imu,
+    parameters: Table,
+    out: Output,
+    work: Workspace,
+    setup: FilterSetup,
+    take: Callable[[OwnUpdate], None] = lambda _: None,
+) -> int:
+    """Run a bank beside the filter through epochs and the own rows between them; return why the loop stopped."""
+    first, last = 0, len(rows.epoch_ns)
+    while first < last:
+        stop = last
+        if setup.own is not None:
+            carry_through(bank, int(rows.epoch_ns[first]), setup, imu, parameters, work.scratch, take)
+            stop = setup.own.epochs_before_next(rows.epoch_ns, first, last)
+        code, first = run_epochs(bank, first, stop, rows, imu, parameters, -math.inf, out, work)
+        if code != DONE:
+            return int(code)
+    return DONE
+
+
+def before(out: Output, t_ns: int) -> Output:
+    """Return an output that is asked for nothing from ``t_ns`` on: a row at that time is written after its update."""
+    return out._replace(times_ns=out.times_ns[: np.searchsorted(out.times_ns, t_ns)])

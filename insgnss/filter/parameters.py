@@ -1,0 +1,241 @@
+"""All numbers the compiled filter needs, resolved once from the filter file, the sensor grade and the oscillator."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.filter import FilterConfig, Heading, Measurements, Noise
+from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.filter.layout import Layout
+from insgnss.filter.state import MAX_COUPLINGS, MAX_OPTIONAL
+from insgnss.filter.states.glonass_channel_bias import CHANNEL_BIAS
+from insgnss.filter.states.ionosphere import IONOSPHERE
+from insgnss.filter.states.zenith_delay import ZENITH_DELAY
+from insgnss.gnss.noise_model import thermal_factor
+from insgnss.gnss.observation_rows import N_KINDS
+from insgnss.gnss.troposphere import Weather, weather_at_sea_level
+from insgnss.inertial.clock_model import clock_model
+from insgnss.inertial.sensor_model import sensor_model
+
+_KELVIN = 273.15
+_LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
+_WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
+_OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``Rows`` holds their delays
+
+KIND_DTYPE = np.dtype(
+    (
+        np.record,
+        [  # m^2, of range rates m^2/s^2
+            ("floor2", np.float64),
+            ("elevation2", np.float64),
+            ("cn02", np.float64),
+            ("missing_thermal", np.float64),
+            (
+                "correlation",
+                np.float64,
+            ),  # correlation time of the errors [s]; zero for carrier differences
+            ("gate2", np.float64),  # squared gate [-]
+            (
+                "least_step",
+                np.float64,
+            ),  # smallest clock step accepted from few rows: bias [m], drift [m/s]
+        ],
+    )
+)
+KindNumbers: TypeAlias = Any  # one element of KIND_DTYPE
+PARAMETERS_DTYPE = np.dtype(
+    (
+        np.record,
+        [
+            ("gyro_density", np.float64),  # [rad^2/s]
+            ("accel_density", np.float64),  # [m^2/s^3]
+            ("gyro_scale_density", np.float64),  # times rate^2 gives [rad^2/s]
+            (
+                "accel_scale_density",
+                np.float64,
+            ),  # times ``unusual_force2`` gives [m^2/s^3]
+            ("gyro_bias_density", np.float64),
+            ("gyro_bias_time", np.float64),
+            ("accel_bias_density", np.float64),
+            ("accel_bias_time", np.float64),
+            ("clock_bias_density", np.float64),  # [m^2/s]
+            ("clock_drift_density", np.float64),  # [m^2/s^3]
+            (
+                "optional_density",
+                np.float64,
+                (MAX_OPTIONAL,),
+            ),  # of each optional state [its unit^2 / s], zero of the clone
+            ("n_optional", np.int64),  # optional states with a value of their own
+            (
+                "optional_rate",
+                np.float64,
+                (MAX_OPTIONAL,),
+            ),  # inverse correlation time of each [1/s], zero: none
+            ("n_couplings", np.int64),  # further errors of the sensors ...
+            ("coupling_at", np.int64, (MAX_COUPLINGS,)),  # ... which state, ...
+            (
+                "coupling_into",
+                np.int64,
+                (MAX_COUPLINGS,),
+            ),  # ... DV of the accelerometers or PSI of the gyros, ...
+            ("coupling_axis", np.int64, (MAX_COUPLINGS,)),  # ... of which axis, ...
+            ("coupling_times", np.int64, (MAX_COUPLINGS,)),  # ... in proportion to what: ``layout.FACTORS``
+            ("at_channel_bias", np.int64),  # where these stand in the error state, -1 where there is none
+            ("at_zenith_delay", np.int64),
+            ("at_ionosphere", np.int64),
+            ("at_clone", np.int64),
+            ("covariance_step", np.float64),  # [s]
+            ("motion_gate2", np.float64),  # squared sigmas from which a horizontal force is motion; 0: any is
+            ("sine_mask", np.float64),  # sine of the elevation mask
+            ("cn0_mask", np.float64),  # [dBHz]
+            ("use_ionosphere", np.float64),  # 1 or 0
+            ("visibility", np.int64),  # OFF, MASK or LOOK of ``masking``
+            ("use_troposphere", np.float64),  # 1 or 0
+            ("pressure_0", np.float64),  # air at sea level [hPa]
+            ("temperature_0", np.float64),  # [K]
+            ("humidity", np.float64),  # relative
+            ("kind", KIND_DTYPE, (N_KINDS,)),  # of pseudoranges, range rates, carrier differences
+            ("robust", np.int64),  # 0 the gate alone, HUBER or STUDENT of ``faults``
+            ("huber_k", np.float64),
+            ("student_freedom", np.float64),
+            ("residual_gate2", np.float64),  # squared, of a residual after the update; 0: not tested
+            ("drift_gate", np.float64),  # sigmas between fast and slow mean; 0: not tested
+            ("reflected_below_db", np.float64),  # [dB]; 0: not tested
+            ("lockout_epochs", np.float64),
+            ("strain_limit", np.float64),
+            ("strain_time", np.float64),  # [s]
+            ("suspicion_limit", np.float64),  # chi^2 of three; 0: the prediction is never suspected
+            ("heading_known_variance", np.float64),  # [rad^2]
+            (
+                "widest_heading_variance",
+                np.float64,
+            ),  # [rad^2] of one hypothesis; above it several take its place
+            ("adapt_gain", np.float64),  # 0: off
+            ("adapt_least", np.float64),
+            ("adapt_most", np.float64),
+            ("adapt_least_at_rest", np.float64),
+            ("lever_b", np.float64, (3,)),  # IMU to antenna, body [m]
+        ],
+    )
+)
+Parameters: TypeAlias = Any  # one element of PARAMETERS_DTYPE: SI units and radians, two-sided densities
+
+
+def _noise(noise: Noise) -> tuple[float, float, float, float]:
+    return (
+        noise.floor**2,
+        noise.elevation**2,
+        noise.cn0_at_45_dbhz**2,
+        float(thermal_factor(noise.missing_cn0_dbhz)),
+    )
+
+
+def _further_states(layout: Layout) -> tuple[npt.NDArray[np.float64], int, npt.NDArray[np.float64]]:
+    """Return the densities of the further states (SI units squared / s), their number, and their rates [1/s]."""
+    density, rate = np.zeros(MAX_OPTIONAL), np.zeros(MAX_OPTIONAL)
+    processes = [(block.process, block.si_per_unit) for block in layout.blocks for _ in block.columns]
+    for i, (process, unit) in enumerate(processes):
+        density[i], rate[i] = process.variance_per_s * unit**2, process.rate
+    return density, layout.n_values, rate
+
+
+def _couplings(layout: Layout) -> tuple[int | npt.NDArray[np.int64], ...]:
+    """Return the number of couplings, and the columns of ``Layout.couplings`` with room for the most there can be."""
+    couplings, table = layout.couplings, np.zeros((MAX_COUPLINGS, 4), np.int64)
+    table[: len(couplings)] = np.reshape(couplings, (-1, 4))
+    return len(couplings), *table.T
+
+
+def _visibility(config: FilterConfig, with_antennas: bool) -> int:
+    if not (config.visibility.on and with_antennas):
+        return 0
+    return 2 if config.visibility.use_masked else 1
+
+
+def widest_heading(heading: Heading) -> float:
+    """Return the sigma [rad] above which a hypothesis of the heading is split; infinite where only one is wanted.
+
+    Hypotheses a spacing apart have half of it as their sigma. Split at once they would be split again and again as
+    the gyros drift; a sigma of 25 deg, for twelve of them, is still linear: a filter that begins 30 deg off by one
+    sigma is consistent in a turn and an acceleration, one of 60 deg is not.
+    """
+    if heading.hypotheses == 1:
+        return math.inf
+    return _WIDEST * math.pi / heading.hypotheses
+
+
+def weather_of(use: Measurements) -> Weather:
+    """Return the air at sea level that the settings describe."""
+    air = use.weather
+    kelvin = None if air.temperature_c is None else air.temperature_c + _KELVIN
+    humidity = None if air.humidity_percent is None else air.humidity_percent / 100.0
+    return weather_at_sea_level(air.pressure_hpa, kelvin, humidity, air.h_m)
+
+
+def resolve_parameters(
+    config: FilterConfig,
+    grade: ImuGrade,
+    oscillator: Oscillator,
+    lever_arm_m: tuple[float, float, float],
+    klobuchar_known: bool,
+    layout: Layout = Layout(),  # noqa: B008 - frozen
+    with_antennas: bool = False,
+) -> npt.NDArray[Any]:
+    """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
+    sensor = sensor_model(grade)
+    clock = clock_model(oscillator)
+    use, gates = config.measurements, config.gates
+    ranges, rates = config.pseudorange_noise_m, config.range_rate_noise_mps
+    values = (
+        sensor.gyro_density,
+        sensor.accel_density,
+        sensor.gyro_scale**2 * config.process.scale_factor_time_s,
+        sensor.accel_scale**2 * config.process.scale_factor_time_s,
+        sensor.gyro_bias.density,
+        sensor.gyro_bias.time_s,
+        sensor.accel_bias.density,
+        sensor.accel_bias.time_s,
+        clock.bias_density,
+        clock.drift_density,
+        *_further_states(layout),
+        *_couplings(layout),
+        layout.at(CHANNEL_BIAS),
+        layout.at(ZENITH_DELAY),
+        layout.at(IONOSPHERE),
+        layout.at_clone,
+        config.process.covariance_step_s,
+        config.process.motion_sigma**2,
+        math.sin(math.radians(use.elevation_mask_deg)),
+        use.cn0_mask_dbhz,
+        float(use.ionosphere != "none" and (klobuchar_known or use.ionosphere in _OTHER_MODELS)),
+        _visibility(config, with_antennas),
+        float(use.troposphere == "saastamoinen"),
+        *weather_of(use),
+        [
+            (*_noise(ranges), ranges.correlation_time_s, gates.pseudorange_sigma**2, gates.clock_jump_min_m),
+            (*_noise(rates), rates.correlation_time_s, gates.range_rate_sigma**2, _LEAST_DRIFT_STEP_MPS),
+            (*_noise(config.carrier_noise_m), 0.0, gates.carrier_sigma**2, math.inf),
+        ],
+        ("gate", "huber", "student").index(config.faults.weights),
+        config.faults.huber_k,
+        config.faults.student_freedom,
+        (config.faults.residual_sigma or 0.0) ** 2,
+        config.faults.drift_sigma or 0.0,
+        config.faults.reflected_below_db or 0.0,
+        float(config.health.lockout_epochs),
+        config.health.strain_nis,
+        config.health.strain_s,
+        config.health.suspicion_sigma**2 if config.health.recovery else 0.0,
+        math.radians(config.heading.known_below_deg) ** 2,
+        widest_heading(config.heading) ** 2,
+        1.0 / config.adaptation.memory_s if config.adaptation.on else 0.0,
+        config.adaptation.least_factor,
+        config.adaptation.most_factor,
+        config.adaptation.least_factor_at_rest,
+        lever_arm_m,
+    )
+    return np.array([values], PARAMETERS_DTYPE)

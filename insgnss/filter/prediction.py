@@ -1,0 +1,341 @@
+"""Carrying a filter forward in time: inertial samples into the state, their errors into the covariance, compiled.
+
+The state moves with every sample. The covariance moves in steps of at least ``covariance_step`` over which the specific
+force and the attitude are summed; what that costs in accuracy is tested, not assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.apart import apart
+from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.state import (
+    BA,
+    BG,
+    BIAS_FACTOR,
+    CLOCK,
+    DRIFT,
+    DRIFT_FACTOR,
+    DV,
+    MAX_COUPLINGS,
+    OFFSETS,
+    PSI,
+    Bank,
+    StateRecord,
+)
+from insgnss.geodesy.vectors import Vector
+from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
+from insgnss.inertial.increments import effective_rates
+from insgnss.inertial.mechanization import mechanize
+from insgnss.jit import inlined
+from insgnss.tables import Float64, Int64
+
+RATES_DTYPE: Final = np.dtype(
+    (
+        np.record,
+        [
+            ("w", np.float64, (3,)),  # effective rate of the interval [rad/s]
+            ("f", np.float64, (3,)),  # effective specific force [m/s^2]
+            ("w_before", np.float64, (3,)),
+            ("f_before", np.float64, (3,)),
+            ("w_now", np.float64, (3,)),
+            ("f_now", np.float64, (3,)),
+            ("dv_e", np.float64, (3,)),
+            ("g_e", np.float64, (3,)),
+        ],
+    )
+)
+USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
+LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
+Rates: TypeAlias = Any  # one element of RATES_DTYPE
+
+
+class Imu(NamedTuple):
+    """Inertial samples as the loop reads them."""
+
+    t_ns: Int64
+    w_ib_b: Float64
+    f_b: Float64
+    # (n, 2) densities of the motion that a sample does not show [rad^2/s], [m^2/s^3]; (0, 2): there is none
+    unknown: Float64 = np.zeros((0, 2))
+
+    def part(self, first: int, last: int) -> Imu:
+        """Return the samples from ``first`` up to ``last``."""
+        chosen = slice(first, last)
+        return Imu(self.t_ns[chosen], self.w_ib_b[chosen], self.f_b[chosen], self.unknown[chosen])
+
+
+class Scratch(NamedTuple):
+    """Work space of the prediction, allocated once."""
+
+    rates: npt.NDArray[Any]  # (1,) of RATES_DTYPE
+    A: Float64  # (n, n)
+    B: Float64  # (n, n)
+    keep: Float64  # (n,) decay factor of each state over a step, 1 where it does not decay
+    couplings: Couplings  # (MAX_COUPLINGS,) of the further errors of the sensors
+
+
+def new_scratch(n: int) -> Scratch:
+    """Return work space for ``n`` error states."""
+    couplings = np.zeros(MAX_COUPLINGS, COUPLING_DTYPE)
+    return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)), np.ones(n), couplings)
+
+
+@inlined
+def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
+    """Carry the covariance over everything summed since the last call, let the biases decay, and clear the sums."""
+    follow_velocity(m, P, m.sum_dt)
+    propagate_covariance(m, P, par, scratch)
+    if m.sum_dt > 0.0:
+        for i in range(3):
+            m.b_a[i] *= scratch.keep[BA + i]
+            m.b_g[i] *= scratch.keep[BG + i]
+        for i in range(min(par.n_optional, P.shape[0] - OFFSETS)):
+            m.optional[i] *= scratch.keep[OFFSETS + i]
+    clear_sums(m, par)
+
+
+@apart
+def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
+    """Propagate the covariance ``P`` over the sums in ``m``; write the decay factor of each state into ``keep``.
+
+    Equation: P <- Phi (P + Q/2) Phi^T + Q/2: the trapezoid rule for the integral of Phi Q Phi^T, which gives the
+    noise's way into position, velocity and clock bias to second order in the step.
+    """
+    dt = m.sum_dt
+    if dt <= 0.0:
+        return
+    x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, scratch.A[0])
+    accel_q = m.sum_accel_q + residual * dt
+    step = transition_step(dt, x, y, z, m.r_e)
+    place_decays(par, dt, scratch.keep)
+    couplings = scratch.couplings[: par.n_couplings]
+    for k in range(couplings.shape[0]):
+        couplings[k].at, couplings[k].into = par.coupling_at[k], par.coupling_into[k]
+        for i in range(3):
+            couplings[k].s[i] = m.sum_coupling[k, i]
+    add_half_noise(m, P, par, dt, accel_q)
+    carry_covariance(step, m.sum_C, couplings, scratch.keep, P, scratch.B)
+    add_half_noise(m, P, par, dt, accel_q)
+
+
+@inlined
+def place_decays(par: Parameters, dt: float, keep: Float64) -> None:
+    """Write the decay factors exp(-dt / time) of a step of ``dt`` [s]."""
+    of_a, of_g = math.exp(-dt / par.accel_bias_time), math.exp(-dt / par.gyro_bias_time)
+    for i in range(3):
+        keep[BA + i] = of_a
+        keep[BG + i] = of_g
+    for i in range(min(par.n_optional, keep.shape[0] - OFFSETS)):
+        if par.optional_rate[i] > 0.0:
+            keep[OFFSETS + i] = math.exp(-dt * par.optional_rate[i])
+
+
+@inlined
+def clear_sums(m: StateRecord, par: Parameters) -> None:
+    """Set the sums of the covariance's step to zero."""
+    m.sum_dt = 0.0
+    m.sum_gyro_q = 0.0
+    m.sum_accel_q = 0.0
+    for i in range(3):
+        m.sum_dv[i] = 0.0
+        for j in range(3):
+            m.sum_C[i, j] = 0.0
+    for k in range(par.n_couplings):
+        for i in range(3):
+            m.sum_coupling[k, i] = 0.0
+
+
+@inlined
+def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float, accel_q: float) -> None:
+    """Add half of the step's process noise to the diagonal of the covariance; ``accel_q`` is the velocity's."""
+    half = 0.5 * dt
+    for i in range(3):
+        P[DV + i, DV + i] += 0.5 * accel_q
+        P[PSI + i, PSI + i] += 0.5 * m.sum_gyro_q
+        P[BA + i, BA + i] += half * par.accel_bias_density
+        P[BG + i, BG + i] += half * par.gyro_bias_density
+    P[CLOCK, CLOCK] += half * m.noise_factor[BIAS_FACTOR] * par.clock_bias_density
+    P[DRIFT, DRIFT] += half * m.noise_factor[DRIFT_FACTOR] * par.clock_drift_density
+    for i in range(min(par.n_optional, P.shape[0] - OFFSETS)):
+        P[OFFSETS + i, OFFSETS + i] += half * par.optional_density[i]
+
+
+@inlined
+def step_state(
+    m: StateRecord, par: Parameters, dt: float, gyro_unknown: float, accel_unknown: float, rates: Rates
+) -> None:
+    """Move the state by ``dt`` [s] with the effective ``rates`` and add to the sums of the covariance.
+
+    ``gyro_unknown`` [rad^2/s] and ``accel_unknown`` [m^2/s^3] are the densities of motion that the samples do not show.
+    """
+    w, f = rates.w, rates.f
+    C = m.C_eb
+    half = 0.5 * dt
+    for i in range(3):
+        for j in range(3):
+            m.sum_C[i, j] += half * C[i, j]
+    sum_couplings(m, par, w, f, half)
+    mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.dv_e, rates.g_e)
+    gain = 1.0 / max(FORCE_MEAN_TIME_S, dt)
+    for i in range(3):
+        m.sum_dv[i] += rates.dv_e[i]
+        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) * gain
+        m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt * gain)
+        for j in range(3):
+            m.sum_C[i, j] += half * C[i, j]
+    sum_couplings(m, par, w, f, half)
+    m.clock[0] += m.clock[1] * dt
+    w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    gyro = par.gyro_density + par.gyro_scale_density * w2
+    accel = par.accel_density + par.accel_scale_density * unusual_force2(m, f, dt)
+    m.sum_gyro_q += (gyro + gyro_unknown) * dt
+    m.sum_accel_q += (accel + accel_unknown) * dt
+    m.sum_dt += dt
+
+
+@inlined
+def sum_couplings(m: StateRecord, par: Parameters, w: Float64, f: Float64, dt: float) -> None:
+    """Add ``dt`` [s] of C_eb e_i m_k to the sum of each further error of the sensors."""
+    for k in range(par.n_couplings):
+        value = dt * factor_of(par.coupling_times[k], f, w)
+        for i in range(3):
+            m.sum_coupling[k, i] += value * m.C_eb[i, par.coupling_axis[k]]
+
+
+@inlined
+def factor_of(which: int, f: Vector | Float64, w: Vector | Float64) -> float:
+    """Return what an error of a sensor is proportional to: ``layout.FACTORS`` of specific force and rate."""
+    if which == 0:
+        return 1.0
+    return float(f[which - 1] if which <= 3 else w[which - 4])
+
+
+@inlined
+def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> None:
+    """Take the further errors of the sensors off a rate ``w`` and a specific force ``f``, biases removed before.
+
+    Equation: w_i <- w_i - sum x_k m_k, with m_k of the measured values: to first order in x_k
+    """
+    if par.n_couplings > 0:
+        measured_f, measured_w = (f[0], f[1], f[2]), (w[0], w[1], w[2])
+        for k in range(par.n_couplings):
+            error = factor_of(par.coupling_times[k], measured_f, measured_w)
+            error *= m.optional[par.coupling_at[k] - OFFSETS]
+            axis = par.coupling_axis[k]
+            if par.coupling_into[k] == PSI:
+                w[axis] -= error
+            else:
+                f[axis] -= error
+
+
+@inlined
+def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
+    """Return the square of the specific force's departure from its slow mean, in body axes [m^2/s^4]; keep the mean.
+
+    What scale factors and misalignments make of a force that stays alike is in the bias; only what changes is an error
+    of its own.
+    """
+    total = 0.0
+    new = m.f_mean[0] == 0.0 and m.f_mean[1] == 0.0 and m.f_mean[2] == 0.0
+    share = 1.0 if new else dt / max(USUAL_FORCE_S, dt)
+    for i in range(3):
+        apart = f[i] - m.f_mean[i]
+        m.f_mean[i] += share * apart
+        total += apart * apart
+    return 0.0 if new else total
+
+
+@inlined
+def load_rates(
+    m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, s: Rates
+) -> None:
+    """Write sample ``k``'s effective rates, the sensors' errors removed."""
+    dt: float = (t_ns[k] - t_ns[k - 1]) * 1e-9
+    before = k - 1 if k > 1 else k
+    dt_before = (t_ns[before] - t_ns[before - 1]) * 1e-9
+    for i in range(3):
+        s.w_now[i] = w_ib_b[k, i] - m.b_g[i]
+        s.f_now[i] = f_b[k, i] - m.b_a[i]
+        s.w_before[i] = w_ib_b[before, i] - m.b_g[i]
+        s.f_before[i] = f_b[before, i] - m.b_a[i]
+    correct_sensors(m, par, s.w_now, s.f_now)
+    correct_sensors(m, par, s.w_before, s.f_before)
+    effective_rates(s.w_now, s.f_now, s.w_before, s.f_before, dt, dt_before, s.w, s.f)
+
+
+@apart
+def carry(
+    m: StateRecord,
+    P: Float64,
+    now_ns: int,
+    k: int,
+    stop_ns: int,
+    t_ns: Int64,
+    w_ib_b: Float64,
+    f_b: Float64,
+    unknown: Float64,
+    par: Parameters,
+    scratch: Scratch,
+) -> int:
+    """Carry one hypothesis from ``now_ns`` to ``stop_ns``; return the next sample's index.
+
+    An interval that holds ``stop_ns`` is split there: its effective rates are constant over it. The covariance's sums
+    are carried on whenever they are longer than a covariance step.
+
+    Parameters
+    ----------
+    now_ns, k : time of the state, inside the interval (t_ns[k-1], t_ns[k]] of sample k (or at its start)
+    stop_ns : at most t_ns[-1]
+    t_ns, w_ib_b, f_b, unknown : (n,), (n, 3), (n, 3), (n, 2) or (0, 2) inertial samples, as in ``Imu``
+    """
+    rates = scratch.rates[0]
+    while now_ns < stop_ns:
+        load_rates(m, par, w_ib_b, f_b, t_ns, k, rates)
+        gyro_unknown, accel_unknown = 0.0, 0.0
+        if k < unknown.shape[0]:
+            gyro_unknown, accel_unknown = unknown[k, 0], unknown[k, 1]
+        end_ns = min(t_ns[k], stop_ns)
+        dt = (end_ns - now_ns) * 1e-9
+        pieces = 1 if dt <= LONGEST_STEP_S else math.ceil(dt / LONGEST_STEP_S)
+        for _ in range(pieces):
+            step_state(m, par, dt / pieces, gyro_unknown, accel_unknown, rates)
+            if m.sum_dt > par.covariance_step - 1e-6:
+                predict_covariance(m, P, par, scratch)
+        now_ns = end_ns
+        if end_ns == t_ns[k]:
+            k += 1
+    return k
+
+
+@inlined
+def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
+    """Carry every hypothesis to ``stop_ns``."""
+    head = bank.head[0]
+    now_ns = head.now_ns
+    k = head.next
+    if stop_ns <= now_ns:
+        return
+    k_end = k
+    for i in range(bank.state.shape[0]):
+        k_end = carry(
+            bank.state[i],
+            bank.P[i],
+            now_ns,
+            k,
+            stop_ns,
+            imu.t_ns,
+            imu.w_ib_b,
+            imu.f_b,
+            imu.unknown,
+            par,
+            scratch,
+        )
+    head.now_ns = stop_ns
+    head.next = k_end

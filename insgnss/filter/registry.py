@@ -1,0 +1,26 @@
+"""What the filter knows by itself: the list of its blocks of further states."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.layout import Layout, StateBlock
+from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
+from insgnss.filter.states.ionosphere import ionosphere
+from insgnss.filter.states.system_offsets import system_offsets
+from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.zenith_delay import zenith_delay
+
+# the clock offsets come first: an observation names its own by number
+STATES: Final = (system_offsets, glonass_channel_bias, zenith_delay, ionosphere)
+
+
+def layout_of(
+    wanted: StatesWanted, further: tuple[StateBlock, ...] = (), home: tuple[int, ...] = ()
+) -> Layout:
+    """Return the layout of a filter: its own blocks as the settings and the log want them, and ``further`` ones.
+
+    ``home`` says which clock groups are tied, see ``Layout``.
+    """
+    own = [block for state in STATES if (block := state(wanted)) is not None]
+    return Layout((*own, *further), clone=wanted.with_carrier, home=home)

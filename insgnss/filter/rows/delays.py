@@ -1,0 +1,109 @@
+"""What the air adds to the rows of an epoch: delays, their growth, and the columns of what the models leave, compiled.
+
+With I the ionosphere's delay of a code on L1, f the carrier's (f_L1 / f)^2, T the troposphere's delay:
+
+    pseudorange        + f I + T
+    range rate         - f I' + T'        (Doppler is the carrier's: a phase is advanced as a code is delayed)
+    carrier difference - f [I] + [T]      ([ ] now less at the epoch before)
+
+I' and T' are the models' differences to a little earlier, antenna and satellite carried back by their velocities: the
+satellite's way through the sky, the antenna's climb, the turn of its horizon and the Sun's are in them. Earlier is the
+epoch that the carrier's difference counts from, else ``LOOK_BACK_S`` ago. T' of a satellite at 6 deg is 19 mm/s.
+Neglects: in a rate the models' bend over half of that time (at 6 deg 1e-5 m/s^2 at rest, 6e-4 at 250 m/s); what the
+antenna accelerates over it (1 g for a second: below 1 mm but for the troposphere's zenith delay, which is the clone's);
+d T' / d v of a climb, 3e-4 of the zenith's mapping, beside the row's own sine of the elevation.
+
+What the models leave at the zenith enters as states where the filter has them: w Z of the wet troposphere, q J of the
+ionosphere with the mapping q of a thin shell. Rates and differences know of them what the mappings' growth shows. Their
+own wander in a difference is left out: 1 mm/s of the ionosphere on a bad day, beside 3 mm of a difference's noise; over
+minutes it is what J, seen by the codes with the other sign, takes up.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from insgnss.constants import WGS84_A_M
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.lines import Epoch, Line
+from insgnss.filter.state import OFFSETS, StateRecord
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.gnss.observation_rows import Observation, Rows
+from insgnss.gnss.range_model import place_air, slant_changes
+from insgnss.jit import inlined
+
+LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rounding of a delay
+_AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model [IS-GPS-200N, 20.3.3.5.2.5]
+
+
+@inlined
+def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> None:
+    """Write the air of the epoch, and that of a little earlier, where the antenna came from.
+
+    ``interval`` is what the carrier's differences span [s], zero where there are none.
+    """
+    a = s.antenna[0]
+    a.look_back = interval if interval > 0.0 else LOOK_BACK_S
+    lat, lon, h = ecef_to_geodetic(a.r_a)
+    ecef_to_ned_matrix(lat, lon, a.C_ne)
+    for i in range(3):
+        a.r_earlier[i] = a.r_a[i] - a.v_a[i] * a.look_back
+    lat_0, lon_0, h_0 = ecef_to_geodetic(a.r_earlier)
+    ecef_to_ned_matrix(lat_0, lon_0, a.C_earlier)
+    place_air(
+        s.air[0], lat, lon, h, week_s, par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity
+    )
+    place_air(
+        s.air[1], lat_0, lon_0, h_0, week_s - a.look_back,
+        par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity,
+    )  # fmt: skip
+
+
+@inlined
+def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Line) -> None:
+    """Write ionosphere on L1 and troposphere of a row, their growth, and the shell's mapping.
+
+    ``a.dr`` is minus the turn of the line of sight per second, ``a.u_earlier`` takes the line of sight of then.
+    """
+    a = s.antenna[0]
+    C, earlier = a.C_earlier, a.u_earlier
+    x = a.u[0] + a.dr[0] * a.look_back
+    y = a.u[1] + a.dr[1] * a.look_back
+    z = a.u[2] + a.dr[2] * a.look_back
+    for k in range(3):
+        earlier[k] = C[k, 0] * x + C[k, 1] * y + C[k, 2] * z
+    with_ionosphere = par.use_ionosphere > 0.0
+    a.ionosphere, a.ionosphere_grown, a.troposphere, a.troposphere_grown = slant_changes(
+        s.air[0], s.air[1], rows.klobuchar, line.u_n, earlier, with_ionosphere, row.ionosphere_m
+    )
+    if with_ionosphere:
+        a.ionosphere_grown += row.ionosphere_rate * a.look_back
+    if par.at_ionosphere >= 0:
+        a.shell = shell_mapping(-line.u_n[2])
+        a.shell_grown = a.shell - shell_mapping(-earlier[2])
+
+
+@inlined
+def shell_mapping(sine: float) -> float:
+    """Return slant over zenith delay of a thin shell 350 km high: 1 / sqrt(1 - (R / (R + h) cos E)^2)."""
+    return 1.0 / math.sqrt(1.0 - _AT_SHELL * _AT_SHELL * (1.0 - sine * sine))
+
+
+@inlined
+def zenith_columns(
+    m: StateRecord, par: Parameters, line: Line, kind: int, count: int, wet: float, shell: float
+) -> tuple[float, int]:
+    """Write the columns of what the models leave at the zenith from ``count`` on; return what they add, and the end."""
+    total = 0.0
+    h, columns = line.h[kind], line.columns[kind]
+    if par.at_zenith_delay >= 0:
+        h[count], columns[count] = wet, par.at_zenith_delay
+        total += wet * m.optional[par.at_zenith_delay - OFFSETS]
+        count += 1
+    if par.at_ionosphere >= 0:
+        h[count], columns[count] = shell, par.at_ionosphere
+        total += shell * m.optional[par.at_ionosphere - OFFSETS]
+        count += 1
+    return total, count

@@ -1,0 +1,142 @@
+"""Everything that fixes a filter before the first sample: settings, parameters, clock groups, start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy.typing as npt
+
+from insgnss.antenna.installation import Installation, no_antenna
+from insgnss.antenna.visibility import Limits
+from insgnss.config.filter import FilterConfig
+from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
+from insgnss.filter.epoch_aid import EpochAid
+from insgnss.filter.layout import Layout, StateBlock
+from insgnss.filter.own_rows.rows import OwnMeasurements
+from insgnss.filter.parameters import resolve_parameters, weather_of
+from insgnss.filter.registry import layout_of
+from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.update.masking import NO_LIMITS
+from insgnss.gnss.clock_groups import tied_clocks
+from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.least_squares import Ties
+from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.gnss.phase_centre import SatelliteAntennas
+from insgnss.gnss.plausible_messages import plausible_klobuchar
+from insgnss.gnss.precise_orbit import precise_states
+from insgnss.gnss.satellite_state import SatelliteStates, satellite_states
+from insgnss.gnss.troposphere import Weather
+from insgnss.tables import Float64, GnssTable, NavigationData, PreciseProducts
+
+
+@dataclass(frozen=True)
+class FilterSetup:
+    """A filter ready to be started; ``replay`` and the streaming engine are given the same one."""
+
+    config: FilterConfig
+    grade: ImuGrade
+    oscillator: Oscillator
+    lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    clock_groups: tuple[str, ...] = ("G",)  # see ``gnss.clock_groups``; the first keeps the receiver clock
+    start: GivenStart | None = None  # None: automatic
+    start_ns: int | None = None  # GPS time of a given start; None: the first epoch
+    navigation: NavigationData | None = None  # None: the log carries satellite states
+    with_carrier: bool = False  # the log has carrier phases
+    products: PreciseProducts | None = None  # orbits and clocks instead of the messages'
+    installation: Installation = field(
+        default_factory=no_antenna
+    )  # the vehicle's antennas, none: nothing masked
+    visibility_limits: Limits = NO_LIMITS
+    antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
+    states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
+    new_aid: Callable[[], EpochAid] | None = None  # makes what several antennas add at epochs; None: nothing
+    own: OwnMeasurements | None = None  # a user's own; None: none
+
+    @property
+    def klobuchar(self) -> Float64 | None:
+        """Coefficients of the ionosphere that the filter's loop evaluates, (8,)."""
+        return None if self.navigation is None else plausible_klobuchar(self.navigation.klobuchar)
+
+    @property
+    def n_offsets(self) -> int:
+        """Number of inter-system clock offsets."""
+        return len(self.clock_groups) - 1
+
+    @property
+    def ties(self) -> Ties:
+        """Which clocks are alike but for metres: QZSS's and GPS's."""
+        return tied_clocks(self.clock_groups, self.config.process.qzss_offset_sigma_m)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Which further states the filter has, and where they stand."""
+        with_carrier = self.with_carrier and self.config.measurements.carrier
+        wanted = StatesWanted(self.config, self.clock_groups, with_carrier)
+        return layout_of(wanted, self.states_wanted, tuple(self.ties.home.tolist()))
+
+    def parameters(self) -> npt.NDArray[Any]:
+        """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""
+        return resolve_parameters(
+            self.config,
+            self.grade,
+            self.oscillator,
+            self.lever_arm_m,
+            self.klobuchar is not None,
+            self.layout,
+            with_antennas=len(self.installation.lever_b) > 0,
+        )
+
+    @property
+    def weather(self) -> Weather:
+        """The air that the troposphere's model starts from."""
+        return weather_of(self.config.measurements)
+
+    def states(
+        self, gnss: GnssTable, navigation: NavigationData | BroadcastMessages | None
+    ) -> SatelliteStates:
+        """Return the satellite states of a log: by precise products where there are any, else by the messages."""
+        if isinstance(navigation, NavigationData):
+            navigation = broadcast_messages(
+                navigation, max_age_s=self.config.measurements.max_ephemeris_age_s
+            )
+        if self.products is not None and gnss.sat is None:
+            return precise_states(gnss, self.products, navigation, antennas=self.antennas)
+        return satellite_states(gnss, navigation)
+
+    def rows(
+        self,
+        gnss: GnssTable,
+        navigation: NavigationData | BroadcastMessages | None,
+        *,
+        ionosphere_l1: Float64 | None = None,
+        correction_m: Float64 | None = None,
+    ) -> Rows:
+        """Return a log as the filter's rows; ``navigation`` is the setup's own, or its messages sorted once."""
+        use = self.config.measurements
+        return prepare_rows(
+            gnss,
+            navigation,
+            self.klobuchar,
+            clock_groups=self.clock_groups,
+            signals=use.signals_of(),
+            every_band=use.every_band,
+            pseudorange=use.pseudorange,
+            range_rate=use.range_rate,
+            carrier=use.carrier if self.with_carrier else None,
+            carrier_max_interval_s=use.carrier_max_interval_s,
+            ionosphere_free=use.ionosphere == "ionosphere_free",
+            max_age_s=use.max_ephemeris_age_s,
+            states=None if self.products is None or gnss.sat is not None else self.states(gnss, navigation),
+            ionosphere_l1=ionosphere_l1,
+            correction_m=correction_m,
+            variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
+        )
+
+    @property
+    def log_drop(self) -> float:
+        """Logarithm of the weight below which a hypothesis of the heading goes."""
+        return math.log(self.config.heading.drop_below)

@@ -1,0 +1,1 @@
+"""What the whole log tells of a moment: the smoother, times between epochs, other points of the body."""

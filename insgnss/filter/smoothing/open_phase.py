@@ -1,0 +1,111 @@
+"""Epochs in which several headings were open, gone over once more with the one that was found.
+
+While a bank is open its hypotheses share the epochs, and none is smoothed: which one is right is not known yet. Once it
+is, the gyros say how the vehicle stood when the bank was opened. The hypothesis nearest to that, turned to it, goes
+over the same epochs alone, with the sigma of its heading as it was. It is then a filter like any other, smoothed from
+what the rest of the log tells of the epoch at which one heading was left. What the rest has told enters its first
+heading, about which its equations are linear, but not its covariance.
+
+Where it comes to something else than the smoothed filter, the epochs stay as the open bank had them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.filter.diagnosis.hindsight import quiet
+from insgnss.filter.headings.heading_bank import rotation, set_attitude, turn_member
+from insgnss.filter.headings.headings import turn_about, yaw_variance
+from insgnss.filter.loop import COVARIANCE_LOST, new_workspace
+from insgnss.filter.output.writing import CLOCK_STEP, DRIFT_STEP, new_output
+from insgnss.filter.own_update import OwnUpdate, run_beside
+from insgnss.filter.prediction import Imu, carry_bank, new_scratch
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.smoothing.between import one_hypothesis
+from insgnss.filter.smoothing.smoother_step import Kept, Smoothed, apart, keep, keep_own, kept_as_opened
+from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
+from insgnss.gnss.observation_rows import Rows
+from insgnss.tables import Float64, Int64
+
+_STEPPED: Final = {int(CLOCK_STEP): CLOCK, int(DRIFT_STEP): DRIFT}
+_COMPARED: Final = slice(DR, PSI + 3)  # position, velocity, attitude
+_AGREES: Final = 40.0  # squared sigmas of nine states: by chance more in one of 10^5
+
+
+@dataclass
+class OpenPhase:
+    """The bank as it was opened, and the epochs until one heading was left."""
+
+    bank: Bank
+    linked: bool  # whether the filter of one heading before it was kept, at the same time
+    epochs: list[Rows] = field(default_factory=list)  # each alone
+
+
+def gone_over_alone(
+    phase: OpenPhase, found: Smoothed, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
+) -> list[Kept]:
+    """Return the epochs of a phase as the hypothesis that was ``found`` goes over them, the one at its end too.
+
+    Empty where that does not come to what was found.
+    """
+    bank = _opened_right(phase.bank, found, setup, imu, parameters)
+    chain = [kept_as_opened(bank)]
+    calm, layout = quiet(parameters), setup.layout
+    largest = max((len(rows.observation) for rows in phase.epochs), default=0)
+    work = new_workspace(max(largest, 1), layout, setup.installation, setup.visibility_limits)
+
+    def own_step(step: OwnUpdate) -> None:
+        chain.append(keep_own(bank, step.correction, linked=True, fits=True))
+
+    for rows in phase.epochs:
+        out = new_output(rows, 1, 32, np.zeros(0, np.int64), layout.n_values)
+        code = run_beside(bank, rows, imu, calm, out, work, setup, own_step)
+        if code == COVARIANCE_LOST:
+            return []
+        kinds = map(int, out.events["kind"][: out.counts[0].events])
+        stepped = tuple(_STEPPED[kind] for kind in kinds if kind in _STEPPED)
+        chain.append(keep(bank, work.epoch, layout, linked=True, stepped=stepped))
+    d = apart(found.state(), bank.state[0], layout)[_COMPARED]
+    P = bank.P[0][_COMPARED, _COMPARED]
+    return chain if float(d @ np.linalg.solve(P, d)) < _AGREES else []
+
+
+def _opened_right(
+    bank: Bank, found: Smoothed, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
+) -> Bank:
+    """Return the hypothesis of a bank nearest to the attitude that was found, turned to it."""
+    smoothed = found.state()
+    then = smoothed.copy()
+    then.r_e[:] = bank.state["r_e"][bank.head[0].leader]
+    set_attitude(then, _attitude_before(bank, found.kept.t_ns, smoothed, imu, parameters))
+    turns = [turn_about(m, then) for m in bank.state]
+    nearest = int(np.argmin(np.abs(turns)))
+    one = select_members(bank, np.array([nearest], np.int64))
+    m, P = one.state[0], one.P[0]
+    sigma = math.sqrt(yaw_variance(m, P))
+    turn_member(m, P, turns[nearest], sigma, parameters[0].lever_b, setup.layout)
+    return one
+
+
+def _attitude_before(
+    bank: Bank, end_ns: int, smoothed: StateRecord, imu: Imu, parameters: npt.NDArray[Any]
+) -> Float64:
+    """Return C_eb (3, 3) at a bank's time by the smoothed one at ``end_ns`` and the gyros.
+
+    Equation: C(t_0) = R^T C(t_1) C_a(t_1)^T R C_a(t_0), C_a any attitude that the gyros have carried from t_0 to t_1,
+              with the smoothed bias; R what the Earth has turned
+    """
+    first: Int64 = np.zeros(1, np.int64)
+    carried = one_hypothesis(bank.state[first], bank.P[first], bank.head)
+    carried.state[0].b_g[:] = smoothed.b_g
+    before = carried.state[0].C_eb.copy()
+    seconds = (end_ns - int(bank.head[0].now_ns)) / NS_PER_S
+    carry_bank(carried, end_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
+    R = rotation(np.array([0.0, 0.0, -WGS84_OMEGA_RADPS * seconds]))
+    return np.asarray(R.T @ smoothed.C_eb @ carried.state[0].C_eb.T @ R @ before)

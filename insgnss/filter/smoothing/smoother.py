@@ -1,0 +1,211 @@
+"""The fixed-interval smoother: every epoch with what the whole log tells of it, not only what came before.
+
+Rauch, Tung and Striebel's backward pass over the filter's own epochs. With e the smoothed state minus the filter's, and
+kappa what the update of the next epoch added to its prediction,
+
+    e_k   = A_k (kappa_k+1 + e_k+1)
+    P^s_k = P_k + A_k (P^s_k+1 - P^-_k+1) A_k^T,     A_k = P_k Phi^T (P^-_k+1)^-1
+
+where P_k Phi^T is read off a prediction that carries a copy of the state at k along (the copy's error is constant),
+with the filter's own mechanization and covariance. A carrier difference at k+1 is about the clone of k as well, so the
+next epoch is taken together with that clone; the clone follows from the smoothed state of k+1 by regression, for all
+later measurements know it only by way of that state. [Rauch, Tung & Striebel 1965; Roumeliotis & Burdick 2002]
+A user's own rows between epochs are a step of their own. The clone of the last epoch outlives it, so that step smooths
+the clone as well.
+
+Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
+was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
+while: from the last epoch that fitted it to the reset the samples count as so unsure that the step is one sigma of
+theirs, and of the clock nothing is carried back. Smoothing stops where the filter began anew: after a restart or a
+long gap in the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.writing import Output
+from insgnss.filter.own_update import OwnUpdate
+from insgnss.filter.prediction import Imu
+from insgnss.filter.smoothing.between import Between, smoothed, write_smoothed
+from insgnss.filter.smoothing.body_points import Further
+from insgnss.filter.smoothing.open_phase import OpenPhase, gone_over_alone
+from insgnss.filter.smoothing.row_covariances import RowCovariances, each_epoch
+from insgnss.filter.smoothing.smoother_step import Kept as Kept
+from insgnss.filter.smoothing.smoother_step import (
+    Smoothed,
+    keep,
+    keep_own,
+    kept_as_opened,
+    last_of_all,
+    one_back,
+    same_time,
+)
+from insgnss.filter.state import CLOCK, DRIFT, OFFSETS, Bank, copy_bank
+from insgnss.gnss.observation_rows import Rows
+from insgnss.tables import Float64, Int64
+
+_STEPPED_CLOCK: Final = {"clock_jump": CLOCK, "clock_drift_jump": DRIFT}
+_BEGUN_ANEW: Final = frozenset({"restart", "start"})
+
+
+@dataclass
+class Smoother:
+    """Keeps the filter at every epoch of a stretch, then runs back over them."""
+
+    navigator: Navigator
+    imu: Imu
+    further: Further | None = None  # columns that are wanted beside those of a row
+    kept: list[Kept] = field(default_factory=list)
+    phases: dict[int, OpenPhase] = field(default_factory=dict)  # by the time of the epoch at which each ended
+    _linked: bool = False  # whether the next epoch follows from the one kept last
+    _opened: bool = False  # whether a given start has been kept
+    _phase: OpenPhase | None = None  # several headings are open
+
+    def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
+        """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
+        navigator = self.navigator
+        navigator.after_own = self._take_own
+        for alone, written in each_epoch(rows, first, last, out):
+            told, before = len(navigator.events), navigator.bank
+            if self.further is None:
+                navigator.run(self.imu, alone, 0, 1, written)
+            else:
+                RowCovariances(navigator, self.imu, self.further).run(alone, written)
+            kinds = {event.kind for event in navigator.events[told:]}
+            self._take(before, alone, kinds)
+
+    def _take_own(self, found: OwnUpdate) -> None:
+        """Keep what a user's own rows have made of the filter; of several open headings nothing is kept."""
+        bank, opened = self.navigator.bank, self.navigator.opened
+        if bank is None:
+            return
+        if opened is not None and not self._opened:
+            self._open(opened)
+        if self._phase is None and len(bank.state) == 1:
+            fits = self.kept[-1].fits if self.kept else True
+            self.kept.append(keep_own(bank, found.correction, linked=self._linked, fits=fits))
+            self._linked = True
+
+    def _take(self, before: Bank | None, rows: Rows, kinds: set[str]) -> None:
+        """Keep what an epoch has made of the filter ``before`` it, ``kinds`` of event what was told."""
+        navigator, bank = self.navigator, self.navigator.bank
+        if bank is None:
+            self._linked, self._phase = False, None
+            return
+        replaced = bank is not before and int(bank.head[0].renewed_ns) == int(rows.epoch_ns[0])
+        if before is None and navigator.opened is not None:
+            if not self._opened:
+                self._open(navigator.opened)
+        elif before is None or kinds & _BEGUN_ANEW or (replaced and self._phase is not None):
+            self._linked, self._phase = False, None
+        if self._phase is not None:
+            self._phase.epochs.append(rows)
+        work, layout = navigator.workspace(rows).epoch, navigator.setup.layout
+        stepped = tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys())
+        if len(bank.state) == 1:
+            kept = keep(bank, work, layout, linked=self._linked, stepped=stepped, fits=_fits(bank, navigator))
+            self._keep(kept._replace(reset=replaced and self._linked))
+        elif self._phase is None:
+            split = self._linked and before is not None and not replaced
+            if split and before is not None:  # into several: it stands as the update has left it
+                self.kept.append(keep(before, work, layout, linked=True, stepped=stepped))
+            self._phase = OpenPhase(copy_bank(bank), linked=split)
+
+    def _keep(self, kept: Kept) -> None:
+        """Keep an epoch after which one heading is left."""
+        while kept.reset and self.kept[-1].linked and not self.kept[-1].fits:
+            if self.kept[-1].t_ns in self.phases:
+                break
+            self.kept.pop()
+        if self._phase is not None:
+            kept = kept._replace(linked=self._phase.linked)
+            self.phases[kept.t_ns] = self._phase
+        self.kept.append(kept)
+        self._linked, self._phase = True, None
+
+    def _open(self, opened: Bank) -> None:
+        """Keep a given start, at which there is no epoch."""
+        self._opened = True
+        if len(opened.state) > 1:
+            self._phase = OpenPhase(opened, linked=False)
+        else:
+            self.kept.append(kept_as_opened(opened))
+            self._linked = True
+
+    def finish(self, out: Output) -> None:
+        """Write the navigation rows of all that ``forward`` has kept, as the way back makes them."""
+        t_ns: Int64 = out.nav["t_ns"][: out.counts[0].nav].copy()
+        parameters, n = self.navigator.parameters, OFFSETS + self.navigator.setup.layout.n_values
+        for found in self._back():
+            row = int(np.searchsorted(t_ns, found.kept.t_ns))
+            if found.onward is not None and found.onward.t_ns == found.kept.t_ns:
+                continue  # own rows at the time of an epoch, which was written already
+            if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
+                if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
+                    state = found.kept.bank.state[:1].copy()
+                    at_epoch = Between(slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n])
+                    self._write(row, at_epoch, out)
+                row += 1
+            if found.onward is None:
+                continue
+            last = int(np.searchsorted(t_ns, found.onward.t_ns))
+            if last > row:
+                times_ns = t_ns[row:last]
+                for part in smoothed(found.kept.bank, times_ns, found.onward, parameters, n):
+                    self._write(row + part.rows.start, part, out)
+
+    def _write(self, first: int, found: Between, out: Output) -> None:
+        write_smoothed(out.nav, out.optional, first, found)
+        if self.further is not None:
+            rows = slice(first, first + len(found.state))
+            self.further.write(rows, out.nav, found.P, self.imu, self.navigator.parameters[0])
+
+    def backward(self) -> Iterator[tuple[Kept, Float64, Float64]]:
+        """Yield the epochs kept from the last to the first: what to add to the filter's state, and its covariance."""
+        for found in self._back():
+            yield found.kept, found.e, found.P
+
+    def _back(self) -> Iterator[Smoothed]:
+        """Yield the epochs from the last to the first, those of open headings in their place."""
+        layout = self.navigator.setup.layout
+        later: Smoothed | None = None  # that tells of the epoch before it
+        for kept in reversed(self.kept):
+            at_once = later is not None and later.kept.t_ns == kept.t_ns and not kept.is_own
+            if later is not None and at_once:  # as it was before its heading was split
+                later = same_time(kept, later, layout) if kept.linked else None
+                continue
+            found = last_of_all(kept, layout) if later is None else self._one_back(kept, later)
+            yield found
+            later = found if kept.linked else None
+            phase = self.phases.get(kept.t_ns)
+            if phase is not None:
+                later = None
+                for later in self._through(phase, found):
+                    yield later
+                later = later if phase.linked else None
+
+    def _through(self, phase: OpenPhase, found: Smoothed) -> Iterator[Smoothed]:
+        """Yield the epochs of an open phase before its end, where one heading was ``found``, the last first."""
+        navigator = self.navigator
+        chain = gone_over_alone(phase, found, navigator.setup, self.imu, navigator.parameters)
+        if chain:
+            later = same_time(chain[-1], found, navigator.setup.layout)
+            for kept in reversed(chain[:-1]):
+                later = self._one_back(kept, later)
+                yield later
+
+    def _one_back(self, kept: Kept, later: Smoothed) -> Smoothed:
+        navigator = self.navigator
+        return one_back(kept, later, self.imu, navigator.parameters, navigator.setup.layout)
+
+
+def _fits(bank: Bank, navigator: Navigator) -> bool:
+    """Return whether a filter agreed with the epoch that it has just taken."""
+    head = bank.head[0]
+    return bool(head.locked_out == 0 and head.strained_ns == 0 and navigator.health.doubt is None)

@@ -1,0 +1,194 @@
+"""One step of the smoother: from what the whole log tells of an epoch to what it tells of the epoch before.
+
+The equations are those of ``smoother``; how an epoch is kept for the way back stands here.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.headings.heading_bank import difference
+from insgnss.filter.layout import Layout
+from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.rows.lines import CLONE_ROWS, Epoch
+from insgnss.filter.smoothing.between import Onward, one_hypothesis, regression
+from insgnss.filter.state import (
+    BA,
+    BG,
+    CLOCK,
+    DR,
+    DRIFT,
+    DV,
+    N_CLONE,
+    OFFSETS,
+    PSI,
+    Bank,
+    StateRecord,
+)
+from insgnss.filter.update.closed_loop import close_loop
+from insgnss.tables import Float64
+
+_STEP_VARIANCE: Final = 1e14  # (10 000 km)^2, of a clock that may have stepped anywhere
+
+
+class Kept(NamedTuple):
+    """One epoch as the filter left it."""
+
+    bank: Bank  # of one hypothesis
+    correction: Float64  # (q,) what its update added to the prediction
+    clone: Float64  # (N_CLONE, q) rows of the covariance that the epoch before had after the update
+    linked: bool = False  # whether it follows from the epoch kept before it
+    stepped: tuple[int, ...] = ()  # states of the clock that stepped in between
+    reset: bool = False  # whether the filter was set right at it
+    fits: bool = True  # whether the filter agreed with it
+    is_own: bool = False  # no epoch, but a user's own rows: the clone stays that of the epoch before
+
+    @property
+    def t_ns(self) -> int:
+        """Time of the epoch."""
+        return int(self.bank.head[0].now_ns)
+
+
+class Smoothed(NamedTuple):
+    """What the whole log tells of an epoch, or of a time at which the filter used a user's own rows."""
+
+    kept: Kept
+    e: Float64  # (n,) to be added to the filter's state; with the clone behind it where own rows were used
+    P: Float64  # (n, n)
+    onward: Onward | None  # at the epoch after it; None where nothing comes after
+
+    def state(self) -> StateRecord:
+        """Return the smoothed state of an epoch."""
+        state = self.kept.bank.state[:1].copy()
+        close_loop(state[0], self.e, len(self.e))
+        return state[0]
+
+
+def keep(bank: Bank, work: Epoch, layout: Layout, **told: Any) -> Kept:
+    """Return an epoch as the filter has left it; ``work`` still holds its correction and the clone's rows."""
+    vectors, q = work.vectors, bank.P.shape[1]
+    clone = vectors[CLONE_ROWS : CLONE_ROWS + N_CLONE * layout.clone, :q].copy()
+    return Kept(one_hypothesis(bank.state, bank.P, bank.head), vectors[0, :q].copy(), clone, **told)
+
+
+def keep_own(bank: Bank, correction: Float64, *, linked: bool, fits: bool) -> Kept:
+    """Return the filter as a user's own rows have left it."""
+    alone = one_hypothesis(bank.state, bank.P, bank.head)
+    return Kept(alone, correction.copy(), np.zeros((0, 0)), linked=linked, fits=fits, is_own=True)
+
+
+def kept_as_opened(bank: Bank) -> Kept:
+    """Return a filter as it was opened, before its first epoch."""
+    return Kept(one_hypothesis(bank.state, bank.P, bank.head), np.zeros(0), np.zeros((0, 0)))
+
+
+def last_of_all(kept: Kept, layout: Layout) -> Smoothed:
+    """Return an epoch of which nothing later tells: as the filter has it."""
+    n = _told(kept, layout)
+    return Smoothed(kept, np.zeros(n), kept.bank.P[0, :n, :n].copy(), None)
+
+
+def _told(kept: Kept, layout: Layout) -> int:
+    """Return of how many error states something is told."""
+    return int(kept.bank.P.shape[1]) if kept.is_own else OFFSETS + layout.n_values
+
+
+def same_time(kept: Kept, found: Smoothed, layout: Layout) -> Smoothed:
+    """Return what ``found``, of another filter at the same time, tells of this one."""
+    return Smoothed(kept, apart(found.state(), kept.bank.state[0], layout), found.P, None)
+
+
+def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
+    """Return the state ``m`` minus the state ``of`` as an error state (n,), without the clone."""
+    n = OFFSETS + layout.n_values
+    return difference(m, of, OFFSETS + layout.n_optional, layout)[:n]
+
+
+def one_back(kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any], layout: Layout) -> Smoothed:
+    """Return an epoch as the ``later`` one tells of it."""
+    n, q, known = _told(kept, layout), kept.bank.P.shape[1], len(later.e)
+    if later.kept.reset:
+        imu, d = across_reset(kept, later, imu, parameters, layout)
+        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], n)
+        doubt_what_jumped(prior, d)
+        step, P_y = np.zeros(q), prior.copy()  # of a clone from before nothing is known
+        step[:known], P_y[:known, :known] = d, later.P
+        cross[:, known:] = prior[known:] = prior[:, known:] = P_y[known:] = P_y[:, known:] = 0.0
+    else:
+        e_y, P_y = with_clone(later.kept, later.e, later.P)
+        prior, cross = predicted(kept.bank, later.kept, imu, parameters[0], n)
+        step = later.kept.correction + e_y
+    gain, change = regression(cross, prior), P_y - prior
+    smoothed = kept.bank.P[0, :n, :n] + gain @ change @ gain.T
+    onward = Onward(later.kept.t_ns, prior, step, change, imu)
+    return Smoothed(kept, gain @ step, 0.5 * (smoothed + smoothed.T), onward)
+
+
+def doubt_what_jumped(prior: Float64, d: Float64) -> None:
+    """Let a step at a reset tell nothing of the clocks before it, and of the biases only what it leaves of them."""
+    for block in (BA, BG):
+        jump = d[block : block + 3]
+        prior[range(block, block + 3), range(block, block + 3)] += float(jump @ jump)
+    clocks = [CLOCK, DRIFT, *range(OFFSETS, len(d))]
+    prior[clocks, clocks] += _STEP_VARIANCE
+
+
+def across_reset(
+    kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any], layout: Layout
+) -> tuple[Imu, Float64]:
+    """Return the samples on the way to a reset, and the step of the state from what they make of the filter (n,).
+
+    What the filter was off by at the reset had grown since the epoch that last fitted it. By what the samples are off
+    is not known, so what they do not show counts as a motion that makes just such a step of one sigma.
+
+    Equation: S_w = |d psi|^2 / T, S_f = max(|d v|^2 / T, 3 |d r|^2 / T^3), T the time since, for every axis
+    """
+    carried = one_hypothesis(kept.bank.state, kept.bank.P, kept.bank.head)
+    carry_bank(carried, later.kept.t_ns, imu, parameters[0], new_scratch(carried.P.shape[1]))
+    d = apart(later.state(), carried.state[0], layout)
+    seconds = (later.kept.t_ns - kept.t_ns) / NS_PER_S
+    r2, v2, psi2 = (float(d[at : at + 3] @ d[at : at + 3]) for at in (DR, DV, PSI))
+    unknown = np.zeros((len(imu.t_ns), 2))
+    unknown[: len(imu.unknown)] = imu.unknown
+    unknown += [psi2 / seconds, max(v2 / seconds, 3.0 * r2 / seconds**3)]
+    return imu._replace(unknown=unknown), d
+
+
+def with_clone(later: Kept, e: Float64, P: Float64) -> tuple[Float64, Float64]:
+    """Return smoothed correction (q,) and covariance (q, q) of an epoch together with the clone it was updated with.
+
+    Equation: G = P_cx P_xx^-1 of the filter after the update; e_c = G e_x, P^s_cx = G P^s_xx, P^s_cc = P_cc + G
+              (P^s_xx - P_xx) G^T
+    """
+    n, q = len(e), later.bank.P.shape[1]
+    if q == n:
+        return e, P
+    filtered = later.bank.P[0, :n, :n]
+    G = regression(later.clone[:, :n], filtered)
+    P_y = np.empty((q, q))
+    P_y[:n, :n] = P
+    P_y[n:, :n] = G @ P
+    P_y[:n, n:] = P_y[n:, :n].T
+    P_y[n:, n:] = later.clone[:, n:] + G @ (P - filtered) @ G.T
+    return np.concatenate([e, G @ e]), P_y
+
+
+def predicted(bank: Bank, later: Kept, imu: Imu, parameters: np.record, n: int) -> tuple[Float64, Float64]:
+    """Return the covariance (q, q) predicted for the ``later`` epoch, and that of ``n`` states now with it (n, q)."""
+    q = bank.P.shape[1]
+    carried = one_hypothesis(bank.state, np.empty((1, q + n, q + n)), bank.head)
+    P = carried.P[0]
+    P[:q, :q] = bank.P[0]
+    P[:q, q:] = bank.P[0][:, :n]
+    P[q:, :q] = P[:q, q:].T
+    P[q:, q:] = bank.P[0][:n, :n]
+    scratch = new_scratch(q + n)
+    carry_bank(carried, later.t_ns, imu, parameters, scratch)
+    predict_covariance(carried.state[0], P, parameters, scratch)
+    for state in later.stepped:
+        P[state, state] += _STEP_VARIANCE
+    return P[:q, :q].copy(), P[q:, :q].copy()

@@ -1,0 +1,69 @@
+"""A bank of copies and alternatives that takes the same epochs as the filter and runs beside it.
+
+What it finds is written to no table. Its lock-out and strain are cleared after each epoch: they are the filter's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insgnss.antenna.installation import Installation
+from insgnss.antenna.visibility import Limits
+from insgnss.filter.layout import Layout
+from insgnss.filter.loop import COVARIANCE_LOST, Workspace, new_workspace
+from insgnss.filter.output.writing import Output, Table, new_output
+from insgnss.filter.own_update import run_beside
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.state import Bank
+from insgnss.filter.update.masking import NO_LIMITS
+from insgnss.gnss.observation_rows import Rows
+
+_N_EVENTS = 32  # more than one epoch can have
+
+
+def roomy(
+    work: Workspace | None,
+    epoch: Rows,
+    layout: Layout,
+    installation: Installation | None = None,
+    limits: Limits = NO_LIMITS,
+) -> Workspace:
+    """Return the work space if it holds the rows of an epoch, else a new one that does."""
+    n_rows = len(epoch.observation)
+    if work is not None and len(work.epoch.lines) >= n_rows:
+        return work
+    return new_workspace(max(n_rows, 1), layout, installation, limits)
+
+
+def update_beside(
+    bank: Bank, epoch: Rows, imu: Imu, parameters: Table, work: Workspace, setup: FilterSetup
+) -> tuple[Output, bool]:
+    """Carry a bank to an epoch and update it; return what it would have written, and whether a covariance was lost.
+
+    Parameters
+    ----------
+    epoch : the rows of one epoch
+    parameters : (1,) of ``PARAMETERS_DTYPE``
+    setup : of the filter beside which it runs: its states, and a user's own rows, which the bank takes too
+    """
+    out = new_output(epoch, 1, _N_EVENTS, np.zeros(0, np.int64), setup.layout.n_values)
+    code = run_beside(bank, epoch, imu, parameters, out, work, setup)
+    clear_failures(bank)
+    return out, code == COVARIANCE_LOST
+
+
+def clear_failures(bank: Bank) -> None:
+    """Forget the lock-out and the strain of a bank that runs beside the filter."""
+    bank.head["locked_out"] = 0
+    bank.head["strained_ns"] = 0
+
+
+def copy_filter(filter_bank: Bank, bank: Bank) -> None:
+    """Set the first hypotheses of a bank to the filter's, which may have used an epoch otherwise; weights stay."""
+    n = len(filter_bank.state)
+    own = bank.state[:n]
+    weight = own["log_weight"].copy()
+    own[:], bank.P[:n] = filter_bank.state, filter_bank.P
+    own["log_weight"] = weight
+    bank.memory[:n] = filter_bank.memory

@@ -1,0 +1,319 @@
+"""A start after a gap in the inertial samples: the fix says where the vehicle is, the filter before the gap the rest.
+
+A gap changes neither biases nor inter-system offsets nor noise levels. The heading that is left depends on how far the
+vehicle can have turned: not at all when it stood on both sides; else as far as the rates at both ends of the gap allow,
+and as the course tells where the vehicle has shown that its nose keeps to it (``sideslip``). Roll and pitch come from
+the specific force, biases removed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.filter import FilterConfig
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.filter.headings.heading_bank import attitude
+from insgnss.filter.headings.headings import yaw_variance
+from insgnss.filter.headings.sideslip import LEAST_SPEED_MPS, sideslip
+from insgnss.filter.imu.inertial_stream import Cut
+from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.fix import Fix
+from insgnss.filter.start.start import (
+    LEVEL_FLOOR_RAD,
+    Attitude,
+    Heading,
+    attitudes_at_start,
+    headings_around,
+    kinematics_from_fix,
+    open_bank,
+    open_headings,
+)
+from insgnss.filter.state import BA, BG, N_CLONE, OFFSETS, PSI, Bank, copy_bank
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.inertial.alignment import Window, inertial_window
+from insgnss.tables import Event, Float64
+
+_STILL_MPS: Final = 0.5  # GNSS speed of a vehicle that stands
+_STILL_M: Final = 5.0  # by which two fixes of a standing vehicle may differ beyond three sigma
+_STILL_TILT_RAD: Final = math.radians(1.0)  # passengers and the wind tilt a parked vehicle by less
+_PARKED_YAW_RAD: Final = math.radians(0.3)  # what a parked vehicle may turn
+_VIOLENT_RADPS: Final = math.radians(45.0)  # twice the rate of a car in a street corner
+_LEAST_LOAD, _MOST_LOAD = 0.5, 2.0  # of the mean specific force in g: level turns of 60 deg of bank
+_LONGEST_WAY_S: Final = 5.0  # from the first sample to the start, over which the gyros are followed
+_SEEN_S: Final = 10.0  # of motion in which the angle between nose and course has been watched
+_LEAST_SLIP_WALK: Final = math.radians(0.5) ** 2  # [rad^2/s]
+_ALONE_S: Final = 10.0  # after a longer gap the course is not believed alone
+_ALONE_RAD: Final = math.radians(10.0)  # nor where it tells less than that
+_COURSE_WEIGHT: Final = 0.9  # of the course then, against all other headings
+_AGREE2: Final = 9.0  # squared sigmas within which course and rates agree
+_OFFSET_SIGMAS: Final = 5.0  # by which a fix contradicts an offset that was carried
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What a filter knew when its samples ended."""
+
+    bank: Bank  # carried to the last sample
+    w_b: Float64  # (3,) rate in the last sample, bias removed [rad/s]
+    f_b: Float64  # (3,) mean specific force before the end, bias removed [m/s^2]
+    parked: bool
+    cut: Cut  # what came then
+
+    @property
+    def state(self) -> Any:
+        """The leader's state at the last sample."""
+        return self.bank.state[int(self.bank.head[0].leader)]
+
+    @property
+    def P(self) -> Float64:
+        """Its covariance."""
+        covariance: Float64 = self.bank.P[int(self.bank.head[0].leader)]
+        return covariance
+
+
+def left_behind(bank: Bank, imu: Imu, parameters: npt.NDArray[Any], config: FilterConfig) -> Carried:
+    """Return what a filter leaves at the end of its samples ``imu``."""
+    last = copy_bank(bank)
+    scratch = new_scratch(last.P.shape[1])
+    carry_bank(last, int(imu.t_ns[-1]), imu, parameters[0], scratch)
+    for state, P in zip(last.state, last.P, strict=True):
+        predict_covariance(state, P, parameters[0], scratch)
+    m = last.state[int(last.head[0].leader)]
+    last_ns = int(imu.t_ns[-1])
+    window = inertial_window(*imu[:3], last_ns - int(config.start.window_s * NS_PER_S), last_ns)
+    f_b = imu.f_b[-1] if window is None else window.f_b
+    parked = window is not None and np.linalg.norm(m.v_e) < _STILL_MPS and _steady(window, m.b_g, config)
+    open_end = Cut(last_ns, last_ns, 0.0)
+    return Carried(last, imu.w_ib_b[-1] - m.b_g, f_b - m.b_a, bool(parked), open_end)
+
+
+def kept_over(kept: Carried | None, cut: Cut) -> Carried | None:
+    """Return what is kept over a cut; one that follows another without a start between them makes one of both."""
+    if kept is None:
+        return None
+    first = kept.cut.next_ns == kept.cut.last_ns
+    rotation = cut.rotation if first else math.inf
+    return replace(kept, cut=Cut(kept.cut.last_ns, cut.next_ns, rotation))
+
+
+def is_violent(window: Window) -> bool:
+    """Return whether a vehicle rolls or loops too fast to be levelled by the mean of its velocity's change."""
+    g = float(np.linalg.norm(window.f_b)) / STANDARD_GRAVITY_MPS2
+    return float(np.linalg.norm(window.w_ib_b)) > _VIOLENT_RADPS or not _LEAST_LOAD < g < _MOST_LOAD
+
+
+def _steady(window: Window, b_g: Float64, config: FilterConfig) -> bool:
+    """Return whether a window of samples is that of a vehicle which stands."""
+    start = config.start
+    rate = math.degrees(float(np.abs(window.w_ib_b - b_g).max()))
+    spread = math.degrees(window.spread_w)
+    return max(rate, spread) < start.rest_rate_degps and window.spread_f < start.rest_accel_mps2
+
+
+def open_carried(
+    kept: Carried,
+    setup: FilterSetup,
+    imu: Imu,
+    fix: Fix,
+    window: Window,
+    motion: tuple[Float64, Float64],
+    earlier: Fix | None,
+    par: Parameters,
+) -> tuple[Bank, list[Event]] | None:
+    """Return the bank that goes on after a gap, and the event that tells it.
+
+    None where several headings were open and the vehicle did not stay where it was: their biases differ.
+
+    Parameters
+    ----------
+    window, motion : samples up to the fix; velocity of the antenna and its covariance
+    earlier : a fix with a velocity, at least a window older; None: the acceleration is not known
+    """
+    v_a, P_v = motion
+    config, several = setup.config, len(kept.bank.state) > 1
+    parked = kept.parked and _still_there(kept, window, fix, v_a, config)
+    if several and not parked:
+        return None
+    a_e, sd_a = (None, 0.0) if parked else (np.zeros(3), 2.0)
+    if not parked and earlier is not None and earlier.v_a is not None:
+        longer = inertial_window(*imu[:3], earlier.t_ns, fix.t_ns)
+        if longer is not None:
+            dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
+            window = longer
+            a_e, sd_a = (v_a - earlier.v_a) / dt, math.sqrt(np.trace(P_v + earlier.P_v[:3, :3])) / dt
+    C_ne = _local_level(fix.r_a)
+    attitudes: list[Attitude] = []
+    members: list[int] = []
+    for i, m in enumerate(kept.bank.state):
+        own = replace(window, f_b=window.f_b - m.b_a, w_ib_b=window.w_ib_b - m.b_g)
+        headings = _parked_heading(kept.bank, i)
+        if not parked:
+            headings = _headings(kept, imu, fix, C_ne @ v_a, float(np.trace(P_v)) / 3.0, config)
+        headings = headings or open_headings(fix.r_a, v_a, P_v, config)
+        found = attitudes_at_start(own, fix.r_a, v_a, a_e, sd_a, config, setup.grade, headings)
+        attitudes += [_without_biases(one, m.b_g, parked) for one in found]
+        members += [i] * len(found)
+    w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
+    kin = kinematics_from_fix(fix, v_a, P_v)
+    bank = open_bank(kin, attitudes, w, par, config, setup.grade, imu.t_ns, setup.layout)
+    for state, P, i in zip(bank.state, bank.P, members, strict=True):
+        _carry_biases(kept, i, state, P, par, fix, C_ne)
+        _carry_values(kept, i, state, P, par, fix, setup.n_offsets)
+    for name in ("slip", "slip_variance", "slip_ns", "slip_walk", "slip_s"):
+        bank.head[name] = kept.bank.head[name]
+    return bank, [Event(fix.t_ns, "start", _in_words(kept, fix, attitudes, parked))]
+
+
+def _local_level(r_e: Float64) -> Float64:
+    """Return C_ne at a place (3, 3)."""
+    lat, lon, _ = ecef_to_geodetic(r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    return C_ne
+
+
+def _parked_heading(bank: Bank, i: int) -> list[Heading] | None:
+    """Return the heading of a hypothesis as it was before the gap."""
+    m = bank.state[i]
+    sigma = math.sqrt(yaw_variance(m, bank.P[i]) + _PARKED_YAW_RAD**2)
+    return [Heading(attitude(m)[2], sigma, math.exp(m.log_weight))]
+
+
+def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) -> str:
+    away = (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    how = "parked before and after" if parked else "position, velocity and clock from a fix"
+    yaw = f"heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
+    if len(attitudes) > 1:
+        yaw = f"{len(attitudes)} headings are open"
+    detail = (
+        f"{away:.1f} s after the last sample of before; {how}; {fix.n_used} pseudoranges; biases kept; {yaw}"
+    )
+    return f"carried over, {detail}"
+
+
+def _without_biases(attitude: Attitude, b_g: Float64, parked: bool) -> Attitude:
+    """Return an attitude that was levelled without the accelerometer's bias, and the gyro's bias as it was."""
+    sd_level = LEVEL_FLOOR_RAD if parked else attitude.sd_level
+    return replace(attitude, b_g=b_g.copy(), sd_level=sd_level, level_from_bias=False)
+
+
+def _still_there(kept: Carried, window: Window, fix: Fix, v_a: Float64, config: FilterConfig) -> bool:
+    """Return whether a parked vehicle still stands as it stood: place, velocity, rates and the direction of gravity."""
+    m, P = kept.state, kept.P
+    if np.linalg.norm(v_a) > _STILL_MPS or not _steady(window, m.b_g, config):
+        return False
+    away = float(np.linalg.norm(fix.r_a - m.r_e))
+    sigma = math.sqrt(np.trace(P[:3, :3]) + np.trace(fix.P[:3, :3]))
+    f_b = window.f_b - m.b_a
+    across = np.cross(kept.f_b, f_b) / (np.linalg.norm(kept.f_b) * np.linalg.norm(f_b))
+    return bool(away < _STILL_M + 3.0 * sigma and np.linalg.norm(across) < _STILL_TILT_RAD)
+
+
+def _headings(
+    kept: Carried, imu: Imu, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
+) -> list[Heading] | None:
+    """Return what is left of the heading; None: nothing, the whole circle is open."""
+    by_rates = _by_rates(kept, imu, fix, attitude(kept.state)[2], yaw_variance(kept.state, kept.P))
+    by_course = _by_course(kept, fix, v_n, variance_v)
+    n, unknown = config.heading.hypotheses, math.radians(config.heading.unknown_above_deg)
+    gap_s = (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    if by_course is not None:
+        apart = math.remainder(by_course.yaw - by_rates.yaw, 2.0 * math.pi)
+        agree = apart**2 < _AGREE2 * (by_course.sigma**2 + by_rates.sigma**2)
+        if n == 1 or (agree and gap_s <= _ALONE_S + _LONGEST_WAY_S and by_course.sigma < _ALONE_RAD):
+            share = by_course.sigma**2 / (by_course.sigma**2 + by_rates.sigma**2) if agree else 0.0
+            return [Heading(by_course.yaw - share * apart, by_course.sigma * math.sqrt(1.0 - share), 1.0)]
+        others = headings_around(by_course.yaw, [(1.0 - _COURSE_WEIGHT) / n] * n)
+        return [Heading(by_course.yaw, by_course.sigma, _COURSE_WEIGHT), *others]
+    if by_rates.sigma < unknown or (n == 1 and by_rates.sigma < math.pi):
+        return [by_rates]
+    if by_rates.sigma < math.pi / 2.0:
+        raw = [
+            math.exp(-0.5 * (math.remainder(math.tau * i / n, math.tau) / by_rates.sigma) ** 2)
+            for i in range(n)
+        ]
+        return headings_around(by_rates.yaw, [one / sum(raw) for one in raw])
+    return None
+
+
+def _by_rates(kept: Carried, imu: Imu, fix: Fix, yaw: float, variance: float) -> Heading:
+    """Return the heading at the fix by the rates at both ends of the gap and the samples after it."""
+    cut, b_g = kept.cut, kept.state.b_g
+    if fix.t_ns - cut.next_ns > _LONGEST_WAY_S * NS_PER_S:
+        return Heading(yaw, math.inf, 1.0)
+    down = -kept.f_b / np.linalg.norm(kept.f_b)
+    first, last = np.searchsorted(imu.t_ns, [cut.next_ns, fix.t_ns], side="right")
+    rate = (imu.w_ib_b - b_g) @ down
+    inside = min(0.5 * (cut.next_ns - cut.last_ns) / NS_PER_S, MOTION_TIME_S)
+    turned = inside * float(kept.w_b @ down + rate[max(int(first) - 1, 0)])
+    turned += float(rate[first:last] @ np.diff(imu.t_ns[first - 1 : last])) / NS_PER_S
+    return Heading(math.remainder(yaw + turned, 2.0 * math.pi), math.sqrt(variance + cut.rotation), 1.0)
+
+
+def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Heading | None:
+    """Return the heading at the fix by the course, None where the vehicle has not shown that it keeps to it."""
+    head = kept.bank.head[0]
+    speed = math.hypot(v_n[0], v_n[1])
+    if head.slip_s < _SEEN_S or speed < LEAST_SPEED_MPS:
+        return None
+    angle, variance, t_ns = head.slip, head.slip_variance, int(head.slip_ns)
+    now, variance_now = sideslip(kept.state, kept.P)
+    if math.isfinite(variance_now):
+        angle, variance, t_ns = now, variance_now, kept.cut.last_ns
+    walk = max(float(head.slip_walk), _LEAST_SLIP_WALK) * (fix.t_ns - t_ns) / NS_PER_S
+    sigma = math.sqrt(walk + variance + variance_v / speed**2)
+    if sigma > math.pi / 4.0:
+        return None
+    return Heading(math.remainder(math.atan2(v_n[1], v_n[0]) + angle, 2.0 * math.pi), sigma, 1.0)
+
+
+def _carry_biases(
+    kept: Carried, i: int, m: np.record, P: Float64, par: Parameters, fix: Fix, C_ne: Float64
+) -> None:
+    """Give a hypothesis the biases of before, and the tilt its share of their error.
+
+    Equation: psi_N = db_E / g, psi_E = -db_N / g, as in ``start``: the levelled tilt is off by what the bias is
+    """
+    old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    biases = slice(BA, BG + 3)
+    keep = np.repeat([math.exp(-seconds / par.accel_bias_time), math.exp(-seconds / par.gyro_bias_time)], 3)
+    grown = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
+    cov = kept.bank.P[i][biases, biases] * np.outer(keep, keep) + np.diag(grown)
+    m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:] * old.b_g
+    lever = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
+    tilt = C_ne.T @ lever @ C_ne @ m.C_eb  # of an error of the accelerometer bias
+    attitude = slice(PSI, PSI + 3)
+    P[biases, :] = 0.0
+    P[:, biases] = 0.0
+    P[biases, biases] = cov
+    P[attitude, attitude] += tilt @ cov[:3, :3] @ tilt.T
+    P[attitude, biases] = tilt @ cov[:3, :]
+    P[biases, attitude] = P[attitude, biases].T
+
+
+def _carry_values(
+    kept: Carried, i: int, m: np.record, P: Float64, par: Parameters, fix: Fix, n_offsets: int
+) -> None:
+    """Give a hypothesis the clock offsets of before, unless the fix contradicts them, and the noise levels."""
+    old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
+    n_values = len(P) - OFFSETS - (N_CLONE if par.at_clone >= 0 else 0)
+    for value in range(n_values):
+        at = OFFSETS + value
+        variance = kept.bank.P[i][at, at] + par.optional_density[value] * seconds
+        apart2 = (m.optional[value] - old.optional[value]) ** 2
+        agrees = value >= n_offsets or apart2 < _OFFSET_SIGMAS**2 * (P[at, at] + variance)
+        if agrees and P[at, at] > variance:
+            P[at, :] = P[:, at] = 0.0  # a tie that the carried value replaces
+            m.optional[value], P[at, at] = old.optional[value], variance
+    m.noise_factor[:] = old.noise_factor
+    m.adapted_count, m.adapted_ns = old.adapted_count, old.adapted_ns
+    m.cn0_level, m.cn0_level_ns = old.cn0_level, old.cn0_level_ns

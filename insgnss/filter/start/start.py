@@ -1,0 +1,365 @@
+"""How a filter starts: from a given state, or by itself from one epoch's fix, levelling, and a bank of headings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from insgnss.config.filter import FilterConfig
+from insgnss.config.flight import GivenStart, ImuGrade
+from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
+from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.tied_offsets import tie_offsets
+from insgnss.filter.start.fix import Fix
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
+from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
+from insgnss.inertial.alignment import Window, earth_rate_in_body, level
+from insgnss.inertial.sensor_model import SensorModel, sensor_model
+from insgnss.tables import Float64
+
+_COURSE_WEIGHT = 0.7  # prior probability that a moving vehicle points along its velocity
+_COURSE_SPEED_MPS = 3.0  # from here on the velocity has a direction worth that weight
+_COURSE_SIGMA = 4.0  # of the velocity: with less its direction is not known to the sigma of a hypothesis
+_FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond its own covariance
+_BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
+LEVEL_FLOOR_RAD = math.radians(0.2)
+_EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
+_DRIFT_SIGMA_UNKNOWN_MPS = 300.0  # of a clock without range rates: a 1 ppm oscillator
+
+
+class Heading(NamedTuple):
+    """One heading that a bank begins with."""
+
+    yaw: float  # [rad]
+    sigma: float  # [rad]
+    weight: float
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """One hypothesis of the attitude at the start, and what is known of the gyro bias with it."""
+
+    roll: float
+    pitch: float
+    yaw: float
+    sd_level: float
+    sd_yaw: float
+    weight: float
+    b_g: Float64  # (3,) [rad/s]
+    sd_b_g: float
+    level_from_bias: bool  # the tilt error is the accelerometer bias' doing
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Where the antenna is and how it moves at the start, with what is known of it."""
+
+    t_ns: int
+    r_a: Float64
+    v_a: Float64
+    P_r: Float64  # (3, 3)
+    P_v: Float64  # (3, 3)
+    clock: float
+    drift: float
+    sd_clock: float
+    sd_drift: float
+    offsets: Float64  # (g - 1,) NaN where not known
+    of_imu: bool = False  # the sigmas are the IMU's own: no lever arm stands between
+
+
+def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64) -> Kinematics:
+    """Return the start values of a fix and a velocity."""
+    known = np.flatnonzero(np.isfinite(fix.clocks))
+    reference = int(known[0])
+    with_drift = math.isfinite(fix.drift)
+    return Kinematics(
+        t_ns=fix.t_ns,
+        r_a=fix.r_a,
+        v_a=v_a,
+        P_r=fix.P[:3, :3] + _FIX_BIAS_SIGMA_M**2 * np.eye(3),
+        P_v=P_v,
+        clock=float(fix.clocks[reference]),
+        drift=fix.drift if with_drift else 0.0,
+        sd_clock=math.hypot(math.sqrt(fix.P[3 + reference, 3 + reference]), _FIX_BIAS_SIGMA_M),
+        sd_drift=math.sqrt(fix.P_v[3, 3]) if with_drift else _DRIFT_SIGMA_UNKNOWN_MPS,
+        offsets=fix.clocks[1:] - fix.clocks[reference]
+        if reference == 0
+        else np.full(len(fix.clocks) - 1, math.nan),
+    )
+
+
+def attitudes_at_start(
+    window: Window,
+    r_e: Float64,
+    v_e: Float64,
+    a_e: Float64 | None,
+    sd_a: float,
+    config: FilterConfig,
+    grade: ImuGrade,
+    headings: list[Heading],
+) -> list[Attitude]:
+    """Return the attitude hypotheses of an automatic start.
+
+    Parameters
+    ----------
+    window : inertial samples up to the start
+    r_e, v_e : position and velocity, ECEF
+    a_e : mean acceleration over the window, ECEF [m/s^2]; None at rest
+    sd_a : its sigma [m/s^2]
+    headings : those to level for
+    """
+    sensor = sensor_model(grade)
+    lat, lon, _ = ecef_to_geodetic(r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    f_e = np.zeros(3)
+    normal_gravity_ecef(r_e, f_e)
+    f_e = -f_e
+    if a_e is not None:
+        f_e += a_e + 2.0 * WGS84_OMEGA_RADPS * np.array([-v_e[1], v_e[0], 0.0])
+    f_n = C_ne @ f_e
+    sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD)
+    if a_e is not None:
+        moving = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_a / STANDARD_GRAVITY_MPS2)
+        sd_level = math.hypot(sd_level, moving)
+    found = []
+    for yaw, sd_yaw, weight in headings:
+        roll, pitch = level(window.f_b, f_n, yaw)
+        b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
+        found.append(Attitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None))
+    return found
+
+
+def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig) -> list[Heading]:
+    """Return the headings of a bank over the whole circle, the first along the velocity when there is one.
+
+    Parameters
+    ----------
+    r_e, v_e, P_v : (3,) position, (3,) velocity and its (3, 3) covariance, ECEF
+    """
+    lat, lon, _ = ecef_to_geodetic(r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    v_n = C_ne @ v_e
+    n = config.heading.hypotheses
+    doubt = _COURSE_SIGMA * math.sqrt(float(np.linalg.eigvalsh(P_v[:3, :3])[-1]))
+    moving = math.hypot(v_n[0], v_n[1]) > max(_COURSE_SPEED_MPS, doubt)
+    course = math.atan2(v_n[1], v_n[0]) if moving else 0.0
+    if n == 1:
+        return [Heading(course, math.pi / 3.0 if moving else math.pi / math.sqrt(3.0), 1.0)]
+    first = _COURSE_WEIGHT if moving else 1.0 / n
+    return headings_around(course, [first] + [(1.0 - first) / (n - 1)] * (n - 1))
+
+
+def headings_around(yaw: float, weights: list[float]) -> list[Heading]:
+    """Return a heading for each weight, evenly around the circle from ``yaw`` [rad] on.
+
+    The sigma is half the spacing: neighbours meet at one sigma, so the circle is covered without gaps.
+    """
+    spacing = 2.0 * math.pi / len(weights)
+    return [
+        Heading(math.remainder(yaw + i * spacing, 2.0 * math.pi), 0.5 * spacing, weight)
+        for i, weight in enumerate(weights)
+    ]
+
+
+def _gyro_bias(window: Window, at_rest: bool, w_ie_b: Float64, sensor: SensorModel) -> tuple[Float64, float]:
+    """Return the gyro bias and its sigma: at rest the grade's prior weighed against what the gyros read."""
+    prior = sensor.gyro_bias.sigma
+    if not at_rest:
+        return np.zeros(3), prior
+    # a sensor far worse than its grade: what it reads at rest is believed rather than the grade
+    prior = max(prior, float(np.abs(window.w_ib_b - w_ie_b).max()) / _BEYOND_GRADE)
+    # a third of the spread stands for what sways during the window; white noise averages down
+    read = math.hypot(math.sqrt(sensor.gyro_density / window.length_s), window.spread_w / 3.0)
+    share = prior**2 / (prior**2 + read**2)
+    return share * (window.w_ib_b - w_ie_b), prior * math.sqrt(1.0 - share) if share < 1.0 else read
+
+
+def open_bank(
+    kin: Kinematics,
+    attitudes: list[Attitude],
+    w_ib_b: Float64,
+    par: Parameters,
+    config: FilterConfig,
+    grade: ImuGrade,
+    t_imu_ns: np.ndarray,
+    layout: Layout,
+) -> Bank:
+    """Return the bank that stands at the start: one filter for each attitude."""
+    bank = new_bank(len(attitudes), layout.n_optional)
+    bank.head["now_ns"] = kin.t_ns
+    bank.head["next"] = np.searchsorted(t_imu_ns, kin.t_ns, side="right")
+    bank.head["heading_open"] = 1
+    bank.head["leader"] = int(np.argmax([a.weight for a in attitudes]))
+    sensor = sensor_model(grade)
+    for i, attitude in enumerate(attitudes):
+        _place_state(bank.state[i], kin, attitude, w_ib_b, par)
+        _place_covariance(bank.state[i], bank.P[i], kin, attitude, sensor, config)
+        tie_offsets(bank.state[i], bank.P[i], layout.home, config.process.qzss_offset_sigma_m)
+        if not kin.of_imu:
+            _hang_on_antenna(bank.state[i], bank.P[i], w_ib_b, par.lever_b)
+        _place_further(bank.P[i], layout)
+    return bank
+
+
+def _place_state(m: np.record, kin: Kinematics, attitude: Attitude, w_ib_b: Float64, par: Parameters) -> None:
+    """Write the state of one hypothesis: the IMU's position and velocity from the antenna's by the lever arm."""
+    lat, lon, _ = ecef_to_geodetic(kin.r_a)
+    C_ne, C_nb = np.zeros((3, 3)), np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    euler_to_matrix(attitude.roll, attitude.pitch, attitude.yaw, C_nb)
+    C_eb = C_ne.T @ C_nb
+    m.C_eb[:] = C_eb
+    matrix_to_quaternion(C_eb, m.q_eb)
+    l_e = C_eb @ par.lever_b
+    m.r_e[:] = kin.r_a - l_e
+    turning = C_eb @ np.cross(w_ib_b - attitude.b_g, par.lever_b)
+    m.v_e[:] = kin.v_a - turning + WGS84_OMEGA_RADPS * np.array([-l_e[1], l_e[0], 0.0])
+    m.b_g[:] = attitude.b_g
+    g_e = np.zeros(3)
+    normal_gravity_ecef(m.r_e, g_e)
+    m.f_smooth[:] = -g_e  # no motion before
+    m.clock[:] = (kin.clock, kin.drift)
+    m.optional[: len(kin.offsets)] = np.nan_to_num(kin.offsets)
+    m.log_weight = math.log(attitude.weight)
+
+
+def _place_further(P: Float64, layout: Layout) -> None:
+    """Write the variances of the further states, but of the clock offsets, of which the start knows more."""
+    for block in layout.blocks:
+        for i in range(block.size if block.name != SYSTEM_OFFSETS else 0):
+            P[layout.at(block.name) + i, layout.at(block.name) + i] = block.variance
+
+
+def _place_covariance(
+    m: np.record, P: Float64, kin: Kinematics, attitude: Attitude, sensor: SensorModel, config: FilterConfig
+) -> None:
+    """Write the covariance of one hypothesis, position and velocity being the antenna's.
+
+    When the accelerometers levelled it at rest, tilt and accelerometer bias are one error: with C f_b = (0, 0, -g),
+    psi_N = db_E / g and psi_E = -db_N / g, db = estimated minus true bias in n.
+    """
+    lat, lon, _ = ecef_to_geodetic(m.r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    C_nb = C_ne @ m.C_eb
+    P[DR : DR + 3, DR : DR + 3] = kin.P_r
+    P[DV : DV + 3, DV : DV + 3] = kin.P_v
+    bias = np.diag(sensor.accel_bias_variances(C_nb[2]))
+    P[BA : BA + 3, BA : BA + 3] = bias
+    P[BG : BG + 3, BG : BG + 3] = attitude.sd_b_g**2 * np.eye(3)
+    P[CLOCK, CLOCK] = kin.sd_clock**2
+    P[DRIFT, DRIFT] = kin.sd_drift**2
+    for i, offset in enumerate(kin.offsets):
+        known = math.isfinite(offset)
+        P[OFFSETS + i, OFFSETS + i] = (
+            2.0 * kin.sd_clock if known else config.process.inter_system_sigma_m
+        ) ** 2
+    tilt = attitude.sd_level
+    psi_n = np.diag([tilt**2, tilt**2, attitude.sd_yaw**2])
+    if attitude.level_from_bias:
+        lever = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
+        from_bias = lever @ C_nb @ bias
+        psi_n = from_bias @ C_nb.T @ lever.T
+        psi_n += np.diag([LEVEL_FLOOR_RAD**2, LEVEL_FLOOR_RAD**2, attitude.sd_yaw**2])
+        cross = C_ne.T @ from_bias
+        P[PSI : PSI + 3, BA : BA + 3] = cross
+        P[BA : BA + 3, PSI : PSI + 3] = cross.T
+    P[PSI : PSI + 3, PSI : PSI + 3] = C_ne.T @ psi_n @ C_ne
+    P[:] = 0.5 * (P + P.T)
+
+
+def _hang_on_antenna(m: np.record, P: Float64, w_ib_b: Float64, lever_b: Float64) -> None:
+    """Turn the antenna's position and velocity errors in the covariance into the IMU's, which hangs on the lever arm.
+
+    Equation: r = r_a - C l, v = v_a - C (w x l) + w_ie x C l, so with a = C (w x l) and w = w_ib - b_g
+
+        d r = d r_a + l_e x psi,   d v = d v_a + a x psi - w_ie x (l_e x psi) - C (l x d b_g)
+
+    Parameters
+    ----------
+    m : the state, its biases taken off ``w_ib_b`` [rad/s]
+    lever_b : (3,) IMU to antenna [m]
+    """
+    C = m.C_eb
+    l_e = skew(C @ lever_b)
+    T = np.eye(len(P))
+    T[DR : DR + 3, PSI : PSI + 3] = l_e
+    T[DV : DV + 3, PSI : PSI + 3] = skew(C @ np.cross(w_ib_b - m.b_g, lever_b)) - _EARTH_TURN @ l_e
+    T[DV : DV + 3, BG : BG + 3] = -C @ skew(lever_b)
+    P[:] = T @ P @ T.T
+    P[:] = 0.5 * (P + P.T)
+
+
+def skew(v: Float64) -> Float64:
+    """Return the matrix (3, 3) of the cross product with ``v`` (3,)."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def given_kinematics(
+    start: GivenStart, t_ns: int, clocks: Float64, drift: float, w_ib_b: Float64, par: Parameters
+) -> Kinematics:
+    """Return the start values of a given state: the antenna's, as ``open_bank`` expects them.
+
+    Parameters
+    ----------
+    clocks, drift : of the receiver as the first epoch shows them from there, (g,) [m], NaN where not known; [m/s]
+    w_ib_b : (3,) the body's rate at the start [rad/s]
+    """
+    r_e, C_ne, C_nb = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    lat, lon = math.radians(start.lat_deg), math.radians(start.lon_deg)
+    geodetic_to_ecef(lat, lon, start.h_m, r_e)
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    roll, pitch, yaw = (math.radians(a) for a in start.rpy_deg)
+    euler_to_matrix(roll, pitch, yaw, C_nb)
+    C_eb = C_ne.T @ C_nb
+    l_e = C_eb @ par.lever_b
+    turning = C_eb @ np.cross(w_ib_b, par.lever_b) - WGS84_OMEGA_RADPS * np.array([-l_e[1], l_e[0], 0.0])
+    known = np.flatnonzero(np.isfinite(clocks))
+    clock = float(clocks[known[0]]) if len(known) else 0.0
+    from_reference = len(known) > 0 and known[0] == 0
+    return Kinematics(
+        t_ns=t_ns,
+        r_a=r_e + l_e,
+        v_a=C_ne.T @ np.array(start.v_ned_mps) + turning,
+        P_r=start.sd_position_m**2 * np.eye(3),
+        P_v=start.sd_velocity_mps**2 * np.eye(3),
+        clock=clock,
+        drift=drift,
+        sd_clock=2.0 * start.sd_position_m + 30.0,
+        sd_drift=2.0 * start.sd_velocity_mps + 3.0,
+        offsets=clocks[1:] - clock if from_reference else np.full(len(clocks) - 1, math.nan),
+        of_imu=True,
+    )
+
+
+def given_attitudes(start: GivenStart, config: FilterConfig, grade: ImuGrade) -> list[Attitude]:
+    """Return the attitude of a given state; a bank around it when its heading sigma is too wide for one filter."""
+    roll, pitch, yaw = (math.radians(a) for a in start.rpy_deg)
+    sd_level = math.radians(start.sd_roll_pitch_deg)
+    sensor = sensor_model(grade)
+    sd_yaw = math.radians(start.sd_yaw_deg)
+    n = config.heading.hypotheses
+    if start.sd_yaw_deg <= config.heading.unknown_above_deg or n == 1:
+        yaws, sd_yaw, weights = [yaw], min(sd_yaw, math.pi), [1.0]
+    else:
+        # headings around the given one, weighed by its sigma, over at most the whole circle
+        spacing = 2.0 * math.pi / n
+        away = [math.remainder(i * spacing, 2.0 * math.pi) for i in range(n)]
+        yaws = [yaw + a for a in away]
+        raw = [math.exp(-0.5 * (a / sd_yaw) ** 2) for a in away]
+        weights = [w / sum(raw) for w in raw]
+        sd_yaw = 0.5 * spacing
+    return [
+        Attitude(roll, pitch, y, sd_level, sd_yaw, w, np.zeros(3), sensor.gyro_bias.sigma, False)
+        for y, w in zip(yaws, weights, strict=True)
+    ]

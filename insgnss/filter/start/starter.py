@@ -1,0 +1,287 @@
+"""Waiting for a start: collects fixes and inertial samples until a filter can be opened."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.carried_start import Carried, is_violent, open_carried
+from insgnss.filter.start.fix import Fix, fix_epoch
+from insgnss.filter.start.start import (
+    Heading,
+    Kinematics,
+    attitudes_at_start,
+    given_attitudes,
+    given_kinematics,
+    kinematics_from_fix,
+    open_bank,
+    open_headings,
+)
+from insgnss.filter.state import Bank
+from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.observe import observe
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.inertial.alignment import Window, inertial_window
+from insgnss.status import USED
+from insgnss.tables import Event, Float64
+
+_LONGEST_HISTORY_NS = 5 * NS_PER_S
+_FIX_VELOCITY_SIGMA_MPS = 3.0  # least sigma of a velocity taken from two positions
+_LEAST_RATES = 4  # for a velocity and a clock drift
+# What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
+_REST_ALLOWANCE_MPS = 0.5
+_WAIT_FIXES = 3  # after a gap, for a second velocity
+_VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre in which nobody can be levelled
+_MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
+
+
+@dataclass
+class Starter:
+    """Tries each epoch in turn; remembers the fixes of the last seconds for velocity and acceleration."""
+
+    setup: FilterSetup
+    given: bool  # a given start is still to be used
+    first_try_ns: int | None = None
+    fixes: list[Fix] = field(default_factory=list)
+    headings: list[Heading] | None = None  # those of an automatic start, None: the whole circle
+    carried: Carried | None = None  # from before a gap in the samples
+
+    def begin(self, *, given: bool, carried: Carried | None) -> None:
+        """Say what a stretch of samples begins with: an unused given start, and what was carried to it."""
+        self.given, self.carried = given, carried
+
+    def snapshot(self) -> Starter:
+        """Return a copy that shares nothing but the setup and the fixes themselves, neither of which changes."""
+        return replace(self, fixes=list(self.fixes))
+
+    def try_start(
+        self, imu: Imu, rows: Rows, epoch: int, par: Parameters
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Return the bank opened at ``epoch`` if it can be, the fix it stands on, and events to tell."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if self.given:
+            return self._given_start(imu, rows, epoch, par)
+        if self.first_try_ns is None:
+            self.first_try_ns = t_ns
+        start = self.setup.config.start
+        fix = fix_epoch(rows, epoch, par, self.setup.ties, start.max_gdop)
+        if fix is None:
+            return None, None, []
+        self.fixes = [f for f in self.fixes if t_ns - f.t_ns <= _LONGEST_HISTORY_NS] + [fix]
+        patient = t_ns - self.first_try_ns < start.patience_s * NS_PER_S
+        if (fix.n_used < start.min_satellites or not fix.checked) and patient:
+            return None, fix, []
+        window_ns = int(start.window_s * NS_PER_S)
+        window = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, t_ns - window_ns, t_ns)
+        if patient and fix.v_a is None and np.sum(fix.tried[RANGE_RATE]) >= _LEAST_RATES:
+            return None, fix, []  # an epoch whose range rates agree tells far more of the motion
+        motion = self._motion(fix)
+        if window is None or motion is None:
+            return None, fix, []
+        if self.carried is not None:
+            return self._carried_start(self.carried, imu, fix, window, motion, par)
+        return self._automatic_start(imu, fix, window, motion, par, patient=patient)
+
+    def _carried_start(
+        self,
+        kept: Carried,
+        imu: Imu,
+        fix: Fix,
+        window: Window,
+        motion: tuple[Float64, Float64],
+        par: Parameters,
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Open the bank after a gap in the samples."""
+        earlier = self._earlier_fix(fix, with_velocity=True)
+        if earlier is None and not kept.parked and len(self.fixes) < _WAIT_FIXES and fix.v_a is not None:
+            return None, fix, []  # the acceleration, without which nothing says which way is up
+        waited = fix.t_ns - (self.first_try_ns or fix.t_ns)
+        if is_violent(window) and waited < _VIOLENT_S * NS_PER_S:
+            return None, fix, []
+        opened = open_carried(kept, self.setup, imu, fix, window, motion, earlier, par)
+        if opened is None:
+            self.carried = None
+            return self._automatic_start(imu, fix, window, motion, par, patient=False)
+        return opened[0], fix, opened[1]
+
+    def _motion(self, fix: Fix) -> tuple[Float64, Float64] | None:
+        """Return velocity and its covariance from the range rates, else from two positions, else None."""
+        if fix.v_a is not None:
+            return fix.v_a, fix.P_v[:3, :3]
+        earlier = self._earlier_fix(fix, with_velocity=False)
+        if earlier is None:
+            return None
+        dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
+        P_v = (fix.P[:3, :3] + earlier.P[:3, :3]) / dt**2 + _FIX_VELOCITY_SIGMA_MPS**2 * np.eye(3)
+        return (fix.r_a - earlier.r_a) / dt, P_v
+
+    def _earlier_fix(self, fix: Fix, *, with_velocity: bool) -> Fix | None:
+        """Return the latest fix that is at least a window older, None without one."""
+        window_ns = int(self.setup.config.start.window_s * NS_PER_S)
+        for old in reversed(self.fixes):
+            if fix.t_ns - old.t_ns >= window_ns and (old.v_a is not None or not with_velocity):
+                return old
+        return None
+
+    def _automatic_start(
+        self,
+        imu: Imu,
+        fix: Fix,
+        window: Window,
+        motion: tuple[Float64, Float64],
+        par: Parameters,
+        *,
+        patient: bool,
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Open the bank from a fix: levelled at rest, or in motion with the acceleration of two velocities."""
+        v_a, P_v = motion
+        config, grade = self.setup.config, self.setup.grade
+        earlier = self._earlier_fix(fix, with_velocity=True)
+        if earlier is None and patient and fix.v_a is not None:
+            return None, fix, []  # the acceleration, without which nothing says which way is up
+        at_rest = self._at_rest(window, fix, earlier)
+        a_e, sd_a = None, 0.0
+        if not at_rest:
+            a_e, sd_a = np.zeros(3), 2.0
+            if earlier is not None and earlier.v_a is not None:
+                dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
+                longer = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, earlier.t_ns, fix.t_ns)
+                if longer is not None:
+                    window = longer
+                    a_e = (v_a - earlier.v_a) / dt
+                    sd_a = math.sqrt(float(np.trace(P_v + earlier.P_v[:3, :3]))) / dt
+        kin = kinematics_from_fix(fix, v_a, P_v)
+        headings = self.headings or open_headings(fix.r_a, v_a, P_v, config)
+        attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, headings)
+        w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
+        bank = open_bank(kin, attitudes, w, par, config, grade, imu.t_ns, self.setup.layout)
+        speed = float(np.linalg.norm(v_a))
+        how = "at rest, levelled by the accelerometers" if at_rest else f"in motion at {speed:.1f} m/s"
+        heading = (
+            f"{len(attitudes)} headings are open"
+            if len(attitudes) > 1
+            else f"heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
+        )
+        detail = f"automatic, {how}; {fix.n_used} pseudoranges; {heading}"
+        return bank, fix, [Event(fix.t_ns, "start", detail)]
+
+    def _at_rest(self, window: Window, fix: Fix, earlier: Fix | None) -> bool:
+        """Return whether gyros, accelerometers and GNSS all say that the vehicle stands.
+
+        GNSS says so by its range rates alone: slow now, and not braking since the ``earlier`` fix.
+        """
+        start = self.setup.config.start
+        if fix.v_a is None:
+            return False
+        slow = float(np.linalg.norm(fix.v_a)) < start.rest_speed_mps + _allowance(fix.P_v)
+        if earlier is not None and earlier.v_a is not None:
+            change = float(np.linalg.norm(fix.v_a - earlier.v_a))
+            most = start.rest_acceleration_mps2 * (fix.t_ns - earlier.t_ns) / NS_PER_S
+            slow = slow and change < most + _allowance(fix.P_v + earlier.P_v)
+        steady = (
+            window.spread_w < math.radians(start.rest_rate_degps) and window.spread_f < start.rest_accel_mps2
+        )
+        prior = self.setup.grade.gyro_bias_deg_per_h / 3600.0
+        turning = np.degrees(np.abs(window.w_ib_b)).max() > start.rest_rate_degps + 3.0 * prior
+        return slow and steady and not turning
+
+    def _given_start(
+        self, imu: Imu, rows: Rows, epoch: int, par: Parameters
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Open the bank from the given state at its time, or at the first epoch; the clock is set by that epoch."""
+        start = self.setup.start
+        assert start is not None  # for the type checker: ``given`` says so
+        t_epoch = int(rows.epoch_ns[epoch])
+        t_ns = t_epoch if self.setup.start_ns is None else self.setup.start_ns
+        if t_epoch < t_ns or t_ns < imu.t_ns[0]:
+            return None, None, []
+        k = int(np.searchsorted(imu.t_ns, t_ns, side="right"))
+        w = imu.w_ib_b[k - 1]
+        unknown = np.full(len(self.setup.clock_groups), math.nan)
+        kin = given_kinematics(start, t_ns, unknown, 0.0, w, par)
+        attitudes = given_attitudes(start, self.setup.config, self.setup.grade)
+        bank = self._open(kin, attitudes, w, par, imu)
+        seen = seen_from(bank, rows, epoch, w, imu.f_b[k - 1], par, len(self.setup.clock_groups))
+        if seen.below_horizon > _MOST_BELOW_HORIZON:
+            return self._elsewhere(imu, rows, epoch, par, seen.below_horizon)
+        if not np.isfinite(seen.clocks).any():
+            return None, None, []
+        back = (t_epoch - t_ns) / NS_PER_S
+        kin = given_kinematics(start, t_ns, seen.clocks - seen.drift * back, seen.drift, w, par)
+        bank = self._open(kin, attitudes, w, par, imu)
+        self.given = False
+        return bank, None, [Event(t_ns, "start", "from the given state; the clock is set by the first epoch")]
+
+    def _elsewhere(
+        self, imu: Imu, rows: Rows, epoch: int, par: Parameters, below: float
+    ) -> tuple[Bank | None, Fix | None, list[Event]]:
+        """Give up a given state from which the satellites that the receiver tracks cannot be seen.
+
+        It takes a fix of the epoch to be sure of that, one with redundancy while there is patience.
+        """
+        t_ns, limits = int(rows.epoch_ns[epoch]), self.setup.config.start
+        self.first_try_ns = t_ns if self.first_try_ns is None else self.first_try_ns
+        fix = fix_epoch(rows, epoch, par, self.setup.ties, limits.max_gdop)
+        patient = t_ns - self.first_try_ns < limits.patience_s * NS_PER_S
+        if fix is None or (not fix.checked and patient):
+            return None, None, []
+        self.given = False
+        lat, lon, _ = ecef_to_geodetic(fix.r_a)
+        detail = (
+            f"{100.0 * below:.0f} % of the satellites are below the horizon of the given state; their ranges meet at"
+            f" {math.degrees(lat):.3f}, {math.degrees(lon):.3f} deg: starting automatically instead"
+        )
+        bank, found, events = self.try_start(imu, rows, epoch, par)
+        return bank, found, [Event(t_ns, "start_refused", detail), *events]
+
+    def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: Imu) -> Bank:  # type: ignore[type-arg]
+        return open_bank(
+            kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns, self.setup.layout
+        )
+
+
+def _allowance(P_v: Float64) -> float:
+    """Return three sigmas of a velocity, at most what rest allows [m/s]."""
+    return min(3.0 * math.sqrt(float(np.trace(P_v[:3, :3]))), _REST_ALLOWANCE_MPS)
+
+
+class Seen(NamedTuple):
+    """What an epoch looks like from a state."""
+
+    clocks: Float64  # (g,) of each group [m], NaN without rows
+    drift: float  # [m/s]
+    below_horizon: float  # share of the pseudoranges offered whose satellites the Earth hides
+
+
+def seen_from(
+    bank: Bank, rows: Rows, epoch: int, w_ib_b: Float64, f_b: Float64, par: Parameters, n_groups: int
+) -> Seen:
+    """Return the clocks as an epoch shows them from a state, and how many of its satellites cannot be seen from there.
+
+    A clock is the median over the satellites: one wrong range does not set it.
+    """
+    n_rows = int(rows.first[epoch + 1] - rows.first[epoch])
+    work = new_epoch(n_rows, bank.P.shape[1])
+    m = bank.state[0]
+    observe(m, bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
+    line = work.lines[:n_rows]
+    clocks = np.full(n_groups, math.nan)
+    for g in range(n_groups):
+        seen = (line["status"][:, PSEUDORANGE] == USED) & (line["group"] == g)
+        if seen.any():
+            clocks[g] = np.median(line["innovation"][seen, PSEUDORANGE]) + m.clock[0]
+    seen = line["status"][:, RANGE_RATE] == USED
+    drift = float(np.median(line["innovation"][seen, RANGE_RATE])) if seen.any() else 0.0
+    offered = rows.observation["status"][rows.first[epoch] : rows.first[epoch + 1], PSEUDORANGE] == USED
+    _, _, h = ecef_to_geodetic(m.r_e)
+    dip_sine = math.sqrt(max(1.0 - (WGS84_A_M / (WGS84_A_M + max(h, 0.0))) ** 2, 0.0))  # seen from a height
+    hidden = line["u_n"][offered, 2] > dip_sine
+    return Seen(clocks, drift, float(hidden.mean()) if offered.any() else 0.0)

@@ -1,0 +1,254 @@
+"""A given start on trial: beside the filter that believes it run others that do not, until the measurements decide.
+
+A heading that is wrong by far more than its sigma can be swallowed: biases of a consumer's sensors explain the first
+turn, and the sigma shrinks as if they were right. No innovation is large enough for a gate then, but the likelihood of
+all of them tells. So a copy of the filter runs in a bank with rivals that were started automatically, of the same
+heading and of headings all around, each of a low prior weight. When the measurements leave nothing of the given
+attitude, the rivals take its place; when they leave nothing of the rivals, or these have come to the same attitude, the
+trial is over. The filter itself is not touched by it, to the bit.
+
+A start may also be wrong in its position or velocity alone. The rival of the same heading shows that: it gains as all
+others do, but it has the given attitude, and what the filter makes of its position is left to itself.
+
+It takes one epoch a second, whatever the receiver's rate. Nothing decides while the velocity stays as it is, at rest or
+on a straight: after a minute of that it takes one in ten seconds, until the velocity changes.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.headings.heading_bank import attitude
+from insgnss.filter.headings.headings import yaw_variance
+from insgnss.filter.loop import Workspace
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
+from insgnss.filter.start.start import Heading, headings_around
+from insgnss.filter.start.starter import Starter
+from insgnss.filter.state import BG, DV, PSI, Bank, copy_bank, joined_banks, select_members
+from insgnss.gnss.observation_rows import Rows, one_epoch
+from insgnss.tables import Event, Float64
+
+_SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
+_OTHER_HEADING_WEIGHT: Final = 1e-6  # of each heading around the circle: a sign or an axis mistaken
+_HOPELESS: Final = -30.0  # logarithm of the share of its prior at which a rival goes: at first it knows less
+_HALF: Final = math.log(0.5)
+_SETTLING_NS: Final = NS_PER_S  # what the rivals still have to find out counts against nobody
+_PERIOD_NS: Final = 900_000_000  # less than a second: time tags may be a little early
+_CALM_PERIOD_NS: Final = 10 * NS_PER_S
+_PATIENCE_NS: Final = 60 * NS_PER_S  # without a fix to start the rivals from, or without a change of velocity
+_CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
+_SAME_ATTITUDE: Final = 6.0  # squared sigmas of three angles and three rates within which two are one
+_TURNING: Final = [*range(PSI, PSI + 3), *range(BG, BG + 3)]
+_SMALLEST_BIAS_RADPS: Final = 1e-6  # 0.2 deg/h
+_SMALLEST_DIFFERENCE_RAD: Final = 0.02
+_KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has not come to anything yet
+
+
+@dataclass
+class Trial:
+    """The rivals of a given start and what the measurements say of them."""
+
+    setup: FilterSetup
+    starter: Starter = field(init=False)
+    bank: Bank | None = None  # copies of the filter's hypotheses first, then the rivals; None: not opened yet
+    n_given: int = 0  # of its hypotheses are the filter's
+    over: bool = False
+    since_ns: int = 0  # when the wait began, then when the rivals were started
+    settling: bool = False
+    look_ns: int = 0  # the first epoch from then on is taken
+    taken_ns: int = 0  # the epoch taken last
+    v_e: Float64 | None = None  # the velocity that has not changed
+    calm_ns: int = 0  # since when
+    _work: Workspace | None = None
+
+    def __post_init__(self) -> None:
+        """Get ready to start rivals."""
+        self.starter = Starter(self.setup, given=False)
+
+    def copied(self) -> Trial:
+        """Return a copy that shares nothing that changes."""
+        twin = copy.copy(self)
+        twin.starter = self.starter.snapshot()
+        twin.bank = None if self.bank is None else copy_bank(self.bank)
+        return twin
+
+    def standing(self) -> float:
+        """Return the logarithm of the given attitude's probability, all who have come to it; 0 before the trial."""
+        if self.bank is None or self.settling:
+            return 0.0
+        weight = self.bank.state["log_weight"]
+        alone = _log_sum(weight[: self.n_given])
+        return alone if alone > _HALF else _log_sum(weight[self._agreeing()])
+
+    def _agreeing(self) -> npt.NDArray[np.bool_]:
+        """Return which hypotheses have the attitude of the given start, its own of course."""
+        assert self.bank is not None
+        n, given, sigma = len(self.bank.state), range(self.n_given), _heading_sigmas(self.bank)
+        return np.array([i in given or any(_agree(self.bank, sigma, i, j) for j in given) for i in range(n)])
+
+    def take(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> Bank | None:
+        """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, if any."""
+        t_ns = int(rows.epoch_ns[epoch])
+        if t_ns < self.look_ns:
+            return None
+        self.look_ns = t_ns + _PERIOD_NS
+        self.since_ns = self.since_ns or t_ns
+        if self.bank is None:
+            self._open(bank, imu, rows, epoch, parameters)
+            return None
+        if self._calm(bank, t_ns) and t_ns - self.taken_ns < _CALM_PERIOD_NS:
+            return None
+        self.taken_ns = t_ns
+        self._update(imu, rows, epoch, parameters)
+        if self.over:
+            return None
+        if len(bank.state) == self.n_given:
+            copy_filter(bank, self.bank)
+        if self.standing() < self.setup.log_drop:
+            return self.rivals()
+        self._thin_out()
+        return None
+
+    def epoch_after_look(self, rows: Rows, epoch: int, last: int) -> int:
+        """Return up to which epoch the filter may run before it is to be asked again."""
+        return min(max(int(np.searchsorted(rows.epoch_ns, self.look_ns)), epoch) + 1, last)
+
+    def _calm(self, bank: Bank, t_ns: int) -> bool:
+        """Return whether the velocity has stayed as it is for long."""
+        lead = int(bank.head[0].leader)
+        v_e = bank.state[lead].v_e
+        if self.v_e is None or np.linalg.norm(v_e - self.v_e) > self._least_change(bank, lead):
+            self.v_e, self.calm_ns = v_e.copy(), t_ns
+        return t_ns - self.calm_ns > _PATIENCE_NS
+
+    def _least_change(self, bank: Bank, lead: int) -> float:
+        """Return how much of a change of velocity is one [m/s]."""
+        variance = np.trace(bank.P[lead, DV : DV + 3, DV : DV + 3])
+        speed = float(np.linalg.norm(bank.state[lead].v_e))
+        return self.setup.config.start.rest_speed_mps + 3.0 * math.sqrt(float(variance)) + _CHANGE * speed
+
+    def rivals(self) -> Bank:
+        """Return the rivals without the given start, those of negligible weight left out; the trial is over."""
+        assert self.bank is not None
+        self.over = True
+        weight = self.bank.state["log_weight"].copy()
+        weight[: self.n_given] = -math.inf
+        keep = np.flatnonzero(weight > weight.max() + self.setup.log_drop)
+        found = select_members(self.bank, keep.astype(np.int64))
+        found.head["heading_open"] = 1
+        found.head["more_than_headings"] = 0
+        return found
+
+    def _open(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
+        """Start the rivals at an epoch, if it allows that, with what the filter has found of noise levels."""
+        t_ns = int(rows.epoch_ns[epoch])
+        lead = bank.state[bank.head[0].leader]
+        self.starter.headings = self._headings(bank)
+        found, _, _ = self.starter.try_start(imu, rows, epoch, parameters[0])
+        if found is None:
+            self.over = t_ns - self.since_ns > _PATIENCE_NS
+            return
+        for name in ("noise_factor", "adapted_ns", "adapted_count", "cn0_level", "cn0_level_ns"):
+            found.state[name] = lead[name]
+        self.bank = joined_banks(bank, found)
+        self.bank.head["more_than_headings"] = 1
+        clear_failures(self.bank)
+        self.n_given, self.since_ns, self.settling = len(bank.state), t_ns, True
+
+    def _headings(self, bank: Bank) -> list[Heading]:
+        """Return the rivals' headings: the filter's own, and those all around."""
+        lead = int(bank.head[0].leader)
+        _, _, yaw = attitude(bank.state[lead])
+        sigma = min(float(_heading_sigmas(bank)[lead]), math.pi)
+        n = self.setup.config.heading.hypotheses
+        around = headings_around(yaw, [_OTHER_HEADING_WEIGHT] * n) if n > 1 else []
+        return [Heading(yaw, sigma, _SAME_HEADING_WEIGHT), *around]
+
+    def _update(self, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
+        """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
+        assert self.bank is not None
+        alone = one_epoch(rows, epoch)
+        self._work = roomy(self._work, alone, self.setup.layout)
+        before = self.bank.state["log_weight"].copy()
+        _, self.over = update_beside(self.bank, alone, imu, parameters, self._work, self.setup)
+        if self.settling:
+            self.bank.state["log_weight"] = before
+            self.settling = int(alone.epoch_ns[0]) - self.since_ns < _SETTLING_NS
+
+    def _thin_out(self) -> None:
+        """Drop the rivals without hope and those that have become one with a heavier rival."""
+        assert self.bank is not None
+        weight = self.bank.state["log_weight"]
+        hopeless = math.log(_OTHER_HEADING_WEIGHT) + _HOPELESS
+        sigma, keep = _heading_sigmas(self.bank), list(range(self.n_given))
+        for i in np.argsort(-weight, kind="stable"):
+            rival = i >= self.n_given and weight[i] >= hopeless
+            if rival and not any(_agree(self.bank, sigma, int(i), j) for j in keep[self.n_given :]):
+                keep.append(int(i))
+        agreeing = self._agreeing()
+        self.over = bool(agreeing[keep].all())
+        if len(keep) < len(weight) and not self.over:
+            self.bank = select_members(self.bank, np.array(sorted(keep), np.int64))
+
+
+def banks_of(bank: Bank | None, trial: Trial | None) -> list[Bank]:
+    """Return all that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+    return [each for each in (bank, None if trial is None else trial.bank) if each is not None]
+
+
+def refusal(t_ns: int, was: Bank, now: Bank) -> Event:
+    """Return the event of a given start whose place the rivals take."""
+    before, after = (
+        ", ".join(f"{math.degrees(angle):.1f}" for angle in attitude(bank.state[bank.head[0].leader]))
+        for bank in (was, now)
+    )
+    n = len(now.state)
+    detail = (
+        f"the measurements contradict the given start: roll, pitch, yaw ({before}) deg become ({after}) deg, with"
+        f" {'one heading' if n == 1 else f'{n} headings'} open"
+    )
+    return Event(t_ns, "restart", detail)
+
+
+def _heading_sigmas(bank: Bank) -> Float64:
+    """Return the sigma of each hypothesis' rotation about the vertical (m,) [rad]."""
+    pairs = zip(bank.state, bank.P, strict=True)
+    return np.array([math.sqrt(max(yaw_variance(m, P), 0.0)) for m, P in pairs])
+
+
+def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
+    """Return whether hypothesis ``i`` has come to the attitude of ``j``, which it knows about as well.
+
+    The gyro biases belong to it: a wrong heading that they have explained away may pass the right one on its way.
+
+    Equation: d^T (P + s^2)^-1 d < 6, d the rotation from the one to the other and the difference of gyro biases
+    """
+    if sigma[i] > max(_SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
+        return False
+    turn = bank.state["C_eb"][i] @ bank.state["C_eb"][j].T
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = 0.5 * math.sqrt(axis @ axis), 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
+    angle = math.atan2(sine, cosine)
+    P = bank.P[i][np.ix_(_TURNING, _TURNING)] + np.diag(
+        [_SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
+    )
+    if angle**2 > _SAME_ATTITUDE * (P[0, 0] + P[1, 1] + P[2, 2]) or (sine < 1e-9 and cosine < 0.0):
+        return False
+    psi = 0.5 * axis * (angle / max(sine, 1e-12))
+    d = np.concatenate([psi, bank.state["b_g"][i] - bank.state["b_g"][j]])
+    return float(d @ np.linalg.solve(P, d)) < _SAME_ATTITUDE
+
+
+def _log_sum(weights: Float64) -> float:
+    """Return the logarithm of the sum of weights given by their logarithms."""
+    top = float(weights.max())
+    return top + math.log(float(np.exp(weights - top).sum()))

@@ -1,0 +1,19 @@
+"""What the troposphere's model leaves of the wet delay at the zenith [m]."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.layout import RandomWalk, StateBlock
+from insgnss.filter.states.wanted import StatesWanted
+
+ZENITH_DELAY: Final = "zenith_delay"
+
+
+def zenith_delay(wanted: StatesWanted) -> StateBlock | None:
+    """Return the block where the settings ask for it."""
+    process = wanted.config.process
+    if not wanted.config.measurements.zenith_delay:
+        return None
+    walk = RandomWalk(process.zenith_delay_walk_m_per_sqrt_s)
+    return StateBlock(ZENITH_DELAY, ("zenith_delay_m",), "m", process.zenith_delay_sigma_m, walk)

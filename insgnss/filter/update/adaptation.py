@@ -1,0 +1,179 @@
+"""The filter finds its own noise levels: a factor for each kind of measurement and one for its clock, compiled.
+
+No fixed sigma suits a survey receiver under open sky and a telephone in a street. From what the satellites show against
+each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised innovations are
+near one and sigma means something. Slow errors that are alike for many epochs (atmosphere, orbits, multipath at rest)
+do not show in what is left: they are in no sigma.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from insgnss.apart import apart
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.lines import Lines
+from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
+from insgnss.filter.update.integrity import explain, explained_by, explained_variance, fit_all, fit_freely
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS
+from insgnss.jit import inlined
+from insgnss.median import median_of
+from insgnss.status import GATED, USED
+from insgnss.tables import Float64
+
+_INTERVAL_NS: Final = 900_000_000  # once a second is often enough: the levels move over minutes
+_LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
+_CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
+_LARGEST_STEP: Final = 9.0
+_STORM: Final = 9.0  # ratio of the median square beyond which most rows are worse than three sigmas
+_STORM_GAIN: Final = 0.2
+_MEDIAN_SQUARE: Final = 0.4549  # of a normal error of variance one
+_REST_SPEED_MPS: Final = 0.7  # slower than a walk
+_BIAS_GAIN: Final = 0.1  # per second: a crystal is what it is, and one value says little
+_LEAST_BIAS_FACTOR: Final = 1e-3  # real crystals are up to that much quieter over a second than their grade
+_LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's
+_LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
+
+
+@inlined
+def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
+    """Return the mean of e^2 / (r - g D g^T) over the used rows of one kind, e what ``fit`` does not explain.
+
+    Equation: E[e e^T] = R - G D G^T, see ``integrity.explain``               [Mehra 1970; Mohamed & Schwarz 1999]
+    Each row weighs as much as it is its own, 1 - g D g^T / r, and no more than three sigmas; what it cannot tell counts
+    as expected. r is the variance before the factor, so the return value is what the factor should be. What all
+    satellites have in common is left out: it is the clock's or the inertial sensors', and no noise of the ranges.
+    """
+    total = 0.0
+    used = 0
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        # a row with more noise than its own tells nothing of the noise
+        if line.status[kind] != USED or line.doubt > 0.0:
+            continue
+        rest = line.innovation[kind] - explained_by(line, kind, fit)
+        left = explained_variance(line, kind, fit)
+        square = rest * rest / max(line.variance[kind] - left, _LEAST_REDUNDANCY * line.variance[kind])
+        own = max(1.0 - left / line.variance[kind], 0.0)
+        total += own * min(square, _LARGEST_RATIO) / _CUT + 1.0 - own
+        used += 1
+    return factor * total / used if used >= _LEAST_ROWS else factor
+
+
+@inlined
+def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float:
+    """Return by how much most rows of a kind are worse than assumed, those that the gate refused included.
+
+    The median of squares, against the prediction and against what the rows have in common: the smaller of both counts.
+    A few satellites that are wrong do not move the first, a wrong prediction does not move the second.
+    """
+    least = math.inf
+    refused = 0
+    for turn in range(2):
+        if turn == 1 and fit_freely(lines, kind, fit) == 0 and not fit_all(lines, kind, fit):
+            return 0.0
+        n = 0
+        refused = 0
+        for j in range(lines.shape[0]):
+            line = lines[j]
+            if line.status[kind] != USED and line.status[kind] != GATED:
+                continue
+            refused += 1 if line.status[kind] == GATED else 0
+            rest = line.innovation[kind]
+            own = line.variance[kind] + line.predicted[kind]
+            if turn == 1:
+                rest -= explained_by(line, kind, fit)
+                left = explained_variance(line, kind, fit)
+                own = max(line.variance[kind] - left, _LEAST_REDUNDANCY * line.variance[kind])
+            values[n] = rest * rest / own
+            n += 1
+        if n < _LEAST_ROWS + 1 or 3 * refused < n:
+            return 0.0
+        least = min(least, median_of(values, n) / _MEDIAN_SQUARE)
+    return least
+
+
+@apart
+def adapt_noise(
+    m: StateRecord,
+    prior: Float64,
+    P: Float64,
+    par: Parameters,
+    lines: Lines,
+    fit: Float64,
+    correction: Float64,
+    values: Float64,
+    t_ns: int,
+    drift_variance: float,
+) -> None:
+    """Move the factors of a hypothesis towards what an epoch's update shows.
+
+    At rest the pseudoranges' factor does not fall far: multipath stands still then and does not show in what is left.
+    The clock's: the drift's correction has the variance P- minus P+, in the steady state the noise of one interval;
+    the bias's shows in what the carrier differences have in common, and is held in step with the drift's without them.
+
+    Parameters
+    ----------
+    prior, P : covariance before and after the update
+    fit : work space of ``integrity``
+    lines, correction : of the epoch; not yet fed back
+    values : scratch of at least the lines' length
+    drift_variance : of the clock drift before the update [m^2/s^2]
+    """
+    if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < _INTERVAL_NS:
+        return
+    m.adapted_ns = t_ns
+    m.adapted_count += 1
+    gain = max(par.adapt_gain, 1.0 / (m.adapted_count + 5.0))
+    v2 = m.v_e[0] * m.v_e[0] + m.v_e[1] * m.v_e[1] + m.v_e[2] * m.v_e[2]
+    at_rest = v2 < _REST_SPEED_MPS**2
+    for kind in range(N_KINDS if par.at_clone >= 0 else CARRIER):
+        factor = m.noise_factor[kind]
+        storm = storm_ratio(lines, kind, fit, values) if kind != CARRIER else 0.0
+        if storm > _STORM:
+            m.noise_factor[kind] = bounded(factor * (1.0 + _STORM_GAIN * (storm - 1.0)), par)
+            continue
+        if not explain(prior, lines, kind, fit):
+            continue
+        wanted = parity_ratio(lines, kind, fit, factor)
+        if kind == 0 and at_rest:
+            wanted = max(wanted, min(factor, par.adapt_least_at_rest))
+        m.noise_factor[kind] = bounded(factor + gain * (wanted - factor), par)
+    expected = drift_variance - P[DRIFT, DRIFT]
+    if expected > 0.0 and m.adapted_count > 5:
+        ratio = min(correction[DRIFT] * correction[DRIFT] / expected, _LARGEST_STEP)
+        m.noise_factor[DRIFT_FACTOR] = bounded(
+            m.noise_factor[DRIFT_FACTOR] * (1.0 + gain * (ratio - 1.0)), par
+        )
+    common = common_ratio(lines)
+    if common < 0.0:
+        m.noise_factor[BIAS_FACTOR] = m.noise_factor[DRIFT_FACTOR]
+    elif m.adapted_count > 5:
+        factor = m.noise_factor[BIAS_FACTOR] * (1.0 + max(gain, _BIAS_GAIN) * (common - 1.0))
+        m.noise_factor[BIAS_FACTOR] = max(min(factor, par.adapt_most), _LEAST_BIAS_FACTOR)
+
+
+@inlined
+def common_ratio(lines: Lines) -> float:
+    """Return the square of what the carrier differences of an epoch have in common over its expectation, or -1.
+
+    Over one interval the common part is the clock's wander and little else; -1 stands for too few rows.
+    """
+    total = 0.0
+    predicted = 0.0
+    used = 0
+    for j in range(lines.shape[0]):
+        if lines[j].status[CARRIER] == USED and not lines[j].doubt > 0.0:
+            total += lines[j].innovation[CARRIER]
+            predicted += lines[j].predicted[CARRIER]
+            used += 1
+    if used < _LEAST_ROWS or not predicted > 0.0:
+        return -1.0
+    return min(total * total / (used * predicted), _LARGEST_STEP)
+
+
+@inlined
+def bounded(factor: float, par: Parameters) -> float:
+    """Return the factor within the bounds of the settings."""
+    return float(min(max(factor, par.adapt_least), par.adapt_most))

@@ -1,0 +1,48 @@
+"""The clone of an epoch: antenna position and clock, which the next carrier differences count from, compiled."""
+
+from __future__ import annotations
+
+from insgnss.apart import apart
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.state import CLOCK, DR, N_CLONE, PSI, StateRecord
+from insgnss.gnss.range_model import Air
+from insgnss.tables import Float64
+
+
+@apart
+def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Air, t_ns: int) -> None:
+    """Make the epoch just processed the one that the next carrier differences count from.
+
+    Equation: d r_a = d r_e + psi x l_e, so the clone is J dx with J = [I, -[l_e x]] in (position, attitude) and 1 in
+    the clock; P_cx = J P, P_cc = J P J^T.
+
+    Parameters
+    ----------
+    m : the state after the update, with its antenna in ``a``
+    air : of the epoch; its zenith delays are kept
+    t_ns : the epoch's time tag
+    """
+    n, c = P.shape[0], par.at_clone
+    m.clone_ns = t_ns
+    m.clock_clone = m.clock[0]
+    m.air_clone[0], m.air_clone[1] = air.dry, air.wet
+    l_e = a.l_e
+    for i in range(3):
+        m.r_clone[i] = a.r_a[i]
+    for j in range(n - N_CLONE):
+        for i in range(3):
+            # (psi x l)_i = psi_p l_q - psi_q l_p with i, p, q cyclic
+            p, q = (i + 1) % 3, (i + 2) % 3
+            P[j, c + i] = P[DR + i, j] + P[PSI + p, j] * l_e[q] - P[PSI + q, j] * l_e[p]
+            P[c + i, j] = P[j, c + i]
+        P[j, c + 3] = P[CLOCK, j]
+        P[c + 3, j] = P[CLOCK, j]
+    for i in range(N_CLONE):
+        for k in range(3):
+            p, q = (k + 1) % 3, (k + 2) % 3
+            P[c + i, c + k] = P[c + i, DR + k] + P[c + i, PSI + p] * l_e[q] - P[c + i, PSI + q] * l_e[p]
+        P[c + i, c + 3] = P[c + i, CLOCK]
+    for i in range(N_CLONE):
+        for k in range(i):
+            P[c + i, c + k] = P[c + k, c + i]

@@ -1,0 +1,135 @@
+"""Feeding an epoch's correction back: the state's own reset, and that of the axes its covariance stands in, compiled.
+
+The errors of attitude and biases belong to the body. With a new heading their axes turn, and what the gyros have shown
+(bias plus Earth rate) stays as well known as it was.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from insgnss.apart import apart
+from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.geodesy.local_level import up_direction
+from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
+from insgnss.jit import inlined
+from insgnss.tables import Float64
+
+# Smaller turns add up to 1e-3 rad in an hour, which moves the end of a lever arm by 0.1 mm per sigma of the heading
+_NO_TURN: Final = 1e-5  # [rad]
+
+
+@inlined
+def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
+    """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
+
+    ``n`` leaves the clone out: its correction goes with it, the epoch just processed takes its place.
+
+    Equation: C_eb <- exp([y u x]) exp([t x]) C_eb, u the vertical, y = u . delta psi, t = delta psi - y u: the tilt
+    belongs to the attitude as it was, so it is corrected before the heading. With a new heading the Earth's rate has
+    new components in body axes. The covariance moves the gyro bias against it to first order; the rest of
+    b_g + C_eb^T w_ie = const, what the gyros have shown, follows here.
+    """
+    C, w = m.C_eb, WGS84_OMEGA_RADPS
+    x, y, z = correction[PSI], correction[PSI + 1], correction[PSI + 2]
+    # C^T (w_ie + w_ie x delta psi): what the rates would be to first order
+    p = w * (C[2, 0] + C[1, 0] * x - C[0, 0] * y)
+    q = w * (C[2, 1] + C[1, 1] * x - C[0, 1] * y)
+    r = w * (C[2, 2] + C[1, 2] * x - C[0, 2] * y)
+    for i in range(3):
+        m.r_e[i] += correction[DR + i]
+        m.v_e[i] += correction[DV + i]
+        m.b_a[i] += correction[BA + i]
+        m.b_g[i] += correction[BG + i]
+    m.clock[0] += correction[CLOCK]
+    m.clock[1] += correction[DRIFT]
+    for i in range(OFFSETS, n):
+        m.optional[i - OFFSETS] += correction[i]
+    a, b, c = up_direction(m.r_e)
+    turn = a * x + b * y + c * z
+    turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
+    turn_left(m.q_eb, turn * a, turn * b, turn * c)
+    quaternion_to_matrix(m.q_eb, m.C_eb)
+    if abs(turn) >= _NO_TURN:
+        m.b_g[0] += p - w * C[2, 0]
+        m.b_g[1] += q - w * C[2, 1]
+        m.b_g[2] += r - w * C[2, 2]
+
+
+@apart
+def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64, a: Antenna) -> None:
+    """Turn the axes of the attitude's errors about the vertical with the correction of the heading.
+
+    What tilts the attitude belongs to the body, the accelerometers' bias above all: with a new heading the axes of that
+    tilt turn as well. Left where they were, the tilt and the bias would part, and roll and pitch seem better known.
+    What has been measured stays as well known as it is: position and velocity of the antenna at the end of its lever
+    arm, and what the gyros show, bias plus Earth rate. Left where they were, the next antenna position would seem to
+    tell of the heading.
+
+    Equation: P <- T P T^T with psi' = R psi, R = exp([u (u . delta psi) x]), u the vertical,
+              dr' = dr + (I - R)(psi x l), dv' = dv + (I - R)(psi x a), a = C_eb (w_ib x l) as it was shown,
+              db_g' = db_g + C_eb^T ((w_ie - R^T w_ie) x psi)
+    Neglects: the turn of the tilt's own axes by half its correction, second order in it.
+
+    Parameters
+    ----------
+    m, a : state and antenna before the correction
+    """
+    axis = up_direction(m.r_e)
+    angle = axis[0] * correction[PSI] + axis[1] * correction[PSI + 1] + axis[2] * correction[PSI + 2]
+    if not abs(angle) >= _NO_TURN:  # nor one that is no number
+        return
+    turn = axis, math.sin(angle), 1.0 - math.cos(angle)
+    x, y, z = turned(axis, -turn[1], turn[2], 0.0, 0.0, WGS84_OMEGA_RADPS)
+    rate = -x, -y, WGS84_OMEGA_RADPS - z
+    n = P.shape[0]
+    for j in range(n):
+        turn_column(m.C_eb, a, turn, rate, P[:, j])
+    for i in range(n):
+        turn_column(m.C_eb, a, turn, rate, P[i])
+    for i in range(n):
+        for j in range(i):
+            P[i, j] = P[j, i]
+
+
+@inlined
+def turn_column(
+    C: Float64,
+    antenna: Antenna,
+    turn: tuple[tuple[float, float, float], float, float],
+    rate: tuple[float, float, float],
+    column: Float64,
+) -> None:
+    """Turn one column (n,) of a covariance, ``turn`` the axis, sine and 1 - cosine of R, ``rate`` w_ie - R^T w_ie."""
+    axis, sine, rest = turn
+    p, q, r = column[PSI], column[PSI + 1], column[PSI + 2]
+    for arm, at in ((antenna.l_e, DR), (antenna.turning_e, DV)):
+        x, y, z = q * arm[2] - r * arm[1], r * arm[0] - p * arm[2], p * arm[1] - q * arm[0]
+        a, b, c = turned(axis, sine, rest, x, y, z)
+        column[at] += x - a
+        column[at + 1] += y - b
+        column[at + 2] += z - c
+    x, y, z = rate[1] * r - rate[2] * q, rate[2] * p - rate[0] * r, rate[0] * q - rate[1] * p
+    for i in range(3):
+        column[BG + i] += C[0, i] * x + C[1, i] * y + C[2, i] * z
+    column[PSI], column[PSI + 1], column[PSI + 2] = turned(axis, sine, rest, p, q, r)
+
+
+@inlined
+def turned(
+    axis: tuple[float, float, float], sine: float, rest: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """Return (x, y, z) = v turned about the unit vector ``axis`` a.
+
+    Equation: v + sin a x v + rest a x (a x v), rest = 1 - cos  [Rodrigues]
+    """
+    a, b, c = axis
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    return (
+        x + sine * u + rest * (b * w - c * v),
+        y + sine * v + rest * (c * u - a * w),
+        z + sine * w + rest * (a * v - b * u),
+    )

@@ -1,0 +1,246 @@
+"""Satellites whose measurements creep away from those of all others, slower than any gate sees. Compiled.
+
+What one satellite shows against the others (the parity part of ``integrity``) does not depend on where the filter
+believes to be, so it can be followed for as long as one likes:
+
+    range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once
+    pseudoranges   mean over five seconds less that over thirty: a code that runs away alone; what stays as it is,
+                   orbit, clock and atmosphere, drops out
+
+On those means stands the same search for the smallest set that leaves the others in agreement as on an epoch's rows
+(``consistency``): of two or three that creep together the one that stands out most may be a sound one. A kind of which
+a third does not agree is not the satellites' fault; nothing is refused then.                  [Brenner 1996; Lee 1986]
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.apart import apart
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.state import StateRecord
+from insgnss.filter.update.consistency import exchange, farthest, remove_smallest_set
+from insgnss.filter.update.integrity import (
+    UNKNOWNS,
+    add_row,
+    clear,
+    entry,
+    explained_by,
+    explained_variance,
+    fit_freely,
+    solve,
+)
+from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Observations
+from insgnss.jit import inlined, kernel
+from insgnss.status import DRIFTING, GATED, USED
+from insgnss.tables import Float64, Int64
+
+# columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
+# and since when [s]; until when the satellite's band is left out [s]
+FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
+
+_INTERVAL_NS: Final = 900_000_000  # once a second is often enough
+_LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
+_FAST_S, _SLOW_S = 5.0, 30.0
+_RATE_S: Final = 10.0
+_FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
+_ALIKE_S: Final = (
+    4.0  # errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
+)
+RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
+_HELD_S: Final = (
+    3.0,
+    20.0,
+)  # that long a band stays out once it was found by range or rate: turns hide satellites
+_INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
+_TELLING: Final = 0.5  # least share of a mean's variance that is its own, to call it innocent
+_MOST_SIGMAS: Final = 10.0  # that one rate counts
+_TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that nobody knows yet
+_LEAST_REDUNDANCY: Final = 0.1
+_FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
+
+
+@apart
+def follow_satellites(
+    m: StateRecord,
+    memory: Float64,
+    lines: Lines,
+    observation: Observations,
+    t_ns: int,
+    fit: Float64,
+    par: Parameters,
+) -> None:
+    """Carry the means of each satellite's band on, find those that creep, and refuse all kinds of these.
+
+    ``memory`` is (slots, 7), see the names above.
+    """
+    if par.drift_gate <= 0.0:
+        return
+    now = t_ns * 1e-9
+    if t_ns - m.explained_ns >= _INTERVAL_NS:
+        for kind in range(2):
+            if fit_freely(lines, kind, fit) < _LEAST_WITNESSES:
+                continue
+            for j in range(lines.shape[0]):
+                if takes_part(lines[j], kind):
+                    carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
+            if stands_out(memory, lines, observation, kind, now, fit, par.drift_gate**2):
+                new = find_creeping(memory, lines, observation, kind, now, par.drift_gate**2)
+                if new > 0 and kind == RANGE_RATE:
+                    m.crept_ns = t_ns
+    for j in range(lines.shape[0]):
+        if memory[observation[j].slot, LEFT_OUT_S] > now:
+            for kind in range(N_KINDS):
+                if lines[j].status[kind] == USED:
+                    lines[j].status[kind] = DRIFTING
+
+
+@inlined
+def takes_part(line: Line, kind: int) -> bool:
+    """Return whether a row tells of its satellite: not one of a clock that is not known yet, no range out of its gate.
+
+    A range rate may be out of its gate: that it is so all the time is what is looked for.
+    """
+    if kind == RANGE_RATE:
+        return bool(line.status[kind] == USED or line.status[kind] == GATED)
+    return bool(line.status[kind] == USED and line.predicted[kind] <= _TOO_WIDE * line.variance[kind])
+
+
+@inlined
+def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) -> None:
+    """Carry one row's means on by what ``fit`` leaves of it."""
+    value = line.innovation[kind] - explained_by(line, kind, fit)
+    if kind == PSEUDORANGE:
+        since = now - mean[RANGE_S]
+        mean[RANGE_S] = now
+        if not 0.0 <= since <= _FORGOTTEN_S:
+            mean[FAST], mean[SLOW] = value, value
+        else:
+            mean[FAST] += (1.0 - math.exp(-since / _FAST_S)) * (value - mean[FAST])
+            mean[SLOW] += (1.0 - math.exp(-since / _SLOW_S)) * (value - mean[SLOW])
+        return
+    limit = _MOST_SIGMAS * math.sqrt(line.variance[kind])
+    value = min(max(value, -limit), limit)
+    since = now - mean[RATE_S]
+    mean[RATE_S] = now
+    if not 0.0 <= since <= _FORGOTTEN_S:
+        mean[RATE], mean[RATE_SINCE_S] = value, now
+    else:
+        mean[RATE] += (1.0 - math.exp(-since / _RATE_S)) * (value - mean[RATE])
+
+
+@inlined
+def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, float]:
+    """Return by how much a row has crept and the variance of that; a variance of zero where nothing can be said."""
+    if not takes_part(line, kind):
+        return 0.0, 0.0
+    if kind == PSEUDORANGE:
+        return mean[FAST] - mean[SLOW], line.variance[kind]
+    if not now - mean[RATE_SINCE_S] >= _RATE_S:
+        return 0.0, 0.0
+    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + RATE_FLOOR2
+
+
+@inlined
+def stands_out(
+    memory: Float64,
+    lines: Lines,
+    observation: Observations,
+    kind: int,
+    now: float,
+    fit: Float64,
+    gate2: float,
+) -> bool:
+    """Return whether one of the means is beyond the gate from what all of them have in common.
+
+    A rate that was left out and agrees with the others again is let back.
+    """
+    clear(fit)
+    count = 0
+    for j in range(lines.shape[0]):
+        value, variance = crept(memory[observation[j].slot], lines[j], kind, now)
+        if variance > 0.0:
+            add_row(lines[j], kind, value, variance, fit)
+            count += 1
+    if count < _LEAST_WITNESSES or not solve(fit):
+        return False
+    beyond = False
+    for j in range(lines.shape[0]):
+        value, variance = crept(memory[observation[j].slot], lines[j], kind, now)
+        if variance > 0.0:
+            rest = value - explained_by(lines[j], kind, fit)
+            own = max(variance - explained_variance(lines[j], kind, fit), _LEAST_REDUNDANCY * variance)
+            beyond = beyond or rest * rest > gate2 * own
+            if kind == RANGE_RATE and rest * rest < _INNOCENT * own and own > _TELLING * variance:
+                memory[observation[j].slot, LEFT_OUT_S] = -math.inf
+    return beyond
+
+
+@apart
+@kernel
+def find_creeping(
+    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float
+) -> int:
+    """Mark the smallest set of satellites without which the means agree; return how many of them are new.
+
+    Equation: as ``consistency.refuse_inconsistent``, of the means, their common part free.
+    A range counts only while it moves away: one that comes back to the others was wrong before.
+    It allocates its work space: only where a mean stands out it is called.
+    """
+    index = np.empty(lines.shape[0], np.int64)
+    n = 0
+    largest = 0.0
+    for j in range(lines.shape[0]):
+        _, variance = crept(memory[observation[j].slot], lines[j], kind, now)
+        if variance > 0.0:
+            index[n] = j
+            n += 1
+            largest = max(largest, variance)
+    T = np.empty((n, n + 1))
+    write_means(T, memory, lines, observation, kind, now, index[:n], largest)
+    active = np.ones(n, np.int64)
+    for j in range(n):
+        exchange(T, j)
+    most = n // 3
+    removed = 0
+    while removed < most and farthest(T, active, 1)[1] > gate2:
+        removed += remove_smallest_set(T, active, gate2, most - removed)
+    if farthest(T, active, 1)[1] > gate2:
+        return 0
+    new = 0
+    for a in range(n):
+        mean = memory[observation[index[a]].slot]
+        away = kind == RANGE_RATE or abs(mean[FAST]) > abs(mean[SLOW])
+        if active[a] == 0 and away:
+            new += 1 if not mean[LEFT_OUT_S] > now else 0
+            mean[LEFT_OUT_S] = max(mean[LEFT_OUT_S], now + _HELD_S[kind])
+    return new
+
+
+@inlined
+def write_means(
+    T: Float64,
+    memory: Float64,
+    lines: Lines,
+    observation: Observations,
+    kind: int,
+    now: float,
+    index: Int64,
+    largest: float,
+) -> None:
+    """Write the means' covariance, with a free common part, and the means behind it into ``T`` (n, n + 1)."""
+    n = index.shape[0]
+    for a in range(n):
+        one = lines[index[a]]
+        value, variance = crept(memory[observation[index[a]].slot], one, kind, now)
+        for b in range(a + 1):
+            total = variance if a == b else 0.0
+            for i in range(UNKNOWNS):
+                total += _FREE * largest * entry(one, kind, i) * entry(lines[index[b]], kind, i)
+            T[a, b] = total
+            T[b, a] = total
+        T[a, n] = value

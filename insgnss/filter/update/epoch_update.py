@@ -1,0 +1,313 @@
+"""One GNSS epoch, compiled: its measurements kind by kind, one scalar at a time, then the closed loop."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from insgnss.apart import apart
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.prediction import Scratch, predict_covariance
+from insgnss.filter.rows.lines import CLONE_ROWS, Epoch, Line, Lines
+from insgnss.filter.soundness import is_sound
+from insgnss.filter.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, StateRecord
+from insgnss.filter.update.adaptation import adapt_noise
+from insgnss.filter.update.clone import clone_epoch
+from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
+from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
+from insgnss.filter.update.creeping import follow_satellites
+from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
+from insgnss.filter.update.gating import absorb_clock_step, common_step, gate_between, gate_rows
+from insgnss.filter.update.integrity import follow_explained
+from insgnss.filter.update.masking import OFF, Masking, mask_hidden
+from insgnss.filter.update.observe import observe, place_antenna
+from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
+from insgnss.jit import inlined
+from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
+from insgnss.tables import Float64, Int8
+
+_OUTAGE_S = 2.5  # without an epoch
+_LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
+_SMALL, _LARGE = 1e-200, 1e200  # within which a product of variances stays
+
+
+class Outcome(NamedTuple):
+    """What an epoch did to one hypothesis."""
+
+    log_likelihood: float
+    ranges_used: int
+    ranges_refused: int  # by the gate
+    rates_used: int
+    rates_refused: int
+    clock_step: float  # [m], 0 when there was none
+    drift_step: float  # [m/s]
+    strain: float  # the larger of both kinds' mean normalised innovation squared, none counting more than the gate
+    motion_information: float  # squared sigmas by which the shown motion has moved the rows' predictions
+
+
+@apart
+def update_epoch(
+    m: StateRecord,
+    P: Float64,
+    par: Parameters,
+    rows: Rows,
+    epoch: int,
+    w_ib_b: Float64,
+    f_b: Float64,
+    s: Epoch,
+    scratch: Scratch,
+    masking: Masking,
+    seen: Int8,
+    memory: Float64,
+    since_last: float,
+    alone: bool,
+) -> Outcome:
+    """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
+
+    ``since_last`` is the time since the epoch before [s], ``seen`` (slots,) the decisions on
+    visibility so far, ``memory`` (slots, N_MEMORY) the satellites' means, ``alone`` whether one heading is left.
+
+    Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
+    and the order of the rows matters only by rounding; the gates are all judged on the prior. A hypothesis that is lost
+    already (``soundness``) uses no row; its likelihood is none.
+    """
+    predict_covariance(m, P, par, scratch)
+    if not is_sound(m, P):
+        leave_out(rows, epoch, s.lines)
+        return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+    doubt_clock(m, P, par, since_last)
+    drift_variance = P[DRIFT, DRIFT]
+    observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
+    first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
+    lines, observation = s.lines[: last - first], rows.observation[first:last]
+    correction, values = s.vectors[0], s.vectors[3]
+    if par.visibility != OFF:
+        mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking, since_last)
+    done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+    response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
+    for kind in range(2):
+        step, variance = common_step(
+            lines, kind, values, par.kind[kind].least_step, P[CLOCK + kind, CLOCK + kind]
+        )
+        if step != 0.0:
+            absorb_clock_step(m.clock, P, lines, kind, CLOCK + kind, step, variance)
+        if kind == PSEUDORANGE:
+            refuse_reflections(m, lines, observation, t_ns, par)
+        used, refused, strain = gate_rows(lines, kind, par.kind[kind].gate2)
+        if alone:  # rows that contradict a wrong heading must not be widened for its sake
+            weigh_robustly(lines, kind, par)
+        done = noted(done, kind, used, refused, step, strain)
+    follow_satellites(m, memory, lines, observation, t_ns, s.fit, par)
+    gate_carriers(P, lines, s.vectors, par, done)
+    log_likelihood, information, excluded = use_epoch(
+        P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
+    )
+    if done.clock_step == 0.0 and done.drift_step == 0.0:
+        prior = scratch.A
+        adapt_noise(m, prior, P, par, lines, s.fit, correction, values, t_ns, drift_variance)
+        follow_explained(m, prior, par, lines, s.fit, t_ns)
+    if par.motion_gate2 > 0.0:
+        turn_attitude_errors(m, P, correction, s.antenna[0])
+    close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
+    if par.at_clone >= 0:
+        place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
+        for i in range(N_CLONE):  # what a smoother needs of the epoch before, now that it goes
+            for j in range(P.shape[0]):
+                s.vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
+        clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
+        if response.shape[0] > 0:
+            clone_response(response, par.at_clone)
+    return Outcome(
+        log_likelihood,
+        done.ranges_used - excluded,
+        done.ranges_refused,
+        done.rates_used,
+        done.rates_refused,
+        done.clock_step,
+        done.drift_step,
+        done.strain,
+        information,
+    )
+
+
+@inlined
+def clone_response(response: Float64, at_clone: int) -> None:
+    """Let the clone's part of the motion's response begin where antenna and clock stand."""
+    for i in range(3):
+        response[at_clone + i] = response[DR + i]
+    response[at_clone + 3] = response[CLOCK]
+
+
+@inlined
+def leave_out(rows: Rows, epoch: int, lines: Lines) -> None:
+    """Write into the lines of an epoch that there is no filter to use its rows."""
+    first = rows.first[epoch]
+    for j in range(rows.first[epoch + 1] - first):
+        line = lines[j]
+        line.u_n[0] = math.nan
+        for kind in range(2):
+            line.status[kind] = rows.observation[first + j].status[kind]
+        line.status[CARRIER] = rows.carrier[first + j].status if rows.carrier.shape[0] > 0 else ABSENT
+        for kind in range(N_KINDS):
+            line.innovation[kind] = math.nan
+            if line.status[kind] == USED:
+                line.status[kind] = NOT_STARTED
+
+
+@inlined
+def doubt_clock(m: StateRecord, P: Float64, par: Parameters, since_last: float) -> None:
+    """Give the clock its grade's own wander over an outage, however quiet it has been found over a second.
+
+    Equation: P += (1 - f) q [[T^3/3, T^2/2], [T^2/2, T]] for the drift's density q and its factor f < 1, and
+    P_clock += (1 - f) q T likewise for the bias
+    """
+    if not _OUTAGE_S < since_last < _LONGEST_OUTAGE_S:
+        return
+    bias = max(1.0 - m.noise_factor[BIAS_FACTOR], 0.0) * par.clock_bias_density
+    drift = max(1.0 - m.noise_factor[DRIFT_FACTOR], 0.0) * par.clock_drift_density
+    P[CLOCK, CLOCK] += bias * since_last + drift * since_last**3 / 3.0
+    P[CLOCK, DRIFT] += drift * since_last**2 / 2.0
+    P[DRIFT, CLOCK] = P[CLOCK, DRIFT]
+    P[DRIFT, DRIFT] += drift * since_last
+
+
+@inlined
+def use_epoch(
+    P: Float64,
+    lines: Lines,
+    vectors: Float64,
+    par: Parameters,
+    since_last: float,
+    prior: Float64,
+    most: int,
+    response: Float64,
+) -> tuple[float, float, int]:
+    """Update with all rows of an epoch; return what ``use_rows`` adds up, and how many rows were taken out again.
+
+    Where pseudoranges contradict each other after the update, those that the others contradict (``most`` at most) are
+    found and the update is done once more without them; an epoch that agrees costs nothing.
+    """
+    n = P.shape[0]
+    correction = vectors[0]
+    for i in range(n):
+        for j in range(n):
+            prior[i, j] = P[i, j]
+    for i in range(response.shape[0]):
+        vectors[3, i] = response[i]
+    excluded = 0
+    log_likelihood, information = 0.0, 0.0
+    for turn in range(2):
+        for i in range(n):
+            correction[i] = 0.0
+        log_likelihood, information = 0.0, 0.0
+        for kind in range(N_KINDS):
+            spread = spread_of(par, kind, since_last)
+            of_kind = use_rows(P, lines, vectors, kind, par.kind[kind].gate2, spread, response)
+            log_likelihood += of_kind[0]
+            information += of_kind[1]
+        if turn == 1 or par.residual_gate2 <= 0.0:
+            break
+        spread = spread_of(par, PSEUDORANGE, since_last)
+        if not disagrees(P, lines, correction, par.residual_gate2, spread):
+            break
+        excluded = refuse_inconsistent(prior, lines, par.residual_gate2, most)
+        if excluded == 0:
+            break
+        for i in range(n):
+            for j in range(n):
+                P[i, j] = prior[i, j]
+        for i in range(response.shape[0]):
+            response[i] = vectors[3, i]
+    return log_likelihood, information, excluded
+
+
+@inlined
+def spread_of(par: Parameters, kind: int, since_last: float) -> float:
+    """Return by how much a variance counts more than one epoch's own, see ``use_rows``."""
+    return float(max(1.0, par.kind[kind].correlation / since_last))
+
+
+@inlined
+def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, done: Outcome) -> None:
+    """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
+
+    Each is judged alone, with the clock's wander in its sigma, and against the others, without it.
+
+    Where the receiver's clock stepped, the carrier may have stepped with it or not: its differences wait an epoch.
+    """
+    if done.clock_step != 0.0 or done.drift_step != 0.0:
+        for j in range(lines.shape[0]):
+            if lines[j].status[CARRIER] == USED:
+                lines[j].status[CARRIER] = CLOCK_STEPPED
+        return
+    gate2 = par.kind[CARRIER].gate2
+    gate_rows(lines, CARRIER, gate2)
+    gate_between(P, lines, vectors, gate2)
+
+
+@inlined
+def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain: float) -> Outcome:
+    """Return the outcome with the numbers of one kind in it; fewer than four rows do not count as strain."""
+    worst = max(done.strain, strain) if used + refused >= 4 else done.strain
+    if kind == 0:
+        return Outcome(
+            0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step, worst, 0.0
+        )
+    return Outcome(
+        0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst, 0.0
+    )
+
+
+@apart
+def use_rows(
+    P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float, spread: float, response: Float64
+) -> tuple[float, float]:
+    """Update with each row of one kind in turn; return the logarithm of their likelihood (up to a constant).
+
+    The second number is by how many squared sigmas the shown motion has moved what the rows are expected to be.
+    ``response`` (n,), or (0,) where only one heading is left, is corrected by each row as the state is:
+    q <- q - K h q.
+
+    ``spread`` is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
+    of n errors that are alike over n epochs has the variance of one, not of one n-th. A row whose innovation has no
+    positive, finite variance, as the covariance has lost its sign, is refused.
+    """
+    total = 0.0
+    information = 0.0
+    product = 1.0  # of the variances, whose logarithm is taken once for many
+    for j in range(lines.shape[0]):
+        line = lines[j]
+        if line.status[kind] == USED:
+            columns = line.columns[kind][: line.count[kind]]
+            variance = spread * line.variance[kind]
+            y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, vectors)
+            if 0.0 < S < math.inf and math.isfinite(y):
+                total -= 0.5 * y * y / S
+                if not _SMALL < product * S < _LARGE:
+                    total -= 0.5 * math.log(product)
+                    product = 1.0
+                product *= S
+                information += respond(line, kind, response, vectors) / S
+            else:
+                line.status[kind] = GATED
+        if line.status[kind] in (GATED, INCONSISTENT):
+            # a hypothesis must not gain by leaving out what contradicts it
+            S = line.predicted[kind] + line.variance[kind]
+            total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0))
+    return total - 0.5 * math.log(product), information
+
+
+@inlined
+def respond(line: Line, kind: int, response: Float64, vectors: Float64) -> float:
+    """Correct the response to the shown motion by a row used just now; return the square of what it moved the row by.
+
+    The row's gain still stands where ``scalar_update`` has left it.
+    """
+    moved = 0.0
+    if response.shape[0] > 0:
+        for a in range(line.count[kind]):
+            moved += line.h[kind, a] * response[line.columns[kind, a]]
+        for c in range(response.shape[0]):
+            response[c] -= vectors[1, c] * moved
+    return moved * moved

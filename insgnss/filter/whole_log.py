@@ -1,0 +1,270 @@
+"""A filter over a whole log: every unbroken stretch of inertial samples, each with a start of its own.
+
+The rows of a big log come in blocks of whole epochs. A block is given up once the filter is through with it, so that
+the ledger takes the room that the rows leave.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import ConfigError, StartError
+from insgnss.filter.imu.inertial_stream import screened
+from insgnss.filter.loop import run_to
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
+from insgnss.filter.output.writing import Output, Table, mark_without_imu, new_ledger, new_output
+from insgnss.filter.own_rows.ledger import OwnEntry, complete_ledger
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.smoothing.body_points import Further
+from insgnss.filter.smoothing.row_covariances import RowCovariances
+from insgnss.filter.smoothing.smoother import Smoother
+from insgnss.filter.start.carried_start import Carried, kept_over
+from insgnss.filter.update.masking import still_uncertain
+from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gpstime import ns_to_week_seconds
+from insgnss.tables import Event, ImuTable, Int64
+
+OutputRate = Literal["gnss", "imu"] | float | Int64  # the last: times themselves [ns]
+MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row tells nothing new
+
+
+class TraceWanted(NamedTuple):
+    """How often the filter is to leave its state behind, and how often its covariance at least."""
+
+    rate_hz: float | None  # at inertial samples; None: at no rate
+    sigma_interval_s: float = 1.0
+    epoch_samples_ns: Int64 | None = None  # samples that are to bring both, beside those of the rate
+
+
+class LedgerPart(NamedTuple):
+    """What the filter wrote of a block's rows."""
+
+    entries: Table  # (n,) of ``output.LEDGER_DTYPE``
+    carriers: Table  # (n,) of ``output.CARRIER_LEDGER_DTYPE``, (0,) without carrier
+
+
+def run_filter(
+    setup: FilterSetup,
+    table: ImuTable,
+    rows: Rows,
+    output: OutputRate,
+    *,
+    trace: TraceWanted | None = None,
+) -> tuple[Output, list[Event]]:
+    """Run a filter over samples and rows; return the loop's output, all of its ledger in it, and the events."""
+    out, (ledger,), events = run_blocks(setup, table, [rows], output, trace=trace)
+    return out._replace(ledger=ledger.entries, carrier=ledger.carriers), events
+
+
+def run_blocks(
+    setup: FilterSetup,
+    table: ImuTable,
+    blocks: list[Rows],
+    output: OutputRate,
+    *,
+    trace: TraceWanted | None = None,
+    before_loop: Callable[[], object] = lambda: None,
+    smooth: bool = False,
+    further: Further | None = None,
+    filtered: list[Table] | None = None,
+    own: list[OwnEntry] | None = None,
+) -> tuple[Output, list[LedgerPart], list[Event]]:
+    """Run a filter over samples and the blocks of a log's rows.
+
+    Returns
+    -------
+    out : the loop's output without a ledger
+    ledger : a part for each block
+    events : what the filter tells
+
+    Parameters
+    ----------
+    blocks : one after the other in time; the list is emptied on the way
+    trace : asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of ``out.trace``
+    before_loop : is called when the compiled loop is needed, after the start
+    smooth : gives the navigation rows what the rest of their stretch tells of them
+    further : columns that are wanted beside those that every navigation row has; filled
+    filtered : takes the filter's own navigation rows of each part before they are smoothed
+    own : takes what became of a user's own rows
+
+    The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
+    leaves behind.
+    """
+    samples = screened(table, setup)
+    times = output_times(samples.logged_ns, output)
+    epoch_ns = np.concatenate([block.epoch_ns for block in blocks])
+    n_epochs = len(epoch_ns)
+    room = trace_room(trace, samples.logged_ns, n_epochs, setup.n_offsets)
+    no_rows = from_epoch(blocks[-1], len(blocks[-1].epoch_ns))
+    n_nav, n_values = max(len(times), n_epochs), setup.layout.n_values
+    out = new_output(no_rows, n_nav, 4 * n_epochs + 16, times, n_values, room)
+    if further is not None:
+        further.room(n_nav)
+    passage = _Passage(blocks, out)
+    events: list[Event] = list(samples.events)
+    started = False
+    kept: Carried | None = None
+    found: dict[int, list[OwnEntry]] = {}
+    spans_ns: list[tuple[int, int]] = []
+    for part, cut in samples.stretches():
+        kept = kept if cut is None else kept_over(kept, cut)
+        if len(part.t_ns) < 2:
+            continue
+        spans_ns.append((int(part.t_ns[0]), int(part.t_ns[-1])))
+        e0, e1 = np.searchsorted(epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
+        passage.without_imu(int(e0))
+        navigator = Navigator(setup, before_loop)
+        navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
+        smoother, first = Smoother(navigator, part, further), int(out.counts[0].nav)
+        for rows, begin, end, written in passage.until(int(e1)):
+            if smooth:
+                smoother.forward(rows, begin, end, written)
+            elif further is not None:
+                RowCovariances(navigator, part, further).forward(rows, begin, end, written)
+            else:
+                navigator.run(part, rows, begin, end, written)
+        if further is not None:
+            RowCovariances(navigator, part, further).own_to_the_end(no_rows, out)
+        else:
+            navigator.use_own_rows(part, no_rows, int(part.t_ns[-1]), out)
+        found |= navigator.own
+        if filtered is not None:
+            filtered.append(out.nav[first : out.counts[0].nav].copy())
+        smoother.finish(out)
+        if navigator.bank is not None and (len(times) or len(room.times_ns)):
+            if further is not None:
+                RowCovariances(navigator, part, further).to_the_end(navigator.bank, no_rows, out)
+            else:
+                work = navigator.workspace(no_rows)
+                run_to(navigator.bank, int(part.t_ns[-1]), part, navigator.parameters, out, work)
+        navigator.note_silence(int(part.t_ns[-1]))
+        events += navigator.events + still_uncertain(navigator.bank, setup.config.visibility)
+        kept = navigator.leave(part)
+        started = started or navigator.started_ns is not None
+    passage.without_imu(n_epochs)
+    if not started:
+        raise _no_start(setup, samples.logged_ns, epoch_ns)
+    if own is not None and setup.own is not None:
+        own += complete_ledger(setup.own, found, spans_ns, (-(2**62), 2**62))
+    return out, passage.ledger, events
+
+
+def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
+    """Return the error of a log on which the filter never started."""
+    if setup.start is None:
+        return StartError(
+            "no epoch allowed the filter to start",
+            advice="a start needs four satellites with ephemeris, at least a second of inertial samples before them,"
+            " and range rates or two epochs; 'insgnss check' shows satellites and ephemeris per epoch",
+        )
+    if setup.start_ns is not None and not t_ns[0] <= setup.start_ns <= epoch_ns[-1]:
+        early_s, late_s = (t_ns[0] - setup.start_ns) / NS_PER_S, (setup.start_ns - epoch_ns[-1]) / NS_PER_S
+        where = f"{early_s:.1f} s before the first inertial sample"
+        return StartError(
+            f"the given start is {where if early_s > 0.0 else f'{late_s:.1f} s after the last epoch'}",
+            key="start.time_s",
+            advice="give a time inside both logs, or leave it out to start at the first epoch",
+        )
+    return StartError(
+        "no epoch could be used from the given start: none has a satellite with ephemeris above its horizon",
+        key="start",
+        advice="is the place right? 'insgnss check' shows satellites and ephemeris per epoch; without [start] the"
+        " filter starts by itself",
+    )
+
+
+@dataclass
+class _Passage:
+    """The blocks of a log on their way through the filter."""
+
+    waiting: list[Rows]  # a block that the filter is in the middle of stands first
+    room: Output
+    ledger: list[LedgerPart] = field(default_factory=list)  # a part for each block that was begun
+    _epoch: int = 0  # the first of the log that is still to come
+    _begin: int = 0  # epoch of the log at which the first block begins
+
+    def until(self, last: int) -> Iterator[tuple[Rows, int, int, Output]]:
+        """Yield a block, its epochs that come next and the one after them, and room for their ledger, up to ``last``.
+
+        ``last`` counts the log's epochs. A block is given up when its last epoch is through.
+        """
+        while self._epoch < last:
+            rows = self.waiting[0]
+            if self._epoch == self._begin:
+                self.ledger.append(LedgerPart(*new_ledger(rows)))
+            begin, end = self._epoch - self._begin, min(last - self._begin, len(rows.epoch_ns))
+            entries, carriers = self.ledger[-1]
+            yield rows, begin, end, self.room._replace(ledger=entries, carrier=carriers)
+            self._epoch = self._begin + end
+            if end == len(rows.epoch_ns):
+                del self.waiting[0]
+                self._begin = self._epoch
+
+    def without_imu(self, last: int) -> None:
+        """Pass over the epochs before ``last``: what could be used of them has no inertial samples."""
+        for rows, begin, end, written in self.until(last):
+            passed = slice(int(rows.first[begin]), int(rows.first[end]))
+            mark_without_imu(written.ledger[passed], written.carrier[passed])
+
+
+def trace_room(trace: TraceWanted | None, t_ns: Int64, n_epochs: int, n_offsets: int) -> TraceRoom:
+    """Return room for what is wanted of a log with inertial samples at ``t_ns``."""
+    if trace is None:
+        return no_trace(n_offsets)
+    times_ns = t_ns[output_samples(t_ns, trace.rate_hz)] if trace.rate_hz is not None else t_ns[:0]
+    if trace.epoch_samples_ns is not None:
+        times_ns = np.union1d(times_ns, trace.epoch_samples_ns)
+    return new_trace_room(times_ns, trace.sigma_interval_s, n_epochs, n_offsets, trace.epoch_samples_ns)
+
+
+def _no_times(t_ns: Int64) -> ConfigError:
+    first_s, last_s = (ns_to_week_seconds(t_ns[[0, -1]], int(t_ns[0] // NS_PER_WEEK))).tolist()
+    return ConfigError(
+        "no output time lies inside the inertial samples",
+        key="output",
+        advice=f"they reach from {first_s:.3f} to {last_s:.3f} s of the GPS week",
+    )
+
+
+def output_times(t_ns: Int64, output: OutputRate) -> Int64:
+    """Return the output times: none for one row per epoch, every sample, multiples of a period, or times as given.
+
+    Raises
+    ------
+    ConfigError : ``output`` is neither "gnss" nor "imu" nor a rate [Hz] from one in the log to ten in a sample, nor
+        has it times inside the log
+    """
+    if isinstance(output, np.ndarray):
+        inside: Int64 = output[(output >= t_ns[0]) & (output <= t_ns[-1])]
+        if not len(inside):
+            raise _no_times(t_ns)
+        return inside
+    if output == "gnss":
+        return np.zeros(0, np.int64)
+    if output == "imu":
+        return t_ns
+    try:
+        rate_hz = float(output)
+    except (TypeError, ValueError):
+        rate_hz = math.nan
+    samples_hz = NS_PER_S / float(np.median(np.diff(t_ns)))
+    slowest_hz = NS_PER_S / float(t_ns[-1] - t_ns[0])  # a whole multiple of such a period lies in the log
+    fastest_hz = MOST_OUTPUTS_PER_SAMPLE * samples_hz
+    if not slowest_hz <= rate_hz <= fastest_hz:
+        raise ConfigError(
+            f"{output!r} is no output rate for inertial samples at {samples_hz:.6g} Hz",
+            key="output",
+            advice=f"give 'gnss', 'imu' or a rate from {slowest_hz:.6g} to {fastest_hz:.6g} Hz",
+        )
+    period = NS_PER_S / rate_hz
+    # counted from the start of the GPS week: of all GPS time a double would hold only 256 ns
+    origin = int(t_ns[0]) // NS_PER_WEEK * NS_PER_WEEK
+    first, last = math.ceil((int(t_ns[0]) - origin) / period), math.floor((int(t_ns[-1]) - origin) / period)
+    return np.asarray(origin + np.rint(np.arange(first, last + 1) * period).astype(np.int64))

@@ -1,0 +1,172 @@
+"""What noise levels learn from, what is told of a wrong prediction, and what a reset to a fix leaves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
+from insgnss.filter.start.fix import Fix
+from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, Bank
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.inertial.sensor_model import sensor_model
+from insgnss.status import DRIFTING, USED
+from tests.filter.scene import (
+    RANGE_SIGMA_M,
+    RATE_SIGMA_MPS,
+    START_NS,
+    TACTICAL,
+    W_IE_E,
+    at_rest,
+    new_filter,
+    parameters,
+    perfect_rows,
+    place,
+    run,
+    sky,
+)
+
+N = 12
+EPOCHS = 90
+SETTLED = {DR: 1.0, DV: 0.05, CLOCK: 1.0}
+
+
+def scene(rng: np.random.Generator) -> tuple[Bank, Rows]:
+    """Return a filter at rest on the truth and its rows with their noise."""
+    at = place()
+    bank = new_filter(at, sigmas=SETTLED)
+    imu = at_rest(at, bank.state[0].C_eb, 1.0, 10.0)
+    epoch_ns = START_NS + np.arange(1, EPOCHS + 1) * NS_PER_S
+    log = perfect_rows(bank, parameters(), epoch_ns, sky(at), w_ib_b=imu.w_ib_b[0])
+    log.observation["slot"] = log.observation["sv"]
+    log.observation["value"] += rng.normal(size=(len(log.sat), 2)) * [RANGE_SIGMA_M, RATE_SIGMA_MPS]
+    return bank, log
+
+
+def factors(bank: Bank, log: Rows) -> np.ndarray:
+    """Run the filter with adaptation; return the factors of ranges and range rates."""
+    imu = at_rest(place(), bank.state[0].C_eb, EPOCHS + 1.0, 20.0)
+    changes = {
+        "adapt_gain": 1.0 / 30.0,
+        "adapt_least": 0.02,
+        "adapt_most": 100.0,
+        "adapt_least_at_rest": 0.02,
+    }
+    run(bank, log, imu, parameters(**changes, rate_gate2=1e4, range_gate2=1e4))
+    return np.asarray(bank.state["noise_factor"][0, :2])
+
+
+def test_noise_as_assumed_leaves_the_levels(rng: np.random.Generator) -> None:
+    """Sixty values of a chi^2 of about eight, in a memory of 30 s: a sigma of 9 % of the mean."""
+    assert factors(*scene(rng)) == pytest.approx([1.0, 1.0], abs=0.3)
+
+
+def test_what_all_satellites_share_is_no_noise(rng: np.random.Generator) -> None:
+    """An accelerometer off by 20 mg for the whole minute shows in all innovations and in no level."""
+    at = place()
+    bank, log = scene(rng)
+    sigma = np.sqrt(np.diag(bank.P[0]))
+    assert sigma[BA] < 0.02
+    imu = at_rest(at, bank.state[0].C_eb, EPOCHS + 1.0, 20.0)
+    changes = {
+        "adapt_gain": 1.0 / 30.0,
+        "adapt_least": 0.02,
+        "adapt_most": 100.0,
+        "adapt_least_at_rest": 0.02,
+    }
+    par = parameters(**changes, rate_gate2=1e6, range_gate2=1e6)
+    run(bank, log, imu._replace(f_b=imu.f_b + np.array([0.2, 0.0, 0.0])), par)
+    assert np.all(bank.state["noise_factor"][0, :2] < 2.0)
+
+
+def test_noise_of_ten_times_is_learnt_in_seconds_also_where_the_gate_refuses_it(
+    rng: np.random.Generator,
+) -> None:
+    bank, log = scene(rng)
+    values = log.observation["value"].reshape(EPOCHS, N, 2)
+    values[60:] += rng.normal(size=(30, N, 2)) * [10.0 * RANGE_SIGMA_M, 10.0 * RATE_SIGMA_MPS]
+    imu = at_rest(place(), bank.state[0].C_eb, EPOCHS + 1.0, 20.0)
+    changes = {"adapt_gain": 1.0 / 30.0, "adapt_least": 0.02, "adapt_most": 1e3, "adapt_least_at_rest": 0.02}
+    result = run(bank, log, imu, parameters(**changes))
+    status = np.asarray(result.out.ledger["status"]).reshape(EPOCHS, N, 2)
+    assert np.mean(status[60] == USED) < 0.7
+    assert np.mean(status[75:] == USED) > 0.95
+    assert np.all(bank.state["noise_factor"][0, :2] > 25.0)
+
+
+def test_satellite_that_was_wrong_and_is_right_again_is_not_refused_for_it(rng: np.random.Generator) -> None:
+    """A reflection of 6 m for 40 s: what comes back to the others is no drift, whatever the slow mean remembers."""
+    bank, log = scene(rng)
+    values = log.observation["value"].reshape(EPOCHS, N, 2)
+    values[:60, 3, PSEUDORANGE] += 6.0
+    imu = at_rest(place(), bank.state[0].C_eb, EPOCHS + 1.0, 20.0)
+    result = run(bank, log, imu, parameters(drift_gate=3.0, range_gate2=100.0))
+    status = np.asarray(result.out.ledger["status"]).reshape(EPOCHS, N, 2)
+    assert np.all(status[60:] == USED)
+
+
+@pytest.mark.parametrize("rate_mps", [0.3, -0.5])
+def test_code_and_doppler_that_run_away_together_are_found_by_the_doppler(
+    rng: np.random.Generator, rate_mps: float
+) -> None:
+    bank, log = scene(rng)
+    values = log.observation["value"].reshape(EPOCHS, N, 2)
+    values[30:, 3, PSEUDORANGE] += rate_mps * np.arange(EPOCHS - 30)
+    values[30:, 3, RANGE_RATE] += rate_mps
+    imu = at_rest(place(), bank.state[0].C_eb, EPOCHS + 1.0, 20.0)
+    result = run(bank, log, imu, parameters(drift_gate=4.0))
+    status = np.asarray(result.out.ledger["status"]).reshape(EPOCHS, N, 2)
+    assert np.all(status[50:, 3] != USED)
+    assert np.any(status[30:50, 3, RANGE_RATE] == DRIFTING)
+    assert np.all(np.delete(status, 3, axis=1) == USED)
+
+
+# ------------------------------------------------------------------------------------------------ reset
+
+
+def fix_of(bank: Bank, lever_b: np.ndarray, w_ib_b: np.ndarray, n_offsets: int) -> Fix:
+    """Return the fix of an antenna on a lever arm of a filter's true state, one clock known."""
+    m = bank.state[0]
+    l_e = m.C_eb @ lever_b
+    v_a = m.v_e + m.C_eb @ np.cross(w_ib_b, lever_b) - np.cross(W_IE_E, l_e)
+    clocks = np.array([m.clock[0], *(math.nan,) * n_offsets])
+    used = np.ones((2, 6), np.bool_)
+    return Fix(
+        START_NS,
+        m.r_e + l_e,
+        clocks,
+        np.eye(4 + n_offsets),
+        v_a,
+        3.0,
+        0.01 * np.eye(4),
+        np.arange(6),
+        used,
+        used,
+        True,
+    )
+
+
+def test_reset_takes_the_lever_arm_off_position_and_velocity() -> None:
+    """Two metres at 30 deg/s are 1.05 m/s; at a sigma of 0.1 m/s that is no detail."""
+    lever_b, w_ib_b = np.array([2.0, 0.0, 0.0]), np.radians([0.0, 0.0, 30.0])
+    bank = new_filter(place(), v_n=(20.0, -5.0, 1.0), offsets=(3.0,))
+    fix, truth = fix_of(bank, lever_b, w_ib_b, 1), bank.state.copy()
+    bank.state["r_e"] += 50.0
+    bank.state["v_e"] -= 3.0
+    reset_kinematics(bank.state[0], bank.P[0], fix, lever_b, 1, w_ib_b, 40.0)
+    assert bank.state["r_e"][0] == pytest.approx(truth["r_e"][0], abs=1e-6)
+    assert bank.state["v_e"][0] == pytest.approx(truth["v_e"][0], abs=1e-6)
+    # the sigma of a clock that the fix does not tell is the settings'
+    assert bank.P[0, OFFSETS, OFFSETS] == pytest.approx(40.0**2)
+
+
+def test_doubted_biases_keep_their_values() -> None:
+    bank = new_filter(place())
+    bank.state["b_a"], bank.state["b_g"] = 0.05, 1e-4
+    sensor = sensor_model(TACTICAL)
+    doubt_sensors(bank.state[0], bank.P[0], sensor)
+    assert np.all(bank.state["b_a"] == 0.05) and np.all(bank.state["b_g"] == 1e-4)
+    assert bank.P[0, BA, BA] == sensor.accel_bias.sigma**2 and bank.P[0, BG, BG] == sensor.gyro_bias.sigma**2

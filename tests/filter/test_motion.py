@@ -1,0 +1,116 @@
+"""Only a motion that was shown tells headings apart: what counts as shown, and what it can say at most."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insgnss.filter.headings.headings import weigh_headings
+from insgnss.filter.headings.motion import sees_earth_rate, velocity_changed
+from insgnss.filter.loop import new_workspace
+from insgnss.filter.parameters import PARAMETERS_DTYPE
+from insgnss.filter.state import BG, DV, OFFSETS, new_bank
+from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_update import use_rows
+from insgnss.filter.update.scalar_update import predicted_variance
+from insgnss.gnss.observation_rows import RANGE_RATE
+from insgnss.status import USED
+from insgnss.units import deg_per_h_to_radps
+from tests.layouts import layout_with
+
+PLACE_E = np.array([4.2e6, 0.6e6, 4.7e6])
+
+
+def parameters(gate: float = 5.0) -> np.ndarray:
+    par = np.zeros(1, PARAMETERS_DTYPE)
+    par["motion_gate2"] = gate**2
+    return par[0]
+
+
+def two_headings(log_likelihoods: tuple[float, float], information: float) -> np.ndarray:
+    """Return the weights of two hypotheses after an epoch."""
+    bank = new_bank(2, 0)
+    bank.state["r_e"] = PLACE_E
+    bank.P[:] = np.eye(OFFSETS)
+    bank.state["log_likelihood"] = log_likelihoods
+    bank.state["motion_information"] = information
+    weigh_headings(bank, parameters())
+    return np.exp(bank.state["log_weight"])
+
+
+def test_without_motion_no_likelihood_moves_a_weight() -> None:
+    np.testing.assert_array_equal(two_headings((0.0, -50.0), 0.0), [0.5, 0.5])
+
+
+def test_motion_of_a_sigma_and_more_counts_in_full() -> None:
+    np.testing.assert_allclose(two_headings((0.0, -2.0), 3.0), [1.0, np.exp(-2.0)] / (1.0 + np.exp(-2.0)))
+
+
+def test_little_motion_counts_as_far_as_it_can_carry() -> None:
+    np.testing.assert_allclose(two_headings((0.0, -2.0), 0.1), [1.0, np.exp(-0.2)] / (1.0 + np.exp(-0.2)))
+
+
+def test_response_is_the_difference_of_two_filters_with_and_without_the_motion() -> None:
+    """Both filters see the same measurements; one has been moved by q before. It is q that the updates leave of it."""
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((OFFSETS, OFFSETS))
+    start, q = root @ root.T, rng.standard_normal(OFFSETS)
+    after, left, information = [], np.zeros(0), 0.0
+    for moved in (np.zeros(OFFSETS), q):
+        s = new_epoch(6, OFFSETS)
+        for j, line in enumerate(s.lines):
+            columns = line.columns[RANGE_RATE][: line.count[RANGE_RATE]]
+            line.status[RANGE_RATE] = USED
+            line.h[RANGE_RATE][: len(columns)] = np.sin(np.arange(len(columns)) * (j + 1.0))
+            line.variance[RANGE_RATE] = 0.5 + j
+            line.innovation[RANGE_RATE] = j - line.h[RANGE_RATE][: len(columns)] @ moved[columns]
+            line.predicted[RANGE_RATE] = predicted_variance(start, line.h[RANGE_RATE], columns)
+        left = q.copy()
+        P = start.copy()
+        _, information = use_rows(P, s.lines, s.vectors, RANGE_RATE, 25.0, 1.0, left)
+        after.append(moved + s.vectors[0, :OFFSETS])
+    np.testing.assert_allclose(left, after[1] - after[0], atol=1e-9)
+    # q^T H^T (H P H^T + R)^-1 H q
+    H = np.zeros((6, OFFSETS))
+    for j, line in enumerate(s.lines):
+        columns = line.columns[RANGE_RATE][: line.count[RANGE_RATE]]
+        H[j, columns] = line.h[RANGE_RATE][: len(columns)]
+    S = H @ start @ H.T + np.diag(0.5 + np.arange(6))
+    assert information == pytest.approx((H @ q) @ np.linalg.solve(S, H @ q), rel=1e-9)
+
+
+@pytest.mark.parametrize(("change", "seen"), [(0.3, False), (0.75, True)])
+def test_velocity_has_changed_beyond_five_sigma_of_now_and_before(change: float, seen: bool) -> None:
+    """0.1 m/s now and 0.1 m/s in the mean: five sigmas are 0.71 m/s."""
+    m, P = new_bank(1, 0).state[0], np.zeros((OFFSETS, OFFSETS))
+    m.r_e[:] = PLACE_E
+    P[DV : DV + 3, DV : DV + 3] = 0.01 * np.eye(3)
+    m.v_mean_variance = 0.01
+    m.v_e[:] = change * np.cross(PLACE_E, [0.0, 0.0, 1.0]) / np.hypot(*PLACE_E[:2])
+    assert velocity_changed(m, P, 25.0) is seen
+
+
+def test_vertical_velocity_tells_no_heading() -> None:
+    m, P = new_bank(1, 0).state[0], 0.01 * np.eye(OFFSETS)
+    m.r_e[:] = PLACE_E
+    m.v_e[:] = 10.0 * PLACE_E / np.linalg.norm(PLACE_E)
+    assert not velocity_changed(m, P, 25.0)
+
+
+@pytest.mark.parametrize(("bias_deg_per_h", "seen"), [(0.5, True), (3.0, False)])
+def test_gyros_see_the_earth_turn_where_their_bias_is_a_fifth_of_it(
+    bias_deg_per_h: float, seen: bool
+) -> None:
+    """At 47 deg of latitude the horizontal Earth rate is 10.2 deg/h: a fifth is 2.0 deg/h."""
+    m, P = new_bank(1, 0).state[0], np.zeros((OFFSETS, OFFSETS))
+    m.r_e[:] = PLACE_E
+    for i in range(BG, BG + 3):
+        P[i, i] = deg_per_h_to_radps(bias_deg_per_h) ** 2
+    assert sees_earth_rate(m, P) is seen
+
+
+def test_workspace_has_room_for_the_response() -> None:
+    layout = layout_with(n_offsets=5, channel_bias=True, zenith_delay=True, clone=True)
+    bank, work = new_bank(2, layout.n_optional), new_workspace(3, layout)
+    assert bank.state["motion_response"].shape[1] >= OFFSETS + layout.n_optional
+    assert work.epoch.vectors.shape[1] >= OFFSETS + layout.n_optional
