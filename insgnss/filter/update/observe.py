@@ -1,7 +1,7 @@
 """What the filter expects of each row of an epoch: innovation, row of H and variances at the prior, compiled.
 
-The equations of each kind are in ``measurements``, what the air adds to all of them in ``delays``. All are of the antenna, at
-r_e + C_eb l with v_e + C_eb (w_ib x l) - w_ie x C_eb l.
+The equations of each kind are in ``measurements``, what the air adds to all of them in ``delays``. All are of the
+antenna, at r_e + C_eb l with v_e + C_eb (w_ib x l) - w_ie x C_eb l.
 """
 
 from __future__ import annotations
