@@ -24,6 +24,7 @@ demo: $(STAMP)  ## replay the sample flight, print the summary, write the run an
 	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)" --report "$(OUT)/report.html"
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
+	$(BIN)/python -c "from insgnss.first_run import main; main()"
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 # What computes indices: kernels, filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has

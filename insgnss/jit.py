@@ -1,4 +1,4 @@
-"""The Numba decorators, the cache policy, and compiling in a second process.
+"""The Numba decorators and the cache policy.
 
 Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
 Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
@@ -7,32 +7,26 @@ Each file ends in its SHA-256: a damaged one is compiled again. The files are pi
 another user are never loaded, nor is a folder of another user used.
 ``NUMBA_DISABLE_JIT=1`` runs every kernel as plain Python (slow, for tests and debuggers).
 
-With an empty cache the compiler takes most of the time of a first run, on one core. ``compiled_beside`` lets a second
-process fill the cache with one large kernel while the first goes on with everything that comes before it.
+With an empty cache the compiler takes most of the time of a first run: ``insgnss.compiled_ahead`` shares it.
 """
 
 from __future__ import annotations
 
 import atexit
-import gc
 import hashlib
 import importlib
 import os
 import pickle
 import re
 import shutil
-import signal
 import stat
-import subprocess
 import sys
 import tempfile
-import threading
 import time
 import uuid
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -42,8 +36,6 @@ from numba.core.caching import IndexDataCacheFile
 
 UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
 _S_PER_DAY: Final = 86_400.0
-_LONGEST_COMPILATION_S: Final = 300.0  # then whoever waits compiles on their own
-_RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
 _WITH_BOUNDS: Final = ("checks bounds",) if numba.config.BOUNDSCHECK else ()
 _SEAL_BYTES: Final = hashlib.sha256().digest_size
 _OTHERS_MAY_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
@@ -122,8 +114,8 @@ def tend_caches(folder: Path) -> None:
                 shutil.rmtree(other, ignore_errors=True)
 
 
-_CACHE_DIR = trusted_cache(cache_root()) / source_hash()
-tend_caches(_CACHE_DIR)
+CACHE_DIR: Final = trusted_cache(cache_root()) / source_hash()
+tend_caches(CACHE_DIR)
 
 
 def _import_without_blas() -> None:
@@ -144,19 +136,11 @@ def _import_without_blas() -> None:
 
 _import_without_blas()
 _PROCESS = uuid.uuid4().hex[:12]
-# A module run without the package's face, whose imports (tables, files, settings) a compiler can do without
-_RUN_MODULE: Final = """
-import runpy, sys, types
-face = types.ModuleType("insgnss")
-face.__path__ = [sys.argv.pop(1)]
-sys.modules["insgnss"] = face
-runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)
-"""
 
 
 def _compiled(function: _F, folder: str = "", **options: Any) -> _F:
     previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_CACHE_DIR / folder)
+    numba.config.CACHE_DIR = str(CACHE_DIR / folder)
     try:
         dispatcher = numba.njit(
             cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
@@ -272,111 +256,3 @@ def inlined(function: _F) -> _F:
     is an ordinary kernel.
     """
     return _compiled(function, inline="always")
-
-
-@dataclass(frozen=True)
-class Companion:
-    """A process that compiles beside this one, if there is one."""
-
-    process: subprocess.Popen[bytes] | None
-
-    def wait(self) -> None:
-        """Wait for its end."""
-        if self.process is not None:
-            with suppress(subprocess.TimeoutExpired):
-                self.process.wait(_LONGEST_COMPILATION_S)
-
-
-@contextmanager
-def compiled_beside(
-    kernels: Sequence[Callable[..., Any]], module: str, *arguments: str
-) -> Iterator[Companion]:
-    """Run a module of the package beside this process where that saves time; yield the process.
-
-    The module compiles the kernels for the right types, so that their machine code is in the cache when it is needed
-    here. Nothing is started where the cache has them all or cannot be written, nor on one core. If the process fails,
-    they are compiled here, as they would be without it. The process never outlives the block.
-    """
-    missing = [kernel for kernel in kernels if not is_compiled(kernel)]
-    process = _start(module, *arguments) if any(map(_can_be_filled_in, missing)) else None
-    with ExitStack() as stack:
-        if missing:
-            stack.enter_context(collecting_rarely())
-        try:
-            yield Companion(process)
-        finally:
-            if process is not None:
-                process.kill()
-                process.communicate()
-
-
-@contextmanager
-def collecting_rarely() -> Iterator[None]:
-    """Let Python look for cycles of objects less often than it does by itself.
-
-    The compiler makes millions of objects that last; to look through them again and again is a tenth of its time.
-    """
-    thresholds = gc.get_threshold()
-    gc.set_threshold(*_RARE_COLLECTIONS)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*thresholds)
-
-
-def _can_be_filled_in(kernel: Callable[..., Any]) -> bool:
-    """Return whether another process can compile a kernel: the cache can be written, and there is a core to spare."""
-    return bool(sys.executable) and _cores() > 1 and _cache_folder(kernel).is_relative_to(_CACHE_DIR)
-
-
-def is_compiled(function: Callable[..., Any]) -> bool:
-    """Return whether a kernel has machine code, in this process or in the cache; so has plain Python, in effect."""
-    if getattr(function, "stats", None) is None:  # the compiler is switched off
-        return True
-    dispatcher: Any = function
-    return bool(dispatcher.signatures) or any(_cache_folder(function).glob(f"*.{function.__name__}-*.nbi"))
-
-
-def compile_for(function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-    """Compile a kernel for the types of some arguments, or load it from the cache, without calling it."""
-    dispatcher: Any = function
-    if getattr(function, "stats", None) is not None:
-        dispatcher.compile(tuple(map(numba.typeof, arguments)))
-
-
-def _cache_folder(function: Callable[..., Any]) -> Path:
-    """Return where Numba keeps a kernel's machine code: not below ours where that cannot be written."""
-    dispatcher: Any = function
-    return Path(dispatcher.stats.cache_path or os.devnull)
-
-
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _start(module: str, *arguments: str) -> subprocess.Popen[bytes] | None:
-    """Start a module of the package with this process's search path, silent, listening for our end, if we may."""
-    path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
-    try:
-        return subprocess.Popen(
-            [sys.executable, "-P", "-c", _RUN_MODULE, str(Path(__file__).parent), module, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": path},
-        )
-    except OSError:
-        return None
-
-
-def end_with_parent() -> None:
-    """End this process, started by ``compiled_beside``, as soon as the one that started it is gone."""
-
-    def listen() -> None:
-        os.read(0, 1)  # returns when the other end of the pipe is closed
-        signal.raise_signal(signal.SIGTERM)
-
-    threading.Thread(target=listen, daemon=True).start()

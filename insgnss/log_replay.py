@@ -17,13 +17,14 @@ from insgnss.aiding.trace import Samples, Traced, at_times, traced
 from insgnss.antenna.equipment import installation, limits_of
 from insgnss.antenna.installation import Installation
 from insgnss.comparison import errors_against
+from insgnss.compiled_ahead import is_complete
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import MOST_ROWS, row_blocks
 from insgnss.errors import ConfigError
-from insgnss.filter import compile_loop
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.layout import StateBlock
+from insgnss.filter.loop_calls import fetch_loop
 from insgnss.filter.output.trace_rows import output_samples
 from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
@@ -32,12 +33,12 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.body_points import Further
 from insgnss.filter.whole_log import LedgerPart, TraceWanted, run_blocks
 from insgnss.filter.whole_log import run_filter as run_filter
+from insgnss.first_run import compiled
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.imu_summary import imu_spectrum, imu_table
-from insgnss.jit import compiled_beside
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex import read_navigation
@@ -216,29 +217,23 @@ def replay(
         raise _not_smoothed()
     rows_at = output_of(output, flight.config.gps_week)
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
-    with compiled_beside(compile_loop.kernels(), compile_loop.MODULE) as loop:
-        setup, work, record = _prepared(flight, config, aided, supervise, tuple(states), tell)
-        setup = replace(setup, own=own)
-        read = time.perf_counter()
-        ready = compile_loop.is_ready()
-        tell("running the filter" if ready else "compiling the filter, once per installation")
-        if not ready and setup.start is not None:
-            compile_loop.compile_rivals()
-            loop.wait()  # a given start itself calls a kernel that is compiled there
-        wanted = _trace_wanted(aided, record.supervised)
-        forward: list[Table] | None = [] if smooth else None
-        entries: list[OwnEntry] = []
-        out, ledger, events = run_blocks(
-            setup,
-            *work,
-            rows_at,
-            trace=wanted,
-            before_loop=loop.wait,
-            smooth=smooth,
-            further=further,
-            filtered=forward,
-            own=entries,
-        )
+    setup, work, record = _prepared(flight, config, aided, supervise, tuple(states), tell)
+    setup = replace(setup, own=own)
+    read = time.perf_counter()
+    tell("running the filter")
+    wanted = _trace_wanted(aided, record.supervised)
+    forward: list[Table] | None = [] if smooth else None
+    entries: list[OwnEntry] = []
+    out, ledger, events = run_blocks(
+        setup,
+        *work,
+        rows_at,
+        trace=wanted,
+        smooth=smooth,
+        further=further,
+        filtered=forward,
+        own=entries,
+    )
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
@@ -328,15 +323,13 @@ def _prepared(
 ) -> tuple[FilterSetup, tuple[ImuTable, list[Rows]], _Record]:
     """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
     tell("reading the logs")
-    with ThreadPoolExecutor(1) as beside:
+    with compiled(tell), ThreadPoolExecutor(1) as beside:
         reading = beside.submit(flight.read)
-        if compile_loop.is_ready():
-            compile_loop.fetch_loop()  # from the cache, while the logs are parsed
+        if is_complete():
+            fetch_loop()  # from the cache, while the logs are parsed
         logs = reading.result()
         del reading  # it would keep the logs
-    # what computes them is compiled at its first call, beside the filter
-    compiling = "" if compile_loop.is_ready() else " and compiling, once per installation"
-    tell(f"computing the satellites{compiling}")
+    tell("computing the satellites")
     setup = replace(setup_filter(flight, logs, config), states_wanted=states)
     sources = None
     if aided is not None:

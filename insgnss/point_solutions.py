@@ -29,6 +29,7 @@ from insgnss.datum import annotate_all
 from insgnss.errors import ConfigError, ResultError
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.setup import FilterSetup
+from insgnss.first_run import compiled
 from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.plausible_messages import refused_messages
@@ -173,7 +174,8 @@ def point(
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
     tell("reading the logs")
-    logs = read_logs(flight)
+    with compiled(tell):
+        logs = read_logs(flight)
     tell("computing the satellites")
     # the carrier has no part in it
     setup = replace(setup_filter(flight, logs, config), with_carrier=False)

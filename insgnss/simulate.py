@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from insgnss.config.strict import load_toml
 from insgnss.config.toml_lines import key_lines, line_of
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, ResultError
+from insgnss.first_run import compiled
 from insgnss.gpstime import ns_to_datetime, week_seconds_to_ns
 from insgnss.library import find
 from insgnss.log.reference import read_reference
@@ -100,7 +102,12 @@ class Simulation(Shown):
 
 
 def simulate(
-    scenario: str | Path, seed: int = 1, *, noise: bool = True, duration_s: float | None = None
+    scenario: str | Path,
+    seed: int = 1,
+    *,
+    noise: bool = True,
+    duration_s: float | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Simulation:
     """Return one realisation of a scenario: a file (a path ending in .toml) or a name in ``models/scenarios``.
 
@@ -111,6 +118,7 @@ def simulate(
     seed : of all random numbers
     noise : without it sensors and signals have no errors at all, and the clock runs straight on; faults stay
     duration_s : the first part alone
+    progress : is told in words when one has to wait for the compiler
 
     Raises
     ------
@@ -127,7 +135,9 @@ def simulate(
         )
     folder = path.absolute().parent
     try:
-        made = assemble(config, folder, _inputs(config, folder), duration_s)
+        with compiled(progress or (lambda _: None)):
+            inputs = _inputs(config, folder)
+        made = assemble(config, folder, inputs, duration_s)
     except ManoeuvreError as error:
         key = ("manoeuvre", error.entry)
         line = line_of(key, key_lines(path.read_text(encoding="utf-8-sig")))

@@ -176,23 +176,6 @@ def test_known_cache_folder_is_marked_as_used_and_removes_nothing(tmp_path: Path
     assert time.time() - own.stat().st_mtime < 60.0
 
 
-CHILD = """
-import os, pathlib, sys, time
-from insgnss.jit import end_with_parent
-from insgnss.callee import term
-end_with_parent()
-pathlib.Path("child").write_text(str(os.getpid()))
-{body}
-"""
-PARENT = """
-import os, pathlib, sys, time
-from insgnss.jit import compiled_beside
-from insgnss.callee import term
-with compiled_beside([term], "insgnss.child", "1") as beside:
-    {body}
-"""
-
-
 @pytest.fixture
 def tiny_package(tmp_path: Path) -> Path:
     """Return a folder with a package of one kernel and the real ``jit``."""
@@ -203,71 +186,6 @@ def tiny_package(tmp_path: Path) -> Path:
     kernel = "from insgnss.jit import kernel\n\n@kernel\ndef term(x):\n    return 2.0 * x\n"
     (package / "callee.py").write_text(kernel, encoding="utf-8")
     return tmp_path
-
-
-def run_beside(folder: Path, *, child: str, parent: str, **environment: str) -> str:
-    """Run a program that compiles beside itself; return what it printed."""
-    (folder / "insgnss" / "child.py").write_text(CHILD.format(body=child), encoding="utf-8")
-    settings = {"INSGNSS_CACHE": str(folder / "cache"), **environment}
-    return python("-c", PARENT.format(body=parent), folder=folder, **settings)
-
-
-SHOW = "beside.wait(); print(term(1.0), sum(term.stats.cache_hits.values()))"
-two_cores = pytest.mark.skipif(jit._cores() < 2, reason="nothing is compiled beside on one core")
-
-
-@two_cores
-def test_kernel_compiled_beside_is_fetched_from_the_cache(tiny_package: Path) -> None:
-    assert run_beside(tiny_package, child="term(float(sys.argv[1]))", parent=SHOW) == "2.0 1"
-    assert (tiny_package / "child").exists()
-
-
-@two_cores
-@pytest.mark.parametrize("fault", ["raise SystemExit(3)", "os.kill(os.getpid(), 9)", "print('noise', 1 / 0)"])
-def test_process_that_fails_leaves_the_compilation_to_its_parent(tiny_package: Path, fault: str) -> None:
-    assert run_beside(tiny_package, child=fault, parent=SHOW) == "2.0 0"
-
-
-def test_nothing_is_started_where_the_cache_has_the_kernel(tiny_package: Path) -> None:
-    python("-c", "from insgnss.callee import term; term(1.0)", folder=tiny_package,
-           INSGNSS_CACHE=str(tiny_package / "cache"))  # fmt: skip
-    (tiny_package / "insgnss" / "child.py").write_text("", encoding="utf-8")
-
-    # the child's file changes the sources' hash, so the cache is that of a package that had it from the start
-    run_beside(tiny_package, child="", parent="term(1.0)")
-    (tiny_package / "child").unlink(missing_ok=True)
-
-    assert run_beside(tiny_package, child="", parent=SHOW) == "2.0 1"
-    assert not (tiny_package / "child").exists()
-
-
-def test_nothing_is_started_where_the_cache_cannot_be_written(tiny_package: Path) -> None:
-    (tiny_package / "cache").write_text("a file, no folder", encoding="utf-8")
-
-    assert run_beside(tiny_package, child="", parent=SHOW) == "2.0 0"
-    assert not (tiny_package / "child").exists()
-
-
-def test_nothing_is_started_for_plain_python(tiny_package: Path) -> None:
-    shown = run_beside(
-        tiny_package, child="", parent="beside.wait(); print(term(1.0))", NUMBA_DISABLE_JIT="1"
-    )
-
-    assert shown == "2.0"
-    assert not (tiny_package / "child").exists()
-
-
-@two_cores
-@pytest.mark.parametrize("end", ["os._exit(0)", "pass", "beside = None"])
-def test_process_does_not_outlive_its_parent(tiny_package: Path, end: str) -> None:
-    until_child_runs = "\n    while not pathlib.Path('child').exists(): time.sleep(0.01)\n    "
-    run_beside(tiny_package, child="time.sleep(60.0)", parent=until_child_runs + end)
-
-    child = int((tiny_package / "child").read_text(encoding="utf-8") or "0")
-    deadline = time.monotonic() + 10.0
-    while time.monotonic() < deadline and Path(f"/proc/{child}").exists():
-        time.sleep(0.05)
-    assert not Path(f"/proc/{child}").exists()
 
 
 def test_borrowing_kernel_may_not_return_an_array() -> None:

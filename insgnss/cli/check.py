@@ -30,15 +30,12 @@ def check(
     with own_errors_told():
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.doctor import examine, write_corrected
-        from insgnss.gnss.point_log import solve_epochs
-        from insgnss.jit import is_compiled
         from insgnss.log.flight import Flight
 
-        first = "" if is_compiled(solve_epochs) else " (the first time this compiles the point solution)"
         began = time.perf_counter()
         loaded = Flight.load(flight)
-        with telling(f"reading and checking{first}"):
-            report = examine(loaded)
+        with telling("reading and checking") as tell:
+            report = examine(loaded, tell)
         sure = report.sure_proposals
         written = write_corrected(loaded, sure, write) if write and sure else None
     files = loaded.files()

@@ -35,7 +35,7 @@ def simulate(
         from insgnss.simulate import simulate as simulated
 
         with telling("simulating") as tell:
-            made = simulated(scenario, seed, noise=not clean, duration_s=duration)
+            made = simulated(scenario, seed, noise=not clean, duration_s=duration, progress=tell)
             tell("writing")
             paths = made.save(output)
     log = made.log

@@ -6,6 +6,7 @@ then the inertial log against the motion that the satellites show. Nothing is wr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -21,6 +22,7 @@ from insgnss.doctor.motion_findings import match_of, motion_findings
 from insgnss.doctor.time_offset import HOUR_S, WEEK_S, overlapping_shifts, time_proposals
 from insgnss.doctor.track import Track, solve_track
 from insgnss.errors import InsGnssError
+from insgnss.first_run import compiled
 from insgnss.log.doctor import ReadLogs, read_and_check
 from insgnss.log.doctor_imu import GroundSpeed, imu_findings
 from insgnss.log.flight import Flight
@@ -37,13 +39,14 @@ MIN_TRACK: Final = 8  # epochs
 MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overlap
 
 
-def examine(flight: Flight) -> CheckReport:
+def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> CheckReport:
     """Return everything that can be said of a flight's logs, with proposals for its flight file.
 
     ``check_flight`` tells what each log shows; here they are held against each other. A log that cannot be read is a
-    finding, not an error.
+    finding, not an error. ``progress`` is told in words when one has to wait for the compiler.
     """
-    report, logs = read_and_check(flight)
+    with compiled(progress or (lambda _: None)):
+        report, logs = read_and_check(flight)
     findings = list(report.findings)
     mended = corrected_flight(flight, report.proposals)
     try:

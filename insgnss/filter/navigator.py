@@ -74,7 +74,6 @@ class Navigator:
     """The filter and everything about it that is not in the compiled loop."""
 
     setup: FilterSetup
-    before_loop: Callable[[], object] = lambda: None  # called when the compiled loop is needed
     starter: Starter = field(init=False)
     aid: EpochAid | None = field(init=False)  # by several antennas, None without
     bank: Bank | None = None
@@ -138,7 +137,6 @@ class Navigator:
                 epoch += self._try_start(imu, rows, epoch, out)
                 continue
             work = self.workspace(rows)
-            self.before_loop()
             self.use_own_rows(imu, rows, int(rows.epoch_ns[epoch]), out)
             if self.bank is None:
                 continue

@@ -7,7 +7,7 @@ the ledger takes the room that the rows leave.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
 
@@ -70,7 +70,6 @@ def run_blocks(
     output: OutputRate,
     *,
     trace: TraceWanted | None = None,
-    before_loop: Callable[[], object] = lambda: None,
     smooth: bool = False,
     further: Further | None = None,
     filtered: list[Table] | None = None,
@@ -88,7 +87,6 @@ def run_blocks(
     ----------
     blocks : one after the other in time; the list is emptied on the way
     trace : asks for states and covariances at inertial samples: ``aiding.trace.traced`` gives them out of ``out.trace``
-    before_loop : is called when the compiled loop is needed, after the start
     smooth : gives the navigation rows what the rest of their stretch tells of them
     further : columns that are wanted beside those that every navigation row has; filled
     filtered : takes the filter's own navigation rows of each part before they are smoothed
@@ -120,7 +118,7 @@ def run_blocks(
         spans_ns.append((int(part.t_ns[0]), int(part.t_ns[-1])))
         e0, e1 = np.searchsorted(epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1])
         passage.without_imu(int(e0))
-        navigator = Navigator(setup, before_loop)
+        navigator = Navigator(setup)
         navigator.starter.begin(given=setup.start is not None and not started, carried=kept)
         smoother, first = Smoother(navigator, part, further), int(out.counts[0].nav)
         for rows, begin, end, written in passage.until(int(e1)):

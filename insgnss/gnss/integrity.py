@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.apart import apart
 from insgnss.gnss.dilution import along
 from insgnss.gnss.least_squares import (
     Bool,
@@ -65,6 +66,7 @@ def redundancy_room(k: int) -> Redundancy:
     return Redundancy(np.zeros((k, k)), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3)))
 
 
+@apart
 @kernel
 def redundancy(rows: FitRows, use: Bool, x: Float64, P: Float64, work: Workspace, room: Redundancy) -> None:
     """Write the redundancy of a fit, ``x`` its solution and ``P`` its covariance.
@@ -165,8 +167,9 @@ def _drop_lonely(rows: FitRows, offered: Bool, use: Bool, n_clocks: int) -> None
             use[k] = False
 
 
+@apart
 @kernel
-def _swaps_fit(
+def swaps_fit(
     rows: FitRows, offered: Bool, use: Bool, x: Float64, margin: float, near: float, fits: Fits
 ) -> bool:
     """Return whether one excluded row, put back in exchange for another one, fits as well with another position."""
@@ -187,8 +190,9 @@ def _swaps_fit(
     return False
 
 
+@apart
 @kernel
-def _few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64, fits: Fits) -> int:
+def few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64, fits: Fits) -> int:
     """Exclude the one or two rows without which the others agree; return EXCLUDED, NOT_IDENTIFIED or -1 for neither.
 
     ``x`` and ``P`` are those of the fit of all rows; ``use``, ``x`` and ``P`` change only where such rows are found.
@@ -215,8 +219,9 @@ def _few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64
     return -1
 
 
+@apart
 @kernel
-def _many_excluded(
+def many_excluded(
     rows: FitRows, use: Bool, freedom: int, start: Float64, x: Float64, P: Float64, fits: Fits
 ) -> int:
     """Look for the largest agreeing set; EXCLUDED when it is large enough and no rival is as good."""
@@ -227,11 +232,12 @@ def _many_excluded(
     lost, left = n - count(use), count(use) - n_unknowns(rows_per_clock(rows, use, len(x) - 3))
     if lost == 0 or 2 * lost > freedom or left < 1 or total > fits.limits[left]:
         return NOT_IDENTIFIED
-    rival = _swaps_fit(rows, offered, use, x, fits.limits[1], _position_sigma(P), fits)
+    rival = swaps_fit(rows, offered, use, x, fits.limits[1], _position_sigma(P), fits)
     _drop_lonely(rows, offered, use, len(x) - 3)
     return NOT_IDENTIFIED if rival else EXCLUDED
 
 
+@apart
 @kernel
 def agree(
     rows: FitRows, use: Bool, start: Float64, x: Float64, P: Float64, fits: Fits
@@ -264,15 +270,16 @@ def agree(
             return OK, total, freedom
         if freedom == 1:
             return NOT_IDENTIFIED, total, freedom
-        verdict = _few_excluded(rows, use, freedom, x, P, fits)
+        verdict = few_excluded(rows, use, freedom, x, P, fits)
         if verdict >= 0:
             return verdict, total, freedom
     if freedom < 2:
         return BAD_GEOMETRY, math.nan, freedom
-    verdict = _many_excluded(rows, use, freedom, start, x, P, fits)
+    verdict = many_excluded(rows, use, freedom, start, x, P, fits)
     return verdict, total if solved else math.inf, freedom
 
 
+@apart
 @kernel
 def protection_levels(
     use: Bool, room: Redundancy, P: Float64, C_ne: Float64, limit: float, missed_sigmas: float

@@ -330,7 +330,7 @@ def _kind_status(
 
 
 @kernel
-def _mark_repeats(
+def mark_repeats(
     t_ns: Int64, slot: Int64, signal: Int64, choice: Int64, n_slots: int, refused: Int64
 ) -> None:
     """Write DUPLICATE for a satellite's repeated signal, SIGNAL_NOT_USED for its less preferred ones, per epoch.
@@ -364,7 +364,7 @@ def _refused_twice(gnss: GnssTable, choice: Int64, every_band: bool) -> Int64:
     slot, n_slots = gnss.sv.astype(np.int64), len(gnss.sv_names)
     if every_band:
         slot, n_slots = slot * N_BANDS + _by_signal(gnss, _band_number).astype(np.int64), n_slots * N_BANDS
-    _mark_repeats(gnss.t_ns, slot, gnss.signal.astype(np.int64), choice, n_slots, refused)
+    mark_repeats(gnss.t_ns, slot, gnss.signal.astype(np.int64), choice, n_slots, refused)
     return refused
 
 

@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.apart import apart
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -76,7 +77,8 @@ class _Room(NamedTuple):
 
 
 @kernel
-def _new_room(k: int) -> _Room:
+def new_room(k: int) -> _Room:
+    """Return room for an epoch of at most ``k`` rows."""
     return _Room(
         np.zeros(k, np.int64),
         np.zeros((k, 8)),
@@ -117,8 +119,9 @@ def _variance(stated: float, sine: float, thermal: float, noise: tuple[float, fl
     return max(stated * stated, modelled) if stated > 0.0 else modelled
 
 
+@apart
 @kernel
-def _see(
+def see_rows(
     rows: PointRows, settings: PointSettings, t_ns: int, x: Float64, k: int, room: _Room, u_n: Float64
 ) -> None:
     """Write masks, delays and sigmas of the rows as seen from ``x``."""
@@ -142,8 +145,9 @@ def _see(
         room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, rows.thermal[i], settings.rate_noise))
 
 
+@apart
 @kernel
-def _position(
+def fit_position(
     rows: PointRows,
     settings: PointSettings,
     epoch: int,
@@ -161,7 +165,7 @@ def _position(
     verdict, total, freedom = TOO_FEW, math.nan, 0
     for step in range(_MOST_PASSES + 1):
         if step > 0:
-            _see(rows, settings, rows.epoch_ns[epoch], x, k, room, u_n)
+            see_rows(rows, settings, rows.epoch_ns[epoch], x, k, room, u_n)
         for j in range(k):
             use[j] = room.offered[0, j] and (step == 0 or room.visible[j])
             if step == 0:
@@ -179,8 +183,9 @@ def _position(
     return verdict, total, freedom
 
 
+@apart
 @kernel
-def _account(
+def write_rows(
     rows: PointRows,
     settings: PointSettings,
     e: int,
@@ -262,7 +267,7 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
     out : ``new_point_log``
     """
     p, most = out.P.shape[1], len(limits)
-    room, fits = _new_room(most), Fits(limits, workspace(p), redundancy_room(most))
+    room, fits = new_room(most), Fits(limits, workspace(p), redundancy_room(most))
     rate_fits = Fits(limits, workspace(4), fits.room)
     Q, one_drift = np.zeros((p, p)), free_clocks(1)
     for e in range(len(rows.epoch_ns)):
@@ -270,7 +275,7 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
         x, P = np.full(p, math.nan), np.zeros((p, p))
         v, P_v = np.full(4, math.nan), np.full((4, 4), math.nan)
         use, use_rate = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
-        verdict, total, freedom = _position(rows, settings, e, k, room, fits, use, x, P, out.u_n)
+        verdict, total, freedom = fit_position(rows, settings, e, k, room, fits, use, x, P, out.u_n)
         range_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, x)
         if verdict != TOO_FEW and verdict != BAD_GEOMETRY and freedom >= 0:
             if not dilution(range_rows, use, x, room.C_ne, fits.work, Q, out.dop[e]):
@@ -301,6 +306,6 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
         out.statistic[e, 0], out.freedom[e, 0] = total, max(freedom, 0)
         for kind in range(2):
             if kind == 0:
-                _account(rows, settings, e, kind, use, x, P, room, fits, settings.ties, out)
+                write_rows(rows, settings, e, kind, use, x, P, room, fits, settings.ties, out)
             else:
-                _account(rows, settings, e, kind, use_rate, v, P_v, room, rate_fits, one_drift, out)
+                write_rows(rows, settings, e, kind, use_rate, v, P_v, room, rate_fits, one_drift, out)

@@ -96,19 +96,19 @@ def satellite_states(
     if gnss.sat is not None:
         return _passed_through(gnss.sat)
     if nav is None:
-        return _no_states(len(gnss.t_ns))
+        return no_states(len(gnss.t_ns))
     if not isinstance(nav, BroadcastMessages):
         nav = broadcast_messages(nav, max_age_s=max_age_s, galileo_message=galileo_message)
     number = {name: i for i, name in enumerate(nav.satellites)}
     of_sv = np.array([number.get(name, -1) for name in gnss.sv_names], dtype=np.int64)
-    signals = _signal_facts(gnss, nav)
-    states = _no_states(len(gnss.t_ns))
+    signals = signal_facts(gnss, nav)
+    states = no_states(len(gnss.t_ns))
     tau = np.empty(len(gnss.t_ns))
     # one kind of array, writable, so that the kernels are compiled once whatever reader made the table
     t_ns = np.require(gnss.t_ns, np.int64, ("C", "W"))
     sv, signal = np.require(gnss.sv, np.int16, ("C", "W")), np.require(gnss.signal, np.int16, ("C", "W"))
     flight_times(t_ns, np.require(gnss.pseudorange_m, np.float64, ("C", "W")), tau)
-    _broadcast_states(t_ns, sv, signal, tau, of_sv, signals, nav.index, states)
+    broadcast_states(t_ns, sv, signal, tau, of_sv, signals, nav.index, states)
     leave_out_impossible(states)
     return states
 
@@ -148,7 +148,7 @@ def range_rates(gnss: GnssTable, channels: Mapping[str, int] | None = None) -> F
     return np.where(np.isnan(gnss.range_rate_mps), from_doppler, gnss.range_rate_mps)
 
 
-def _no_states(n: int) -> SatelliteStates:
+def no_states(n: int) -> SatelliteStates:
     """Return ``n`` rows without a state."""
     return SatelliteStates(
         sat=np.full((n, 9), math.nan),
@@ -162,7 +162,7 @@ def _no_states(n: int) -> SatelliteStates:
 
 def _passed_through(sat: Float64) -> SatelliteStates:
     """Return the states that stand in the log; the acceleration is that of a point-mass Earth (5e-5 m/s^2)."""
-    states = _no_states(len(sat))
+    states = no_states(len(sat))
     states.status[:] = status_of_given(sat)
     good = states.status == USED
     r_e, v_e = sat[good, 0:3], sat[good, 3:6]
@@ -201,7 +201,7 @@ class _SignalFacts(NamedTuple):
     ahead_m: Float64  # added to the clock: the inter-signal correction of CNAV
 
 
-def _signal_facts(gnss: GnssTable, nav: BroadcastMessages) -> _SignalFacts:
+def signal_facts(gnss: GnssTable, nav: BroadcastMessages) -> _SignalFacts:
     """Return the facts of each signal of each satellite in the log."""
     shape = (len(gnss.sv_names), len(gnss.signal_names))
     facts = _SignalFacts(np.full(shape, UNKNOWN_SIGNAL, np.uint8), np.zeros((*shape, 2, 2)), np.zeros(shape))
@@ -288,7 +288,7 @@ def _integrated_state(
 
 
 @kernel
-def _broadcast_states(
+def broadcast_states(
     t_ns: Int64,
     sv: Int16,
     signal: Int16,

@@ -41,7 +41,7 @@ def vacuum(
 
 
 @kernel
-def _delays(
+def delays_along(
     klobuchar: Float64,
     geodetic: Float64,
     azimuth: Float64,
@@ -50,6 +50,7 @@ def _delays(
     ionosphere_factor: float,
     delay: Float64,
 ) -> None:
+    """Write the delay [m] of each of (m, k) lines of sight from the places ``geodetic`` (m, 3) into ``delay``."""
     for k in range(azimuth.shape[0]):
         lat, lon, h = geodetic[k]
         for j in range(azimuth.shape[1]):
@@ -71,10 +72,10 @@ def broadcast_atmosphere(klobuchar: Float64 | None) -> Atmosphere:
         geodetic: Float64, azimuth: Float64, elevation: Float64, week_s: Float64, ionosphere: float = 1.0
     ) -> Float64:
         result = np.empty_like(elevation)
-        _delays(coefficients, geodetic, azimuth, elevation, week_s, factor * abs(ionosphere), result)
+        delays_along(coefficients, geodetic, azimuth, elevation, week_s, factor * abs(ionosphere), result)
         if ionosphere < 0.0:
             troposphere = np.empty_like(elevation)
-            _delays(coefficients, geodetic, azimuth, elevation, week_s, 0.0, troposphere)
+            delays_along(coefficients, geodetic, azimuth, elevation, week_s, 0.0, troposphere)
             return 2.0 * troposphere - result
         return result
 

@@ -207,7 +207,7 @@ class Course:
         r_e, C_el = np.empty((count + 1, 3)), np.empty((count + 1, 3, 3))
         _start(*place, r_e[0], C_el[0])
         motion = self.motion(half_steps)
-        _lay_over_ellipsoid(motion.forward, motion.right, motion.up, motion.turn_rate, step_s, r_e, C_el)
+        lay_over_ellipsoid(motion.forward, motion.right, motion.up, motion.turn_rate, step_s, r_e, C_el)
         return half_steps[::2], r_e, C_el
 
 
@@ -280,7 +280,7 @@ def _level_frame(r: Float64, forward: Float64, C_el: Float64) -> None:
 
 
 @kernel
-def _lay_over_ellipsoid(
+def lay_over_ellipsoid(
     speed: Float64,
     lateral: Float64,
     climb: Float64,
@@ -294,20 +294,22 @@ def _lay_over_ellipsoid(
     The signals are sampled at every half step, (2 n - 1,). The error of the integration moves the way by less than a
     millimetre in an hour; the truth is the spline through the result.
     """
-    stage = np.array([0.0, 0.5, 0.5, 1.0])
-    weight = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
+    # loops in the place of whole vectors: the compiler takes a quarter of the time
+    stage, weight = (0.0, 0.5, 0.5, 1.0), (1.0 / 6.0, 2.0 / 6.0, 2.0 / 6.0, 1.0 / 6.0)
     dr, df = np.zeros((4, 3)), np.zeros((4, 3))
-    forward = C_el[0, :, 0].copy()
+    forward, r, f = C_el[0, :, 0].copy(), np.zeros(3), np.zeros(3)
     for k in range(len(r_e) - 1):
-        r, f = r_e[k].copy(), forward.copy()
         for j in range(4):
-            moment = 2 * k + int(2.0 * stage[j])
-            if j > 0:
-                r = r_e[k] + stage[j] * knot_s * dr[j - 1]
-                f = forward + stage[j] * knot_s * df[j - 1]
+            moment, ahead_s = 2 * k + int(2.0 * stage[j]), stage[j] * knot_s
+            for i in range(3):
+                r[i], f[i] = r_e[k, i], forward[i]
+                if j > 0:
+                    r[i] += ahead_s * dr[j - 1, i]
+                    f[i] += ahead_s * df[j - 1, i]
             _way_rates(r, f, speed[moment], lateral[moment], climb[moment], turn[moment], dr[j], df[j])
-        r_e[k + 1] = r_e[k]
-        for j in range(4):
-            r_e[k + 1] += weight[j] * knot_s * dr[j]
-            forward += weight[j] * knot_s * df[j]
+        for i in range(3):
+            r_e[k + 1, i] = r_e[k, i]
+            for j in range(4):
+                r_e[k + 1, i] += weight[j] * knot_s * dr[j, i]
+                forward[i] += weight[j] * knot_s * df[j, i]
         _level_frame(r_e[k + 1], forward, C_el[k + 1])

@@ -27,9 +27,9 @@ def _first_rows() -> np.ndarray:
 
 CASES = [
     KernelCase("insgnss.simulation.trajectory:gravity_along", (_R_E, np.zeros((2, 3)))),
-    KernelCase("insgnss.simulation.course:_lay_over_ellipsoid", (*_way(), 0.1, _first_rows(), _LEVEL)),
+    KernelCase("insgnss.simulation.course:lay_over_ellipsoid", (*_way(), 0.1, _first_rows(), _LEVEL)),
     KernelCase(
-        "insgnss.simulation.atmosphere:_delays",
+        "insgnss.simulation.atmosphere:delays_along",
         (
             _KLOBUCHAR,
             _GEODETIC,

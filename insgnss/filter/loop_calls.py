@@ -1,20 +1,14 @@
-"""Compiles the filter's kernels into the cache, in two processes of their own.
-
-``replay`` starts the first where the cache is empty (``insgnss.jit.compiled_beside``), and this one the second. As the
-kernels do not link each other (``insgnss.apart``), their order is free: one process goes through them from the front,
-the other from the back, until they meet. What a start needs is left to the process that waits for them.
-"""
+"""The kernels of the filter's loop, each with arguments of the types it is called with (``insgnss.first_run``)."""
 
 from __future__ import annotations
 
-import gc
-import sys
 from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 
-from insgnss.filter.headings.headings import is_prunable
+from insgnss.compiled_ahead import compile_for
+from insgnss.filter.headings.headings import heading_variance, is_prunable, same_heading
 from insgnss.filter.headings.sideslip import note_sideslip, sideslip
 from insgnss.filter.imu.screen_state import EDIT_DTYPE, SCREEN_DTYPE
 from insgnss.filter.imu.screening import note_mean, screen, take
@@ -22,7 +16,8 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.loop import advance, new_workspace, run_epochs, write_row
 from insgnss.filter.output.writing import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.filter.parameters import PARAMETERS_DTYPE
-from insgnss.filter.prediction import Imu, carry, propagate_covariance
+from insgnss.filter.prediction import Imu, carry, carry_bank, predict_covariance, propagate_covariance
+from insgnss.filter.rows.row_noise import model_variance, row_variance
 from insgnss.filter.state import new_bank
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
@@ -34,23 +29,21 @@ from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow_explained
 from insgnss.filter.update.observe import observe
+from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
-from insgnss.gnss.least_squares import RANGE, FitRows, free_clocks, workspace
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
-from insgnss.gnss.robust_fit import search
-from insgnss.jit import collecting_rarely, compile_for, compiled_beside, end_with_parent, is_compiled
+from insgnss.gnss.range_model import slant_delay
 
-MODULE: Final = "insgnss.filter.compile_loop"
-FROM_THE_BACK: Final = "back"
 _N: Final = 0  # stands for any whole number
 _X: Final = 0.0  # for any other
+_SINGLE: Final = np.float32(0.0)  # for one of a log's row
 
 
 def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     """Return the kernels that every replay needs, each with arguments of the types that it is called with.
 
-    The longest to compile stand at the ends, so that the two that come from there lose little where they meet. What
-    only some replays need (masking, the trace) is compiled where it is first called.
+    The longest to compile stand first, so that processes that share the list end together. What only some replays need
+    (masking, the trace) is compiled where it is first called.
     """
     carrier, before = no_carriers()
     rows = Rows(
@@ -72,13 +65,20 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     seen, memory = bank.seen[0], bank.memory[0]
     screened, edits, count = np.zeros(1, SCREEN_DTYPE), np.zeros(1, EDIT_DTYPE), np.zeros(1, np.int64)
     return {
-        write_row: (bank, bank, _N, _N, _N, out, work),
-        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, _N, _N),
-        mixture_covariance: (bank, P),
-        run_epochs: (bank, _N, _N, rows, imu, parameters, _X, out, work),
-        advance: (bank, _N, imu, par, out, work),
-        carry: (m, P, _N, _N, _N, *imu, par, scratch),
+        observe: (m, P, par, rows, _N, w_ib_b, f_b, s),
         propagate_covariance: (m, P, par, scratch),
+        run_epochs: (bank, _N, _N, rows, imu, parameters, _X, out, work),
+        carry: (m, P, _N, _N, _N, *imu, par, scratch),
+        update_epoch: (m, P, par, rows, _N, w_ib_b, f_b, s, scratch, work.masking, seen, memory, _X, True),
+        find_creeping: (memory, lines, rows.observation, _N, _X, _X),
+        follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
+        advance: (bank, _N, imu, par, out, work),
+        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, _N, _N),
+        adapt_noise: (m, P, P, par, lines, s.fit, values, values, _N, _X),
+        use_rows: (P, lines, vectors, _N, _X, _X, values),
+        explain: (P, lines, _N, s.fit),
+        write_row: (bank, bank, _N, _N, _N, out, work),
+        mixture_covariance: (bank, P),
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
         turn_attitude_errors: (m, P, values, s.antenna[0]),
         common_step: (lines, _N, values, _X, _X),
@@ -92,60 +92,23 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         gate_rows: (lines, _N, _X),
         weigh_robustly: (lines, _N, par),
         refuse_reflections: (m, lines, rows.observation, _N, par),
-        follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
-        find_creeping: (memory, lines, rows.observation, _N, _X, _X),
-        adapt_noise: (m, P, P, par, lines, s.fit, values, values, _N, _X),
-        explain: (P, lines, _N, s.fit),
         fit_freely: (lines, _N, s.fit),
         fit_all: (lines, _N, s.fit),
         follow_explained: (m, P, par, lines, s.fit, _N),
         gate_between: (P, lines, vectors, _X),
-        use_rows: (P, lines, vectors, _N, _X, _X, values),
         refuse_inconsistent: (P, lines, _X, _N),
-        observe: (m, P, par, rows, _N, w_ib_b, f_b, s),
-        update_epoch: (m, P, par, rows, _N, w_ib_b, f_b, s, scratch, work.masking, seen, memory, _X, True),
+        predict_covariance: (m, P, par, scratch),
+        carry_bank: (bank, _N, imu, par, scratch),
+        heading_variance: (bank,),
+        same_heading: (bank, _N),
+        matrix_to_quaternion: (P, values),
+        row_variance: (_SINGLE, _X, _SINGLE, par.kind[0]),
+        model_variance: (_X, _SINGLE, par.kind[0]),
+        slant_delay: (s.air[0], rows.klobuchar, values, _X, _SINGLE),
     }
-
-
-def kernels() -> tuple[Callable[..., Any], ...]:
-    """Return the kernels that every replay needs."""
-    return tuple(calls())
-
-
-def is_ready() -> bool:
-    """Return whether all of them have machine code."""
-    return all(map(is_compiled, kernels()))
 
 
 def fetch_loop() -> None:
     """Load them from the cache, or compile what it lacks."""
     for kernel, arguments in calls().items():
         compile_for(kernel, arguments)
-
-
-def compile_rivals() -> None:
-    """Compile what finds the rivals of a given start: the fix of an epoch, and the search for what agrees in it."""
-    unknowns, used = np.zeros(4), np.zeros(1, np.bool_)
-    none, at = np.zeros(1), np.zeros(1, np.int64)
-    rows = FitRows(RANGE, np.zeros((1, 8)), none, none, at, free_clocks(1), np.zeros(3))
-    compile_for(search, (rows, used, unknowns, workspace(4), unknowns, np.zeros((4, 4)), used))
-
-
-def main() -> None:
-    """Compile from the back, or from the front with another process beside that does that, until they meet."""
-    end_with_parent()
-    gc.freeze()  # the modules stay
-    from_the_back = sys.argv[1:] == [FROM_THE_BACK]
-    order = list(calls().items())
-    wanted = [] if from_the_back else [kernel for kernel, _ in order]
-    if from_the_back:
-        order.reverse()
-    with collecting_rarely(), compiled_beside(wanted, MODULE, FROM_THE_BACK) as other:
-        for kernel, arguments in order:
-            if not is_compiled(kernel):
-                compile_for(kernel, arguments)
-        other.wait()
-
-
-if __name__ == "__main__":
-    main()
