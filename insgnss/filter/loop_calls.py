@@ -29,7 +29,8 @@ from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow_explained
 from insgnss.filter.update.observe import observe
-from insgnss.geodesy.rotations import matrix_to_quaternion
+from insgnss.geodesy.ellipsoid import geodetic_to_ecef
+from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
 from insgnss.gnss.range_model import slant_delay
@@ -102,6 +103,8 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         heading_variance: (bank,),
         same_heading: (bank, _N),
         matrix_to_quaternion: (P, values),
+        euler_to_matrix: (_X, _X, _X, P),
+        geodetic_to_ecef: (_X, _X, _X, values),
         row_variance: (_SINGLE, _X, _SINGLE, par.kind[0]),
         model_variance: (_X, _SINGLE, par.kind[0]),
         slant_delay: (s.air[0], rows.klobuchar, values, _X, _SINGLE),

@@ -73,7 +73,8 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
 
 def _no_rows() -> PointRows:
     """Return a log without an epoch."""
-    single, places = np.zeros(0, np.float32), np.zeros(0, np.int64)
+    single: Any = np.zeros(0, np.float32)  # as the rows of a log are kept
+    places = np.zeros(0, np.int64)
     return PointRows(
         epoch_ns=places,
         first=np.zeros(1, np.int64),
