@@ -44,7 +44,7 @@ def errors(step_s: float, rule: str, span_s: float = SPAN_S, drift: float = 0.0)
     count = round(span_s / step_s)
     total, found = 0.0, [np.zeros(1)]
     for first in range(0, count, BLOCK):
-        t = np.arange(first, min(first + BLOCK, count) + 1) * step_s
+        t = np.asarray(np.arange(first, min(first + BLOCK, count) + 1) * step_s)
         (r_sat, v_sat), (r, v, a) = satellite(t), user(t)
         distance = np.linalg.norm(r_sat - r, axis=1)
         u = (r_sat - r) / distance[:, None]
