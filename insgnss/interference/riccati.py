@@ -1,11 +1,14 @@
-"""The steady state of a continuous Kalman filter whose observations are alike: Riccati equation, and errors by source.
+"""The steady state of a Kalman filter whose observations are alike: Riccati equations, and errors by source.
 
-``A P + P A^T + Q - P G P = 0``, G = H^T H / r, all intensities two-sided. SciPy's Schur method fails where the clock's
-intensity is twenty decades below that of the vehicle's acceleration; doubling does not, and needs 6 to 13 steps.
+Continuous: ``A P + P A^T + Q - P G P = 0``, G = H^T H / r, all intensities two-sided; discrete, before the update:
+``P = F P (I + G P)^-1 F^T + Q``, G = H^T H / r, r the variance of one observation. SciPy's Schur method fails
+where the clock's intensity is twenty decades below that of the vehicle's acceleration; doubling does not, and needs 6
+to 13 steps.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,6 +21,13 @@ _SHIFT_PER_S: Final = 10.0  # of the Cayley transform: near the bands of the loo
 _DOUBLINGS: Final = 40
 _CONVERGED: Final = 1e-15
 _RESIDUAL: Final = 1e-7  # of the equation over the sigmas of its states [1/s]; 1e-12 is usual
+
+
+class DiscreteModel(NamedTuple):
+    """A continuous model over a step."""
+
+    F: Float64  # (n, n)
+    Q: Float64  # (n, n) covariance that a step adds
 
 
 class ErrorSources(NamedTuple):
@@ -44,22 +54,50 @@ def steady_covariance(A: Float64, Q: Float64, H: Float64, noise: float) -> Float
     ConfigError : there is no steady state: the rows do not bound a state that noise drives
     """
     G = H.T @ H / noise
+
+    def found(scale: Float64) -> Float64:
+        """Return P over the products of the scales, (n,)."""
+        across = np.outer(scale, scale)
+        return _transformed(A * (1.0 / scale)[:, None] * scale, G * across, Q / across)
+
+    P, sigma = _solved(found, len(A))
     with np.errstate(all="ignore"):
-        try:
-            rough = np.diag(_doubled(A, G, Q))
-            sigma = np.sqrt(np.where(rough > 0.0, rough, 1.0))
-            scale = np.outer(sigma, sigma)
-            P = scale * _doubled(A * (1.0 / sigma)[:, None] * sigma, G * scale, Q / scale)
-            left = np.abs(A @ P + P @ A.T + Q - P @ G @ P) / scale
-        except np.linalg.LinAlgError:
-            left = np.full(A.shape, np.nan)
-    if not np.max(left) < _RESIDUAL:
-        raise ConfigError(
-            "the phase model has no steady state",
-            key="H",
-            advice="every state that noise drives has to be seen by the phases: add satellites or drop the state",
-        )
-    return np.asarray(P)
+        left = np.abs(A @ P + P @ A.T + Q - P @ G @ P) / np.outer(sigma, sigma)
+    return _accepted(P, float(np.max(left)))
+
+
+def predicted_covariance(model: DiscreteModel, H: Float64, noise: float) -> Float64:
+    """Return P of the optimal discrete filter before the update, (n, n).
+
+    Parameters
+    ----------
+    H : (m, n) rows, each with white noise of the variance ``noise``
+
+    Raises
+    ------
+    ConfigError : there is no steady state
+    """
+    F, Q = model
+    G = H.T @ H / noise
+
+    def found(scale: Float64) -> Float64:
+        """Return P over the products of the scales, (n,)."""
+        across = np.outer(scale, scale)
+        return _doubled(F.T * scale[:, None] * (1.0 / scale), G * across, Q / across)
+
+    return _accepted(_solved(found, len(F))[0], 0.0)
+
+
+def discretised(A: Float64, Q: Float64, step_s: float) -> DiscreteModel:
+    """Return a continuous model over a step, exactly.
+
+    Equation: F = exp(A T), Q_d = int F Q F^T, both from one exponential [Van Loan 1978]
+    """
+    n = len(A)
+    block = linalg.expm(np.block([[-A, Q], [np.zeros((n, n)), A.T]]) * step_s)
+    F = block[n:, n:].T
+    added = F @ block[:n, n:]
+    return DiscreteModel(np.asarray(F), np.asarray(0.5 * (added + added.T)))
 
 
 def error_sources(A: Float64, motion: Float64, oscillator: Float64, H: Float64, noise: float) -> ErrorSources:
@@ -73,14 +111,39 @@ def error_sources(A: Float64, motion: Float64, oscillator: Float64, H: Float64, 
     return ErrorSources(*(np.asarray(linalg.solve_continuous_lyapunov(closed, -W)) for W in driven))
 
 
-def _doubled(A: Float64, G: Float64, Q: Float64) -> Float64:
-    """Return P by doubling, k steps of which are 2^k steps of the filter's transformed recursion; else nan."""
+def _solved(found: Callable[[Float64], Float64], size: int) -> tuple[Float64, Float64]:
+    """Return P of a solver that takes scales of the states, and the scales: 1, then the sigmas of the first result."""
+    with np.errstate(all="ignore"):
+        try:
+            rough = np.diag(found(np.ones(size)))
+            sigma = np.sqrt(np.where(rough > 0.0, rough, 1.0))
+            return np.outer(sigma, sigma) * found(sigma), np.asarray(sigma)
+        except np.linalg.LinAlgError:
+            return np.full((size, size), np.nan), np.ones(size)
+
+
+def _accepted(P: Float64, left: float) -> Float64:
+    if not (np.isfinite(P).all() and left < _RESIDUAL):
+        raise ConfigError(
+            "the phase model has no steady state",
+            key="H",
+            advice="every state that noise drives has to be seen by the phases: add satellites or drop the state",
+        )
+    return P
+
+
+def _transformed(A: Float64, G: Float64, Q: Float64) -> Float64:
+    """Return P of a continuous filter: its Cayley transform is a discrete one."""
     eye = np.eye(len(A))
     shifted = np.linalg.inv(A.T - _SHIFT_PER_S * eye)
     inner = np.linalg.inv(A.T - _SHIFT_PER_S * eye + G @ shifted.T @ Q)
     E = eye + 2.0 * _SHIFT_PER_S * inner
-    g = 2.0 * _SHIFT_PER_S * shifted @ G @ inner.T
-    P = 2.0 * _SHIFT_PER_S * inner.T @ Q @ shifted
+    return _doubled(E, 2.0 * _SHIFT_PER_S * shifted @ G @ inner.T, 2.0 * _SHIFT_PER_S * inner.T @ Q @ shifted)
+
+
+def _doubled(E: Float64, g: Float64, P: Float64) -> Float64:
+    """Return P of a discrete filter by doubling, k steps of which are 2^k steps of its recursion; else nan."""
+    eye = np.eye(len(P))
     for _ in range(_DOUBLINGS):
         both = np.linalg.inv(eye + g @ P)
         added = E.T @ P @ both @ E
