@@ -30,7 +30,15 @@ from insgnss.interference.discriminators import equivalent_noise
 from insgnss.interference.drift import per_mps
 from insgnss.interference.margin import PhaseLoop, db, ratio
 from insgnss.interference.optimal_loop import two_sided
-from insgnss.interference.phase_models import FREQUENCY, POSITION, VELOCITY, PhaseModel, checked_directions
+from insgnss.interference.phase_models import (
+    CHANNEL_STATES,
+    FREQUENCY,
+    ONE_STAGE_STATES,
+    POSITION,
+    VELOCITY,
+    PhaseModel,
+    checked_directions,
+)
 from insgnss.interference.riccati import ErrorSources, error_sources, steady_covariance
 from insgnss.tables import Float64
 
@@ -95,7 +103,13 @@ def noise_bandwidth_at(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> f
 
 
 def one_stage_velocity_mps(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> float:
-    """Return the 3-D rms of the velocity of a ``one_stage_model`` [m/s]: root of the trace of its block of P."""
+    """Return the 3-D rms of the velocity of a ``one_stage_model`` [m/s]: root of the trace of its block of P.
+
+    Raises
+    ------
+    ConfigError : another model, or what ``phase_covariance`` refuses
+    """
+    _require_states(model, ONE_STAGE_STATES, "one_stage_model")
     return math.sqrt(float(np.trace(phase_covariance(model, loop, cn0_dbhz)[VELOCITY, VELOCITY])))
 
 
@@ -113,12 +127,26 @@ def two_stage_velocity_mps(
     ----------
     directions : (m, 3) unit vectors from user to satellites
     carrier_hz : that of the model
+
+    Raises
+    ------
+    ConfigError : another model, directions that do not separate position from clock, C/N0 out of range
     """
+    _require_states(model, CHANNEL_STATES, "channel_model")
     u = checked_directions(directions)
     U = np.column_stack([-u, np.ones(len(u))])
     dilution = float(np.trace(np.linalg.inv(U.T @ U)[POSITION, POSITION]))
     noise, motion, _ = (part[FREQUENCY, FREQUENCY] for part in _sources(model, loop, cn0_dbhz))
     return math.sqrt(noise * dilution + 3.0 * motion) / per_mps(carrier_hz)
+
+
+def _require_states(model: PhaseModel, count: int, maker: str) -> None:
+    if len(model.A) != count:
+        raise ConfigError(
+            f"expected a model of {maker}, got {len(model.A)} states",
+            key="model",
+            advice=f"make the model with {maker}",
+        )
 
 
 def _noise(loop: PhaseLoop, cn0_dbhz: float) -> float:

@@ -30,13 +30,14 @@ from insgnss.tables import Float64
 POSITION, VELOCITY, ACCELERATION = slice(0, 3), slice(3, 6), slice(6, 9)  # of ``one_stage_model``
 CLOCK, CLOCK_RATE, ONE_STAGE_STATES = 9, 10, 11
 FREQUENCY: Final = 1  # of ``channel_model``
+CHANNEL_STATES: Final = 3
 
 
 @dataclass(frozen=True)
 class UnknownAcceleration:
-    """What a receiver does not know of its acceleration, on every axis alike: Gauss-Markov, and white samples.
+    """The unknown acceleration of a receiver, the same on every axis: Gauss-Markov, and white samples.
 
-    The vehicle's own motion for a receiver without INS, the error of the INS for one that has it.
+    Without INS it is the vehicle's own motion, with INS the error of the INS.
 
     Raises
     ------
@@ -91,7 +92,7 @@ class PhaseModel:
             raise ConfigError("the matrices of a phase model do not fit", key="A", advice=advice)
         if not all(np.isfinite(x).all() for x in (self.A, self.Q, self.H)) or np.diag(self.Q).min() < 0.0:
             raise ConfigError(
-                "a phase model holds something that is not finite, or a negative intensity",
+                "a matrix of the phase model is not finite, or an intensity is negative",
                 key="Q",
                 advice="check sigmas, densities and directions",
             )
@@ -140,7 +141,7 @@ def one_stage_model(
 
     Raises
     ------
-    ConfigError : fewer than four directions that part position and clock
+    ConfigError : the directions do not separate position from clock
     """
     u, k = checked_directions(directions), per_mps(carrier_hz)
     A = np.zeros((ONE_STAGE_STATES, ONE_STAGE_STATES))
@@ -183,7 +184,9 @@ def checked_directions(directions: Float64) -> Float64:
         raise ConfigError("directions are not unit vectors", key="directions", advice=advice)
     if np.linalg.matrix_rank(np.column_stack([u, np.ones(len(u))]), tol=1e-6) < 4:
         advice = "give at least four satellites that do not lie on a cone"
-        raise ConfigError("the directions do not part position and clock", key="directions", advice=advice)
+        raise ConfigError(
+            "the directions do not separate position from clock", key="directions", advice=advice
+        )
     return u
 
 

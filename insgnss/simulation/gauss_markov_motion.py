@@ -1,4 +1,4 @@
-"""Random manoeuvring: acceleration and angular rate that are Gauss-Markov processes, alike on every axis.
+"""Random manoeuvring: acceleration and angular rate are Gauss-Markov processes, the same on every axis.
 
 The motion that the linear theory of receivers assumes, as a figure of a course: three accelerations in the level frame,
 each of one sigma and correlation time, and three angular rates in body axes. The nose does not follow the way. A weak
@@ -39,7 +39,7 @@ class GaussMarkov:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sigma) and self.sigma >= 0.0):
-            raise ConfigError(f"a sigma of {self.sigma:g} is none", key="sigma", advice="give 0 or more")
+            raise ConfigError(f"sigma is {self.sigma:g}", key="sigma", advice="give 0 or more")
         if not (math.isfinite(self.time_s) and self.time_s > GRID_S):
             raise ConfigError(
                 f"a correlation time of {self.time_s:g} s is too short",
@@ -77,8 +77,8 @@ class GaussMarkovFigure:
 
         Parameters
         ----------
-        return_s : natural period of the pull back to the course; it bounds distance and speed and takes out of the
-            acceleration what is slower. None leaves the process as it is
+        return_s : natural period of the pull back to the course; it bounds distance and speed and removes slower
+            parts of the acceleration. None leaves the process as it is
 
         Raises
         ------
@@ -86,7 +86,9 @@ class GaussMarkovFigure:
         """
         if not 0.0 < duration_s <= _LONGEST_S:
             advice = f"give up to {_LONGEST_S:g} s"
-            raise ConfigError(f"{duration_s:g} s of random motion", key="duration_s", advice=advice)
+            raise ConfigError(
+                f"invalid duration {duration_s:g} s of a random motion", key="duration_s", advice=advice
+            )
         if return_s is not None and not return_s > acceleration.time_s:
             advice = "give some ten correlation times, or leave it out"
             raise ConfigError("the pull back is faster than the acceleration", key="return_s", advice=advice)

@@ -1,14 +1,14 @@
 """Closed loops of coherent receivers in error states: linear motion, real discriminators, Monte Carlo of slips.
 
-What is simulated is what the linear theory assumes (``insgnss.interference.linear_threshold``), except for the
-discriminator: the errors of a receiver's states obey its model, the discriminators see ``cos e`` and ``sin e`` in
+The simulation takes all that the linear theory assumes (``insgnss.interference.linear_threshold``) except for the
+linear discriminator: the errors of a receiver's states obey its model, the discriminators see ``cos e`` and ``sin e`` in
 noise, and the steady gains of the model correct. So it tests the theory's rule for loss of lock; no satellite moves,
 no inertial sensor is mechanised and no filter estimates its covariance here.
 
     x = F (x - K D(H x)) + L w,    D = I Q or another discriminator over its slope, K of the discrete Riccati equation
 
-- A two-stage receiver has one ``channel_model`` for each satellite. Their errors share what the vehicle and the
-  oscillator do, not the noise.
+- A two-stage receiver has one ``channel_model`` for each satellite. Motion and oscillator are common to all of them,
+  noise is not.
 - A one-stage receiver has one ``one_stage_model``: the discriminators of all channels are rows of one filter.
 
     runs = slip_runs(models["one_stage"], PhaseLoop(discriminator("IQ", 0.076), 1.022e6, 5e-3), 26.1, sky)
@@ -141,7 +141,7 @@ def error_loop(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float, directions: 
     if alone:
         m = len(u)
         F, K, H = (linalg.block_diag(*[X] * m) for X in (F, K, H))
-        # along a line of sight acts what three alike axes do; the oscillator acts on all channels alike
+        # three equal axes act along each line of sight; the oscillator acts on all channels
         L = np.hstack([*(np.kron(-u[:, [axis]], motion) for axis in range(3)), np.tile(oscillator, (m, 1))])
     return ErrorLoop(
         np.ascontiguousarray(F),

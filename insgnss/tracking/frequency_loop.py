@@ -42,7 +42,7 @@ class FrequencyLoop:
 
     Raises
     ------
-    ConfigError : an order that is none, or gains with which errors do not die out
+    ConfigError : an invalid order, or unstable gains
     """
 
     chain: LoopFilter
@@ -133,4 +133,4 @@ def frequency_filter_from_continuous(gains: npt.ArrayLike, step_s: float) -> Fre
 
 def _require_order(order: int) -> None:
     if order not in FREQUENCY_ORDERS:
-        raise ConfigError(f"no frequency loop of order {order}", key="order", advice="take 1 or 2")
+        raise ConfigError(f"invalid order {order} of a frequency loop", key="order", advice="take 1 or 2")

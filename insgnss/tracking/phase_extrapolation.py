@@ -1,8 +1,8 @@
 """Extrapolation of a carrier phase over one integration, from what a navigation filter knows of user and satellite.
 
 A replica that the filter steers gets its phase from velocities, never from ranges: a range of 2e7 m read twice would
-add its rounding, and a correction of the position would step the phase. What the steps add up to must then follow the
-range for hours. All here is in metres of range, which grow while the carrier phase falls (``phase_of_range``).
+add its rounding, and a correction of the position would step the phase. The sum of the steps must follow the range for
+hours. The unit is metres of range; the carrier phase falls while the range grows (``phase_of_range``).
 
 Over T from k-1 to k, u the unit vector from user to satellite, V' the drift of the receiver's clock:
 
@@ -141,7 +141,5 @@ def _finite(key: str, value: npt.ArrayLike, shape: tuple[int, ...] | None = None
         advice = "give one row for each instant of the directions"
         raise ConfigError(f"shape {numbers.shape} is not {shape}", key=key, advice=advice)
     if not np.isfinite(numbers).all():
-        raise ConfigError(
-            "something is not a finite number", key=key, advice="drop channels that have no satellite"
-        )
+        raise ConfigError("a value is not finite", key=key, advice="drop channels that have no satellite")
     return numbers

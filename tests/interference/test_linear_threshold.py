@@ -211,6 +211,8 @@ def plane_of(count: int) -> Float64:
         ("directions", lambda: one_stage_model(INS_ERROR, 1.0, CARRIER_HZ, plane_of(6))),
         ("directions", lambda: one_stage_model(INS_ERROR, 1.0, CARRIER_HZ, 2.0 * SKY)),
         ("directions", lambda: one_stage_model(INS_ERROR, 1.0, CARRIER_HZ, SKY[:, :2])),
+        ("model", lambda: velocity("one_stage", models_of(0.3, 1.0)["two_stage"], loop_of(1e-3), 40.0)),
+        ("model", lambda: velocity("two_stage", models_of(0.3, 1.0)["one_stage"], loop_of(1e-3), 40.0)),
         ("drift", lambda: channel_model(INS_ERROR, 0.0, CARRIER_HZ)),
         ("sigma_mps2", lambda: UnknownAcceleration(-1.0, 1.0)),
         ("time_s", lambda: UnknownAcceleration(1.0, 0.0)),
