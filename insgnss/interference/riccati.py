@@ -17,7 +17,8 @@ from scipy import linalg
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64
 
-_SHIFT_PER_S: Final = 10.0  # of the Cayley transform: near the bands of the loops, 1 to 30 1/s
+# Of the Cayley transform: above the bands of the loops, 1 to 30 1/s, rounding is least. Others are tried if it fails
+_SHIFTS_PER_S: Final = (100.0, 1000.0, 10.0, 1.0)
 _DOUBLINGS: Final = 40
 _CONVERGED: Final = 1e-15
 _RESIDUAL: Final = 1e-7  # of the equation over the sigmas of its states [1/s]; 1e-12 is usual
@@ -54,16 +55,19 @@ def steady_covariance(A: Float64, Q: Float64, H: Float64, noise: float) -> Float
     ConfigError : there is no steady state: the rows do not bound a state that noise drives
     """
     G = H.T @ H / noise
+    for shift in _SHIFTS_PER_S:
 
-    def found(scale: Float64) -> Float64:
-        """Return P over the products of the scales, (n,)."""
-        across = np.outer(scale, scale)
-        return _transformed(A * (1.0 / scale)[:, None] * scale, G * across, Q / across)
+        def found(scale: Float64, shift: float = shift) -> Float64:
+            """Return P over the products of the scales, (n,)."""
+            across = np.outer(scale, scale)
+            return _transformed(A * (1.0 / scale)[:, None] * scale, G * across, Q / across, shift)
 
-    P, sigma = _solved(found, len(A))
-    with np.errstate(all="ignore"):
-        left = np.abs(A @ P + P @ A.T + Q - P @ G @ P) / np.outer(sigma, sigma)
-    return _accepted(P, float(np.max(left)))
+        P, sigma = _solved(found, len(A))
+        with np.errstate(all="ignore"):
+            left = float(np.max(np.abs(A @ P + P @ A.T + Q - P @ G @ P) / np.outer(sigma, sigma)))
+        if left < _RESIDUAL:
+            return P
+    raise _no_steady_state()
 
 
 def predicted_covariance(model: DiscreteModel, H: Float64, noise: float) -> Float64:
@@ -85,7 +89,10 @@ def predicted_covariance(model: DiscreteModel, H: Float64, noise: float) -> Floa
         across = np.outer(scale, scale)
         return _doubled(F.T * scale[:, None] * (1.0 / scale), G * across, Q / across)
 
-    return _accepted(_solved(found, len(F))[0], 0.0)
+    P, _ = _solved(found, len(F))
+    if not np.isfinite(P).all():
+        raise _no_steady_state()
+    return P
 
 
 def discretised(A: Float64, Q: Float64, step_s: float) -> DiscreteModel:
@@ -122,23 +129,21 @@ def _solved(found: Callable[[Float64], Float64], size: int) -> tuple[Float64, Fl
             return np.full((size, size), np.nan), np.ones(size)
 
 
-def _accepted(P: Float64, left: float) -> Float64:
-    if not (np.isfinite(P).all() and left < _RESIDUAL):
-        raise ConfigError(
-            "the phase model has no steady state",
-            key="H",
-            advice="every state that noise drives has to be seen by the phases: add satellites or drop the state",
-        )
-    return P
+def _no_steady_state() -> ConfigError:
+    return ConfigError(
+        "the phase model has no steady state",
+        key="H",
+        advice="every state that noise drives has to be seen by the phases: add satellites or drop the state",
+    )
 
 
-def _transformed(A: Float64, G: Float64, Q: Float64) -> Float64:
+def _transformed(A: Float64, G: Float64, Q: Float64, shift: float) -> Float64:
     """Return P of a continuous filter: its Cayley transform is a discrete one."""
     eye = np.eye(len(A))
-    shifted = np.linalg.inv(A.T - _SHIFT_PER_S * eye)
-    inner = np.linalg.inv(A.T - _SHIFT_PER_S * eye + G @ shifted.T @ Q)
-    E = eye + 2.0 * _SHIFT_PER_S * inner
-    return _doubled(E, 2.0 * _SHIFT_PER_S * shifted @ G @ inner.T, 2.0 * _SHIFT_PER_S * inner.T @ Q @ shifted)
+    shifted = np.linalg.inv(A.T - shift * eye)
+    inner = np.linalg.inv(A.T - shift * eye + G @ shifted.T @ Q)
+    E = eye + 2.0 * shift * inner
+    return _doubled(E, 2.0 * shift * shifted @ G @ inner.T, 2.0 * shift * inner.T @ Q @ shifted)
 
 
 def _doubled(E: Float64, g: Float64, P: Float64) -> Float64:

@@ -1,7 +1,7 @@
 """Closed loops of coherent receivers in error states: linear motion, real discriminators, Monte Carlo of slips.
 
-The simulation takes all that the linear theory assumes (``insgnss.interference.linear_threshold``) except for the
-linear discriminator: the errors of a receiver's states obey its model, the discriminators see ``cos e`` and ``sin e`` in
+The simulation assumes what the linear theory does (``insgnss.interference.linear_threshold``) except for the linear
+discriminator: the errors of a receiver's states obey its model, the discriminators see ``cos e`` and ``sin e`` in
 noise, and the steady gains of the model correct. So it tests the theory's rule for loss of lock; no satellite moves,
 no inertial sensor is mechanised and no filter estimates its covariance here.
 

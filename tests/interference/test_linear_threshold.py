@@ -164,6 +164,23 @@ def test_doubling_solves_what_the_schur_method_solves() -> None:
     np.testing.assert_allclose(steady_covariance(A, Q, H, 2e-4), schur, rtol=1e-9)
 
 
+@pytest.mark.parametrize("cn0_dbhz", [-10.0, 0.0, 60.0, 90.0])
+@pytest.mark.parametrize(
+    ("sigma", "time_s", "drift"), [(0.003, 3000.0, 0.01), (0.1, 80.0, 8e4), (300.0, 0.05, 1e-3)]
+)
+def test_covariance_solves_its_equation_at_the_ends_of_all_ranges(
+    sigma: float, time_s: float, drift: float, cn0_dbhz: float
+) -> None:
+    model, loop = one_stage_model(UnknownAcceleration(sigma, time_s), drift, CARRIER_HZ, SKY), loop_of(1e-2)
+    P = phase_covariance(model, loop, cn0_dbhz)
+    r = 0.5 * float(equivalent_noise(loop.discriminator, ratio(-cn0_dbhz), 1e-2))
+    left = model.A @ P + P @ model.A.T + model.Q - P @ model.H.T @ model.H @ P / r
+
+    sigmas = np.sqrt(np.diag(P))
+    assert np.all(np.linalg.eigvalsh(P / np.outer(sigmas, sigmas)) > 0.0)
+    assert np.max(np.abs(left) / np.outer(sigmas, sigmas)) < 1e-7
+
+
 def test_two_stage_velocity_is_least_squares_of_channels_with_common_errors() -> None:
     """The covariance of all channels together: noise apart, acceleration and oscillator in common."""
     model, loop, k = (
