@@ -168,7 +168,9 @@ class RandomMotion(StrictModel):
 
     kind: Literal["gauss_markov"]
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
-    acceleration_g: Annotated[float, Field(ge=0.0, le=50.0)] = Field(description="rms of each axis")
+    acceleration_g: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
+        description="rms of each axis, before the pull back takes its slow part"
+    )
     acceleration_time_s: Annotated[float, Field(ge=0.1)] = Field(10.0 / 3.0, description="correlation time")
     turn_rate_deg_per_s: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
         0.0, description="rms of the angular rate about each axis of the body"

@@ -56,9 +56,7 @@ class ChannelDesign:
     designed for; where the true C/N0 differs, IQ and the products change the loops' gains with its square.
     """
 
-    carrier: (
-        LoopFilter | FrequencyLoop
-    )  # [rad]; a frequency loop lets the phase go and uses no phase discriminator
+    carrier: LoopFilter | FrequencyLoop  # [rad]; a frequency loop uses no phase discriminator
     code: LoopFilter  # [chips], order 1 or 2
     cn0_dbhz: float
     phase_kind: str = "atan"
