@@ -163,6 +163,31 @@ class Ascent(StrictModel):
         return self
 
 
+class RandomMotion(StrictModel):
+    """Acceleration and angular rate as Gauss-Markov processes, added to a motion that goes on. The last manoeuvre."""
+
+    kind: Literal["gauss_markov"]
+    duration_s: Annotated[float, Field(gt=0.0, le=3600.0)]
+    acceleration_g: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
+        description="rms of each axis, before the pull back takes its slow part"
+    )
+    acceleration_time_s: Annotated[float, Field(ge=0.1)] = Field(10.0 / 3.0, description="correlation time")
+    turn_rate_deg_per_s: Annotated[float, Field(ge=0.0, le=1000.0)] = Field(
+        0.0, description="rms of the angular rate about each axis of the body"
+    )
+    turn_time_s: Annotated[float, Field(ge=0.1)] = Field(1.0, description="correlation time of the rate")
+    return_s: Positive | None = Field(
+        None, description="period of a weak pull back to the course; longer than the correlation time"
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(1, description="of the motion; noise has its own")
+
+    @model_validator(mode="after")
+    def _pulls_back_slowly(self) -> RandomMotion:
+        if self.return_s is not None and self.return_s <= self.acceleration_time_s:
+            raise ValueError("return_s has to be longer than acceleration_time_s")
+        return self
+
+
 Manoeuvre = Annotated[
     Straight
     | Accelerate
@@ -175,6 +200,7 @@ Manoeuvre = Annotated[
     | TakeOff
     | Landing
     | Sea
-    | Ascent,
+    | Ascent
+    | RandomMotion,
     Field(discriminator="kind"),
 ]

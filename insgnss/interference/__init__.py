@@ -31,6 +31,14 @@ from insgnss.interference.drift import (
     oscillator_density,
     total_density,
 )
+from insgnss.interference.linear_threshold import (
+    PhaseThreshold,
+    one_stage_velocity_mps,
+    phase_covariance,
+    phase_rms_rad,
+    phase_threshold,
+    two_stage_velocity_mps,
+)
 from insgnss.interference.lock_thresholds import LockThreshold, lock_threshold
 from insgnss.interference.margin import (
     PhaseLoop,
@@ -41,6 +49,13 @@ from insgnss.interference.margin import (
     threshold_cn0_dbhz,
 )
 from insgnss.interference.optimal_loop import discrete_gains, gains, noise_bandwidth, threshold_noise
+from insgnss.interference.phase_models import (
+    PhaseModel,
+    UnknownAcceleration,
+    channel_model,
+    one_stage_model,
+    receiver_models,
+)
 from insgnss.interference.third_order import third_order_gains
 from insgnss.interference.trade_off_diagram import diagram, trade_off
 
@@ -50,7 +65,11 @@ __all__ = [
     "Discriminator",
     "LockThreshold",
     "PhaseLoop",
+    "PhaseModel",
+    "PhaseThreshold",
+    "UnknownAcceleration",
     "bandwidth_at_margin_hz",
+    "channel_model",
     "density_of_allan",
     "density_of_grade",
     "density_of_record",
@@ -66,10 +85,17 @@ __all__ = [
     "margin_db",
     "margin_in_motion_db",
     "noise_bandwidth",
+    "one_stage_model",
+    "one_stage_velocity_mps",
     "oscillator_density",
+    "phase_covariance",
+    "phase_rms_rad",
+    "phase_threshold",
+    "receiver_models",
     "third_order_gains",
     "threshold_cn0_dbhz",
     "threshold_noise",
     "total_density",
     "trade_off",
+    "two_stage_velocity_mps",
 ]

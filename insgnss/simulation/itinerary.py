@@ -6,12 +6,15 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 from insgnss.config import manoeuvres as told
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.simulation.aerobatics import BarrelRollFigure, LoopFigure, Swing, WavesFigure
 from insgnss.simulation.ascent import AscentFigure, RocketSettings
 from insgnss.simulation.course import KNOT_S, Course
+from insgnss.simulation.gauss_markov_motion import GRID_S, GaussMarkov, GaussMarkovFigure
 from insgnss.units import deg_to_rad
 
 STEEPEST_SMOOTHSTEP: Final = 1.875  # its largest slope, in the middle
@@ -57,6 +60,8 @@ def knot_s_of(manoeuvres: Sequence[told.Manoeuvre]) -> float:
     for manoeuvre in manoeuvres:
         if isinstance(manoeuvre, told.Loop | told.BarrelRoll | told.Ascent):
             knot = min(knot, _AEROBATIC_KNOT_S)
+        if isinstance(manoeuvre, told.RandomMotion):
+            knot = min(knot, GRID_S)
         if isinstance(manoeuvre, told.Ascent) and manoeuvre.spin_deg_per_s != 0.0:
             knot = min(knot, 360.0 / abs(manoeuvre.spin_deg_per_s) / _KNOTS_PER_TURN)
     return max(knot, _FINEST_KNOT_S)
@@ -65,7 +70,8 @@ def knot_s_of(manoeuvres: Sequence[told.Manoeuvre]) -> float:
 def _check_place(course: Course, manoeuvre: told.Manoeuvre) -> None:
     """Refuse what needs another state of the course than the one before it."""
     if any(math.isinf(end) for _, end, _ in course.figures):
-        raise ConfigError("nothing can follow an ascent", advice="make the ascent the last manoeuvre")
+        advice = "make it the last manoeuvre"
+        raise ConfigError("nothing can follow an ascent or a random motion", advice=advice)
     figure = isinstance(manoeuvre, told.Loop | told.BarrelRoll)
     if figure and abs(course.climb_rate.final) > 1e-9:
         raise ConfigError(f"a {manoeuvre.kind} begins in level flight", advice="end the climb before")
@@ -122,6 +128,8 @@ def _add(course: Course, manoeuvre: told.Manoeuvre) -> None:
             course.fly(_waves(manoeuvre), manoeuvre.duration_s, meanwhile=manoeuvre.meanwhile)
         case told.Ascent():
             _ascend(course, manoeuvre)
+        case told.RandomMotion():
+            _wander(course, manoeuvre)
 
 
 def _turn(course: Course, turn: told.Turn | told.STurn, by_deg: float) -> None:
@@ -161,3 +169,15 @@ def _ascend(course: Course, ascent: told.Ascent) -> None:
     figure = AscentFigure(rocket, ignition_s, ascent.duration_s - ascent.wait_s)
     course.figures.append((-_ON_RAIL_BEFORE_S, math.inf, figure))
     course.clock_s = ascent.duration_s
+
+
+def _wander(course: Course, wanted: told.RandomMotion) -> None:
+    figure = GaussMarkovFigure(
+        GaussMarkov(wanted.acceleration_g * STANDARD_GRAVITY_MPS2, wanted.acceleration_time_s),
+        GaussMarkov(deg_to_rad(wanted.turn_rate_deg_per_s), wanted.turn_time_s),
+        wanted.duration_s,
+        np.random.default_rng(wanted.seed),
+        wanted.return_s,
+    )
+    course.figures.append((course.clock_s, math.inf, figure))
+    course.clock_s += wanted.duration_s

@@ -34,10 +34,12 @@ from insgnss.studies.campaign_results import data_set, failures, summary
 from insgnss.studies.consistency import Consistency, consistency_study
 from insgnss.studies.hidden_variance import HiddenVariance, hidden_satellite_variance
 from insgnss.studies.manoeuvre import ManoeuvreStudy, manoeuvre_study
+from insgnss.studies.manoeuvring_covariance import ManoeuvringReceiver
 from insgnss.studies.masking import MaskingStudy, masking_study
 from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance_analysis, monte_carlo
 from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage_windows import Removal
+from insgnss.studies.receiver_loop import SlipRuns, slip_runs
 
 __all__ = [
     "Banked",
@@ -46,6 +48,7 @@ __all__ = [
     "Consistency",
     "HiddenVariance",
     "ManoeuvreStudy",
+    "ManoeuvringReceiver",
     "MaskingStudy",
     "MatchedFlight",
     "MonteCarlo",
@@ -53,6 +56,7 @@ __all__ = [
     "Periodic",
     "Random",
     "Removal",
+    "SlipRuns",
     "consistency_study",
     "covariance_analysis",
     "data_set",
@@ -64,5 +68,6 @@ __all__ = [
     "monte_carlo",
     "outage_study",
     "run_campaign",
+    "slip_runs",
     "summary",
 ]

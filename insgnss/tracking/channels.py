@@ -37,6 +37,7 @@ from insgnss.tracking.correlators import Complex, Correlators
 from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, FREQUENCY_KINDS, PHASE_KINDS
 from insgnss.tracking.frequency_discriminators import FrequencyDiscriminator
+from insgnss.tracking.frequency_loop import FrequencyLoop
 from insgnss.tracking.loop_filters import LoopFilter
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 
@@ -55,7 +56,7 @@ class ChannelDesign:
     designed for; where the true C/N0 differs, IQ and the products change the loops' gains with its square.
     """
 
-    carrier: LoopFilter  # [rad]
+    carrier: LoopFilter | FrequencyLoop  # [rad]; a frequency loop uses no phase discriminator
     code: LoopFilter  # [chips], order 1 or 2
     cn0_dbhz: float
     phase_kind: str = "atan"
@@ -71,7 +72,9 @@ class ChannelDesign:
         require_known(self.frequency_kind, FREQUENCY_KINDS, "frequency_kind", "frequency discriminator")
         assisted = bool(np.any(self.carrier.rate_gains))
         if assisted != (self.frequency_kind != _NO_ASSISTANCE):
-            advice = "take both from assisted_filter and a frequency discriminator, or neither"
+            advice = (
+                "take a loop of assisted_filter or frequency_filter and a frequency discriminator, or neither"
+            )
             raise ConfigError(
                 "frequency assistance is half there: gains and discriminator do not fit",
                 key="frequency_kind",

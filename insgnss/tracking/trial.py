@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.errors import ConfigError
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_not_negative, seeded, signal_ratio
 from insgnss.tracking.aided_loop import perfect_aid
@@ -26,6 +27,7 @@ from insgnss.tracking.codes import RangingCode
 from insgnss.tracking.correlators import Complex, Correlators
 from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminators import equivalent_variance
+from insgnss.tracking.frequency_loop import FrequencyLoop
 from insgnss.tracking.lock_detectors import phase_lock, slip_time_s
 from insgnss.tracking.loop_filters import LoopFilter
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
@@ -124,8 +126,16 @@ def _signs(
 
 
 def assess(simulation: Simulation, history: ChannelHistory) -> Assessment:
-    """Return errors, lock and C/N0 of a simulation, the first fifth of its time left out."""
+    """Return errors, lock and C/N0 of a simulation of phase loops, the first fifth of its time left out.
+
+    Raises
+    ------
+    ConfigError : the carrier loop is a frequency loop, whose phase nobody holds
+    """
     design, T = simulation.design, simulation.design.step_s
+    if isinstance(design.carrier, FrequencyLoop):
+        advice = "judge the rate_error_radps of the history instead"
+        raise ConfigError("a frequency loop has no phase error to assess", key="carrier", advice=advice)
     phase_discriminator = PhaseDiscriminator(design.phase_kind)
     slipped = np.isfinite(slip_time_s(history.phase_error_rad, T, phase_discriminator.aperture_rad))
     block = _block(simulation)

@@ -9,6 +9,7 @@ from insgnss.tracking.channels import ChannelDesign, Simulation, Start, scene
 from insgnss.tracking.codes import glonass_st
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, FREQUENCY_KINDS, PHASE_KINDS, outputs
 from insgnss.tracking.loop_filters import assisted_filter, digital_filter
+from insgnss.tracking.phase_extrapolation import RULES, accumulated_ranges
 from insgnss.tracking.signal import CarrierAndCode, Received, Sampling, correlate, receive
 from tests.kernels import KernelCase
 
@@ -46,8 +47,18 @@ def channels() -> list[np.ndarray]:
     return [history.phase_error_rad, history.rate_error_radps, history.delay_error_chips, history.prompt.real]
 
 
+def extrapolated_ranges() -> list[Float64]:
+    """Return the ranges of two channels by every rule."""
+    rng = np.random.default_rng(8)
+    u = rng.standard_normal((6, 2, 3))
+    u /= np.linalg.norm(u, axis=2, keepdims=True)
+    v_sat, v, a = 3e3 * rng.standard_normal((6, 2, 3)), *(100.0 * rng.standard_normal((2, 6, 3)))
+    return [accumulated_ranges(u, v_sat, v, a, 0.02, np.arange(6.0), rule) for rule in RULES]
+
+
 CASES = [
     KernelCase("tests.kernels.tracking:discriminators"),
+    KernelCase("tests.kernels.tracking:extrapolated_ranges"),
     KernelCase("tests.kernels.tracking:sampled_correlators", rtol=1e-11),
     # 200 steps of a loop that is stable: no growth of rounding
     KernelCase("tests.kernels.tracking:channels", rtol=1e-11),

@@ -47,7 +47,7 @@ def test_library_has_a_scenario_of_every_kind_of_vehicle() -> None:
         "landing",
         "sea",
     } < kinds
-    assert {"steer", "ascent", "accelerate"} < kinds
+    assert {"steer", "ascent", "accelerate", "gauss_markov"} < kinds
     assert all(clean(name).config.source for name in SCENARIOS)
 
 
@@ -84,6 +84,7 @@ def closure_m(made: Simulation, rate_hz: float, from_s: float, to_s: float) -> f
         ("faulty_receiver", 100.0),
         ("fast_jet", 200.0),
         ("aerobatics", 200.0),
+        ("manoeuvring_5g", 400.0),
     ],
 )
 def test_clean_data_close_through_the_mechanization_to_a_millimetre(name: str, rate_hz: float) -> None:

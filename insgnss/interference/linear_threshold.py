@@ -1,0 +1,165 @@
+"""The linear theory of coherent receivers: phase errors, velocity errors and the C/N0 at which lock goes.
+
+The covariance P of a ``PhaseModel`` is that of its optimal filter in the steady state; its rows have the
+discriminator's noise. Lock goes at the C/N0 at which the largest phase rms, of the diagonal of ``H P H^T``, reaches
+A_d C_A                                                             [Shatilov 2009, (14); 2007, chapter 2]
+
+    sky = directions(azimuth_deg, elevation_deg)
+    models = receiver_models(UnknownAcceleration(49.03, 1 / 0.3), UnknownAcceleration(0.06, 100.0, 0.1, 1e-3),
+                             drift=100.0, carrier_hz=1.6e9, directions=sky)
+    loop = PhaseLoop(discriminator("IQ", ENGINEERING_RATIO), bandwidth_hz=1.022e6, accumulation_s=1e-3)
+    phase_threshold(models["one_stage_ins"], loop).js_db                    # 38.37
+    two_stage_velocity_mps(models["two_stage"], loop, 40.0, sky, 1.6e9)     # 0.264
+
+Densities are one-sided. Neglects: the loop's period, so B T has to be small against one (``check_bandwidth_time``); the
+non-linearity of the discriminator: near the threshold true errors are larger. Without white parts the loop of
+``channel_model`` is the one of ``third_order``, in closed form; that one is used where a threshold is wanted at every
+sample of a path.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import optimize
+
+from insgnss.errors import ConfigError
+from insgnss.interference.discriminators import equivalent_noise
+from insgnss.interference.drift import per_mps
+from insgnss.interference.margin import PhaseLoop, db, ratio
+from insgnss.interference.optimal_loop import two_sided
+from insgnss.interference.phase_models import (
+    CHANNEL_STATES,
+    FREQUENCY,
+    ONE_STAGE_STATES,
+    POSITION,
+    VELOCITY,
+    PhaseModel,
+    checked_directions,
+)
+from insgnss.interference.riccati import ErrorSources, error_sources, steady_covariance
+from insgnss.tables import Float64
+
+LOWEST_CN0_DBHZ: Final = -10.0  # below it no receiver tracks, whatever aids it
+HIGHEST_CN0_DBHZ: Final = 90.0
+
+
+class PhaseThreshold(NamedTuple):
+    """Where a receiver loses lock by the linear theory."""
+
+    cn0_dbhz: float
+    js_db: float  # J/S against the signal's band, thermal noise left out
+    bandwidth_hz: float  # one-sided noise bandwidth there: noise variance over S_n, of the worst phase
+
+
+def phase_covariance(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> Float64:
+    """Return the steady covariance of the states at a C/N0, (n, n).
+
+    Raises
+    ------
+    ConfigError : C/N0 out of range, or a state that the phases do not bound
+    """
+    return steady_covariance(model.A, model.Q, model.H, float(two_sided(_noise(loop, cn0_dbhz))))
+
+
+def phase_rms_rad(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> Float64:
+    """Return the rms of every tracked phase, (m,), before the update: square roots of the diagonal of H P H^T."""
+    P = phase_covariance(model, loop, cn0_dbhz)
+    return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", model.H, P, model.H)))
+
+
+def phase_threshold(model: PhaseModel, loop: PhaseLoop) -> PhaseThreshold:
+    """Return the C/N0 at which the largest phase rms reaches A_d C_A, and J/S = 10 lg DF_c - C/N0.
+
+    Raises
+    ------
+    ConfigError : lock holds at -10 dBHz, or goes at 90 dBHz
+    """
+    limit = loop.discriminator.threshold_rms_rad
+
+    def excess(cn0_dbhz: float) -> float:
+        return math.log(float(np.max(phase_rms_rad(model, loop, cn0_dbhz))) / limit)
+
+    if excess(LOWEST_CN0_DBHZ) < 0.0 or excess(HIGHEST_CN0_DBHZ) > 0.0:
+        raise ConfigError(
+            f"there is no threshold between {LOWEST_CN0_DBHZ:g} and {HIGHEST_CN0_DBHZ:g} dBHz",
+            key="cn0_dbhz",
+            advice="check acceleration, drift and discriminator",
+        )
+    cn0 = float(optimize.brentq(excess, LOWEST_CN0_DBHZ, HIGHEST_CN0_DBHZ, xtol=1e-9))
+    return PhaseThreshold(cn0, float(db(loop.bandwidth_hz)) - cn0, noise_bandwidth_at(model, loop, cn0))
+
+
+def noise_bandwidth_at(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> float:
+    """Return the one-sided noise bandwidth of the optimal receiver, of its worst phase [Hz].
+
+    Equation: variance that the noise alone makes, over S_n; of one channel B = int |H(f)|^2 df
+    """
+    noise = _sources(model, loop, cn0_dbhz).noise
+    variance = np.max(np.einsum("ij,jk,ik->i", model.H, noise, model.H))
+    return float(variance) / _noise(loop, cn0_dbhz)
+
+
+def one_stage_velocity_mps(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> float:
+    """Return the 3-D rms of the velocity of a ``one_stage_model`` [m/s]: root of the trace of its block of P.
+
+    Raises
+    ------
+    ConfigError : another model, or what ``phase_covariance`` refuses
+    """
+    _require_states(model, ONE_STAGE_STATES, "one_stage_model")
+    return math.sqrt(float(np.trace(phase_covariance(model, loop, cn0_dbhz)[VELOCITY, VELOCITY])))
+
+
+def two_stage_velocity_mps(
+    model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float, directions: Float64, carrier_hz: float
+) -> float:
+    """Return the 3-D rms of the velocity by least squares over the frequencies of channels of a ``channel_model``.
+
+    Equation: the errors of the channels' frequencies come from noise (independent), from the acceleration (common: u_i
+    times that of three alike axes) and from the oscillator (equal: the clock takes it), with variances s_n, s_a, s_o of
+    one channel by Lyapunov's equation; least squares of all directions and the clock leaves
+    ``(s_n tr C + 3 s_a) / k^2``, C the block of velocity of ``(U^T U)^-1``, U = [-u, 1].
+
+    Parameters
+    ----------
+    directions : (m, 3) unit vectors from user to satellites
+    carrier_hz : that of the model
+
+    Raises
+    ------
+    ConfigError : another model, directions that do not separate position from clock, C/N0 out of range
+    """
+    _require_states(model, CHANNEL_STATES, "channel_model")
+    u = checked_directions(directions)
+    U = np.column_stack([-u, np.ones(len(u))])
+    dilution = float(np.trace(np.linalg.inv(U.T @ U)[POSITION, POSITION]))
+    noise, motion, _ = (part[FREQUENCY, FREQUENCY] for part in _sources(model, loop, cn0_dbhz))
+    return math.sqrt(noise * dilution + 3.0 * motion) / per_mps(carrier_hz)
+
+
+def _require_states(model: PhaseModel, count: int, maker: str) -> None:
+    if len(model.A) != count:
+        raise ConfigError(
+            f"expected a model of {maker}, got {len(model.A)} states",
+            key="model",
+            advice=f"make the model with {maker}",
+        )
+
+
+def _noise(loop: PhaseLoop, cn0_dbhz: float) -> float:
+    """Return S_n of the discriminator's phase at a C/N0, one-sided [rad^2/Hz]."""
+    if not LOWEST_CN0_DBHZ <= cn0_dbhz <= HIGHEST_CN0_DBHZ:
+        raise ConfigError(
+            f"C/N0 of {cn0_dbhz:g} dBHz is outside of {LOWEST_CN0_DBHZ:g} ... {HIGHEST_CN0_DBHZ:g} dBHz",
+            key="cn0_dbhz",
+            advice="give C/N0 in dBHz; receivers see 10 to 60",
+        )
+    return float(equivalent_noise(loop.discriminator, ratio(-cn0_dbhz), loop.accumulation_s))
+
+
+def _sources(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> ErrorSources:
+    noise = float(two_sided(_noise(loop, cn0_dbhz)))
+    return error_sources(model.A, model.motion, model.oscillator, model.H, noise)
