@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -53,7 +52,7 @@ class FilterSetup:
     visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
-    new_aid: Callable[[], EpochAid] | None = None  # makes what several antennas add at epochs; None: nothing
+    aid: EpochAid | None = None  # what several antennas add at epochs, before the first one; None: nothing
     own: OwnMeasurements | None = None  # a user's own; None: none
 
     @property
