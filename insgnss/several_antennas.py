@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -26,6 +26,7 @@ from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.satellite_state import glonass_channels
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.late_antennas import Record
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import words
 from insgnss.status import NAMES
@@ -34,13 +35,8 @@ from insgnss.tables import Event, GnssTable
 KIND: Final = "attitude_difference"
 
 
-Record = Callable[[pd.DataFrame, int], pd.DataFrame]
-
-
-def attitude_aid(setup: FilterSetup, flight: Flight) -> tuple[AttitudeAid | None, list[Event]]:
-    """Return the attitude stage of the flight's antennas, without phases, and what is worth telling of them.
-
-    None without an [attitude] block.
+def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
+    """Return the attitude stage of the flight's antennas, as yet without phases; None without an [attitude] block.
 
     Raises
     ------
@@ -48,7 +44,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> tuple[AttitudeAid | None
     """
     attitude, gnss = flight.config.attitude, flight.config.gnss
     if attitude is None:
-        return None, []
+        return None
     folder = flight.path.absolute().parent
     array = array_of_flight(attitude, gnss, folder)
     events = []
@@ -77,7 +73,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> tuple[AttitudeAid | None
         antennas,
         *(attitude.multipath_time_s, attitude.ratio, attitude.confirmations, attitude.gate_sigma, hiding),
     )
-    return AttitudeAid(data), events
+    return AttitudeAid(data, tuple(events))
 
 
 def with_antennas(
@@ -94,13 +90,13 @@ def with_antennas(
     as ``attitude_aid``
     InputError : an antenna's log and the main one have no epoch in common
     """
-    aid, events = attitude_aid(setup, flight)
+    aid = attitude_aid(setup, flight)
     if aid is None:
-        return setup, None, events
+        return setup, None, []
     tables = [(table, setup.rows(table, setup.navigation)) for table in logs.further]
     aid.log = log = logged_phases(setup, (logs.gnss, rows), tables)
     _require_common_epochs(log.phases, flight)
-    return replace(setup, aid=aid), partial(with_differences, log, aid.names), events
+    return replace(setup, aid=aid), partial(with_differences, log, aid.names), list(aid.remarks)
 
 
 def logged_phases(
@@ -160,9 +156,7 @@ def with_differences(
             "antenna": words(phases.antenna[own], ("", *antennas[1:])),
         }
     )
-    main = measurements.assign(
-        antenna=words(np.zeros(len(measurements), int), ("", *antennas[1:]))
-    )
+    main = measurements.assign(antenna=words(np.zeros(len(measurements), int), ("", *antennas[1:])))
     for name in ("sv", "signal", "kind"):
         main[name] = main[name].cat.set_categories(further[name].cat.categories)
     both = pd.concat([main, further], ignore_index=True)

@@ -19,6 +19,10 @@ class EpochAid(Protocol):
     log: PhaseLog | None  # where it finds the phases of an epoch, and writes what became of them
 
     @property
+    def remarks(self) -> tuple[Event, ...]:
+        """What is worth telling of the antennas themselves."""
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the antennas, the main one first."""
 

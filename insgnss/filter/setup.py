@@ -60,6 +60,13 @@ class FilterSetup:
         """Coefficients of the ionosphere that the filter's loop evaluates, (8,)."""
         return None if self.navigation is None else plausible_klobuchar(self.navigation.klobuchar)
 
+    @cached_property
+    def messages(self) -> BroadcastMessages | None:
+        """The navigation messages sorted once, none older than the settings allow; None where there is no file."""
+        if self.navigation is None:
+            return None
+        return broadcast_messages(self.navigation, max_age_s=self.config.measurements.max_ephemeris_age_s)
+
     @property
     def n_offsets(self) -> int:
         """Number of inter-system clock offsets."""

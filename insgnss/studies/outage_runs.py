@@ -26,7 +26,6 @@ from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import Carried, kept_over
 from insgnss.filter.whole_log import output_times
-from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
@@ -43,7 +42,6 @@ class OutageLog:
     flight: Flight
     logs: FlightLogs
     setup: FilterSetup
-    messages: BroadcastMessages | None
     ionosphere_l1: Float64 | None
     correction_m: Float64 | None
     times_ns: Int64  # of the output
@@ -53,13 +51,9 @@ class OutageLog:
         """Return a flight with its logs read and all that does not depend on a window computed."""
         logs = flight.read()
         setup = setup_filter(flight, logs, config)
-        messages = None
-        if setup.navigation is not None:
-            max_age_s = config.measurements.max_ephemeris_age_s
-            messages = broadcast_messages(setup.navigation, max_age_s=max_age_s)
         ionosphere_l1, correction_m, _ = row_corrections(setup, logs, flight)
         times_ns = output_times(logs.imu.t_ns, rate_hz)
-        return cls(flight, logs, setup, messages, ionosphere_l1, correction_m, times_ns)
+        return cls(flight, logs, setup, ionosphere_l1, correction_m, times_ns)
 
     @property
     def week_ns(self) -> int:
@@ -72,7 +66,10 @@ class OutageLog:
         parts = (None if m is None else m[index] for m in (self.ionosphere_l1, self.correction_m))
         ionosphere_l1, correction_m = parts
         return self.setup.rows(
-            self.logs.gnss.take(index), self.messages, ionosphere_l1=ionosphere_l1, correction_m=correction_m
+            self.logs.gnss.take(index),
+            self.setup.messages,
+            ionosphere_l1=ionosphere_l1,
+            correction_m=correction_m,
         )
 
     def nav(self, out: Output) -> pd.DataFrame:

@@ -74,6 +74,7 @@ class AttitudeAid:
     """The stage: what it is given, where it looks and writes, and what it remembers."""
 
     data: AntennaData
+    remarks: tuple[Event, ...] = ()
     log: PhaseLog | None = None
     memory: Memory = field(default_factory=Memory)
     events: list[Event] = field(default_factory=list)
@@ -85,7 +86,7 @@ class AttitudeAid:
 
     def copied(self) -> AttitudeAid:
         """Return a copy that shares nothing but the data and the log."""
-        return AttitudeAid(self.data, self.log, self.memory.copied(), list(self.events))
+        return AttitudeAid(self.data, self.remarks, self.log, self.memory.copied(), list(self.events))
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
@@ -124,7 +125,9 @@ class AttitudeAid:
                 return bank, 0
             bank = seeded(bank, found.C_nb, level_axes(m.r_e), par.lever_b, w_eb_b)
         lead = bank.head[0].leader
-        return bank, self._update(bank.state[lead], bank.P[lead], d, l_b, ledger, self._spread(bank), par, t_ns)
+        return bank, self._update(
+            bank.state[lead], bank.P[lead], d, l_b, ledger, self._spread(bank), par, t_ns
+        )
 
     def _spread(self, bank: Bank) -> float:
         """Return by how much reflections count more than one epoch's own."""
@@ -163,7 +166,9 @@ class AttitudeAid:
                     self._tell(
                         t_ns, "attitude_slip", f"{self._named(key)}: the receiver reports a cycle slip"
                     )
-        for key in [k for k in memory.cycles if t_ns - memory.seen_ns.get(k, t_ns) > _LONGEST_GAP_S * NS_PER_S]:
+        for key in [
+            k for k in memory.cycles if t_ns - memory.seen_ns.get(k, t_ns) > _LONGEST_GAP_S * NS_PER_S
+        ]:
             del memory.cycles[key]
         memory.seen_ns.update(dict.fromkeys(d.keys, t_ns))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from insgnss.gnss.antenna_phases import Channel
 
@@ -27,5 +27,10 @@ class Memory:
 
     def copied(self) -> Memory:
         """Return a copy that shares nothing."""
-        own = {name: dict(value) if isinstance(value, dict) else value for name, value in vars(self).items()}
-        return Memory(**own)
+        return replace(
+            self,
+            cycles=dict(self.cycles),
+            seen_ns=dict(self.seen_ns),
+            refused=dict(self.refused),
+            candidate=dict(self.candidate),
+        )
