@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -17,20 +16,18 @@ from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InputError
 from insgnss.filter.antennas.attitude import AttitudeAid
 from insgnss.filter.antennas.data import AntennaData
-from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
+from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.antennas.rows import Antennas
 from insgnss.filter.antennas.visibility import Hiding
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.antenna_phases import AntennaPhases
-from insgnss.gnss.ephemeris_choice import broadcast_messages
+from insgnss.gnss.antenna_phases import epoch_of
 from insgnss.gnss.observation_rows import Rows
-from insgnss.gnss.satellite_state import glonass_channels
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.late_antennas import Record
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import words
 from insgnss.status import NAMES
-from insgnss.tables import Event, GnssTable
+from insgnss.tables import Event
 
 KIND: Final = "attitude_difference"
 
@@ -93,30 +90,27 @@ def with_antennas(
     aid = attitude_aid(setup, flight)
     if aid is None:
         return setup, None, []
-    tables = [(table, setup.rows(table, setup.navigation)) for table in logs.further]
-    aid.log = log = logged_phases(setup, (logs.gnss, rows), tables)
-    _require_common_epochs(log.phases, flight)
-    return replace(setup, aid=aid), partial(with_differences, log, aid.names), list(aid.remarks)
-
-
-def logged_phases(
-    setup: FilterSetup, main: tuple[GnssTable, Rows], further: Sequence[tuple[GnssTable, Rows]]
-) -> PhaseLog:
-    """Return the phases of all antennas at the epochs of the main one, from each one's observations and rows."""
-    messages = None if setup.navigation is None else broadcast_messages(setup.navigation)
-    return phase_log([main, *further], glonass_channels(main[0], messages))
+    require_common_epochs(logs, flight)
+    aid.log = setup.phases(logs.gnss, rows, logs.further)
+    return replace(setup, aid=aid), partial(with_differences, aid.log, aid.names), list(aid.remarks)
 
 
 def _hides(antenna: MountedAntenna) -> bool:
     return antenna.pattern != "isotropic" or antenna.obstruction is not None
 
 
-def _require_common_epochs(phases: AntennaPhases, flight: Flight) -> None:
-    """Refuse an antenna whose log has no epoch at a time of the main one's."""
-    assert flight.config.attitude is not None
-    inside = phases.antenna[: phases.first[-1]]
-    for number, antenna in enumerate(flight.config.attitude.antenna, 1):
-        if not (inside == number).any():
+def require_common_epochs(logs: FlightLogs, flight: Flight) -> None:
+    """Refuse an antenna whose log has no phase at an epoch of the main one's.
+
+    Raises
+    ------
+    InputError : there is such an antenna
+    """
+    antennas = () if flight.config.attitude is None else flight.config.attitude.antenna
+    mains_ns = np.unique(logs.gnss.t_ns)
+    for antenna, table in zip(antennas, logs.further, strict=True):
+        assert table.carrier_cycles is not None  # or it would not have been read
+        if not (epoch_of(table.t_ns[np.isfinite(table.carrier_cycles)], mains_ns) < len(mains_ns)).any():
             raise InputError(
                 f"no epoch of antenna '{antenna.name}' is at a time of the main log's",
                 file=antenna.files[0],

@@ -20,7 +20,7 @@ from insgnss.filter.engine_results import EpochResult as EpochResult
 from insgnss.filter.engine_results import Kept, one_row, unused_result
 from insgnss.filter.engine_results import NavState as NavState
 from insgnss.filter.epoch_tables import empty_epoch, epochs_of, tag_of
-from insgnss.filter.further_arrivals import MATCH_NS, FurtherArrivals, main_of
+from insgnss.filter.further_arrivals import FurtherArrivals, main_of
 from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream
 from insgnss.filter.imu.samples import SampleBuffer
 from insgnss.filter.imu.tag_guard import TagGuard
@@ -35,6 +35,7 @@ from insgnss.filter.soundness import is_finite
 from insgnss.filter.start.carried_start import Carried, kept_over
 from insgnss.filter.state import copy_bank
 from insgnss.filter.update.masking import still_uncertain
+from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.table_joining import joined
@@ -185,10 +186,9 @@ class Engine:
 
     def _take_further(self, antenna: str, number: int, part: GnssTable) -> None:
         """Take an epoch of a further antenna, and do the main epoch again that it belongs to."""
-        t_ns = tag_of(part)
-        main_ns = main_of(t_ns, self._mains_ns())
-        settled = self._last_settled is not None and main_ns == tag_of(self._last_settled)
-        if settled or self._is_final(t_ns + MATCH_NS):
+        t_ns, main_ns = tag_of(part), main_of(tag_of(part), self._mains_ns())
+        settled_ns = None if self._last_settled is None else tag_of(self._last_settled)
+        if (main_ns is not None and main_ns == settled_ns) or self._is_final(t_ns + MATCH_NS):
             self._refuse(self._further.alone(number, part), f"an epoch of antenna '{antenna}'")
             return
         self._further.add(number, part)
@@ -198,8 +198,8 @@ class Engine:
 
     def _mains_ns(self) -> Int64:
         """Return the time tags of the main epochs that further antennas' rows may belong to."""
-        known = [*self._waiting, *(r.gnss for r in self._recent)]
-        known += [] if self._last_settled is None else [self._last_settled]
+        settled = () if self._last_settled is None else (self._last_settled,)
+        known = (*settled, *self._waiting, *(r.gnss for r in self._recent))
         return np.array(sorted(map(tag_of, known)), np.int64)
 
     @property

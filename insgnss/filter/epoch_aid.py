@@ -32,5 +32,5 @@ class EpochAid(Protocol):
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
 
-    def copied(self) -> EpochAid:
-        """Return a copy whose memory is its own; ``log`` is the same."""
+    def copied(self, log: PhaseLog | None = None) -> EpochAid:
+        """Return a copy with the same memory that looks into another log."""

@@ -5,23 +5,18 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, InputError
-from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
+from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.engine_results import EpochResult, unused_result
 from insgnss.filter.epoch_tables import empty_epoch, tag_of
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.antenna_phases import MATCH_S, epoch_of
+from insgnss.gnss.antenna_phases import MATCH_NS, epoch_of
 from insgnss.gnss.observation_rows import Rows
-from insgnss.gnss.satellite_state import glonass_channels
 from insgnss.gnss.table_joining import joined
 from insgnss.tables import Event, GnssTable, Int64
-
-MATCH_NS: Final = round(MATCH_S * NS_PER_S)
 
 
 class FurtherArrivals:
@@ -84,19 +79,14 @@ class FurtherArrivals:
         for epochs in self._epochs:
             own = [epoch for epoch in epochs if main_of(tag_of(epoch), mains_ns) == tag_of(main)]
             tables.append(joined(own) if own else empty_epoch())
-        return self._phase_log(main, rows, tables)
-
-    def _phase_log(self, main: GnssTable, rows: Rows, further: list[GnssTable]) -> PhaseLog:
-        messages = self._setup.messages
-        logs = [(main, rows), *((table, self._setup.rows(table, messages)) for table in further)]
-        return phase_log(logs, glonass_channels(main, messages))
+        return self._setup.phases(main, rows, tables)
 
     def alone(self, number: int, epoch: GnssTable) -> EpochResult:
         """Return a further antenna's epoch that belongs to no main one."""
         nothing = replace(empty_epoch(), glonass_channels=epoch.glonass_channels)
         result = unused_result(self._setup, nothing, tag_of(epoch))
         tables = [*[empty_epoch()] * (number - 1), epoch]
-        result.differences = self._phase_log(result.gnss, result.rows, tables)
+        result.differences = self._setup.phases(result.gnss, result.rows, tables)
         return result
 
     def take_final(self, below_ns: int, mains_ns: Callable[[], Int64]) -> list[EpochResult]:

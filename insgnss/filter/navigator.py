@@ -86,6 +86,7 @@ class Navigator:
     trial: Trial | None = None  # of a given start
     own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
+    before_antennas: Callable[[Bank], object] = lambda _: None  # called before several antennas' rows
     _parameters: npt.NDArray[Any] = field(init=False)
     _work: Workspace | None = None
 
@@ -94,7 +95,7 @@ class Navigator:
         self._parameters = self.setup.parameters()
         self.starter = Starter(self.setup, given=self.setup.start is not None)
         self.health = Health(self.setup)
-        self.aid = None if self.setup.aid is None else self.setup.aid.copied()
+        self.aid = None if self.setup.aid is None else self.setup.aid.copied(self.setup.aid.log)
 
     @property
     def parameters(self) -> npt.NDArray[Any]:
@@ -123,9 +124,7 @@ class Navigator:
         self.bank = None if saved.bank is None else copy_bank(saved.bank)
         self.starter = saved.starter.snapshot()
         self.events, self.started_ns = list(saved.events), saved.started_ns
-        if self.aid is not None and saved.aid is not None:
-            log, self.aid = self.aid.log, saved.aid.copied()
-            self.aid.log = log
+        self.aid = None if saved.aid is None or self.aid is None else saved.aid.copied(self.aid.log)
         self.trial = None if saved.trial is None else saved.trial.copied()
         self.health = saved.health.copied()
 
@@ -229,14 +228,14 @@ class Navigator:
         t_ns = int(rows.epoch_ns[epoch])
         if self.bank is None or self.bank.head[0].now_ns != t_ns:
             return
-        w_ib_b = imu.w_ib_b[current_sample(self.bank, imu)]
-        self.bank, used = aid.use(self.bank, t_ns, w_ib_b, self._parameters[0])
+        self.before_antennas(self.bank)
+        k = current_sample(self.bank, imu)
+        self.bank, used = aid.use(self.bank, t_ns, imu.w_ib_b[k], self._parameters[0])
         self.events += aid.take_events()
         count = out.counts[0]
         if used and count.nav and out.nav[count.nav - 1].t_ns == t_ns:
             count.nav -= 1
-            n_used = int(out.nav[count.nav].value[N_USED])
-            lead = int(self.bank.head[0].leader)
+            n_used, lead = int(out.nav[count.nav].value[N_USED]), int(self.bank.head[0].leader)
             write_row(self.bank, self.bank, lead, t_ns, n_used, out, self.workspace(rows))
         if used:
             self._tell_heading()

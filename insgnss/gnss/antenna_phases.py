@@ -28,6 +28,7 @@ from insgnss.tables import Float64, GnssTable, Int8, Int16, Int64
 MATCH_S: Final = 2e-3  # receivers of clocks of their own tag one epoch up to a millisecond apart each
 # what the range of a row may have become without harm to its phase
 _RANGE_ALONE: Final = (SWITCHED_OFF, COMBINED, NO_SECOND_SIGNAL, NO_CORRECTION, BAD_SIGMA, BAD_VALUE)
+MATCH_NS: Final = round(MATCH_S * NS_PER_S)
 Channel = tuple[str, str]  # satellite, RINEX code
 _SLIP: Final = 1  # bits of the loss-of-lock indicator
 _HALF: Final = 2
@@ -136,4 +137,4 @@ def epoch_of(t_ns: Int64, epoch_ns: Int64) -> Int64:
     after = np.minimum(after, len(epoch_ns) - 1)
     nearer = np.where(t_ns - epoch_ns[before] <= epoch_ns[after] - t_ns, before, after)
     apart = np.abs(t_ns - epoch_ns[nearer])
-    return np.where(apart <= MATCH_S * NS_PER_S, nearer, len(epoch_ns)).astype(np.int64)
+    return np.where(apart <= MATCH_NS, nearer, len(epoch_ns)).astype(np.int64)

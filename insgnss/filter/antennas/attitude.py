@@ -84,9 +84,9 @@ class AttitudeAid:
         """Names of the antennas, the main one first."""
         return self.data.antennas.names
 
-    def copied(self) -> AttitudeAid:
-        """Return a copy that shares nothing but the data and the log."""
-        return AttitudeAid(self.data, self.remarks, self.log, self.memory.copied(), list(self.events))
+    def copied(self, log: PhaseLog | None = None) -> AttitudeAid:
+        """Return a copy with a memory of its own that looks into ``log``."""
+        return AttitudeAid(self.data, self.remarks, log, self.memory.copied(), list(self.events))
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
