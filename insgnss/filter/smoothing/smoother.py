@@ -29,7 +29,6 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.filter.headings.headings import turn_about, yaw_variance
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output
 from insgnss.filter.own_update import OwnUpdate
@@ -53,7 +52,6 @@ from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64, Int64
 
 _STEPPED_CLOCK: Final = {"clock_jump": CLOCK, "clock_drift_jump": DRIFT}
-_CORRECTED_SIGMAS: Final = 3.0  # of its heading's sigma: what several antennas' rows correct at most
 _BEGUN_ANEW: Final = frozenset({"restart", "start"})
 
 
@@ -131,8 +129,8 @@ class Smoother:
         """Keep an epoch after which one heading is left; ``stood``: the filter before several antennas' rows."""
         after = None
         if stood is not None and self._linked and self._phase is None:
-            if _is_turned(stood, kept.bank):
-                kept = kept._replace(reset=True)
+            if len(stood.state) > 1:  # split and found at one epoch
+                kept = kept._replace(linked=False)
             elif not np.array_equal(stood.P, kept.bank.P):
                 after = kept._replace(linked=True, reset=False)
                 kept = kept._replace(bank=one_hypothesis(stood.state, stood.P, stood.head))
@@ -220,14 +218,6 @@ class Smoother:
     def _one_back(self, kept: Kept, later: Smoothed) -> Smoothed:
         navigator = self.navigator
         return one_back(kept, later, self.imu, navigator.parameters, navigator.setup.layout)
-
-
-def _is_turned(stood: Bank, bank: Bank) -> bool:
-    """Return whether several antennas have set the heading anew rather than corrected it."""
-    if len(stood.state) > 1:
-        return True
-    turn = turn_about(stood.state[0], bank.state[0])
-    return bool(turn**2 > _CORRECTED_SIGMAS**2 * yaw_variance(stood.state[0], stood.P[0]))
 
 
 def _fits(bank: Bank, navigator: Navigator) -> bool:
