@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -16,6 +15,7 @@ from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InputError
 from insgnss.filter.antennas.attitude import AttitudeAid
 from insgnss.filter.antennas.data import AntennaData
+from insgnss.filter.antennas.phase_log import KIND as KIND
 from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.antennas.rows import Antennas
 from insgnss.filter.antennas.visibility import Hiding
@@ -28,8 +28,6 @@ from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import words
 from insgnss.status import NAMES
 from insgnss.tables import Event
-
-KIND: Final = "attitude_difference"
 
 
 def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.engine_results import EpochResult as EpochResult
-from insgnss.filter.engine_results import Kept, one_row, unused_result
+from insgnss.filter.engine_results import KeptFilter, one_row, unused_result
 from insgnss.filter.engine_results import NavState as NavState
 from insgnss.filter.epoch_tables import empty_epoch, epochs_of, tag_of
 from insgnss.filter.further_arrivals import FurtherArrivals, main_of
@@ -79,7 +79,7 @@ class Engine:
         self._navigator = Navigator(self._setup)
         given = self._setup.start is not None and not self._started
         self._navigator.starter.begin(given=given, carried=carried)
-        self._kept: list[Kept] = []
+        self._kept: list[KeptFilter] = []
         self._live: Any = None
         self._keep(_LONG_AGO_NS)
 
@@ -326,7 +326,7 @@ class Engine:
             self._recent.append(result)
 
     def _keep(self, t_ns: int) -> None:
-        self._kept.append(Kept(t_ns, self._navigator.snapshot()))
+        self._kept.append(KeptFilter(t_ns, self._navigator.snapshot()))
 
     def _carry_live(self) -> None:
         """Bring the copy that answers ``state`` to the newest sample."""

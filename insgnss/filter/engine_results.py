@@ -54,7 +54,7 @@ class EpochResult:
 
 
 @dataclass
-class Kept:
+class KeptFilter:
     """The filter after an epoch (or at a settled time)."""
 
     t_ns: int

@@ -18,7 +18,7 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S
 from insgnss.corrected_rows import row_corrections
-from insgnss.filter.antennas.phase_log import PhaseLog
+from insgnss.filter.antennas.phase_log import KIND, PhaseLog
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.loop import run_to
 from insgnss.filter.navigator import Navigator, Snapshot
@@ -35,7 +35,6 @@ from insgnss.log_replay import setup_filter
 from insgnss.result_tables import nav_table
 from insgnss.several_antennas import require_common_epochs
 from insgnss.studies.outage_windows import (
-    ANTENNAS,
     Removal,
     Window,
     further_without,
@@ -195,7 +194,7 @@ def _rows_without(
         left = left[~within[first:last]]
     rows = log.rows(left)
     switch_off(rows, removal.kinds, chosen[left], from_ns, until_ns)
-    n_taken = 0 if removal.kinds == (ANTENNAS,) else int(np.count_nonzero(within))
+    n_taken = 0 if removal.kinds == (KIND,) else int(np.count_nonzero(within))
     if log.setup.aid is None:
         return rows, None, n_taken
     further = [_around(table, gnss.t_ns[first:last]) for table in log.logs.further]
@@ -203,7 +202,7 @@ def _rows_without(
         further, n_further = further_without(further, gnss, removal, from_ns, until_ns)
         return rows, log.setup.phases(gnss.take(left), rows, further), n_taken + n_further
     phases = log.setup.phases(gnss.take(left), rows, further)
-    if ANTENNAS in removal.kinds:
+    if KIND in removal.kinds:
         phases, n_further = switched_off(phases, removal, from_ns, until_ns)
         n_taken += n_further
     return rows, phases, n_taken

@@ -12,6 +12,7 @@ import pandas as pd
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
+from insgnss.filter.antennas.phase_log import KIND as ATTITUDE_DIFFERENCE
 from insgnss.filter.antennas.phase_log import PhaseLog, new_ledger
 from insgnss.gnss.antenna_phases import epoch_of
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, PSEUDORANGE, RANGE_RATE, Rows
@@ -19,8 +20,7 @@ from insgnss.status import SWITCHED_OFF, USED
 from insgnss.tables import GnssTable
 
 KIND_NUMBERS: Final = {"pseudorange": PSEUDORANGE, "range_rate": RANGE_RATE, "carrier_difference": CARRIER}
-ANTENNAS: Final = "attitude_difference"  # of several antennas
-KINDS: Final = (*KIND_NUMBERS, ANTENNAS)
+KINDS: Final = (*KIND_NUMBERS, ATTITUDE_DIFFERENCE)
 
 
 class Window(NamedTuple):
@@ -132,7 +132,7 @@ def switch_off(
     t_ns = np.repeat(rows.epoch_ns, np.diff(rows.first))
     off = chosen & (t_ns >= from_ns) & (t_ns < until_ns)
     for kind in kinds:
-        if kind == ANTENNAS:
+        if kind == ATTITUDE_DIFFERENCE:
             continue
         if kind != "carrier_difference":
             status = rows.observation["status"][:, KIND_NUMBERS[kind]]

@@ -9,19 +9,23 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from insgnss.aiding.sources import aiding_sources
+from insgnss.aiding.trace import Samples, traced
+from insgnss.config.aiding import AidingConfig
 from insgnss.engine import Engine
 from insgnss.errors import ConfigError, InputError
 from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.engine import EpochResult
 from insgnss.filter.output.writing import Output
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.whole_log import run_filter
+from insgnss.filter.whole_log import TraceWanted, run_filter
 from insgnss.late_antennas import with_antennas
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log_replay import engine_settings, setup_filter
 from insgnss.status import NO_DIFFERENCE, NOT_STARTED, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
+from tests.aiding.arriving import Collected
 from tests.attitude.several_flights import SLALOM, scenario_text, write_flight
 
 LATENCY_S = 2.5  # two epochs and a half may stand behind a late one
@@ -40,12 +44,12 @@ class Flown(NamedTuple):
         config = filter_config("tight", {"latency_s": LATENCY_S})
         return setup_filter(self.flight, self.logs, config)
 
-    def replayed(self) -> tuple[Output, PhaseLog, list[Event]]:
+    def replayed(self, trace: TraceWanted | None = None) -> tuple[Output, PhaseLog, list[Event]]:
         """Return what a replay writes: the loop's output, the phases with their ledger, and the events."""
         setup = self.setup()
         rows = setup.rows(self.logs.gnss, setup.navigation)
         setup, _, _ = with_antennas(setup, self.logs, self.flight, rows)
-        out, events = run_filter(setup, self.logs.imu, rows, "gnss")
+        out, events = run_filter(setup, self.logs.imu, rows, "gnss", trace=trace)
         assert setup.aid is not None
         assert setup.aid.log is not None
         return out, setup.aid.log, events
@@ -93,11 +97,9 @@ def arrivals(of: Flown, main_first: int, rng: np.random.Generator | None = None)
     return found
 
 
-def stream(
-    of: Flown, packets: Arrivals, setup: FilterSetup | None = None
-) -> tuple[Engine, list[EpochResult]]:
+def stream(of: Flown, packets: Arrivals, *, engine: Engine | None = None) -> tuple[Engine, list[EpochResult]]:
     """Feed samples and packets in the order in which they arrive; return the engine and all results."""
-    engine = Engine(setup or of.setup())
+    engine = Engine(of.setup()) if engine is None else engine
     due, results = sorted(packets, key=lambda packet: packet[0]), []
     for t_ns, w, f in zip(of.logs.imu.t_ns, of.logs.imu.w_ib_b, of.logs.imu.f_b, strict=True):
         while due and due[0][0] < t_ns:
@@ -109,14 +111,14 @@ def stream(
     return engine, results + engine.take_results(all_of_them=True)
 
 
-def assert_replayed(of: Flown, engine: Engine, results: list[EpochResult]) -> None:
+def assert_replayed(of: Flown, engine: Engine, results: list[EpochResult], *, at_least: int = 20) -> None:
     """Hold the stream against the replay to the bit: navigation rows, events, and every antenna's ledger."""
     out, log, events = of.replayed()
     nav = out.nav[: out.counts[0].nav]
     mains = sorted((r for r in results if len(r.gnss.t_ns)), key=lambda r: r.t_ns)
     written = [r for r in mains if r.out.counts[0].nav == 1]
     assert [r.t_ns for r in written] == nav["t_ns"].tolist()
-    assert len(nav) > 20
+    assert len(nav) > at_least
     assert all(r.out.nav[0].tobytes() == row.tobytes() for r, row in zip(written, nav, strict=True))
     assert [r.t_ns for r in mains] == log.phases.epoch_ns.tolist()
     for epoch, result in enumerate(mains):
@@ -239,7 +241,7 @@ def test_settings_of_a_flight_file_take_the_antennas_and_say_what_they_leave(at_
     pairs = {("G", "C1C")}
     setup = engine_settings(at_rest.flight, settings={"latency_s": LATENCY_S}, signals=pairs)
 
-    engine, results = stream(at_rest, arrivals(at_rest, MAIN_LAST), setup)
+    engine, results = stream(at_rest, arrivals(at_rest, MAIN_LAST), engine=Engine(setup))
 
     assert_replayed(at_rest, engine, results)
     assert engine.state.values["sd_yaw_deg"] < 0.03
@@ -289,6 +291,36 @@ def test_epochs_outside_the_samples_are_told_as_in_a_replay(at_rest: Flown) -> N
 
     assert_replayed(of, engine, results)
     assert counted(results, NOT_STARTED) > 100
+
+
+def test_a_gap_in_the_samples_begins_anew_as_in_a_replay(at_rest: Flown, rng: np.random.Generator) -> None:
+    """Five seconds without samples: the whole cycles are looked for again on the other side."""
+    imu = at_rest.logs.imu
+    left = np.abs(imu.t_ns - imu.t_ns[0] - 15_000_000_000) > 2_500_000_000
+    cut = type(imu)(imu.t_ns[left], imu.w_ib_b[left], imu.f_b[left])
+    of = Flown(at_rest.flight, dataclasses.replace(at_rest.logs, imu=cut))
+
+    engine, results = stream(of, arrivals(of, 0, rng))
+
+    assert_replayed(of, engine, results, at_least=15)
+    kinds = [event.kind for event in engine.events]
+    assert kinds.count("start") == kinds.count("attitude_found") == 2
+
+
+def test_live_aiding_with_several_antennas_has_the_bits_of_a_replay(at_rest: Flown) -> None:
+    config = AidingConfig(rate_hz=20.0, latency_s=0.01, sigma_interval_s=0.4)
+    setup, imu = at_rest.setup(), at_rest.logs.imu
+    out, _, _ = at_rest.replayed(TraceWanted(config.rate_hz, config.sigma_interval_s))
+    table = aiding_sources(setup, config).table(traced(out.trace, Samples(imu.t_ns, imu.w_ib_b, imu.f_b)))
+    wanted = table.columns(at_rest.flight.config.gps_week, parts=True)
+    sink = Collected()
+
+    stream(at_rest, arrivals(at_rest, MAIN_LAST), engine=Engine(setup, aiding=config, on_aiding=sink))
+
+    found = sink.columns()
+    assert len(wanted["time_s"]) > 5000
+    for name in set(wanted) - {"sv"}:
+        np.testing.assert_array_equal(found[name], wanted[name], err_msg=name)
 
 
 def test_an_unknown_antenna_and_one_without_phases_are_typed_errors(at_rest: Flown) -> None:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from insgnss.attitude.cycle_search import DifferenceRows, Found, find_cycles
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.antennas.data import AntennaData
-from insgnss.filter.antennas.memory import Key, Memory
+from insgnss.filter.antennas.memory import CycleMemory, Key
 from insgnss.filter.antennas.phase_log import DifferenceLedger, PhaseLog
 from insgnss.filter.antennas.rows import (
     Differences,
@@ -76,7 +76,7 @@ class AttitudeAid:
     data: AntennaData
     remarks: tuple[Event, ...] = ()
     log: PhaseLog | None = None
-    memory: Memory = field(default_factory=Memory)
+    memory: CycleMemory = field(default_factory=CycleMemory)
     events: list[Event] = field(default_factory=list)
 
     @property

@@ -10,7 +10,7 @@ Key = tuple[int, int, Channel]  # antenna from, antenna to, satellite and signal
 
 
 @dataclass
-class Memory:
+class CycleMemory:
     """Which whole cycles are known, and what the stage waits for."""
 
     cycles: dict[Key, int] = field(default_factory=dict)
@@ -25,7 +25,7 @@ class Memory:
     is_lost: bool = False
     waits_for: str = ""
 
-    def copied(self) -> Memory:
+    def copied(self) -> CycleMemory:
         """Return a copy that shares nothing."""
         return replace(
             self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from insgnss.gnss.antenna_phases import AntennaPhases, antenna_phases
 from insgnss.gnss.observation_rows import Rows
 from insgnss.status import NO_DIFFERENCE, NOT_STARTED, USED
 from insgnss.tables import Float64, GnssTable, Int8
+
+KIND: Final = "attitude_difference"  # the name of the differences in the ledger
 
 
 @dataclass(frozen=True)
