@@ -12,7 +12,6 @@ from insgnss.antenna.equipment import installation, limits_of, mounting
 from insgnss.attitude.array_observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight, mounted_antennas
 from insgnss.config.flight import MountedAntenna
-from insgnss.errors import InputError
 from insgnss.filter.antennas.attitude import AttitudeAid
 from insgnss.filter.antennas.data import AntennaData
 from insgnss.filter.antennas.phase_log import KIND as KIND
@@ -20,10 +19,9 @@ from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.antennas.rows import Antennas
 from insgnss.filter.antennas.visibility import Hiding
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.antenna_phases import epoch_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.late_antennas import Record
+from insgnss.late_antennas import Record, require_common_epochs
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import words
 from insgnss.status import NAMES
@@ -95,26 +93,6 @@ def with_antennas(
 
 def _hides(antenna: MountedAntenna) -> bool:
     return antenna.pattern != "isotropic" or antenna.obstruction is not None
-
-
-def require_common_epochs(logs: FlightLogs, flight: Flight) -> None:
-    """Refuse an antenna whose log has no phase at an epoch of the main one's.
-
-    Raises
-    ------
-    InputError : there is such an antenna
-    """
-    antennas = () if flight.config.attitude is None else flight.config.attitude.antenna
-    mains_ns = np.unique(logs.gnss.t_ns)
-    for antenna, table in zip(antennas, logs.further, strict=True):
-        assert table.carrier_cycles is not None  # or it would not have been read
-        if not (epoch_of(table.t_ns[np.isfinite(table.carrier_cycles)], mains_ns) < len(mains_ns)).any():
-            raise InputError(
-                f"no epoch of antenna '{antenna.name}' is at a time of the main log's",
-                file=antenna.files[0],
-                key="attitude.antenna.files",
-                advice="log all antennas at one rate; their time tags may be 2 ms apart",
-            )
 
 
 def with_differences(

@@ -30,10 +30,10 @@ from insgnss.filter.whole_log import output_times
 from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.late_antennas import require_common_epochs
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.log_replay import setup_filter
 from insgnss.result_tables import nav_table
-from insgnss.several_antennas import require_common_epochs
 from insgnss.studies.outage_windows import (
     Removal,
     Window,

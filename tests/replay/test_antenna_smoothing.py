@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 import insgnss
+from insgnss.log.flight import Flight
 from insgnss.run import Run
+from insgnss.studies.outage_runs import flight_without
+from insgnss.studies.outage_windows import Removal, Window
 from tests.attitude.several_flights import SLALOM, events, normalised, scenario_text, write_flight
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds
 
@@ -99,3 +102,24 @@ def test_a_heading_that_the_antennas_set_anew_is_right_before_them_too(tmp_path:
     assert np.abs(errors(forward)[0, 2]) > 35.0
     assert np.abs(errors(run)[:, 2]).max() < 5.0
     assert np.abs(normalised(run)[:, 2]).max() < 3.3
+
+
+def test_smoothed_attitude_in_an_outage_of_all_antennas_is_far_better_than_the_filters(
+    tmp_path: Path,
+) -> None:
+    """Twenty seconds in turns without a measurement: the differences on both sides hold the attitude between them."""
+    gone = Window(150_025.0, 150_045.0)
+    errors_in, squares = [], []
+    for seed in range(4):
+        path = write_flight(tmp_path, scenario_text(manoeuvres=SLALOM, speed_mps=60.0), seed=seed)
+        flight = flight_without(Flight.load(path), gone, Removal())
+        runs = [insgnss.replay(flight, smooth=smooth, output=2.0) for smooth in (True, False)]
+        inside = runs[0].nav["time_s"].between(150_025.5, 150_044.5).to_numpy()
+        errors_in.append([errors(run)[inside] for run in runs])
+        squares.append(np.mean(np.sum(normalised(runs[0])[inside] ** 2, axis=1)))
+
+    smoothed, filtered = np.sqrt(np.mean(np.array(errors_in) ** 2, axis=(0, 2)))
+    assert (smoothed < 0.6 * filtered).all(), (smoothed, filtered)
+    # of each run some two independent values; in turns sigma may be too large
+    low, high = mean_chi_square_bounds(3, 8)
+    assert 0.5 * low < np.mean(squares) < high
