@@ -58,11 +58,6 @@ def row_blocks(
     gnss = logs.gnss
     cuts = block_cuts(gnss.t_ns, most_rows or len(gnss.t_ns))
     ionosphere_l1, correction_m, events = row_corrections(setup, logs, flight)
-    messages = (
-        None
-        if setup.navigation is None
-        else broadcast_messages(setup.navigation, max_age_s=_max_age_s(setup))
-    )
     blocks = []
     for first, last in itertools.pairwise(cuts):
         before = first
@@ -71,7 +66,7 @@ def row_blocks(
         part = slice(before, last)
         rows = setup.rows(
             gnss.take(part),
-            messages,
+            setup.messages,
             ionosphere_l1=None if ionosphere_l1 is None else ionosphere_l1[part],
             correction_m=None if correction_m is None else correction_m[part],
         )

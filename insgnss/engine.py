@@ -23,7 +23,9 @@ class Engine(FilterEngine):
 
     ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
     setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
-    what has become final since the last call, ``engine.events`` all that happened.
+    what has become final since the last call, ``engine.events`` all that happened. Of several antennas ([attitude] in
+    the flight file) ``engine.gnss(epoch, "ahead")`` takes the epochs of a further one by its name, and
+    ``EpochResult.differences`` has what became of their phases.
 
     With ``aiding``, each call of ``imu`` that reaches an output time hands the aiding on before it returns. It rests on
     the epochs known by then and before the sample: where none comes late it is ``run.aiding`` of a replay, to the last

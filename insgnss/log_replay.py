@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -39,6 +38,7 @@ from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.imu_summary import imu_spectrum, imu_table
+from insgnss.late_antennas import Record, with_aid, with_antennas
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex import read_navigation
@@ -72,12 +72,18 @@ from insgnss.wanted_rows import (
 Progress = Callable[[str], None]
 
 
-def setup_filter(flight: Flight, logs: FlightLogs, config: FilterConfig) -> FilterSetup:
-    """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay."""
+def setup_filter(
+    flight: Flight, logs: FlightLogs, config: FilterConfig, *, several: bool = True
+) -> FilterSetup:
+    """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay.
+
+    ``several`` includes the attitude stage of [attitude], as yet without phases.
+    """
     navigation = None if logs.gnss.sat is not None else logs.navigation
     with_carrier = logs.gnss.carrier_cycles is not None
     setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
-    return replace(setup, products=logs.products, antennas=logs.antennas)
+    setup = replace(setup, products=logs.products, antennas=logs.antennas)
+    return with_aid(setup, flight) if several else setup
 
 
 def engine_settings(
@@ -91,8 +97,8 @@ def engine_settings(
 ) -> FilterSetup:
     """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
 
-    The inertial and GNSS logs are not opened: they are what the engine will be fed. Of several antennas ([attitude])
-    the engine takes the main one alone.
+    The inertial and GNSS logs are not opened: they are what the engine will be fed. With several antennas ([attitude])
+    ``Engine.gnss`` takes the epochs of each.
 
     Parameters
     ----------
@@ -101,22 +107,23 @@ def engine_settings(
     settings : of the filter, to be otherwise, as in ``replay``
     signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
         the filter's settings gets its clock, for each constellation that has an ephemeris
-    carrier : whether the epochs will bring carrier phases
+    carrier : whether the epochs will bring carrier phases; with several antennas they do
     states : further states that the filter is to estimate, as in ``replay``
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
+    carrier = carrier or flight.config.attitude is not None
     wanted = config.measurements.signals_of()
     if not flight.config.gnss.navigation:
         setup = _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
-        return replace(setup, states_wanted=tuple(states))
+        return with_aid(replace(setup, states_wanted=tuple(states)), flight)
     navigation, _ = read_navigation(flight.config.gnss.navigation)
     orbits = navigation.state_vectors
     seen = (*navigation.ephemerides.sv_names, *(() if orbits is None else orbits.sv_names))
     pairs = _all_pairs(wanted, {name[0] for name in seen}) if signals is None else set(signals)
     setup = _setup(flight, config, navigation, pairs, with_carrier=carrier)
-    return replace(setup, states_wanted=tuple(states))
+    return with_aid(replace(setup, states_wanted=tuple(states)), flight)
 
 
 def _installed(flight: Flight) -> tuple[Installation, list[Event]]:
@@ -202,7 +209,7 @@ def replay(
     Raises
     ------
     ConfigError : no such output, times or point; smoothing gives neither aiding nor supervision, which live on the
-        past, and knows one antenna
+        past
     MeasurementError : a measurement's name, times or gate, or a row that it gives, cannot be used
     InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
         aiding or supervision is asked for and nothing says where the satellites are
@@ -213,7 +220,7 @@ def replay(
         flight = Flight.load(flight)
     config, own = filter_config(filter, settings), own_measurements(measurements)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
-    if smooth and (aided is not None or supervise or flight.config.attitude is not None):
+    if smooth and (aided is not None or supervise):
         raise _not_smoothed()
     rows_at = output_of(output, flight.config.gps_week)
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
@@ -263,11 +270,8 @@ def replay(
 
 
 def _not_smoothed() -> ConfigError:
-    return ConfigError(
-        "a smoothed run has no aiding, no supervision and one antenna",
-        key="smooth",
-        advice="leave aiding, supervise and [attitude] out, or replay without smoothing",
-    )
+    advice = "leave aiding and supervise out, or replay without smoothing"
+    return ConfigError("a smoothed run has no aiding and no supervision", key="smooth", advice=advice)
 
 
 def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:
@@ -309,7 +313,7 @@ class _Record(NamedTuple):
     input_hashes: dict[str, str]
     aiding: AidingSources | None
     supervised: SupervisionSources | None
-    further: Callable[[pd.DataFrame, int], pd.DataFrame] | None  # adds several antennas to the ledger
+    further: Record | None  # adds several antennas to the ledger
     imu: tuple[pd.DataFrame, pd.DataFrame]  # extremes over time, spectrum
 
 
@@ -330,18 +334,16 @@ def _prepared(
         logs = reading.result()
         del reading  # it would keep the logs
     tell("computing the satellites")
-    setup = replace(setup_filter(flight, logs, config), states_wanted=states)
+    setup = replace(setup_filter(flight, logs, config, several=False), states_wanted=states)
     sources = None
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
-    several_wanted = flight.config.attitude is not None  # they look at the log as a whole
-    blocks, found = row_blocks(setup, logs, flight, None if several_wanted else MOST_ROWS)
-    ledger = None
-    if several_wanted:
-        # several antennas are seldom, and what they need takes as long to load as half of all else
-        several = importlib.import_module("insgnss.several_antennas")
-        setup, ledger, told = several.with_antennas(setup, logs, flight, blocks[0])
-        found = found + told
+    most_rows = (
+        MOST_ROWS if flight.config.attitude is None else None
+    )  # several antennas look at the log as a whole
+    blocks, found = row_blocks(setup, logs, flight, most_rows)
+    setup, ledger, told = with_antennas(setup, logs, flight, blocks[0])
+    found = found + told
     supervised = None
     if supervise:
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)

@@ -178,7 +178,7 @@ def point(
         logs = read_logs(flight)
     tell("computing the satellites")
     # the carrier has no part in it
-    setup = replace(setup_filter(flight, logs, config), with_carrier=False)
+    setup = replace(setup_filter(flight, logs, config, several=False), with_carrier=False)
     rows, found = corrected_rows(setup, logs, flight)
     read = time.perf_counter()
     tell("solving the epochs")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -14,70 +12,38 @@ from insgnss.antenna.equipment import installation, limits_of, mounting
 from insgnss.attitude.array_observability import angle_lost, is_collinear
 from insgnss.attitude.vehicle import array_of_flight, mounted_antennas
 from insgnss.config.flight import MountedAntenna
-from insgnss.errors import InputError
 from insgnss.filter.antennas.attitude import AttitudeAid
-from insgnss.filter.antennas.data import AntennaData, new_ledger
+from insgnss.filter.antennas.data import AntennaData
+from insgnss.filter.antennas.phase_log import KIND as KIND
+from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.antennas.rows import Antennas
 from insgnss.filter.antennas.visibility import Hiding
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.antenna_phases import AntennaPhases, antenna_phases
-from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.observation_rows import Rows
-from insgnss.gnss.satellite_state import glonass_channels
 from insgnss.gpstime import ns_to_week_seconds
+from insgnss.late_antennas import Record, require_common_epochs
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import words
 from insgnss.status import NAMES
 from insgnss.tables import Event
 
-KIND: Final = "attitude_difference"
 
-
-Record = Callable[[pd.DataFrame, int], pd.DataFrame]
-
-
-def with_antennas(
-    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: Rows
-) -> tuple[FilterSetup, Record | None, list[Event]]:
-    """Return the setup with the attitude stage of the flight's antennas, what adds its ledger to a run's, and events.
-
-    Raises
-    ------
-    as ``antenna_data``
-    """
-    data, events = antenna_data(setup, logs, flight, rows)
-    if data is None:
-        return setup, None, events
-    return replace(setup, new_aid=partial(AttitudeAid, data)), partial(with_differences, data), events
-
-
-def antenna_data(
-    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: Rows
-) -> tuple[AntennaData | None, list[Event]]:
-    """Return what the filter's attitude stage needs, None without an [attitude] block, and what is worth telling.
-
-    Parameters
-    ----------
-    rows : the filter's rows of the main log
+def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
+    """Return the attitude stage of the flight's antennas, as yet without phases; None without an [attitude] block.
 
     Raises
     ------
     ConfigError, ModelError, GeometryError : the antennas' places are not known, or two of them are one
-    InputError : an antenna's log and the main one have no epoch in common
     """
     attitude, gnss = flight.config.attitude, flight.config.gnss
     if attitude is None:
-        return None, []
+        return None
     folder = flight.path.absolute().parent
     array = array_of_flight(attitude, gnss, folder)
     events = []
     if is_collinear(array):
         detail = f"the antennas stand on one line: {angle_lost(array)} is left to the inertial sensors"
         events.append(Event(None, "attitude_collinear", detail))
-    tables = [(table, setup.rows(table, setup.navigation)) for table in logs.further]
-    told = None if setup.navigation is None else broadcast_messages(setup.navigation)
-    phases = antenna_phases([(logs.gnss, rows), *tables], glonass_channels(logs.gnss, told))
-    _require_common_epochs(phases, flight)
     mounted = mounted_antennas(attitude, gnss, folder)
     antennas = Antennas(
         names=array.names,
@@ -97,38 +63,46 @@ def antenna_data(
         events += [event for _, found in seen[1:] for event in found]
         hiding = Hiding(tuple(one for one, _ in seen), limits_of(stage))
     data = AntennaData(
-        phases,
         antennas,
-        new_ledger(phases),
         *(attitude.multipath_time_s, attitude.ratio, attitude.confirmations, attitude.gate_sigma, hiding),
     )
-    return data, events
+    return AttitudeAid(data, tuple(events))
+
+
+def with_antennas(
+    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: Rows
+) -> tuple[FilterSetup, Record | None, list[Event]]:
+    """Return the setup with the phases of the flight's antennas, what adds its ledger to a run's, and events.
+
+    Parameters
+    ----------
+    rows : the filter's rows of the main log
+
+    Raises
+    ------
+    as ``attitude_aid``
+    InputError : an antenna's log and the main one have no epoch in common
+    """
+    aid = attitude_aid(setup, flight)
+    if aid is None:
+        return setup, None, []
+    require_common_epochs(logs, flight)
+    aid.log = setup.phases(logs.gnss, rows, logs.further)
+    return replace(setup, aid=aid), partial(with_differences, aid.log, aid.names), list(aid.remarks)
 
 
 def _hides(antenna: MountedAntenna) -> bool:
     return antenna.pattern != "isotropic" or antenna.obstruction is not None
 
 
-def _require_common_epochs(phases: AntennaPhases, flight: Flight) -> None:
-    """Refuse an antenna whose log has no epoch at a time of the main one's."""
-    assert flight.config.attitude is not None
-    inside = phases.antenna[: phases.first[-1]]
-    for number, antenna in enumerate(flight.config.attitude.antenna, 1):
-        if not (inside == number).any():
-            raise InputError(
-                f"no epoch of antenna '{antenna.name}' is at a time of the main log's",
-                file=antenna.files[0],
-                key="attitude.antenna.files",
-                advice="log all antennas at one rate; their time tags may be 2 ms apart",
-            )
-
-
-def with_differences(data: AntennaData, measurements: pd.DataFrame, week: int) -> pd.DataFrame:
+def with_differences(
+    log: PhaseLog, antennas: tuple[str, ...], measurements: pd.DataFrame, week: int
+) -> pd.DataFrame:
     """Return the ledger with the phases of the further antennas in it, in the order of time.
 
     The column ``antenna`` names the antenna of a difference; it is empty for all other measurements.
     """
-    phases, ledger = data.phases, data.ledger
+    phases, ledger = log.phases, log.ledger
     own = np.flatnonzero(phases.antenna > 0)
     status, kinds = measurements["status"].cat.categories, measurements["kind"].cat.categories
     codes = {code: status.get_loc(name) for code, name in NAMES.items()}
@@ -149,12 +123,10 @@ def with_differences(data: AntennaData, measurements: pd.DataFrame, week: int) -
             "sd_innovation": np.sqrt(variance),
             "nis": innovation**2 / variance,
             "status": words(np.array([codes[code] for code in ledger.status[own]]), tuple(status)),
-            "antenna": words(phases.antenna[own], ("", *data.antennas.names[1:])),
+            "antenna": words(phases.antenna[own], ("", *antennas[1:])),
         }
     )
-    main = measurements.assign(
-        antenna=words(np.zeros(len(measurements), int), ("", *data.antennas.names[1:]))
-    )
+    main = measurements.assign(antenna=words(np.zeros(len(measurements), int), ("", *antennas[1:])))
     for name in ("sv", "signal", "kind"):
         main[name] = main[name].cat.set_categories(further[name].cat.categories)
     both = pd.concat([main, further], ignore_index=True)

@@ -50,7 +50,10 @@ def outage(
         str, typer.Option("--constellation", help="Take away those of these alone, as in R,E.")
     ] = "",
     kinds: Annotated[
-        str, typer.Option("--kind", help="pseudorange,range_rate,carrier_difference: these alone.")
+        str,
+        typer.Option(
+            "--kind", help="pseudorange,range_rate,carrier_difference,attitude_difference: these alone."
+        ),
     ] = "",
     after: Annotated[float, typer.Option("--after", help="Seconds looked at after each window.")] = 60.0,
     rate: Annotated[float, typer.Option("--rate", help="Of the compared solution in Hz.")] = 1.0,

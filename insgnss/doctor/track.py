@@ -59,7 +59,7 @@ def solve_track(flight: Flight, gnss: GnssTable, navigation: NavigationData | No
         return None
     no_imu = ImuTable(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     logs = FlightLogs(no_imu, gnss, navigation, None, [], {}, products)
-    setup = replace(setup_filter(flight, logs, filter_config(FILTER)), with_carrier=False)
+    setup = replace(setup_filter(flight, logs, filter_config(FILTER), several=False), with_carrier=False)
     if not setup.clock_groups:
         return None
     rows = setup.rows(gnss, setup.navigation)

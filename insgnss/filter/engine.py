@@ -10,20 +10,23 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.engine_results import EpochResult as EpochResult
+from insgnss.filter.engine_results import KeptFilter, one_row, unused_result
+from insgnss.filter.engine_results import NavState as NavState
 from insgnss.filter.epoch_tables import empty_epoch, epochs_of, tag_of
+from insgnss.filter.further_arrivals import FurtherArrivals, main_of
 from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream
 from insgnss.filter.imu.samples import SampleBuffer
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.loop import write_between
-from insgnss.filter.navigator import Navigator, Snapshot
-from insgnss.filter.output.writing import NAV_COLUMNS, Output, mark_without_imu, new_output
+from insgnss.filter.navigator import Navigator
+from insgnss.filter.output.writing import NAV_COLUMNS, mark_without_imu
 from insgnss.filter.own_rows.ledger import OwnResults
 from insgnss.filter.own_update import carry_through
 from insgnss.filter.prediction import carry_bank
@@ -32,42 +35,14 @@ from insgnss.filter.soundness import is_finite
 from insgnss.filter.start.carried_start import Carried, kept_over
 from insgnss.filter.state import copy_bank
 from insgnss.filter.update.masking import still_uncertain
-from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.table_joining import joined
-from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
-from insgnss.tables import Event, GnssTable
+from insgnss.tables import Event, GnssTable, Int64
 
 _LONG_AGO_NS = -(2**62)
 _HISTORY_S = 6.0  # of samples behind the oldest state kept: what a start looks back on
-
-
-@dataclass(frozen=True)
-class NavState:
-    """The filter's answer at the time of the newest inertial sample; ``values`` has the columns of ``run.nav``."""
-
-    t_ns: int
-    started: bool
-    values: dict[str, float]
-
-
-@dataclass
-class EpochResult:
-    """What became of one epoch: its rows and the loop's output for them."""
-
-    t_ns: int
-    gnss: GnssTable
-    rows: Rows
-    out: Output
-
-
-@dataclass
-class _Kept:
-    """The filter after an epoch (or at a settled time)."""
-
-    t_ns: int
-    saved: Snapshot
 
 
 class Engine:
@@ -81,18 +56,14 @@ class Engine:
     def __init__(self, setup: FilterSetup) -> None:
         """Make an engine for a filter's setup (``insgnss.log_replay.setup_filter`` makes one from a flight)."""
         self._setup = setup
-        self._messages: BroadcastMessages | None = None
-        if setup.navigation is not None:
-            self._messages = broadcast_messages(
-                setup.navigation, max_age_s=setup.config.measurements.max_ephemeris_age_s
-            )
+        self._further = FurtherArrivals(setup)
         self._samples = SampleBuffer()
         self._stream = SampleStream(setup)
         self._tags = TagGuard()
         self._arrived: deque[Sample | Cut | Event] = deque()  # screened, not used yet
         self._latency_ns = int(setup.config.latency_s * NS_PER_S)
         # events of stretches that have ended, and of refusals
-        self._done: list[Event] = refused_messages(setup.navigation)
+        self._done: list[Event] = refused_messages(setup.navigation) + self._further.remarks
         self._final: list[EpochResult] = []
         self._waiting: list[GnssTable] = []  # epochs ahead of the samples, in the order of time
         self._recent: list[EpochResult] = []  # processed, but still within the latency
@@ -108,7 +79,7 @@ class Engine:
         self._navigator = Navigator(self._setup)
         given = self._setup.start is not None and not self._started
         self._navigator.starter.begin(given=given, carried=carried)
-        self._kept: list[_Kept] = []
+        self._kept: list[KeptFilter] = []
         self._live: Any = None
         self._keep(_LONG_AGO_NS)
 
@@ -176,15 +147,29 @@ class Engine:
     def _at_sample(self, t_ns: int) -> None:
         """Do what there is to be done at each sample, the filter carried to it; here nothing."""
 
-    def gnss(self, epoch: GnssTable) -> None:
+    def gnss(self, epoch: GnssTable, antenna: str | None = None) -> None:
         """Take one or more GNSS epochs, whole or in parts: rows of one time tag make one epoch, in the order they come.
 
         What is older than the latency is refused with an event.
+
+        Parameters
+        ----------
+        antenna : of several antennas the name of the one that received them, None for the main one. A further
+            antenna's rows belong to the main epoch nearest in time, at most 2 ms away; what comes before that epoch
+            costs nothing more, what comes after it lets the filter go back
+
+        Raises
+        ------
+        ConfigError : the settings have no such antenna
+        InputError : a further antenna's epoch has no carrier phases
         """
+        number = self._further.number(antenna)
         for part in epochs_of(epoch):
-            t_ns, newest = tag_of(part), self._samples.last_ns
-            if t_ns <= self._closed_ns or (newest is not None and t_ns < newest - self._latency_ns):
-                self._refuse(part)
+            t_ns = tag_of(part)
+            if antenna is not None and number > 0:
+                self._take_further(antenna, number, part)
+            elif self._is_final(t_ns):
+                self._refuse(unused_result(self._setup, part, t_ns), "a GNSS epoch")
             elif self._waits(t_ns):
                 at = bisect_left(self._waiting, t_ns, key=tag_of)
                 known = [e for e in self._waiting[at : at + 1] if tag_of(e) == t_ns]
@@ -194,6 +179,29 @@ class Engine:
                 self._insert(joined([*known, part]))
                 self._carry_live()
 
+    def _is_final(self, t_ns: int) -> bool:
+        """Return whether nothing of a time is taken any more."""
+        newest = self._samples.last_ns
+        return t_ns <= self._closed_ns or (newest is not None and t_ns < newest - self._latency_ns)
+
+    def _take_further(self, antenna: str, number: int, part: GnssTable) -> None:
+        """Take an epoch of a further antenna, and do the main epoch again that it belongs to."""
+        t_ns, main_ns = tag_of(part), main_of(tag_of(part), self._mains_ns())
+        settled_ns = None if self._last_settled is None else tag_of(self._last_settled)
+        if (main_ns is not None and main_ns == settled_ns) or self._is_final(t_ns + MATCH_NS):
+            self._refuse(self._further.alone(number, part), f"an epoch of antenna '{antenna}'")
+            return
+        self._further.add(number, part)
+        for known in [r.gnss for r in self._recent if r.t_ns == main_ns]:
+            self._insert(known)
+            self._carry_live()
+
+    def _mains_ns(self) -> Int64:
+        """Return the time tags of the main epochs that further antennas' rows may belong to."""
+        settled = () if self._last_settled is None else (self._last_settled,)
+        known = (*settled, *self._waiting, *(r.gnss for r in self._recent))
+        return np.array(sorted(map(tag_of, known)), np.int64)
+
     @property
     def state(self) -> NavState:
         """The navigation state at the newest inertial sample."""
@@ -201,7 +209,7 @@ class Engine:
         if self._live is None or newest is None:
             return NavState(newest or 0, False, {})
         rows = self._rows(empty_epoch())
-        out = self._output(rows)
+        out = one_row(self._setup, rows)
         work = self._navigator.workspace(rows)
         par = self._navigator.parameters[0]
         write_between(self._live, newest, self._samples.view(), par, out, work)
@@ -235,6 +243,7 @@ class Engine:
             while self._waiting:
                 self._insert(self._waiting.pop(0))
             self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
+            self._final += self._further.take_final(2**62, self._mains_ns)
         taken, self._final = self._final, []
         return taken
 
@@ -242,19 +251,16 @@ class Engine:
         """Carry the filter by way of the own rows that no epoch comes before any more, and use them."""
         if self._setup.own is not None:
             rows = self._rows_for_size()
-            self._navigator.use_own_rows(self._samples.view(), rows, until_ns, self._output(rows))
+            self._navigator.use_own_rows(self._samples.view(), rows, until_ns, one_row(self._setup, rows))
 
     def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> Rows:
         """Return an epoch's rows; the carrier's differences need the epoch before it."""
         if before is None or not self._setup.with_carrier:
-            return self._setup.rows(epoch, self._messages)
-        both = self._setup.rows(joined([before, epoch]), self._messages)
+            return self._setup.rows(epoch, self._setup.messages)
+        both = self._setup.rows(joined([before, epoch]), self._setup.messages)
         rows = from_epoch(both, len(both.epoch_ns) - 1)
         rows.observation["sv"] = epoch.sv  # numbered as in the epoch's own table
         return rows
-
-    def _output(self, rows: Rows) -> Output:
-        return new_output(rows, 1, 32, np.zeros(0, np.int64), self._setup.layout.n_values)
 
     def _cut(self, cut: Cut) -> None:
         """Begin anew, with what the filter leaves behind."""
@@ -283,6 +289,7 @@ class Engine:
 
     def _close(self, t_ns: int) -> None:
         """Make all epochs that were processed final; none up to ``t_ns`` is taken any more."""
+        self._final += self._further.take_final(t_ns + 1, self._mains_ns)
         if self._recent:
             self._last_settled = self._recent[-1].gnss
         self._final += self._recent
@@ -296,16 +303,20 @@ class Engine:
         One outside the inertial samples leaves the filter as it is, and no state is kept of it.
         """
         t_ns, n_kept = tag_of(epoch), len(self._kept)
-        later = [r.gnss for r in self._recent if r.t_ns > t_ns]
-        self._recent = [r for r in self._recent if r.t_ns < t_ns]
-        while len(self._kept) > 1 and self._kept[-1].t_ns >= t_ns:
+        from_ns = t_ns - self._further.reach_ns
+        again = [r.gnss for r in self._recent if r.t_ns >= from_ns and r.t_ns != t_ns]
+        mains_ns = np.union1d(self._mains_ns(), [t_ns])
+        self._recent = [r for r in self._recent if r.t_ns < from_ns]
+        while len(self._kept) > 1 and self._kept[-1].t_ns >= from_ns:
             self._kept.pop()
         if len(self._kept) < n_kept:
             self._navigator.restore(self._kept[-1].saved)
             self._navigator.forget_own(self._kept[-1].t_ns)
-        for gnss in [epoch, *later]:
+        for gnss in sorted([epoch, *again], key=tag_of):
             rows = self._rows(gnss, self._recent[-1].gnss if self._recent else self._last_settled)
-            result = EpochResult(tag_of(gnss), gnss, rows, self._output(rows))
+            result = EpochResult(tag_of(gnss), gnss, rows, one_row(self._setup, rows))
+            if self._navigator.aid is not None:
+                result.differences = self._navigator.aid.log = self._further.phases(gnss, rows, mains_ns)
             if result.t_ns < self._first_ns or self._waits(result.t_ns):
                 mark_without_imu(result.out.ledger, result.out.carrier)
             else:
@@ -315,7 +326,7 @@ class Engine:
             self._recent.append(result)
 
     def _keep(self, t_ns: int) -> None:
-        self._kept.append(_Kept(t_ns, self._navigator.snapshot()))
+        self._kept.append(KeptFilter(t_ns, self._navigator.snapshot()))
 
     def _carry_live(self) -> None:
         """Bring the copy that answers ``state`` to the newest sample."""
@@ -345,6 +356,7 @@ class Engine:
         self._navigator.note_silence(horizon)
         while len(self._kept) > 1 and self._kept[1].t_ns < horizon:
             self._kept.pop(0)
+        self._final += self._further.take_final(horizon, self._mains_ns)
         while self._recent and self._recent[0].t_ns < horizon:
             self._last_settled = self._recent[0].gnss
             self._final.append(self._recent.pop(0))
@@ -383,17 +395,6 @@ class Engine:
         for bank in {id(bank): bank for bank in banks}.values():  # what is never changed is shared
             bank.head["next"] -= dropped
 
-    def _refuse(self, epoch: GnssTable) -> None:
-        rows = self._rows(epoch)
-        result = EpochResult(tag_of(epoch), epoch, rows, self._output(rows))
-        for ledger in (result.out.ledger, result.out.carrier):
-            # read by itself, its carriers had no epoch before them
-            reached = (ledger["status"] == USED) | (ledger["status"] == NO_EPOCH_BEFORE)
-            ledger["status"][reached] = TOO_LATE
-        late = ((self._samples.last_ns or result.t_ns) - result.t_ns) / NS_PER_S
-        limit = self._latency_ns / NS_PER_S
-        detail = f"a GNSS epoch {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"
-        if late <= limit:
-            detail = "a GNSS epoch not later than what is final already: refused"
-        self._done.append(Event(result.t_ns, "too_late", detail))
+    def _refuse(self, result: EpochResult, what: str) -> None:
+        self._done.append(result.refuse(what, self._samples.last_ns or result.t_ns, self._latency_ns))
         self._final.append(result)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import Bank
 from insgnss.tables import Event, Float64
@@ -15,11 +16,21 @@ from insgnss.tables import Event, Float64
 class EpochAid(Protocol):
     """A stage that follows each epoch's own update, with a memory of its own."""
 
+    log: PhaseLog | None  # where it finds the phases of an epoch, and writes what became of them
+
+    @property
+    def remarks(self) -> tuple[Event, ...]:
+        """What is worth telling of the antennas themselves."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the antennas, the main one first."""
+
     def use(self, bank: Bank, t_ns: int, w_ib_b: Float64, par: Parameters) -> tuple[Bank, int]:
         """Update a bank that stands at an epoch; return it and how many measurements were used."""
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
 
-    def snapshot(self) -> EpochAid:
-        """Return a copy of the memory."""
+    def copied(self, log: PhaseLog | None = None) -> EpochAid:
+        """Return a copy with the same memory that looks into another log."""

@@ -28,6 +28,7 @@ from insgnss.filter.loop import (
     SILENCE_S,
     SUSPICION,
     Workspace,
+    current_sample,
     new_workspace,
     run_epochs,
     run_to,
@@ -84,6 +85,7 @@ class Navigator:
     trial: Trial | None = None  # of a given start
     own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
+    before_antennas: Callable[[Bank], object] = lambda _: None  # called before several antennas' rows
     _parameters: npt.NDArray[Any] = field(init=False)
     _work: Workspace | None = None
 
@@ -92,7 +94,7 @@ class Navigator:
         self._parameters = self.setup.parameters()
         self.starter = Starter(self.setup, given=self.setup.start is not None)
         self.health = Health(self.setup)
-        self.aid = None if self.setup.new_aid is None else self.setup.new_aid()
+        self.aid = None if self.setup.aid is None else self.setup.aid.copied(self.setup.aid.log)
 
     @property
     def parameters(self) -> npt.NDArray[Any]:
@@ -111,7 +113,7 @@ class Navigator:
             starter=self.starter.snapshot(),
             events=list(self.events),
             started_ns=self.started_ns,
-            aid=None if self.aid is None else self.aid.snapshot(),
+            aid=None if self.aid is None else self.aid.copied(),
             trial=None if self.trial is None else self.trial.copied(),
             health=self.health.copied(),
         )
@@ -121,7 +123,7 @@ class Navigator:
         self.bank = None if saved.bank is None else copy_bank(saved.bank)
         self.starter = saved.starter.snapshot()
         self.events, self.started_ns = list(saved.events), saved.started_ns
-        self.aid = None if saved.aid is None else saved.aid.snapshot()
+        self.aid = None if saved.aid is None or self.aid is None else saved.aid.copied(self.aid.log)
         self.trial = None if saved.trial is None else saved.trial.copied()
         self.health = saved.health.copied()
 
@@ -224,14 +226,14 @@ class Navigator:
         t_ns = int(rows.epoch_ns[epoch])
         if self.bank is None or self.bank.head[0].now_ns != t_ns:
             return
-        k = min(int(self.bank.head[0].next), len(imu.t_ns) - 1)
+        self.before_antennas(self.bank)
+        k = current_sample(self.bank, imu)
         self.bank, used = aid.use(self.bank, t_ns, imu.w_ib_b[k], self._parameters[0])
         self.events += aid.take_events()
         count = out.counts[0]
         if used and count.nav and out.nav[count.nav - 1].t_ns == t_ns:
             count.nav -= 1
-            n_used = int(out.nav[count.nav].value[N_USED])
-            lead = int(self.bank.head[0].leader)
+            n_used, lead = int(out.nav[count.nav].value[N_USED]), int(self.bank.head[0].leader)
             write_row(self.bank, self.bank, lead, t_ns, n_used, out, self.workspace(rows))
         if used:
             self._tell_heading()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -14,6 +14,7 @@ from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import Limits
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
+from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.own_rows.rows import OwnMeasurements
@@ -28,7 +29,7 @@ from insgnss.gnss.observation_rows import Rows, prepare_rows
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.plausible_messages import plausible_klobuchar
 from insgnss.gnss.precise_orbit import precise_states
-from insgnss.gnss.satellite_state import SatelliteStates, satellite_states
+from insgnss.gnss.satellite_state import SatelliteStates, glonass_channels, satellite_states
 from insgnss.gnss.troposphere import Weather
 from insgnss.tables import Float64, GnssTable, NavigationData, PreciseProducts
 
@@ -53,13 +54,20 @@ class FilterSetup:
     visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
-    new_aid: Callable[[], EpochAid] | None = None  # makes what several antennas add at epochs; None: nothing
+    aid: EpochAid | None = None  # what several antennas add at epochs, before the first one; None: nothing
     own: OwnMeasurements | None = None  # a user's own; None: none
 
     @property
     def klobuchar(self) -> Float64 | None:
         """Coefficients of the ionosphere that the filter's loop evaluates, (8,)."""
         return None if self.navigation is None else plausible_klobuchar(self.navigation.klobuchar)
+
+    @cached_property
+    def messages(self) -> BroadcastMessages | None:
+        """The navigation messages sorted once, none older than the settings allow; None where there is no file."""
+        if self.navigation is None:
+            return None
+        return broadcast_messages(self.navigation, max_age_s=self.config.measurements.max_ephemeris_age_s)
 
     @property
     def n_offsets(self) -> int:
@@ -135,6 +143,11 @@ class FilterSetup:
             correction_m=correction_m,
             variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
         )
+
+    def phases(self, main: GnssTable, rows: Rows, further: Sequence[GnssTable]) -> PhaseLog:
+        """Return the phases of several antennas at the epochs of the main one's observations and rows."""
+        logs = [(main, rows), *((table, self.rows(table, self.messages)) for table in further)]
+        return phase_log(logs, glonass_channels(main, self.messages))
 
     @property
     def log_drop(self) -> float:

@@ -28,6 +28,8 @@ from insgnss.tables import Float64, GnssTable, Int8, Int16, Int64
 MATCH_S: Final = 2e-3  # receivers of clocks of their own tag one epoch up to a millisecond apart each
 # what the range of a row may have become without harm to its phase
 _RANGE_ALONE: Final = (SWITCHED_OFF, COMBINED, NO_SECOND_SIGNAL, NO_CORRECTION, BAD_SIGMA, BAD_VALUE)
+MATCH_NS: Final = round(MATCH_S * NS_PER_S)
+Channel = tuple[str, str]  # satellite, RINEX code
 _SLIP: Final = 1  # bits of the loss-of-lock indicator
 _HALF: Final = 2
 
@@ -39,7 +41,9 @@ class AntennaPhases:
     ``channel`` numbers satellite and signal; ``antenna`` is 0 for the main one.
     """
 
-    names: tuple[tuple[str, str], ...]  # of each channel: satellite, RINEX code
+    names: tuple[
+        Channel, ...
+    ]  # of each channel, in their order: one epoch alone has them in that of the whole log
     epoch_ns: Int64  # (m,) time tags of the main log
     first: Int64  # (m + 1,) first row of each epoch; from the last on: rows of no epoch
     t_ns: Int64  # (n,) the row's own time tag
@@ -64,14 +68,16 @@ def antenna_phases(
     logs : each antenna's observations with the filter's rows of them, the main antenna first
     channels : of GLONASS satellites
     """
-    numbers: dict[tuple[str, str], int] = {}
+    numbers: dict[Channel, int] = {}
     epoch_ns = logs[0][1].epoch_ns
     parts = [_part(gnss, rows, i, epoch_ns, numbers, channels or {}) for i, (gnss, rows) in enumerate(logs)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    names = tuple(sorted(numbers))
+    columns["channel"] = np.argsort([numbers[name] for name in names])[columns["channel"]]
     order = np.lexsort((columns["antenna"], columns["epoch"]))
     columns = {name: values[order] for name, values in columns.items()}
     first = np.searchsorted(columns.pop("epoch"), np.arange(len(epoch_ns) + 1))
-    return AntennaPhases(names=tuple(numbers), epoch_ns=epoch_ns, first=first.astype(np.int64), **columns)
+    return AntennaPhases(names=names, epoch_ns=epoch_ns, first=first.astype(np.int64), **columns)
 
 
 def _part(
@@ -79,7 +85,7 @@ def _part(
     rows: Rows,
     antenna: int,
     epoch_ns: Int64,
-    numbers: dict[tuple[str, str], int],
+    numbers: dict[Channel, int],
     channels: Mapping[str, int],
 ) -> dict[str, npt.NDArray[np.generic]]:
     """Return the columns of one antenna, those rows alone that have a phase."""
@@ -95,7 +101,7 @@ def _part(
     wavelength = wave[table.sv, table.signal]
     lli = np.zeros(len(kept), np.int8) if table.lli is None else table.lli
     return {
-        "epoch": _epoch_of(table.t_ns, epoch_ns),
+        "epoch": epoch_of(table.t_ns, epoch_ns),
         "t_ns": table.t_ns,
         "antenna": np.full(len(kept), antenna, np.int8),
         "channel": number[table.sv, table.signal],
@@ -122,11 +128,13 @@ def _status(of_range: Int8, wavelength: Float64, x: Float64, lli: Int8 | Int16) 
     return status
 
 
-def _epoch_of(t_ns: Int64, epoch_ns: Int64) -> Int64:
+def epoch_of(t_ns: Int64, epoch_ns: Int64) -> Int64:
     """Return the epoch nearest to each time, the number of epochs where none is near."""
+    if not len(epoch_ns):
+        return np.zeros(len(t_ns), np.int64)
     after = np.clip(np.searchsorted(epoch_ns, t_ns), 1, max(len(epoch_ns) - 1, 1))
     before = np.minimum(after - 1, len(epoch_ns) - 1)
     after = np.minimum(after, len(epoch_ns) - 1)
     nearer = np.where(t_ns - epoch_ns[before] <= epoch_ns[after] - t_ns, before, after)
     apart = np.abs(t_ns - epoch_ns[nearer])
-    return np.where(apart <= MATCH_S * NS_PER_S, nearer, len(epoch_ns)).astype(np.int64)
+    return np.where(apart <= MATCH_NS, nearer, len(epoch_ns)).astype(np.int64)

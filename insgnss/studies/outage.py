@@ -10,6 +10,7 @@
 ``drift`` is the difference from the undisturbed solution, ``errors`` that from the reference. An optimal filter's
 difference from one that has more measurements has the covariance P - P_undisturbed: so ``sd_*`` of ``drift`` is
 sqrt(sd^2 - sd_undisturbed^2), of ``errors`` the filter's own; ``sd_ratio`` is rms over sd, 1 is right.
+``n_taken`` counts the rows taken away, those of several antennas too.
 ``end_m`` is the last before the window's end. ``sd_back_s`` is how long after the window the filter's position sigma is within 10 % of the undisturbed one's,
 ``drift_back_s`` how long until the drift stays within one undisturbed sigma; NaN: not within the time looked at.
 """  # noqa: E501 - the table is the documentation

@@ -18,6 +18,7 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S
 from insgnss.corrected_rows import row_corrections
+from insgnss.filter.antennas.phase_log import KIND, PhaseLog
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.loop import run_to
 from insgnss.filter.navigator import Navigator, Snapshot
@@ -26,14 +27,23 @@ from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import Carried, kept_over
 from insgnss.filter.whole_log import output_times
-from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
+from insgnss.late_antennas import require_common_epochs
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.log_replay import setup_filter
 from insgnss.result_tables import nav_table
-from insgnss.studies.outage_windows import Removal, Window, switch_off, window_ns, without
-from insgnss.tables import Event, Float64, Int64
+from insgnss.studies.outage_windows import (
+    Removal,
+    Window,
+    further_without,
+    switch_off,
+    switched_off,
+    window_ns,
+    without,
+)
+from insgnss.tables import Event, Float64, GnssTable, Int64
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,6 @@ class OutageLog:
     flight: Flight
     logs: FlightLogs
     setup: FilterSetup
-    messages: BroadcastMessages | None
     ionosphere_l1: Float64 | None
     correction_m: Float64 | None
     times_ns: Int64  # of the output
@@ -53,13 +62,10 @@ class OutageLog:
         """Return a flight with its logs read and all that does not depend on a window computed."""
         logs = flight.read()
         setup = setup_filter(flight, logs, config)
-        messages = None
-        if setup.navigation is not None:
-            max_age_s = config.measurements.max_ephemeris_age_s
-            messages = broadcast_messages(setup.navigation, max_age_s=max_age_s)
         ionosphere_l1, correction_m, _ = row_corrections(setup, logs, flight)
+        require_common_epochs(logs, flight)
         times_ns = output_times(logs.imu.t_ns, rate_hz)
-        return cls(flight, logs, setup, messages, ionosphere_l1, correction_m, times_ns)
+        return cls(flight, logs, setup, ionosphere_l1, correction_m, times_ns)
 
     @property
     def week_ns(self) -> int:
@@ -72,8 +78,16 @@ class OutageLog:
         parts = (None if m is None else m[index] for m in (self.ionosphere_l1, self.correction_m))
         ionosphere_l1, correction_m = parts
         return self.setup.rows(
-            self.logs.gnss.take(index), self.messages, ionosphere_l1=ionosphere_l1, correction_m=correction_m
+            self.logs.gnss.take(index),
+            self.setup.messages,
+            ionosphere_l1=ionosphere_l1,
+            correction_m=correction_m,
         )
+
+    def setup_with(self, phases: PhaseLog | None) -> FilterSetup:
+        """Return the setup of a filter that is given the phases of several antennas, None with one antenna."""
+        aid = self.setup.aid
+        return self.setup if aid is None else replace(self.setup, aid=aid.copied(phases))
 
     def nav(self, out: Output) -> pd.DataFrame:
         """Return the navigation table of an output."""
@@ -107,6 +121,9 @@ def undisturbed(
     A window has none where the filter is not started, or no inertial sample is, at its beginning.
     """
     rows = log.rows(slice(None))
+    setup = log.setup
+    if setup.aid is not None:
+        setup = log.setup_with(setup.phases(log.logs.gnss, rows, log.logs.further))
     imu, n_epochs = log.logs.imu, len(rows.epoch_ns)
     samples = screened(imu, log.setup)
     out = new_output(rows, len(log.times_ns) + 16, 4 * n_epochs + 16, log.times_ns, log.setup.layout.n_values)
@@ -119,7 +136,7 @@ def undisturbed(
         if len(part.t_ns) < 2:
             continue
         e0, e1 = (int(e) for e in np.searchsorted(rows.epoch_ns, [part.t_ns[0], part.t_ns[-1] + 1]))
-        navigator = Navigator(log.setup)
+        navigator = Navigator(setup)
         navigator.starter.begin(given=log.setup.start is not None and not started, carried=carried)
         for from_ns, window in ordered:
             if not part.t_ns[0] <= from_ns <= part.t_ns[-1]:
@@ -148,11 +165,11 @@ def branch(log: OutageLog, checkpoint: Checkpoint, removal: Removal, after_s: fl
     from_ns, until_ns = window_ns(checkpoint.window, log.week_ns)
     imu = checkpoint.imu
     end_ns = min(until_ns + round(after_s * NS_PER_S), int(imu.t_ns[-1]))
-    rows, n_taken = _rows_without(log, removal, from_ns, until_ns, end_ns)
+    rows, phases, n_taken = _rows_without(log, removal, from_ns, until_ns, end_ns)
     a, b = np.searchsorted(log.times_ns, [from_ns, end_ns + 1])
     n_events = 4 * len(rows.epoch_ns) + 16
     out = new_output(rows, b - a + 16, n_events, log.times_ns[a:b], log.setup.layout.n_values)
-    navigator = Navigator(log.setup)
+    navigator = Navigator(log.setup_with(phases))
     navigator.restore(checkpoint.saved)
     told = len(navigator.events)
     first, last = (int(e) for e in np.searchsorted(rows.epoch_ns, [from_ns, end_ns + 1]))
@@ -163,8 +180,8 @@ def branch(log: OutageLog, checkpoint: Checkpoint, removal: Removal, after_s: fl
 
 def _rows_without(
     log: OutageLog, removal: Removal, from_ns: int, until_ns: int, end_ns: int
-) -> tuple[Rows, int]:
-    """Return the rows of the epochs from the one before a window to ``end_ns``, and how many were taken away."""
+) -> tuple[Rows, PhaseLog | None, int]:
+    """Return rows and phases of the epochs from the one before a window to ``end_ns``, and how many rows were taken."""
     gnss = log.logs.gnss
     before = int(np.searchsorted(gnss.t_ns, from_ns))
     # the carriers of a window's first epoch are differenced against the epoch before it
@@ -172,14 +189,29 @@ def _rows_without(
     last = int(np.searchsorted(gnss.t_ns, end_ns + 1))
     chosen = removal.rows_of(gnss)
     within = chosen & (gnss.t_ns >= from_ns) & (gnss.t_ns < until_ns)
-    n_taken = int(np.count_nonzero(within))
-    if removal.kinds:
-        part = slice(first, last)
-        rows = log.rows(part)
-        switch_off(rows, removal.kinds, chosen[part], from_ns, until_ns)
-        return rows, n_taken
-    left = without(gnss, chosen, from_ns, until_ns)
-    return log.rows(left[(left >= first) & (left < last)]), n_taken
+    left = np.arange(first, last)
+    if not removal.kinds:
+        left = left[~within[first:last]]
+    rows = log.rows(left)
+    switch_off(rows, removal.kinds, chosen[left], from_ns, until_ns)
+    n_taken = 0 if removal.kinds == (KIND,) else int(np.count_nonzero(within))
+    if log.setup.aid is None:
+        return rows, None, n_taken
+    further = [_around(table, gnss.t_ns[first:last]) for table in log.logs.further]
+    if not removal.kinds:
+        further, n_further = further_without(further, gnss, removal, from_ns, until_ns)
+        return rows, log.setup.phases(gnss.take(left), rows, further), n_taken + n_further
+    phases = log.setup.phases(gnss.take(left), rows, further)
+    if KIND in removal.kinds:
+        phases, n_further = switched_off(phases, removal, from_ns, until_ns)
+        n_taken += n_further
+    return rows, phases, n_taken
+
+
+def _around(table: GnssTable, epoch_ns: Int64) -> GnssTable:
+    """Return a further antenna's rows near a span of main epochs."""
+    first, last = np.searchsorted(table.t_ns, [epoch_ns[0] - MATCH_NS, epoch_ns[-1] + MATCH_NS + 1])
+    return table.take(slice(int(first), int(last)))
 
 
 def branches(
@@ -194,11 +226,13 @@ def flight_without(flight: Flight, window: Window, removal: Removal) -> Flight:
     """Return a flight whose GNSS log lacks whole satellites in a window: what a branch must agree with."""
     logs = flight.read()
     week_ns = int(week_seconds_to_ns(flight.config.gps_week, 0.0))
-    kept = without(logs.gnss, removal.rows_of(logs.gnss), *window_ns(window, week_ns))
+    from_ns, until_ns = window_ns(window, week_ns)
+    kept = without(logs.gnss, removal.rows_of(logs.gnss), from_ns, until_ns)
+    further, _ = further_without(logs.further, logs.gnss, removal, from_ns, until_ns)
     return FlightInMemory(
         flight.path,
         flight.config,
         flight.imu_grade,
         flight.oscillator,
-        replace(logs, gnss=logs.gnss.take(kept)),
+        replace(logs, gnss=logs.gnss.take(kept), further=tuple(further)),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,11 +12,15 @@ import pandas as pd
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
+from insgnss.filter.antennas.phase_log import KIND as ATTITUDE_DIFFERENCE
+from insgnss.filter.antennas.phase_log import PhaseLog, new_ledger
+from insgnss.gnss.antenna_phases import epoch_of
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.status import SWITCHED_OFF, USED
 from insgnss.tables import GnssTable
 
 KIND_NUMBERS: Final = {"pseudorange": PSEUDORANGE, "range_rate": RANGE_RATE, "carrier_difference": CARRIER}
+KINDS: Final = (*KIND_NUMBERS, ATTITUDE_DIFFERENCE)
 
 
 class Window(NamedTuple):
@@ -39,9 +43,9 @@ class Removal:
     kinds: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        unknown = sorted(set(self.kinds) - set(KIND_NUMBERS))
+        unknown = sorted(set(self.kinds) - set(KINDS))
         if unknown:
-            advice = f"give one of {', '.join(KIND_NUMBERS)}"
+            advice = f"give one of {', '.join(KINDS)}"
             raise ConfigError(f"{unknown[0]!r} is no kind of measurement", key="kinds", advice=advice)
 
     def rows_of(self, gnss: GnssTable) -> npt.NDArray[np.bool_]:
@@ -58,15 +62,18 @@ class Removal:
                     key="satellites" if name in self.satellites else "constellations",
                     advice=f"it has {', '.join(sorted(gnss.sv_names))}",
                 )
-        chosen = np.array(
+        return self.chosen(gnss.sv_names)[gnss.sv]
+
+    def chosen(self, sv_names: Sequence[str]) -> npt.NDArray[np.bool_]:
+        """Return which of some satellites are taken away."""
+        return np.array(
             [
                 (not self.satellites or sv in self.satellites)
                 and (not self.constellations or sv[0] in self.constellations)
-                for sv in gnss.sv_names
+                for sv in sv_names
             ],
             np.bool_,
         )
-        return np.asarray(chosen[gnss.sv])
 
     def in_words(self) -> str:
         """Return what is taken away."""
@@ -86,6 +93,38 @@ def without(
     return np.flatnonzero(~(chosen & within))
 
 
+def further_without(
+    further: Sequence[GnssTable], main: GnssTable, removal: Removal, from_ns: int, until_ns: int
+) -> tuple[list[GnssTable], int]:
+    """Return what an outage of the ``main`` log leaves of further antennas', and how many rows it takes.
+
+    A row goes with its main epoch.
+    """
+    mains_ns = np.unique(main.t_ns)
+    left = []
+    for table in further:
+        nearest = epoch_of(table.t_ns, mains_ns)
+        t_ns = np.where(nearest < len(mains_ns), np.append(mains_ns, 0)[nearest], table.t_ns)
+        within = (t_ns >= from_ns) & (t_ns < until_ns)
+        left.append(table.take(np.flatnonzero(~(removal.chosen(table.sv_names)[table.sv] & within))))
+    return left, sum(len(table.t_ns) for table in further) - sum(len(table.t_ns) for table in left)
+
+
+def switched_off(log: PhaseLog, removal: Removal, from_ns: int, until_ns: int) -> tuple[PhaseLog, int]:
+    """Return the phases of several antennas with those of the chosen satellites not to be used within an outage.
+
+    Beside them how many of further antennas these are.
+    """
+    phases, status = log.phases, log.phases.status.copy()
+    epoch = np.repeat(phases.epoch_ns, np.diff(phases.first))
+    t_ns = np.concatenate([epoch, phases.t_ns[len(epoch) :]])
+    chosen = removal.chosen([sv for sv, _ in phases.names])[phases.channel]
+    off = chosen & (t_ns >= from_ns) & (t_ns < until_ns) & (status == USED)
+    status[off] = SWITCHED_OFF
+    changed = replace(phases, status=status)
+    return PhaseLog(changed, new_ledger(changed)), int(np.count_nonzero(off & (phases.antenna > 0)))
+
+
 def switch_off(
     rows: Rows, kinds: Sequence[str], chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
 ) -> None:
@@ -93,6 +132,8 @@ def switch_off(
     t_ns = np.repeat(rows.epoch_ns, np.diff(rows.first))
     off = chosen & (t_ns >= from_ns) & (t_ns < until_ns)
     for kind in kinds:
+        if kind == ATTITUDE_DIFFERENCE:
+            continue
         if kind != "carrier_difference":
             status = rows.observation["status"][:, KIND_NUMBERS[kind]]
         elif len(rows.carrier):

@@ -154,5 +154,5 @@ def test_replay_smooths_the_sample_flight() -> None:
 
 @pytest.mark.parametrize("asked", [{"aiding": 10.0}, {"supervise": True}])
 def test_smoothing_refuses_what_lives_on_the_past(asked: dict[str, object]) -> None:
-    with pytest.raises(ConfigError, match="no aiding, no supervision"):
+    with pytest.raises(ConfigError, match="no aiding and no supervision"):
         insgnss.replay(SAMPLE, smooth=True, **asked)  # type: ignore[arg-type]

@@ -23,6 +23,8 @@ import numpy.typing as npt
 from insgnss.attitude.cycle_search import DifferenceRows, Found, find_cycles
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.antennas.data import AntennaData
+from insgnss.filter.antennas.memory import CycleMemory, Key
+from insgnss.filter.antennas.phase_log import DifferenceLedger, PhaseLog
 from insgnss.filter.antennas.rows import (
     Differences,
     attitude_rows,
@@ -39,6 +41,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.gnss.antenna_phases import AntennaPhases
 from insgnss.status import (
     CYCLES_OPEN,
     CYCLES_WRONG,
@@ -50,7 +53,6 @@ from insgnss.status import (
 )
 from insgnss.tables import Event, Float64, Int64
 
-Key = tuple[int, int, int]  # antenna from, antenna to, channel
 Bool = npt.NDArray[np.bool_]
 _PSI_COLUMNS: Final = np.arange(PSI, PSI + 3, dtype=np.int64)
 _LONGEST_GAP_S: Final = 1.5  # whole cycles of a phase that was away for longer are not the same for certain
@@ -69,38 +71,22 @@ _MOST_PERMUTED: Final = 5  # antennas
 
 @dataclass
 class AttitudeAid:
-    """The stage's memory: which whole cycles are known, and what it waits for."""
+    """The stage: what it is given, where it looks and writes, and what it remembers."""
 
     data: AntennaData
-    cycles: dict[Key, int] = field(default_factory=dict)
+    remarks: tuple[Event, ...] = ()
+    log: PhaseLog | None = None
+    memory: CycleMemory = field(default_factory=CycleMemory)
     events: list[Event] = field(default_factory=list)
-    _seen_ns: dict[Key, int] = field(default_factory=dict)
-    _refused: dict[Key, int] = field(default_factory=dict)
-    _candidate: dict[Key, int] = field(default_factory=dict)
-    _confirmed: int = 0
-    _misfits: int = 0
-    _failures: int = 0
-    _next_search_ns: int = 0
-    _strained: int = 0
-    _is_lost: bool = False
-    _waits_for: str = ""
 
-    def snapshot(self) -> AttitudeAid:
-        """Return a copy that shares nothing but the data."""
-        copied = AttitudeAid(self.data, dict(self.cycles), list(self.events))
-        for name in ("_seen_ns", "_refused", "_candidate"):
-            setattr(copied, name, dict(getattr(self, name)))
-        for name in (
-            "_confirmed",
-            "_misfits",
-            "_failures",
-            "_next_search_ns",
-            "_strained",
-            "_is_lost",
-            "_waits_for",
-        ):
-            setattr(copied, name, getattr(self, name))
-        return copied
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the antennas, the main one first."""
+        return self.data.antennas.names
+
+    def copied(self, log: PhaseLog | None = None) -> AttitudeAid:
+        """Return a copy with a memory of its own that looks into ``log``."""
+        return AttitudeAid(self.data, self.remarks, log, self.memory.copied(), list(self.events))
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""
@@ -112,32 +98,36 @@ class AttitudeAid:
 
         Returns the bank (one member of it, once the heading has been found) and how many differences were used.
         """
-        phases, data = self.data.phases, self.data
+        if self.log is None:
+            return bank, 0
+        phases, ledger, memory = self.log.phases, self.log.ledger, self.memory
         epoch = int(np.searchsorted(phases.epoch_ns, t_ns))
         if epoch == len(phases.epoch_ns) or phases.epoch_ns[epoch] != t_ns:
             return bank, 0
         rows = np.arange(phases.first[epoch], phases.first[epoch + 1])
         m, P = bank.state[bank.head[0].leader], bank.P[bank.head[0].leader]
-        kept, doubt = self._usable(rows, m, P, par)
-        d = form_differences(phases, kept, data.antennas, m.r_e, m.v_e, doubt)
-        self._forget(d, rows, t_ns)
+        kept, doubt = self._usable(self.log, rows, m, P, par)
+        d = form_differences(phases, kept, self.data.antennas, m.r_e, m.v_e, doubt)
+        self._forget(phases, d, rows, t_ns)
         if not len(d.b):
             return bank, 0
-        data.ledger.status[d.row] = CYCLES_OPEN
+        ledger.status[d.row] = CYCLES_OPEN
         if len(bank.state) > 1:
-            self.cycles.clear()
+            memory.cycles.clear()
         late_s = float(m.clock[0]) / C_MPS
         w_eb_b = w_ib_b - m.b_g - WGS84_OMEGA_RADPS * m.C_eb[2]
-        l_b = baselines(d, data.antennas, w_eb_b, late_s)
-        if not any(key in self.cycles for key in d.keys):
-            if t_ns < self._next_search_ns:
+        l_b = baselines(d, self.data.antennas, w_eb_b, late_s)
+        if not any(key in memory.cycles for key in d.keys):
+            if t_ns < memory.next_search_ns:
                 return bank, 0
             found = self._search(bank, d, l_b, t_ns)
             if found is None:
                 return bank, 0
             bank = seeded(bank, found.C_nb, level_axes(m.r_e), par.lever_b, w_eb_b)
         lead = bank.head[0].leader
-        return bank, self._update(bank.state[lead], bank.P[lead], d, l_b, t_ns, self._spread(bank), par)
+        return bank, self._update(
+            bank.state[lead], bank.P[lead], d, l_b, ledger, self._spread(bank), par, t_ns
+        )
 
     def _spread(self, bank: Bank) -> float:
         """Return by how much reflections count more than one epoch's own."""
@@ -145,10 +135,10 @@ class AttitudeAid:
         return max(1.0, self.data.multipath_time_s / step_s)
 
     def _usable(
-        self, rows: Int64, m: StateRecord, P: Float64, par: Parameters
+        self, log: PhaseLog, rows: Int64, m: StateRecord, P: Float64, par: Parameters
     ) -> tuple[Int64, Float64 | None]:
         """Return the rows of an epoch that pass every mask, and the doubt of each; others are told in the ledger."""
-        phases = self.data.phases
+        phases = log.phases
         status = phases.status[rows].copy()
         C_ne = level_axes(m.r_e)
         u_n = directions(phases.sat[rows], m.r_e) @ C_ne.T
@@ -161,57 +151,60 @@ class AttitudeAid:
                 self.data.hiding, phases.antenna[rows], u_n, C_ne @ m.C_eb, m.C_eb, P
             )
             status = np.where(status == USED, reason, status).astype(np.int8)
-        self.data.ledger.status[rows] = np.where(status == USED, NO_DIFFERENCE, status)
+        log.ledger.status[rows] = np.where(status == USED, NO_DIFFERENCE, status)
         return np.asarray(rows[status == USED]), None if doubt is None else doubt[status == USED]
 
-    def _forget(self, d: Differences, rows: Int64, t_ns: int) -> None:
+    def _forget(self, phases: AntennaPhases, d: Differences, rows: Int64, t_ns: int) -> None:
         """Forget whole cycles that a slip or a gap may have changed."""
-        phases = self.data.phases
+        memory = self.memory
         slipped = rows[phases.has_slipped[rows]]
-        marks = {*zip(phases.antenna[slipped].tolist(), phases.channel[slipped].tolist(), strict=True)}
-        for known in (self.cycles, self._candidate) if marks else ():
+        marks = {(int(phases.antenna[i]), phases.names[phases.channel[i]]) for i in slipped}
+        for known in (memory.cycles, memory.candidate) if marks else ():
             for key in [k for k in known if marks & {(k[0], k[2]), (k[1], k[2])}]:
                 del known[key]
-                if known is self.cycles:
+                if known is memory.cycles:
                     self._tell(
                         t_ns, "attitude_slip", f"{self._named(key)}: the receiver reports a cycle slip"
                     )
-        for key in [k for k in self.cycles if t_ns - self._seen_ns.get(k, t_ns) > _LONGEST_GAP_S * NS_PER_S]:
-            del self.cycles[key]
-        self._seen_ns.update(dict.fromkeys(d.keys, t_ns))
+        for key in [
+            k for k in memory.cycles if t_ns - memory.seen_ns.get(k, t_ns) > _LONGEST_GAP_S * NS_PER_S
+        ]:
+            del memory.cycles[key]
+        memory.seen_ns.update(dict.fromkeys(d.keys, t_ns))
 
     def _search(self, bank: Bank, d: Differences, l_b: Float64, t_ns: int) -> Found | None:
         """Look for the whole cycles of all differences at once; return them when they are certain."""
-        priors, C_ne = priors_of(bank, anywhere=self._is_lost)
+        memory = self.memory
+        priors, C_ne = priors_of(bank, anywhere=memory.is_lost)
         priors = wound_up(priors, d, self.data.antennas, C_ne)
         rows = DifferenceRows(l_b, d.u_e @ C_ne.T, d.value_m, d.wavelength_m, d.white + d.slow, d.clock)
         found = find_cycles(rows, priors, self.data.ratio)
         if not found.is_valid:
-            self._candidate, self._confirmed = {}, 0
-            self._failures += 1
-            pause_s = min(_SHORTEST_PAUSE_S * 2.0 ** (self._failures - _FAILURES_AT_ONCE), _LONGEST_PAUSE_S)
-            if self._failures > _FAILURES_AT_ONCE:
-                self._next_search_ns = t_ns + int(pause_s * NS_PER_S)
-            self._misfits = 0 if found.fits else self._misfits + 1
-            if self._misfits == _MISFITS and math.isfinite(found.loss):
+            memory.candidate, memory.confirmed = {}, 0
+            memory.failures += 1
+            pause_s = min(_SHORTEST_PAUSE_S * 2.0 ** (memory.failures - _FAILURES_AT_ONCE), _LONGEST_PAUSE_S)
+            if memory.failures > _FAILURES_AT_ONCE:
+                memory.next_search_ns = t_ns + int(pause_s * NS_PER_S)
+            memory.misfits = 0 if found.fits else memory.misfits + 1
+            if memory.misfits == _MISFITS and math.isfinite(found.loss):
                 self._try_other_orders(rows, d, bank, t_ns)
             self._wait(t_ns, found.reason)
             return None
-        self._misfits, self._failures = 0, 0
+        memory.misfits, memory.failures = 0, 0
         now = dict(zip(d.keys, found.cycles.tolist(), strict=True))
-        alike = bool(self._candidate) and _agree(self._candidate, now, d)
-        self._confirmed = self._confirmed + 1 if alike else 1
-        self._candidate = now
-        if self._confirmed < self.data.confirmations:
+        alike = bool(memory.candidate) and _agree(memory.candidate, now, d)
+        memory.confirmed = memory.confirmed + 1 if alike else 1
+        memory.candidate = now
+        if memory.confirmed < self.data.confirmations:
             return None
-        self.cycles, self._candidate, self._confirmed, self._is_lost = now, {}, 0, False
-        self._waits_for = ""
+        memory.cycles, memory.candidate, memory.confirmed, memory.is_lost = now, {}, 0, False
+        memory.waits_for = ""
         self._tell_found(found, d, t_ns)
         return found
 
     def _tell_found(self, found: Found, d: Differences, t_ns: int) -> None:
         yaw = math.degrees(math.atan2(found.C_nb[1, 0], found.C_nb[0, 0])) % 360.0
-        satellites = len({self.data.phases.names[c][0] for c in d.channel.tolist()})
+        satellites = len({sv for _, _, (sv, _) in d.keys})
         self._tell(
             t_ns,
             "attitude_found",
@@ -245,8 +238,8 @@ class AttitudeAid:
     def _wait(self, t_ns: int, reason: str) -> None:
         """Tell once why there is no attitude yet, and again when the reason changes its kind."""
         kind = reason.split(":")[0]
-        if kind != self._waits_for:
-            self._waits_for = kind
+        if kind != self.memory.waits_for:
+            self.memory.waits_for = kind
             self._tell(t_ns, "attitude_waits", reason)
 
     def _update(
@@ -255,32 +248,37 @@ class AttitudeAid:
         P: Float64,
         d: Differences,
         l_b: Float64,
-        t_ns: int,
+        ledger: DifferenceLedger,
         spread: float,
         par: Parameters,
+        t_ns: int,
     ) -> int:
         """Gate the differences on the prior, resolve open ones, and update with those that are certain."""
         H = attitude_rows(d, l_b, m.C_eb)
         y = d.value_m - predicted(d, l_b, m.C_eb, self.data.antennas)
-        known = np.array([key in self.cycles for key in d.keys])
+        known = np.array([key in self.memory.cycles for key in d.keys])
         self._anchor_clocks(d, y, known)
-        y = y - d.wavelength_m * np.array([self.cycles.get(key, 0) for key in d.keys])
+        y = y - d.wavelength_m * np.array([self.memory.cycles.get(key, 0) for key in d.keys])
         P_psi = P[PSI : PSI + 3, PSI : PSI + 3]
         trusted = self._gated(d, H, y, known, P_psi)
         v, S = _innovations(d, H, y, trusted, P_psi)
         whole, fits, misfits = self._rounded(d, v, S, known, trusted)
         agree = int(np.count_nonzero(trusted | fits))
-        if self._judge(d, v, S, known & ~trusted, t_ns, agree, int(np.count_nonzero(misfits))):
+        refused = known & ~trusted
+        ledger.innovation[d.row[refused]], ledger.variance[d.row[refused]] = v[refused], S[refused]
+        ledger.status[d.row[refused]] = GATED
+        wrong, strained = self._judge(d, v, S, refused, t_ns, agree, int(np.count_nonzero(misfits)))
+        ledger.status[d.row[wrong]] = CYCLES_WRONG
+        if strained:
             return 0
         for i in np.flatnonzero(fits):
-            self.cycles[d.keys[i]] = int(whole[i])
+            self.memory.cycles[d.keys[i]] = int(whole[i])
         y, trusted = y - np.where(fits, whole * d.wavelength_m, 0.0), trusted | fits
-        for key in itertools.compress(d.keys, trusted if self._refused else ()):
-            self._refused.pop(key, None)
+        for key in itertools.compress(d.keys, trusted if self.memory.refused else ()):
+            self.memory.refused.pop(key, None)
         v, S = _innovations(d, H, y, trusted, P_psi)
         alone = (d.clock >= 0) & (np.sum(trusted & (d.clock[:, None] == d.clock), axis=1) < 2)
         trusted &= ~alone
-        ledger = self.data.ledger
         ledger.innovation[d.row[trusted]], ledger.variance[d.row[trusted]] = v[trusted], S[trusted]
         ledger.status[d.row[trusted]] = USED
         ledger.status[d.row[alone & known]] = NO_DIFFERENCE
@@ -294,7 +292,7 @@ class AttitudeAid:
             own = np.flatnonzero(d.clock == clock)
             if not known[own].any():
                 best = own[np.argmin(np.diag(d.white)[own])]
-                self.cycles[d.keys[best]] = round(float(y[best] / d.wavelength_m[best]))
+                self.memory.cycles[d.keys[best]] = round(float(y[best] / d.wavelength_m[best]))
                 known[best] = True
 
     def _gated(self, d: Differences, H: Float64, y: Float64, known: Bool, P_psi: Float64) -> Bool:
@@ -324,38 +322,37 @@ class AttitudeAid:
 
     def _judge(
         self, d: Differences, v: Float64, S: Float64, refused: Bool, t_ns: int, agree: int, misfits: int
-    ) -> bool:
-        """Write refused differences into the ledger, tell wrong cycles, forget what cannot be right.
+    ) -> tuple[list[int], bool]:
+        """Tell wrong cycles, forget what cannot be right; return which differences have wrong cycles.
 
-        Returns whether most contradict the prediction: then the others may agree by chance, and none is used.
+        Returns beside them whether most contradict the prediction: then the others may agree by chance, and none is
+        used.
         """
-        ledger = self.data.ledger
-        ledger.innovation[d.row[refused]], ledger.variance[d.row[refused]] = v[refused], S[refused]
-        ledger.status[d.row[refused]] = GATED
+        memory, wrong = self.memory, []
         for i in np.flatnonzero(refused):
             key, wave, sigma = d.keys[i], d.wavelength_m[i], math.sqrt(S[i])
             whole = round(float(v[i] / wave))
-            self._refused[key] = self._refused.get(key, 0) + 1
+            memory.refused[key] = memory.refused.get(key, 0) + 1
             if whole and abs(v[i] - whole * wave) < self.data.gate_sigma * sigma < 0.5 * wave:
-                ledger.status[d.row[i]] = CYCLES_WRONG
+                wrong.append(int(i))
                 told = f"{whole:+d} cycle(s) against the attitude; not used, resolved anew"
                 self._tell(t_ns, "attitude_cycles_wrong", f"{self._named(key)}: {told}")
-                del self.cycles[key]
-            elif self._refused[key] >= _REFUSED_EPOCHS:
-                del self.cycles[key]
+                del memory.cycles[key]
+            elif memory.refused[key] >= _REFUSED_EPOCHS:
+                del memory.cycles[key]
         against = int(np.count_nonzero(refused)) + misfits
         strained = against > agree and against >= 3
-        self._strained = self._strained + 1 if strained else 0
-        if self._strained >= _STRAINED_EPOCHS:
-            self._strained, self._is_lost = 0, True
-            self.cycles.clear()
-            self._refused.clear()
+        memory.strained = memory.strained + 1 if strained else 0
+        if memory.strained >= _STRAINED_EPOCHS:
+            memory.strained, memory.is_lost = 0, True
+            memory.cycles.clear()
+            memory.refused.clear()
             detail = f"most differences refused for {_STRAINED_EPOCHS} epochs: all whole cycles are looked for anew"
             self._tell(t_ns, "attitude_lost", detail)
-        return strained
+        return wrong, strained
 
     def _named(self, key: Key) -> str:
-        names, (sv, code) = self.data.antennas.names, self.data.phases.names[key[2]]
+        names, (sv, code) = self.names, key[2]
         return f"{sv} {code}, antenna {names[key[1]]} against {names[key[0]]}"
 
     def _tell(self, t_ns: int, kind: str, detail: str) -> None:

@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from insgnss.attitude.wind_up import wind_up_differences
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.gnss.antenna_phases import AntennaPhases
+from insgnss.filter.antennas.memory import Key
+from insgnss.gnss.antenna_phases import AntennaPhases, Channel
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.tables import Float64, Int64
 
@@ -69,11 +70,13 @@ class Differences:
     white: Float64  # (R, R) covariance of the noise of each epoch [m^2]
     slow: Float64  # (R, R) covariance of reflections, alike from epoch to epoch [m^2]
     clock: Int64  # (R,) number of the unknown clock difference in each, -1 with a common clock
+    names: tuple[Channel, ...]  # of each channel
 
     @cached_property
-    def keys(self) -> list[tuple[int, int, int]]:
-        """What whole cycles belong to: antenna from, antenna to, channel."""
-        return list(zip(self.a.tolist(), self.b.tolist(), self.channel.tolist(), strict=True))
+    def keys(self) -> list[Key]:
+        """What whole cycles belong to."""
+        channels = [self.names[channel] for channel in self.channel]
+        return list(zip(self.a.tolist(), self.b.tolist(), channels, strict=True))
 
     def only(self, kept: Bool) -> Differences:
         """Return the marked differences."""
@@ -82,7 +85,7 @@ class Differences:
             *(self.a[kept], self.b[kept], self.channel[kept], self.row[kept], self.other[kept]),
             *(self.value_m[kept], self.wavelength_m[kept], self.u_e[kept]),
             *(self.white[square], self.slow[square]),
-            self.clock[kept],
+            *(self.clock[kept], self.names),
         )
 
     def clocks(self) -> Float64:
@@ -143,7 +146,8 @@ def form_differences(
         _clock_numbers(a, b, phases.wavelength_m[row]) if antennas.separate_clocks else np.full(len(row), -1)
     )
     return Differences(
-        *(a, b, phases.channel[row], row, other, value, phases.wavelength_m[row], u_e, white, slow, clock)
+        *(a, b, phases.channel[row], row, other, value, phases.wavelength_m[row], u_e, white, slow, clock),
+        phases.names,
     )
 
 

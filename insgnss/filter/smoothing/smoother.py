@@ -11,7 +11,8 @@ with the filter's own mechanization and covariance. A carrier difference at k+1 
 next epoch is taken together with that clone; the clone follows from the smoothed state of k+1 by regression, for all
 later measurements know it only by way of that state. [Rauch, Tung & Striebel 1965; Roumeliotis & Burdick 2002]
 A user's own rows between epochs are a step of their own. The clone of the last epoch outlives it, so that step smooths
-the clone as well.
+the clone as well. Several antennas' rows come after an epoch's others: the epoch is kept as it stood before them and
+as they left it, two filters of one time.
 
 Output times between epochs are smoothed by the transition (``between``). Where several headings were open, the one that
 was found goes over those epochs alone (``open_phase``). A filter that was set right by a fix had been wrong for a
@@ -32,7 +33,7 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output
 from insgnss.filter.own_update import OwnUpdate
 from insgnss.filter.prediction import Imu
-from insgnss.filter.smoothing.between import Between, smoothed, write_smoothed
+from insgnss.filter.smoothing.between import Between, one_hypothesis, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import Further
 from insgnss.filter.smoothing.open_phase import OpenPhase, gone_over_alone
 from insgnss.filter.smoothing.row_covariances import RowCovariances, each_epoch
@@ -66,11 +67,13 @@ class Smoother:
     _linked: bool = False  # whether the next epoch follows from the one kept last
     _opened: bool = False  # whether a given start has been kept
     _phase: OpenPhase | None = None  # several headings are open
+    _stood: Bank | None = None  # the filter as several antennas' rows of an epoch have found it
 
     def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
         navigator = self.navigator
         navigator.after_own = self._take_own
+        navigator.before_antennas = self._take_before_antennas
         for alone, written in each_epoch(rows, first, last, out):
             told, before = len(navigator.events), navigator.bank
             if self.further is None:
@@ -92,9 +95,14 @@ class Smoother:
             self.kept.append(keep_own(bank, found.correction, linked=self._linked, fits=fits))
             self._linked = True
 
+    def _take_before_antennas(self, bank: Bank) -> None:
+        """Keep the filter at an epoch as it stands before several antennas' rows."""
+        self._stood = copy_bank(bank)
+
     def _take(self, before: Bank | None, rows: Rows, kinds: set[str]) -> None:
         """Keep what an epoch has made of the filter ``before`` it, ``kinds`` of event what was told."""
-        navigator, bank = self.navigator, self.navigator.bank
+        navigator, bank, stood = self.navigator, self.navigator.bank, self._stood
+        self._stood = None
         if bank is None:
             self._linked, self._phase = False, None
             return
@@ -110,15 +118,22 @@ class Smoother:
         stepped = tuple(_STEPPED_CLOCK[kind] for kind in kinds & _STEPPED_CLOCK.keys())
         if len(bank.state) == 1:
             kept = keep(bank, work, layout, linked=self._linked, stepped=stepped, fits=_fits(bank, navigator))
-            self._keep(kept._replace(reset=replaced and self._linked))
+            self._keep(kept._replace(reset=replaced and self._linked), stood)
         elif self._phase is None:
             split = self._linked and before is not None and not replaced
             if split and before is not None:  # into several: it stands as the update has left it
                 self.kept.append(keep(before, work, layout, linked=True, stepped=stepped))
             self._phase = OpenPhase(copy_bank(bank), linked=split)
 
-    def _keep(self, kept: Kept) -> None:
-        """Keep an epoch after which one heading is left."""
+    def _keep(self, kept: Kept, stood: Bank | None) -> None:
+        """Keep an epoch after which one heading is left; ``stood``: the filter before several antennas' rows."""
+        after = None
+        if stood is not None and self._linked and self._phase is None:
+            if len(stood.state) > 1:  # split and found at one epoch
+                kept = kept._replace(linked=False)
+            elif not np.array_equal(stood.P, kept.bank.P):
+                after = kept._replace(linked=True, reset=False)
+                kept = kept._replace(bank=one_hypothesis(stood.state, stood.P, stood.head))
         while kept.reset and self.kept[-1].linked and not self.kept[-1].fits:
             if self.kept[-1].t_ns in self.phases:
                 break
@@ -126,7 +141,7 @@ class Smoother:
         if self._phase is not None:
             kept = kept._replace(linked=self._phase.linked)
             self.phases[kept.t_ns] = self._phase
-        self.kept.append(kept)
+        self.kept += [kept] if after is None else [kept, after]
         self._linked, self._phase = True, None
 
     def _open(self, opened: Bank) -> None:

@@ -1,0 +1,72 @@
+"""What the streaming engine gives out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.filter.antennas.phase_log import PhaseLog
+from insgnss.filter.navigator import Snapshot
+from insgnss.filter.output.writing import Output, new_output
+from insgnss.filter.setup import FilterSetup
+from insgnss.gnss.observation_rows import Rows
+from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
+from insgnss.tables import Event, GnssTable
+
+
+@dataclass(frozen=True)
+class NavState:
+    """The filter's answer at the time of the newest inertial sample; ``values`` has the columns of ``run.nav``."""
+
+    t_ns: int
+    started: bool
+    values: dict[str, float]
+
+
+@dataclass
+class EpochResult:
+    """What became of one epoch: its rows and the loop's output for them.
+
+    A further antenna's epoch that belongs to no main one has a result of its own, with differences alone.
+    """
+
+    t_ns: int
+    gnss: GnssTable
+    rows: Rows
+    out: Output
+    differences: PhaseLog | None = None  # what several antennas' phases came to; None with one antenna
+
+    def refuse(self, what: str, newest_ns: int, latency_ns: int) -> Event:
+        """Mark what could have been used as too late, and return the event that says so."""
+        for ledger in (self.out.ledger, self.out.carrier):
+            # read by itself, its carriers had no epoch before them
+            reached = (ledger["status"] == USED) | (ledger["status"] == NO_EPOCH_BEFORE)
+            ledger["status"][reached] = TOO_LATE
+        if self.differences is not None:
+            self.differences.ledger.status[self.differences.phases.status == USED] = TOO_LATE
+        late, limit = (newest_ns - self.t_ns) / NS_PER_S, latency_ns / NS_PER_S
+        detail = f"{what} {late:.3f} s behind the newest sample (limit {limit:.3f} s): refused"
+        if late <= limit:
+            detail = f"{what} not later than what is final already: refused"
+        return Event(self.t_ns, "too_late", detail)
+
+
+@dataclass
+class KeptFilter:
+    """The filter after an epoch (or at a settled time)."""
+
+    t_ns: int
+    saved: Snapshot
+
+
+def one_row(setup: FilterSetup, rows: Rows) -> Output:
+    """Return an output with room for the navigation row of one epoch."""
+    return new_output(rows, 1, 32, np.zeros(0, np.int64), setup.layout.n_values)
+
+
+def unused_result(setup: FilterSetup, epoch: GnssTable, t_ns: int) -> EpochResult:
+    """Return an epoch that the filter does not use."""
+    rows = setup.rows(epoch, setup.messages)
+    return EpochResult(t_ns, epoch, rows, one_row(setup, rows))
