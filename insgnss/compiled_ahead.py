@@ -1,7 +1,7 @@
 """Filling an empty cache: what the main commands need is compiled once, by as many processes as there are cores.
 
 The compiler runs on one core and takes most of the time of a first run. So the command that finds the cache empty
-starts processes that go through one list of kernels (``insgnss.first_run``), each taking what no other has taken, and
+starts processes that go through one list of kernels (``insgnss.kernel_list``), each taking what no other has taken, and
 waits for them; the next command compiles nothing. Kernels that do not link each other (``insgnss.apart``) can be
 compiled in any order. A second command that starts meanwhile waits for the same processes.
 """
@@ -26,7 +26,6 @@ import numba
 
 from insgnss.jit import CACHE_DIR
 
-SHARED: Final = "shared"  # what a module is told that compiles with others
 LONGEST_S: Final = 300.0  # then whoever waits compiles on their own
 _DEAD_S: Final = (
     90.0  # without a kernel begun, beyond which nobody is at work any more; the longest takes a tenth
@@ -178,7 +177,7 @@ def _started(module: str) -> tuple[subprocess.Popen[bytes], ...]:
         _TAKEN.mkdir()  # of two commands at the same moment one succeeds
         return tuple(
             subprocess.Popen(
-                [sys.executable, "-P", "-c", _RUN_MODULE, str(Path(__file__).parent), module, SHARED],
+                [sys.executable, "-P", "-c", _RUN_MODULE, str(Path(__file__).parent), module],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

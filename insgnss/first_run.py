@@ -1,31 +1,21 @@
 """What the first command of an installation compiles, for itself and for those that come after it.
 
-``check``, ``point``, ``replay`` and ``simulate`` need it; what only some of their options need (masking, the trace, the
-smoother) is compiled where it is first called. ``python -c "from insgnss.first_run import main; main()"`` compiles it
-without a command.
+``check``, ``point``, ``replay`` and ``simulate`` need what ``insgnss.kernel_list`` names; what only some of their
+options need (masking, the trace, the smoother) is compiled where it is first called.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import Final
 
-from insgnss.compiled_ahead import SHARED, compile_list, compiled_ahead, is_complete
+from insgnss.compiled_ahead import compiled_ahead, is_complete
 
-_MODULE: Final = "insgnss.first_run"
+_LIST: Final = (
+    "insgnss.kernel_list"  # run in processes of its own: one that finds everything compiled does not load it
+)
 _ABOUT: Final = "compiling, once per installation (about half a minute)"
-
-
-def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
-    """Return the kernels, each with arguments of the types it is called with, the longest to compile about first."""
-    # a process that compiles loads them; one that finds everything compiled need not
-    from insgnss.filter import loop_calls
-    from insgnss.gnss import point_calls
-    from insgnss.simulation import truth_calls
-
-    return {**loop_calls.calls(), **point_calls.calls(), **truth_calls.calls()}
 
 
 @contextmanager
@@ -36,7 +26,7 @@ def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[None]
     ----------
     tell : is told that one has to wait, where the cache lacks them
     """
-    with compiled_ahead(_MODULE) as beside:
+    with compiled_ahead(_LIST) as beside:
         yield
         if not is_complete():
             tell(_ABOUT)
@@ -44,13 +34,6 @@ def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[None]
 
 
 def main() -> None:
-    """Compile them all: as one of several processes where it was started so, else by starting them."""
-    if sys.argv[1:] == [SHARED]:
-        compile_list(calls())
-        return
+    """Compile them without a command."""
     with compiled(print):
         pass
-
-
-if __name__ == "__main__":
-    main()

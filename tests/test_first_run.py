@@ -8,7 +8,7 @@ from typing import Any
 import numba
 import pytest
 
-from insgnss import first_run
+from insgnss import kernel_list
 from insgnss.compiled_ahead import compile_for
 from insgnss.doctor import examine
 from insgnss.filter.update.clone import clone_epoch
@@ -64,7 +64,7 @@ def test_commands_load_what_the_list_has_compiled_and_nothing_else() -> None:
     loaded = set(python("-c", LOADED, str(SAMPLE), folder=PACKAGE.parent).splitlines())
 
     assert len(loaded) > 20
-    assert sorted(loaded - compiled_with(first_run.calls())) == []
+    assert sorted(loaded - compiled_with(kernel_list.calls())) == []
 
 
 def test_listed_kernels_have_the_types_that_the_commands_need() -> None:
@@ -74,10 +74,10 @@ def test_listed_kernels_have_the_types_that_the_commands_need() -> None:
     replay(SAMPLE, config.model_copy(update={"faults": suspicious}))
     point(SAMPLE, false_alarm=0.4)
     simulate("turning_flight", duration_s=20.0)
-    kernels: list[Any] = [kernel for kernel in first_run.calls() if kernel is not clone_epoch]
+    kernels: list[Any] = [kernel for kernel in kernel_list.calls() if kernel is not clone_epoch]
     known = {kernel: list(kernel.signatures) for kernel in kernels if kernel.signatures}
 
-    for kernel, arguments in first_run.calls().items():
+    for kernel, arguments in kernel_list.calls().items():
         compile_for(kernel, arguments)
 
     assert len(known) > 20

@@ -1,4 +1,4 @@
-"""The kernels of the filter's loop, each with arguments of the types it is called with (``insgnss.first_run``)."""
+"""The kernels of the filter's loop, each with arguments of the types it is called with (``insgnss.kernel_list``)."""
 
 from __future__ import annotations
 
@@ -46,17 +46,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     The longest to compile stand first, so that processes that share the list end together. What only some replays need
     (masking, the trace) is compiled where it is first called.
     """
-    carrier, before = no_carriers()
-    rows = Rows(
-        epoch_ns=np.zeros(1, np.int64),
-        first=np.zeros(2, np.int64),
-        observation=np.zeros(0, OBSERVATION_DTYPE),
-        sat=np.zeros((0, 8)),
-        klobuchar=np.zeros(8),
-        carrier=carrier,
-        before=before,
-        before_ns=np.zeros(1, np.int64),
-    )
+    rows = _no_rows()
     imu = Imu(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 3)))
     parameters, bank, work = np.zeros(1, PARAMETERS_DTYPE), new_bank(1, 0), new_workspace(1, Layout())
     out = new_output(rows, 1, 1, np.zeros(0, np.int64))
@@ -109,6 +99,21 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         model_variance: (_X, _SINGLE, par.kind[0]),
         slant_delay: (s.air[0], rows.klobuchar, values, _X, _SINGLE),
     }
+
+
+def _no_rows() -> Rows:
+    """Return a log of one epoch without a row."""
+    carrier, before = no_carriers()
+    return Rows(
+        epoch_ns=np.zeros(1, np.int64),
+        first=np.zeros(2, np.int64),
+        observation=np.zeros(0, OBSERVATION_DTYPE),
+        sat=np.zeros((0, 8)),
+        klobuchar=np.zeros(8),
+        carrier=carrier,
+        before=before,
+        before_ns=np.zeros(1, np.int64),
+    )
 
 
 def fetch_loop() -> None:

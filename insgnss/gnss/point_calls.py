@@ -1,6 +1,6 @@
 """The kernels of the satellites' states and of the point solution, each with arguments of the types it is called with.
 
-Nothing here is run: the arrays are empty, only their types count (``insgnss.first_run``).
+Nothing here is run: the arrays are empty, only their types count (``insgnss.kernel_list``).
 """
 
 from __future__ import annotations
