@@ -39,7 +39,7 @@ from insgnss.studies.masking import MaskingStudy, masking_study
 from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance_analysis, monte_carlo
 from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage_windows import Removal
-from insgnss.studies.receiver_loop import SlipRuns, slip_runs
+from insgnss.studies.receiver_slips import SlipRuns, slip_runs
 
 __all__ = [
     "Banked",

@@ -8,7 +8,7 @@ from insgnss.antenna.obstruction import directions
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE
 from insgnss.interference import PhaseLoop, UnknownAcceleration, discriminator, receiver_models
 from insgnss.studies.manoeuvring_covariance import Drive, carry_along
-from insgnss.studies.receiver_loop import NEVER, error_loop, run_errors
+from insgnss.studies.receiver_slips import NEVER, error_loop, run_errors
 from tests.kernels import KernelCase
 
 

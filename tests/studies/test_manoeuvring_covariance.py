@@ -83,7 +83,7 @@ def test_threshold_is_where_the_phase_reaches_its_limit_and_beats_that_of_11_sta
     assert rms.max() == pytest.approx(0.076 * math.pi, rel=1e-3)
     assert found.js_db == pytest.approx(10.0 * math.log10(1.022e6) - found.cn0_dbhz)
     # the independent closed loop loses half of its runs at 17 dBHz, 1.5 to 2 dB below the linear threshold as that of
-    # 11 states does (test_receiver_loop)
+    # 11 states does (test_receiver_slips)
     assert 17.0 < found.cn0_dbhz < 20.0
 
 
