@@ -15,11 +15,11 @@ from insgnss.aiding.satellite_arcs import PIECE_NS, SatelliteArcs
 from insgnss.aiding.sources import AidingSources
 from insgnss.aiding.table import AidingTable, compute_aiding
 from insgnss.aiding.trace import Covariances, Samples, Trace, joined, traced
-from insgnss.filter.loop import Workspace
 from insgnss.filter.output.trace_rows import new_trace_room, output_period
 from insgnss.filter.output.tracing import write_trace
 from insgnss.filter.prediction import Imu
 from insgnss.filter.state import Bank
+from insgnss.filter.update.epoch_space import Workspace
 
 
 class AidingSink(Protocol):

@@ -6,17 +6,12 @@ The streaming engine calls the same function with one epoch at a time: both give
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
-import numpy as np
-
-from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import Limits
 from insgnss.apart import apart
 from insgnss.filter.headings.headings import heading_variance, is_wide, needs_pruning, weigh_headings
 from insgnss.filter.headings.sideslip import note_sideslip
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
-from insgnss.filter.layout import Layout
 from insgnss.filter.output.tracing import copy_matrix, write_trace
 from insgnss.filter.output.writing import (
     CLOCK_STEP,
@@ -34,16 +29,13 @@ from insgnss.filter.output.writing import (
     write_nav,
 )
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
-from insgnss.filter.rows.lines import Epoch
+from insgnss.filter.prediction import Imu, carry_bank, predict_covariance
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import DV, OFFSETS, Bank, HeadRecord, StateRecord, copy_state, new_bank
-from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_state
+from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.epoch_update import Outcome, update_epoch
-from insgnss.filter.update.masking import NO_LIMITS, Masking, new_masking
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import borrowing, inlined
-from insgnss.tables import Float64
 
 # why the loop stopped
 DONE: Final = 0  # all epochs processed
@@ -59,32 +51,6 @@ _UNCERTAIN_APART_S = (
     10.0  # satellites at an edge come and go: uncertainty that returns within it is one event
 )
 SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
-
-
-class Workspace(NamedTuple):
-    """All work space of the loop, allocated once per log."""
-
-    epoch: Epoch
-    scratch: Scratch
-    spare: Bank  # one member: the leader carried on to an output time
-    P_out: Float64  # (n, n)
-    masking: Masking
-
-
-def new_workspace(
-    rows_per_epoch: int,
-    layout: Layout,
-    installation: Installation | None = None,
-    limits: Limits = NO_LIMITS,
-) -> Workspace:
-    """Return work space for epochs of at most ``rows_per_epoch`` rows and the error states of ``layout``.
-
-    ``installation`` and ``limits`` are those of the visibility stage.
-    """
-    n = OFFSETS + layout.n_optional
-    epoch = new_epoch(rows_per_epoch, n, layout.at_clone)
-    masking = new_masking(installation, limits)
-    return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
 
 
 @apart
@@ -169,8 +135,7 @@ def current_sample(bank: Bank, imu: Imu) -> int:
 @borrowing
 def run_epochs(
     bank: Bank,
-    first: int,
-    last: int,
+    epochs: tuple[int, int],
     rows: Rows,
     imu: Imu,
     parameters: Table,
@@ -178,21 +143,22 @@ def run_epochs(
     out: Output,
     work: Workspace,
 ) -> tuple[int, int]:
-    """Process the epochs ``first`` to ``last - 1``; return why it stopped and the epoch after the one it stopped at.
+    """Process epochs; return why it stopped and the epoch after the one it stopped at.
 
     Parameters
     ----------
+    epochs : the first of them, and the one after the last
     parameters : (1,) of ``PARAMETERS_DTYPE``
     drop : logarithm of the weight below which a hypothesis is negligible
     """
     par = parameters[0]
     head = bank.head[0]
     count = out.counts[0]
-    for epoch in range(first, last):
+    for epoch in range(epochs[0], epochs[1]):
         t_ns = rows.epoch_ns[epoch]
         advance(bank, t_ns, imu, par, out, work)
         k = current_sample(bank, imu)
-        done = update_bank(bank, epoch, rows, imu.w_ib_b[k], imu.f_b[k], par, out, work)
+        done = update_bank(bank, epoch, rows, imu, k, par, out, work)
         if bank.state.shape[0] == 1:
             note_sideslip(head, bank.state[0], bank.P[0], t_ns)
         if k < imu.unknown.shape[0] and imu.unknown[k, 0] > 0.0:
@@ -227,7 +193,7 @@ def run_epochs(
                 return SUSPICION, epoch + 1
         if head.heading_open == 1 and heading_variance(bank) < par.heading_known_variance:
             return HEADING_KNOWN, epoch + 1
-    return DONE, last
+    return DONE, epochs[1]
 
 
 @inlined
@@ -264,27 +230,23 @@ def update_bank(
     bank: Bank,
     epoch: int,
     rows: Rows,
-    w_ib_b: Float64,
-    f_b: Float64,
+    imu: Imu,
+    k: int,
     par: Parameters,
     out: Output,
     work: Workspace,
 ) -> Outcome:
-    """Update every hypothesis with one epoch; return what it did to the leader.
+    """Update every hypothesis with one epoch, in the rate of sample ``k``; return what it did to the leader.
 
     The leader is updated last, so that the work space then holds its entries for the ledger.
     """
     n = bank.state.shape[0]
     lead = bank.head[0].leader
-    since_last = (rows.epoch_ns[epoch] - bank.head[0].epoch_ns) * 1e-9
     for turn in range(n):
         i = turn if turn < lead else turn + 1
         if turn == n - 1:
             i = lead
-        done = update_epoch(
-            bank.state[i], bank.P[i], par, rows, epoch, w_ib_b, f_b, work.epoch, work.scratch,
-            work.masking, bank.seen[i], bank.memory[i], since_last, n == 1,
-        )  # fmt: skip
+        done = update_epoch(bank, i, par, rows, epoch, imu, k, work)
         sound = math.isfinite(done.log_likelihood) and is_sound(bank.state[i], bank.P[i])
         # one that is lost has no weight, whatever comes
         bank.state[i].log_likelihood = done.log_likelihood if sound else -math.inf

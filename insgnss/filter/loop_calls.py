@@ -13,7 +13,7 @@ from insgnss.filter.headings.sideslip import note_sideslip, sideslip
 from insgnss.filter.imu.screen_state import EDIT_DTYPE, SCREEN_DTYPE
 from insgnss.filter.imu.screening import note_mean, screen, take
 from insgnss.filter.layout import Layout
-from insgnss.filter.loop import advance, new_workspace, run_epochs, write_row
+from insgnss.filter.loop import advance, run_epochs, write_row
 from insgnss.filter.output.writing import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.prediction import Imu, carry, carry_bank, predict_covariance, propagate_covariance
@@ -24,6 +24,7 @@ from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import turn_attitude_errors
 from insgnss.filter.update.consistency import refuse_inconsistent
 from insgnss.filter.update.creeping import find_creeping, follow_satellites
+from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.filter.update.epoch_update import update_epoch, use_rows
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
@@ -53,19 +54,19 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     par, m, P, s, scratch = parameters[0], bank.state[0], bank.P[0], work.epoch, work.scratch
     lines, vectors, values = s.lines[:0], s.vectors, s.vectors[0]
     w_ib_b, f_b = imu.w_ib_b[0], imu.f_b[0]
-    seen, memory = bank.seen[0], bank.memory[0]
+    memory = bank.memory[0]
     screened, edits, count = np.zeros(1, SCREEN_DTYPE), np.zeros(1, EDIT_DTYPE), np.zeros(1, np.int64)
     return {
         observe: (m, P, par, rows, _N, w_ib_b, f_b, s),
         propagate_covariance: (m, P, par, scratch),
-        run_epochs: (bank, _N, _N, rows, imu, parameters, _X, out, work),
-        carry: (m, P, _N, _N, _N, *imu, par, scratch),
-        update_epoch: (m, P, par, rows, _N, w_ib_b, f_b, s, scratch, work.masking, seen, memory, _X, True),
+        run_epochs: (bank, (_N, _N), rows, imu, parameters, _X, out, work),
+        carry: (m, P, _N, _N, _N, imu, par, scratch),
+        update_epoch: (bank, _N, par, rows, _N, imu, _N, work),
         find_creeping: (memory, lines, rows.observation, _N, _X, _X),
         follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
         advance: (bank, _N, imu, par, out, work),
         write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, _N, _N),
-        adapt_noise: (m, P, P, par, lines, s.fit, values, values, _N, _X),
+        adapt_noise: (m, P, P, par, s, _N, _N, _X),
         use_rows: (P, lines, vectors, _N, _X, _X, values),
         explain: (P, lines, _N, s.fit),
         write_row: (bank, bank, _N, _N, _N, out, work),

@@ -27,9 +27,7 @@ from insgnss.filter.loop import (
     PRUNE,
     SILENCE_S,
     SUSPICION,
-    Workspace,
     current_sample,
-    new_workspace,
     run_epochs,
     run_to,
     write_row,
@@ -46,6 +44,7 @@ from insgnss.filter.start.ledger_marks import mark_rows
 from insgnss.filter.start.starter import Starter
 from insgnss.filter.start.trial import Trial, banks_of, refusal
 from insgnss.filter.state import Bank, copy_bank
+from insgnss.filter.update.epoch_space import Workspace, new_workspace
 from insgnss.filter.update.masking import became_of_uncertain, still_uncertain
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Event
@@ -148,9 +147,8 @@ class Navigator:
             if self.trial is not None:
                 stop = min(stop, self.trial.epoch_after_look(rows, epoch, last))
             stop, begin = min(stop, self.health.stop(self.bank, rows, epoch, last)), epoch
-            code, epoch = run_epochs(
-                self.bank, epoch, stop, rows, imu, self._parameters, self.setup.log_drop, out, work
-            )
+            par, drop = self._parameters, self.setup.log_drop
+            code, epoch = run_epochs(self.bank, (epoch, stop), rows, imu, par, drop, out, work)
             self._collect_events(out)
             self.health.past = self.health.past.after(self.bank, rows, begin, epoch)
             doubt = self.health.doubt

@@ -22,7 +22,7 @@ from insgnss.errors import MeasurementError
 from insgnss.filter.headings.headings import turn_about, weigh_headings
 from insgnss.filter.headings.motion import place_turning
 from insgnss.filter.layout_names import StateLayout, state_layout
-from insgnss.filter.loop import DONE, Workspace, current_sample, run_epochs
+from insgnss.filter.loop import DONE, current_sample, run_epochs
 from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import CheckedRow, Kind, checked_rows
@@ -34,6 +34,7 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import DR, DV, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
+from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.observe import place_antenna
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.geodesy.local_level import up_direction
@@ -241,7 +242,7 @@ def run_beside(
         if setup.own is not None:
             carry_through(bank, int(rows.epoch_ns[first]), setup, imu, parameters, work.scratch, take)
             stop = setup.own.epochs_before_next(rows.epoch_ns, first, last)
-        code, first = run_epochs(bank, first, stop, rows, imu, parameters, -math.inf, out, work)
+        code, first = run_epochs(bank, (first, stop), rows, imu, parameters, -math.inf, out, work)
         if code != DONE:
             return int(code)
     return DONE

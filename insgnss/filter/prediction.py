@@ -277,10 +277,7 @@ def carry(
     now_ns: int,
     k: int,
     stop_ns: int,
-    t_ns: Int64,
-    w_ib_b: Float64,
-    f_b: Float64,
-    unknown: Float64,
+    imu: Imu,
     par: Parameters,
     scratch: Scratch,
 ) -> int:
@@ -292,12 +289,11 @@ def carry(
     Parameters
     ----------
     now_ns, k : time of the state, inside the interval (t_ns[k-1], t_ns[k]] of sample k (or at its start)
-    stop_ns : at most t_ns[-1]
-    t_ns, w_ib_b, f_b, unknown : (n,), (n, 3), (n, 3), (n, 2) or (0, 2) inertial samples, as in ``Imu``
+    stop_ns : at most the last sample's time
     """
-    rates = scratch.rates[0]
+    rates, t_ns, unknown = scratch.rates[0], imu.t_ns, imu.unknown
     while now_ns < stop_ns:
-        load_rates(m, par, w_ib_b, f_b, t_ns, k, rates)
+        load_rates(m, par, imu.w_ib_b, imu.f_b, t_ns, k, rates)
         gyro_unknown, accel_unknown = 0.0, 0.0
         if k < unknown.shape[0]:
             gyro_unknown, accel_unknown = unknown[k, 0], unknown[k, 1]
@@ -324,18 +320,6 @@ def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scr
         return
     k_end = k
     for i in range(bank.state.shape[0]):
-        k_end = carry(
-            bank.state[i],
-            bank.P[i],
-            now_ns,
-            k,
-            stop_ns,
-            imu.t_ns,
-            imu.w_ib_b,
-            imu.f_b,
-            imu.unknown,
-            par,
-            scratch,
-        )
+        k_end = carry(bank.state[i], bank.P[i], now_ns, k, stop_ns, imu, par, scratch)
     head.now_ns = stop_ns
     head.next = k_end

@@ -17,12 +17,12 @@ import pymap3d
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
-from insgnss.filter.loop import Imu, Workspace, new_workspace, run_epochs
+from insgnss.filter.loop import Imu, run_epochs
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.rows.lines import Epoch
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
-from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_space import Workspace, new_epoch, new_workspace
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.geodesy.gravity import normal_gravity_ecef
@@ -260,7 +260,7 @@ def run(bank: Bank, log: Rows, imu: Imu, par: npt.NDArray[Any]) -> Result:
     n = bank.P.shape[1]
     out = new_output(log, len(log.epoch_ns), 100, np.zeros(0, np.int64))
     work = new_workspace(max(1, int(np.diff(log.first).max())), layout_with(n_offsets=n - OFFSETS))
-    code, _ = run_epochs(bank, 0, len(log.epoch_ns), log, imu, par, -1e9, out, work)
+    code, _ = run_epochs(bank, (0, len(log.epoch_ns)), log, imu, par, -1e9, out, work)
     return Result(code, out, work)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from insgnss.constants import C_MPS
 from insgnss.filter import compile_loop
-from insgnss.filter.loop import new_workspace, run_epochs
+from insgnss.filter.loop import run_epochs
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.rows.lines import Epoch
 from insgnss.filter.state import (
@@ -27,7 +27,7 @@ from insgnss.filter.state import (
     new_bank,
 )
 from insgnss.filter.update.clone import clone_epoch
-from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import CARRIER, Rows
@@ -162,7 +162,7 @@ def run_epoch(bank: Bank, log: Rows, par: npt.NDArray[Any]) -> tuple[Any, Any]:
     force = np.tile(steady_force(bank.state[0]), (2, 1))
     out, work = new_output(log, 1, 10, np.zeros(0, np.int64)), new_workspace(12, layout_with(clone=True))
     bank.head["now_ns"], bank.head["next"] = START_NS, 2
-    run_epochs(bank, 0, 1, log, Imu(t_ns, np.zeros((2, 3)), force), par, -1e9, out, work)
+    run_epochs(bank, (0, 1), log, Imu(t_ns, np.zeros((2, 3)), force), par, -1e9, out, work)
     return out, work
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.filter.loop import DONE, carry_bank, new_workspace, run_epochs
+from insgnss.filter.loop import DONE, carry_bank, run_epochs
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.prediction import new_scratch, predict_covariance
 from insgnss.filter.rows.lines import Epoch
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, copy_bank
+from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.filter.scene import (
@@ -73,7 +74,7 @@ def test_an_hour_of_updates_equals_the_dense_joseph_form_to_a_nanometre(rng: np.
         rows = observed(dense, par, t.rows, epoch, t.imu.w_ib_b[k], t.imu.f_b[k])
         dense.P[0], x = dense_joseph(dense.P[0], rows)
 
-        run_epochs(bank, epoch, epoch + 1, t.rows, t.imu, par, -1e9, out, work)
+        run_epochs(bank, (epoch, epoch + 1), t.rows, t.imu, par, -1e9, out, work)
 
         apart[epoch] = work.epoch.vectors[0][:N] - x
         sigma = np.sqrt(np.diag(dense.P[0]))
@@ -92,7 +93,7 @@ def test_covariance_of_a_ten_hour_run_is_symmetric_and_positive_throughout(rng: 
     out, work = room(t), new_workspace(12, layout_with())
     truth, smallest = t.bank.state["r_e"][0].copy(), []
     for first in range(0, hours * 3600, 120):
-        code, _ = run_epochs(t.bank, first, first + 120, t.rows, t.imu, par, -1e9, out, work)
+        code, _ = run_epochs(t.bank, (first, first + 120), t.rows, t.imu, par, -1e9, out, work)
         assert code == DONE
         assert np.array_equal(t.bank.P[0], t.bank.P[0].T)
         smallest.append(smallest_eigenvalue(t.bank.P[0]))
@@ -134,7 +135,7 @@ def test_biases_without_process_noise_are_learnt_without_end(rng: np.random.Gene
     t = turning(par, 3600, 10, rng)
     out, work, sigmas = room(t), new_workspace(12, layout_with()), []
     for first in range(0, 3600, 600):
-        code, _ = run_epochs(t.bank, first, first + 600, t.rows, t.imu, par, -1e9, out, work)
+        code, _ = run_epochs(t.bank, (first, first + 600), t.rows, t.imu, par, -1e9, out, work)
         assert code == DONE
         assert smallest_eigenvalue(t.bank.P[0]) > 0.0
         sigmas.append(np.sqrt(np.diag(t.bank.P[0]))[BA : BG + 3])

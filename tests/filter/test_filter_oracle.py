@@ -10,10 +10,11 @@ from filterpy.common import van_loan_discretization
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.loop import Imu, carry_bank, new_workspace, run_epochs
+from insgnss.filter.loop import Imu, carry_bank, run_epochs
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import new_scratch, predict_covariance
 from insgnss.filter.state import Bank, copy_bank
+from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.gnss.observation_rows import Rows
 from insgnss.status import USED
 from insgnss.tables import Float64
@@ -135,7 +136,7 @@ def test_filter_equals_filterpy_over_100_epochs(
     out, work = new_output(log.rows, EPOCHS, 10, np.zeros(0, np.int64)), new_workspace(12, layout_with())
     P_apart, x_apart, k, now_ns = [], [], 1, START_NS
     for epoch in range(EPOCHS):
-        run_epochs(bank, epoch, epoch + 1, log.rows, log.imu, par, -1e9, out, work)
+        run_epochs(bank, (epoch, epoch + 1), log.rows, log.imu, par, -1e9, out, work)
         t_ns, part = int(log.rows.epoch_ns[epoch]), slice(log.rows.first[epoch], log.rows.first[epoch + 1])
         k = dense.carry(now_ns, k, t_ns, *log.imu[:3])
         now_ns = t_ns

@@ -7,10 +7,9 @@ import pytest
 
 from insgnss.filter.headings.headings import weigh_headings
 from insgnss.filter.headings.motion import sees_earth_rate, velocity_changed
-from insgnss.filter.loop import new_workspace
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.state import BG, DV, OFFSETS, new_bank
-from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.epoch_update import use_rows
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import RANGE_RATE

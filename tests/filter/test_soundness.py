@@ -10,14 +10,14 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.loop import COVARIANCE_LOST, DONE, PRUNE, new_workspace, run_epochs
+from insgnss.filter.loop import COVARIANCE_LOST, DONE, PRUNE, run_epochs
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.soundness import is_finite, is_sound
 from insgnss.filter.state import BG, PSI, Bank, copy_bank, joined_banks
 from insgnss.filter.update import consistency
 from insgnss.filter.update.consistency import exchange, farthest, refuse_inconsistent, remove_smallest_set
-from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.epoch_update import use_rows
 from insgnss.filter.update.gating import gate_rows
 from insgnss.filter.update.scalar_update import scalar_update
@@ -213,7 +213,7 @@ def epochs_after(
     log = perfect_rows(bank, par, epoch_ns, sky(here), w_ib_b=imu.w_ib_b[0])
     imu.w_ib_b[at, 2] = imu_value
     out = new_output(log, 600, 8, imu.t_ns.copy())
-    code, _ = run_epochs(bank, 0, 4, log, imu, par, -30.0, out, new_workspace(12, layout_with()))
+    code, _ = run_epochs(bank, (0, 4), log, imu, par, -30.0, out, new_workspace(12, layout_with()))
     return code, bank, out.nav[: out.counts[0].nav], out.ledger
 
 

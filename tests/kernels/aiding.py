@@ -11,10 +11,11 @@ import numpy as np
 
 from insgnss.aiding.satellite_arcs import broadcast_arcs
 from insgnss.aiding.table import compute_aiding
-from insgnss.filter.loop import new_workspace, run_epochs
+from insgnss.filter.loop import run_epochs
 from insgnss.filter.output.trace_rows import new_trace_room, output_samples
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.state import select_members
+from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.tables import Float64
 from tests.aiding.exact import (
@@ -62,9 +63,9 @@ def traced_log() -> list[Any]:
     room = new_trace_room(samples.t_ns[output_samples(samples.t_ns, 50.0)], 0.1, EPOCHS, 1)
     out = new_output(log, 40, 20, np.zeros(0, np.int64), layout.n_values, room)
     work = new_workspace(len(SKY), layout)
-    run_epochs(made, 0, 2, log, samples, parameters(layout), -1e9, out, work)
+    run_epochs(made, (0, 2), log, samples, parameters(layout), -1e9, out, work)
     one = select_members(made, np.array([0]))
-    run_epochs(one, 2, EPOCHS, log, samples, parameters(layout), -1e9, out, work)
+    run_epochs(one, (2, EPOCHS), log, samples, parameters(layout), -1e9, out, work)
     return [room, one]
 
 

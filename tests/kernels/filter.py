@@ -19,7 +19,7 @@ from insgnss.filter.headings.sideslip import note_sideslip
 from insgnss.filter.imu.screen_state import EDIT_DTYPE, new_screen
 from insgnss.filter.imu.screening import screen
 from insgnss.filter.layout import Coupling, GaussMarkov, Layout, StateBlock, diagonal
-from insgnss.filter.loop import DONE, Imu, new_workspace, run_epochs, run_to
+from insgnss.filter.loop import DONE, Imu, run_epochs, run_to
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.rows.lines import Lines
@@ -38,7 +38,7 @@ from insgnss.filter.state import (
 )
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.creeping import follow_satellites
-from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import MASK, OFF, deweight
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
@@ -233,7 +233,7 @@ def short_log(
     par["motion_gate2"] = motion_sigma**2
     ended = [(DONE, 0)]
     while ended[-1][1] < EPOCHS:
-        ended.append(run_epochs(made, ended[-1][1], EPOCHS, log, imu(), par, -30.0, out, work))
+        ended.append(run_epochs(made, (ended[-1][1], EPOCHS), log, imu(), par, -30.0, out, work))
     if output_between:
         run_to(made, int(times[-1]), imu(), par, out, work)
     return [ended, made, out]
@@ -251,9 +251,9 @@ def lost_log() -> list[Any]:
     out = new_output(log, 40, 20, np.zeros(0, np.int64), layout.n_values)
     work = new_workspace(len(SKY), layout, None, limits_of(Visibility()))
     made.P[1, PSI, BG] = math.nan
-    ended = [run_epochs(made, 0, EPOCHS, log, imu(), par, -math.inf, out, work)]
+    ended = [run_epochs(made, (0, EPOCHS), log, imu(), par, -math.inf, out, work)]
     made.state["v_e"][0, 1] = math.nan
-    ended.append(run_epochs(made, 1, EPOCHS, log, imu(), par, -30.0, out, work))
+    ended.append(run_epochs(made, (1, EPOCHS), log, imu(), par, -30.0, out, work))
     return [ended, made.head, made.state["log_weight"], out]
 
 
@@ -270,7 +270,7 @@ def one_heading_with_unknown_motion() -> list[Any]:
     for second in range(1, 4):
         note_sideslip(made.head[0], made.state[0], made.P[0], START_NS - (5 - second) * NS_PER_S)
     while ended[-1][1] < EPOCHS:
-        ended.append(run_epochs(made, ended[-1][1], EPOCHS, log, samples, par, -30.0, out, work))
+        ended.append(run_epochs(made, (ended[-1][1], EPOCHS), log, samples, par, -30.0, out, work))
     return [ended, made, out]
 
 
@@ -321,7 +321,8 @@ def wrong_rows() -> tuple[Float64, Lines]:
 def crowd(noise: float) -> list[Any]:
     """Return what twenty seconds of ten satellites leave of levels and means: one runs away, or all are noisy."""
     P, lines = wrong_rows()
-    made, par, work = new_bank(1, 0), parameters(layout_with())[0], new_epoch(10, OFFSETS)
+    made, par = new_bank(1, 0), parameters(layout_with())[0]
+    work = new_epoch(10, OFFSETS)._replace(lines=lines)
     par["drift_gate"], m, fit = 4.0, made.state[0], work.fit
     observation = np.zeros(10, OBSERVATION_DTYPE)
     observation["slot"] = np.arange(10) * N_BANDS
@@ -338,7 +339,7 @@ def crowd(noise: float) -> list[Any]:
         lines["innovation"][4, :2] += second, 1.0
         t_ns = START_NS + second * NS_PER_S
         follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, par)
-        adapt_noise(m, P, P, par, lines, fit, work.vectors[0], work.vectors[3], t_ns, 1.0)
+        adapt_noise(m, P, P, par, work, len(lines), t_ns, 1.0)
         follow_explained(m, P, par, lines, fit, t_ns)
         found.append(lines["status"].copy())
     return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]

@@ -26,13 +26,14 @@ from insgnss.filter.diagnosis.witnesses import (
     singles,
     tag_error_s,
 )
-from insgnss.filter.loop import DONE, new_workspace
+from insgnss.filter.loop import DONE
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.own_update import run_beside
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
 from insgnss.filter.update.creeping import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
+from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows, some_epochs
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, USED

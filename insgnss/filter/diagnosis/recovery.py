@@ -19,7 +19,6 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
 from insgnss.filter.diagnosis.witnesses import judged
-from insgnss.filter.loop import Workspace
 from insgnss.filter.output.writing import Output
 from insgnss.filter.prediction import Imu
 from insgnss.filter.rows.lines import Lines
@@ -28,6 +27,7 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import DR, Bank, copy_bank, joined_banks, select_members
+from insgnss.filter.update.epoch_space import Workspace
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows, one_epoch
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import USED

@@ -22,7 +22,7 @@ from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.diagnosis.hindsight import quiet
 from insgnss.filter.headings.heading_bank import rotation, set_attitude, turn_member
 from insgnss.filter.headings.headings import turn_about, yaw_variance
-from insgnss.filter.loop import COVARIANCE_LOST, new_workspace
+from insgnss.filter.loop import COVARIANCE_LOST
 from insgnss.filter.output.writing import CLOCK_STEP, DRIFT_STEP, new_output
 from insgnss.filter.own_update import OwnUpdate, run_beside
 from insgnss.filter.prediction import Imu, carry_bank, new_scratch
@@ -30,6 +30,7 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.between import one_hypothesis
 from insgnss.filter.smoothing.smoother_step import Kept, Smoothed, apart, keep, keep_own, kept_as_opened
 from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
+from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64, Int64
 

@@ -10,12 +10,13 @@ import numpy as np
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import Limits
 from insgnss.filter.layout import Layout
-from insgnss.filter.loop import COVARIANCE_LOST, Workspace, new_workspace
+from insgnss.filter.loop import COVARIANCE_LOST
 from insgnss.filter.output.writing import Output, Table, new_output
 from insgnss.filter.own_update import run_beside
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank
+from insgnss.filter.update.epoch_space import Workspace, new_workspace
 from insgnss.filter.update.masking import NO_LIMITS
 from insgnss.gnss.observation_rows import Rows
 

@@ -27,13 +27,13 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.headings.heading_bank import attitude
 from insgnss.filter.headings.headings import yaw_variance
-from insgnss.filter.loop import Workspace
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
 from insgnss.filter.start.start import Heading, headings_around
 from insgnss.filter.start.starter import Starter
 from insgnss.filter.state import BG, DV, PSI, Bank, copy_bank, joined_banks, select_members
+from insgnss.filter.update.epoch_space import Workspace
 from insgnss.gnss.observation_rows import Rows, one_epoch
 from insgnss.tables import Event, Float64
 

@@ -13,7 +13,7 @@ from typing import Final
 
 from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Lines
+from insgnss.filter.rows.lines import Epoch, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance, fit_all, fit_freely
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
@@ -100,10 +100,8 @@ def adapt_noise(
     prior: Float64,
     P: Float64,
     par: Parameters,
-    lines: Lines,
-    fit: Float64,
-    correction: Float64,
-    values: Float64,
+    s: Epoch,
+    n: int,
     t_ns: int,
     drift_variance: float,
 ) -> None:
@@ -116,13 +114,12 @@ def adapt_noise(
     Parameters
     ----------
     prior, P : covariance before and after the update
-    fit : work space of ``integrity``
-    lines, correction : of the epoch; not yet fed back
-    values : scratch of at least the lines' length
+    s, n : the epoch's work space, with the correction that is not fed back yet, and how many lines it has
     drift_variance : of the clock drift before the update [m^2/s^2]
     """
     if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < _INTERVAL_NS:
         return
+    lines, fit, correction, values = s.lines[:n], s.fit, s.vectors[0], s.vectors[3]
     m.adapted_ns = t_ns
     m.adapted_count += 1
     gain = max(par.adapt_gain, 1.0 / (m.adapted_count + 5.0))

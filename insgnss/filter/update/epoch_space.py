@@ -1,15 +1,48 @@
-"""Makes the work space of an epoch."""
+"""The work space of the loop: of an epoch, of the prediction, of an output between epochs."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from insgnss.antenna.installation import Installation
+from insgnss.antenna.visibility import Limits
+from insgnss.filter.layout import Layout
+from insgnss.filter.prediction import Scratch, new_scratch
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, CLONE_ROWS, FIT_ROWS, LINE_DTYPE, Epoch
-from insgnss.filter.state import ABSENT_STATE, N_CLONE
+from insgnss.filter.state import ABSENT_STATE, N_CLONE, OFFSETS, Bank, new_bank
+from insgnss.filter.update.masking import NO_LIMITS, Masking, new_masking
 from insgnss.filter.update.predictions import columns_of
 from insgnss.gnss.range_model import AIR_DTYPE
+from insgnss.tables import Float64
+
+
+class Workspace(NamedTuple):
+    """All work space of the loop, allocated once per log."""
+
+    epoch: Epoch
+    scratch: Scratch
+    spare: Bank  # one member: the leader carried on to an output time
+    P_out: Float64  # (n, n)
+    masking: Masking
+
+
+def new_workspace(
+    rows_per_epoch: int,
+    layout: Layout,
+    installation: Installation | None = None,
+    limits: Limits = NO_LIMITS,
+) -> Workspace:
+    """Return work space for epochs of at most ``rows_per_epoch`` rows and the error states of ``layout``.
+
+    ``installation`` and ``limits`` are those of the visibility stage.
+    """
+    n = OFFSETS + layout.n_optional
+    epoch = new_epoch(rows_per_epoch, n, layout.at_clone)
+    masking = new_masking(installation, limits)
+    return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
 
 
 def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:

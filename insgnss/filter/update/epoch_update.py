@@ -7,25 +7,26 @@ from typing import NamedTuple
 
 from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Scratch, predict_covariance
-from insgnss.filter.rows.lines import CLONE_ROWS, Epoch, Line, Lines
+from insgnss.filter.prediction import Imu, predict_covariance
+from insgnss.filter.rows.lines import CLONE_ROWS, Line, Lines
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, StateRecord
+from insgnss.filter.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, Bank, StateRecord
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
 from insgnss.filter.update.creeping import follow_satellites
+from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import absorb_clock_step, common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import follow_explained
-from insgnss.filter.update.masking import OFF, Masking, mask_hidden
+from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
-from insgnss.tables import Float64, Int8
+from insgnss.tables import Float64
 
 _OUTAGE_S = 2.5  # without an epoch
 _LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
@@ -48,30 +49,24 @@ class Outcome(NamedTuple):
 
 @apart
 def update_epoch(
-    m: StateRecord,
-    P: Float64,
+    bank: Bank,
+    member: int,
     par: Parameters,
     rows: Rows,
     epoch: int,
-    w_ib_b: Float64,
-    f_b: Float64,
-    s: Epoch,
-    scratch: Scratch,
-    masking: Masking,
-    seen: Int8,
-    memory: Float64,
-    since_last: float,
-    alone: bool,
+    imu: Imu,
+    sample: int,
+    work: Workspace,
 ) -> Outcome:
     """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
-
-    ``since_last`` is the time since the epoch before [s], ``seen`` (slots,) the decisions on
-    visibility so far, ``memory`` (slots, N_MEMORY) the satellites' means, ``alone`` whether one heading is left.
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
     and the order of the rows matters only by rounding; the gates are all judged on the prior. A hypothesis that is lost
     already (``soundness``) uses no row; its likelihood is none.
     """
+    m, P, s, scratch = bank.state[member], bank.P[member], work.epoch, work.scratch
+    w_ib_b, f_b = imu.w_ib_b[sample], imu.f_b[sample]
+    since_last = (rows.epoch_ns[epoch] - bank.head[0].epoch_ns) * 1e-9
     predict_covariance(m, P, par, scratch)
     if not is_sound(m, P):
         leave_out(rows, epoch, s.lines)
@@ -83,7 +78,7 @@ def update_epoch(
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
     if par.visibility != OFF:
-        mask_hidden(m, P, par, observation, lines, s.antenna[0], seen, masking, since_last)
+        mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     for kind in range(2):
@@ -95,17 +90,17 @@ def update_epoch(
         if kind == PSEUDORANGE:
             refuse_reflections(m, lines, observation, t_ns, par)
         used, refused, strain = gate_rows(lines, kind, par.kind[kind].gate2)
-        if alone:  # rows that contradict a wrong heading must not be widened for its sake
+        if bank.state.shape[0] == 1:  # rows that contradict a wrong heading must not be widened for its sake
             weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
-    follow_satellites(m, memory, lines, observation, t_ns, s.fit, par)
+    follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, excluded = use_epoch(
         P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
     )
     if done.clock_step == 0.0 and done.drift_step == 0.0:
         prior = scratch.A
-        adapt_noise(m, prior, P, par, lines, s.fit, correction, values, t_ns, drift_variance)
+        adapt_noise(m, prior, P, par, s, last - first, t_ns, drift_variance)
         follow_explained(m, prior, par, lines, s.fit, t_ns)
     if par.motion_gate2 > 0.0:
         turn_attitude_errors(m, P, correction, s.antenna[0])

@@ -28,7 +28,7 @@ from insgnss.apart import apart
 from insgnss.config.filter import Visibility
 from insgnss.filter.output.writing import MASKING_UNCERTAIN, event_in_words
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna, Line, Lines
+from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.state import PSI, Bank, StateRecord
 from insgnss.gnss.observation_rows import (
     CARRIER,
@@ -119,8 +119,7 @@ def mask_hidden(
     P: Float64,
     par: Parameters,
     observation: Observations,
-    lines: Lines,
-    a: Antenna,
+    s: Epoch,
     seen: Int8,
     masking: Masking,
     since_last: float,
@@ -131,12 +130,12 @@ def mask_hidden(
 
     Parameters
     ----------
-    observation, lines : (k,) of the epoch, the lines of sight filled
-    a : the place, its C_ne
+    observation : (k,) rows of the epoch
+    s : its work space, the lines of sight and the place's C_ne filled
     seen : (slots,) the decision on each satellite so far, carried on
     since_last : time since the epoch before [s]
     """
-    P_b, limits = masking.P_b, masking.limits
+    P_b, limits, lines, a = masking.P_b, masking.limits, s.lines, s.antenna[0]
     attitude_covariance(P, PSI, m.C_eb, P_b)
     C, C_ne = m.C_eb, a.C_ne
     d0 = C[0, 0] * C_ne[2, 0] + C[1, 0] * C_ne[2, 1] + C[2, 0] * C_ne[2, 2]
@@ -148,7 +147,7 @@ def mask_hidden(
     m.mask_uncertain = 0
     counted = masking.counted
     counted[N_SATELLITE_SLOTS] += 1
-    for j in range(lines.shape[0]):
+    for j in range(observation.shape[0]):
         row, line = observation[j], lines[j]
         line.doubt = 0.0
         if row.no_satellite != 0:
