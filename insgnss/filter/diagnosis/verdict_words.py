@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
-from insgnss.filter.diagnosis.hindsight import (
+from insgnss.filter.diagnosis.hindsight import Verdict
+from insgnss.filter.diagnosis.supposed_faults import (
     ACCELEROMETER,
     EITHER,
     GNSS_TAGS,
@@ -15,7 +16,6 @@ from insgnss.filter.diagnosis.hindsight import (
     IMU_TAGS,
     LAPSE,
     SATELLITES,
-    Verdict,
 )
 from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
@@ -59,6 +59,8 @@ def _of_sensor(was: Bank, verdict: Verdict) -> str:
     named = (size > 3.0 * sigma) & (size > 0.3 * size.max())
     if not named.any():
         named = size / sigma == (size / sigma).max()
+    if verdict.axis >= 0:
+        named = np.arange(3) == verdict.axis
     axes = "/".join(np.array(list("xyz"))[named])
     scale, unit = (
         (math.degrees(3600.0), "deg/h") if verdict.suspect == GYRO else (1e3 / STANDARD_GRAVITY_MPS2, "mg")
