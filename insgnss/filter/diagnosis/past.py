@@ -41,7 +41,7 @@ class Past:
     epochs: tuple[Stretch, ...] = ()
     unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
     opened: bool = False  # whether both sensors are suspect meanwhile
-    suspected: str = ""  # which kind of thing was suspected at the last look
+    suspected: frozenset[str | int] = frozenset()  # what was suspected at the last look
     judged_ns: int = 0  # when it was last looked at
     tags_off_ns: int = 0  # when they were last found to be off
     in_vain: int = 0  # how often in a row without a result
@@ -100,10 +100,10 @@ class Past:
         old = [b for b in self.banks if self.judged_ns - int(b.head[0].now_ns) >= since_ns]
         return replace(self, banks=tuple(old[-1:]) or self.banks[:1])
 
-    def suspecting(self, suspected: str) -> Past:
-        """Return the past once it is known which kind of thing is suspected, if any is."""
+    def suspecting(self, suspected: frozenset[str | int]) -> Past:
+        """Return the past once it is known what is suspected, if anything is."""
         if not suspected:
-            return replace(self, suspected="", unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
+            return replace(self, suspected=suspected, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
         return replace(self, suspected=suspected, unclear_ns=self.unclear_ns or self.judged_ns)
 
     def after_verdict(self, renewed: bool) -> Past:

@@ -48,7 +48,6 @@ _PRIOR: Final = math.log(
 _PRIOR_OF_A_LAPSE: Final = 10.0 * _PRIOR
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
 _WORTH_A_LOOK: Final = math.log(1e-3)
-_SENSOR: Final = "sensor"
 _TAGS_LAST_NS: Final = (
     120 * NS_PER_S
 )  # so long late tags, which the filter does not mend, look like a sensor's fault
@@ -131,42 +130,45 @@ def judge(
     if not again.came_through:
         return None, past
     told = explanations(again.suspects(), again.as_it_was)
-    suspected = _suspected(told[0], past, again.stormy)
-    seen = suspected == past.suspected
-    past = past.suspecting(suspected)
-    if not suspected or not seen:
-        return None, past
+    before, past = past.suspected, past.suspecting(_suspected(told[0], past, again.stormy))
     likely = [each for each in told if each.log_odds > told[0].log_odds - _SURE]
     chosen = shared(likely)
-    if chosen is not None and chosen.best.fits and log_odds(likely, told) > _SURE:
-        return again.to_the_end(chosen.best), past.after_verdict(suspected in (_SENSOR, SATELLITES))
-    unclear = {each.suspect for each in likely if each.best.fits}
-    if (
-        past.opened
-        or suspected != _SENSOR
-        or log_odds([e for e in told if e.suspect in SENSORS], told) < _SURE
-    ):
+    if not (past.suspected and told[0].best.fits):
         return None, past
-    return again.either(LAPSE in unclear), replace(past, opened=True)
+    if (
+        chosen is not None
+        and chosen.best.fits
+        and log_odds(likely, told) > _SURE
+        and _names(chosen) <= before
+    ):
+        return again.to_the_end(chosen.best), past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
+    sensors = [each for each in told if each.suspect in SENSORS]
+    if past.opened or log_odds(sensors, told) < _SURE or not _names(sensors[0]) <= before:
+        return None, past
+    return again.either(any(each.suspect == LAPSE for each in likely)), replace(past, opened=True)
 
 
-def _suspected(first: Explanation, past: Past, stormy: bool) -> str:
-    """Return which kind of thing is to be suspected, nothing where that is not worth another look.
+def _names(explanation: Explanation) -> frozenset[str | int]:
+    """Return what an explanation accuses: the inertial sensors, the satellites, the time tags."""
+    if explanation.suspect == SATELLITES:
+        return frozenset(explanation.best.satellites)
+    return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
+
+
+def _suspected(first: Explanation, past: Past, stormy: bool) -> frozenset[str | int]:
+    """Return what is to be suspected, nothing where that is not worth another look.
 
     Rows that contradict each other are no sensor's fault, and what late tags have done to the filter is none either.
     """
-    inertial = first.suspect in (*SENSORS, IMU_TAGS)
-    if first.log_odds < _WORTH_A_LOOK or first.suspect == NOISE or (stormy and inertial):
-        return ""
-    if first.suspect not in SENSORS:
-        return first.suspect
-    return "" if past.tags_were_off(_TAGS_LAST_NS) else _SENSOR
+    nothing = first.log_odds < _WORTH_A_LOOK or first.suspect == NOISE
+    nothing |= stormy and first.suspect in (*SENSORS, IMU_TAGS)
+    nothing |= first.suspect in SENSORS and past.tags_were_off(_TAGS_LAST_NS)
+    return frozenset() if nothing else _names(first)
 
 
 def shared(likely: list[Explanation]) -> Explanation | None:
     """Return what explanations have in common: the only one, or the satellites that are in each of their sets."""
     if len(likely) == 1:
         return likely[0]
-    sets = [set(each.best.satellites) for each in likely]
-    common = set.intersection(*sets)
-    return next((e for e in likely if common and set(e.best.satellites) == common), None)
+    common = set.intersection(*(set(each.best.satellites) for each in likely))
+    return next((each for each in likely if common and set(each.best.satellites) == common), None)
