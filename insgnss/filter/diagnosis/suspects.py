@@ -47,6 +47,7 @@ _PRIOR: Final = math.log(
 # A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
 _PRIOR_OF_A_LAPSE: Final = 10.0 * _PRIOR
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
+_AT_ONCE: Final = 4.0 * _SURE  # without a second look
 _WORTH_A_LOOK: Final = math.log(1e-3)
 _TAGS_LAST_NS: Final = (
     120 * NS_PER_S
@@ -130,6 +131,9 @@ def judge(
     if not again.came_through:
         return None, past
     told = explanations(again.suspects(), again.as_it_was)
+    fitting = [each for each in told if each.best.fits]
+    if fitting and fitting[0].suspect == SATELLITES:
+        told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     before, past = past.suspected, past.suspecting(_suspected(told[0], past, again.stormy))
     likely = [each for each in told if each.log_odds > told[0].log_odds - _SURE]
     chosen = shared(likely)
