@@ -28,6 +28,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
 from insgnss.filter.diagnosis.past import Past
 from insgnss.filter.diagnosis.supposed_faults import (
+    GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
     NOISE,
@@ -47,11 +48,10 @@ _PRIOR: Final = math.log(
 # A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
 _PRIOR_OF_A_LAPSE: Final = 10.0 * _PRIOR
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
-_AT_ONCE: Final = 4.0 * _SURE  # without a second look
 _WORTH_A_LOOK: Final = math.log(1e-3)
 _TAGS_LAST_NS: Final = (
     120 * NS_PER_S
-)  # so long late tags, which the filter does not mend, look like a sensor's fault
+)  # so long late tags, which the filter does not mend, look like other faults
 
 
 class Explanation(NamedTuple):
@@ -132,42 +132,40 @@ def judge(
         return None, past
     told = explanations(again.suspects(), again.as_it_was)
     fitting = [each for each in told if each.best.fits]
-    if fitting and fitting[0].suspect == SATELLITES:
+    if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
         told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
-    before, past = past.suspected, past.suspecting(_suspected(told[0], past, again.stormy))
-    likely = [each for each in told if each.log_odds > told[0].log_odds - _SURE]
-    chosen = shared(likely)
-    if not (past.suspected and told[0].best.fits):
+    first, before = told[0], past.suspected
+    excused = _is_excused(first, past, again.stormy)
+    suspected = before if excused else _accused(first)
+    past = past.suspecting(suspected if first.log_odds > _WORTH_A_LOOK else frozenset())
+    if excused or not first.best.fits:
         return None, past
-    if (
-        chosen is not None
-        and chosen.best.fits
-        and log_odds(likely, told) > _SURE
-        and _names(chosen) <= before
-    ):
+    likely = [each for each in told if each.log_odds > first.log_odds - _SURE]
+    chosen = shared(likely)
+    # where late GNSS tags began is seen for some seconds only
+    seen = chosen is not None and (_accused(chosen) <= before or chosen.suspect == GNSS_TAGS)
+    if chosen is not None and seen and chosen.best.fits and log_odds(likely, told) > _SURE:
         return again.to_the_end(chosen.best), past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
     sensors = [each for each in told if each.suspect in SENSORS]
-    if past.opened or log_odds(sensors, told) < _SURE or not _names(sensors[0]) <= before:
+    if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
         return None, past
     return again.either(any(each.suspect == LAPSE for each in likely)), replace(past, opened=True)
 
 
-def _names(explanation: Explanation) -> frozenset[str | int]:
-    """Return what an explanation accuses: the inertial sensors, the satellites, the time tags."""
+def _accused(explanation: Explanation) -> frozenset[str | int]:
+    """Return what is at fault by an explanation: the inertial sensors, satellites, time tags."""
     if explanation.suspect == SATELLITES:
         return frozenset(explanation.best.satellites)
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
-def _suspected(first: Explanation, past: Past, stormy: bool) -> frozenset[str | int]:
-    """Return what is to be suspected, nothing where that is not worth another look.
+def _is_excused(first: Explanation, past: Past, stormy: bool) -> bool:
+    """Return whether what explains most is not to be believed.
 
-    Rows that contradict each other are no sensor's fault, and what late tags have done to the filter is none either.
+    Rows that contradict each other are no sensor's fault, and what late tags have done to the filter is nobody's.
     """
-    nothing = first.log_odds < _WORTH_A_LOOK or first.suspect == NOISE
-    nothing |= stormy and first.suspect in (*SENSORS, IMU_TAGS)
-    nothing |= first.suspect in SENSORS and past.tags_were_off(_TAGS_LAST_NS)
-    return frozenset() if nothing else _names(first)
+    noise = first.suspect == NOISE or (stormy and first.suspect in (*SENSORS, IMU_TAGS))
+    return noise or (first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS))
 
 
 def shared(likely: list[Explanation]) -> Explanation | None:
