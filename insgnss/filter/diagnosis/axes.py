@@ -1,4 +1,4 @@
-"""How likely a sensor's fault is that has moved one axis, from a filter to which the biases of all three are unknown.
+"""How likely a sensor's fault is that has moved some of its axes, from a filter to which all three biases are unknown.
 
 A prior on three axes, as wide as the largest fault, is charged for what it does not use: a small jump of one axis would
 be explained better by the other sensor. The filter beside the one without a fault tells what the measurements say of the
@@ -13,19 +13,24 @@ what d changes in the gates.                                                   [
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Final
 
 import numpy as np
 
+from insgnss.filter.diagnosis.supposed_faults import LOG_PRIOR
 from insgnss.tables import Float64
 
-_SIZES: Final = (2.0, 6.0, 20.0)  # sigmas of the grade's bias by which one axis may have jumped
+_SIZES: Final = (2.0, 6.0, 20.0)  # sigmas of the grade's bias by which an axis may have jumped
 _LEAST: Final = 1e-6  # eigenvalue of S over its largest: rounding must not make it negative
+_SETS: Final = tuple(axes for size in (1, 2, 3) for axes in itertools.combinations(range(3), size))
 
 
-def of_one_axis(moved: Float64, covariance: Float64, sigma: float, widest: float) -> tuple[float, int]:
-    """Return by how much the log-likelihood rises where only one axis or all three may have moved, and the axis.
+def of_axes(
+    moved: Float64, covariance: Float64, sigma: float, widest: float
+) -> tuple[float, tuple[int, ...]]:
+    """Return by how much the log-likelihood rises where each axis is a fault of its own, and which axes are likeliest.
 
     Parameters
     ----------
@@ -33,20 +38,24 @@ def of_one_axis(moved: Float64, covariance: Float64, sigma: float, widest: float
     covariance : (3, 3) S, the difference of their covariances
     sigma : of the grade's bias
     widest : sigma of each axis in the filter's prior
-
-    Returns
-    -------
-    gain : logarithm of the mean over x, y, z and all three, each a quarter, against all three
-    axis : 0, 1 or 2; -1 where all three together explain more than any alone
     """
     size, turn = np.linalg.eigh(0.5 * (covariance + covariance.T))
     information = (turn / np.maximum(size, _LEAST * size[-1])) @ turn.T
     h = information @ moved
-    J = np.maximum(np.diag(information) - widest**-2, 0.0)
-    Q = (np.array(_SIZES)[:, None] * sigma) ** 2
-    every = 0.5 * h**2 / (J + 1.0 / Q) - 0.5 * np.log1p(Q * J)
-    alone = np.logaddexp.reduce(every) - math.log(len(_SIZES))
-    all_three = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
-    gain = float(np.logaddexp.reduce([*alone, all_three])) - math.log(4.0) - all_three
-    axis = int(np.argmax(alone))
-    return gain, axis if alone[axis] > all_three else -1
+    J = information - np.eye(3) / widest**2
+    every = [_log_ratio(J[np.ix_(axes, axes)], h[list(axes)], sigma) for axes in _SETS]
+    paid = np.array(every) + LOG_PRIOR * np.array(
+        [len(axes) - 1 for axes in _SETS]
+    )  # the first pays as a suspect
+    wide = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
+    return float(np.logaddexp.reduce(paid)) - wide, _SETS[int(np.argmax(paid))]
+
+
+def _log_ratio(J: Float64, h: Float64, sigma: float) -> float:
+    """Return ln B of some axes, the mean over the sizes of their jump."""
+    told = []
+    for size in _SIZES:
+        A = np.eye(len(h)) + (size * sigma) ** 2 * J
+        gain = (size * sigma) ** 2 * float(h @ np.linalg.solve(A, h))
+        told.append(0.5 * gain - 0.5 * max(float(np.linalg.slogdet(A)[1]), 0.0))
+    return float(np.logaddexp.reduce(told)) - math.log(len(_SIZES))

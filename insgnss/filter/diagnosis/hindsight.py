@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.axes import of_one_axis
+from insgnss.filter.diagnosis.axes import of_axes
 from insgnss.filter.diagnosis.past import Past, Stretch
 from insgnss.filter.diagnosis.ramps import ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
@@ -91,7 +91,7 @@ class Verdict(NamedTuple):
     rates_mps: tuple[float, ...] = ()  # at which these run away
     size: float = 0.0  # of the time tags' error [s]
     onset_ns: int = 0  # of a sensor's fault
-    axis: int = -1  # of the sensor, -1 where not one alone has moved
+    axes: tuple[int, ...] = ()  # of the sensor
 
 
 class Hindsight:
@@ -174,7 +174,7 @@ class Hindsight:
         return list(found.values())
 
     def of_axes(self, verdict: Verdict) -> Verdict:
-        """Return a verdict on a sensor, its likelihood that of a jump of one axis or of all three."""
+        """Return a verdict on a sensor, its likelihood that of a jump of one axis or more."""
         if verdict.suspect not in (ACCELEROMETER, GYRO):
             return verdict
         at, name, bias = bias_of(verdict.suspect, self.setup)
@@ -182,8 +182,8 @@ class Hindsight:
         sound = self.before[-1]
         moved = verdict.bank.state[name][0] - sound.state[name][0]
         covariance = verdict.bank.P[0, b, b] - sound.P[0, b, b]
-        gain, axis = of_one_axis(moved, covariance, bias.sigma, WIDEST * bias.sigma)
-        return verdict._replace(log_likelihood=verdict.log_likelihood + gain, axis=axis)
+        gain, axes = of_axes(moved, covariance, bias.sigma, WIDEST * bias.sigma)
+        return verdict._replace(log_likelihood=verdict.log_likelihood + gain, axes=axes)
 
     def at(self, t_ns: int) -> Bank | None:
         """Return the filter as it was at the last epoch up to a time; None where it came to nothing."""

@@ -17,6 +17,8 @@ LAPSE = "lapse"  # of a sensor that lied for a moment and works again
 ANY = "any of these"
 SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
 
+# of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
+LOG_PRIOR: Final = math.log(1.0 / 6000.0)
 WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
 _NOISE2: Final = 9.0
 _EARLIEST_S: Final = 90.0

@@ -31,6 +31,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
+    LOG_PRIOR,
     NOISE,
     SATELLITES,
     SENSORS,
@@ -42,11 +43,8 @@ from insgnss.filter.state import Bank
 from insgnss.filter.update.creeping import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
 
-_PRIOR: Final = math.log(
-    1.0 / 6000.0
-)  # of each fault in the minute that is looked at: once in a hundred hours
 # A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
-_PRIOR_OF_A_LAPSE: Final = 10.0 * _PRIOR
+_PRIOR_OF_A_LAPSE: Final = 10.0 * LOG_PRIOR
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
 _WORTH_A_LOOK: Final = math.log(1e-3)
 _TAGS_LAST_NS: Final = (
@@ -69,7 +67,7 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
         of[verdict.suspect, verdict.satellites].append(verdict)
     told = []
     for (suspect, satellites), verdicts in of.items():
-        prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else _PRIOR * max(len(satellites), 1)
+        prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else LOG_PRIOR * max(len(satellites), 1)
         best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
         told.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
     return sorted(told, key=lambda each: -each.log_odds)
@@ -135,7 +133,7 @@ def judge(
     if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
         told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     first, before = told[0], past.suspected
-    excused = _is_excused(first, past, again.stormy)
+    excused = _is_excused(told, past, again.stormy)
     suspected = before if excused else _accused(first)
     past = past.suspecting(suspected if first.log_odds > _WORTH_A_LOOK else frozenset())
     if excused or not first.best.fits:
@@ -159,13 +157,17 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
-def _is_excused(first: Explanation, past: Past, stormy: bool) -> bool:
+def _is_excused(told: list[Explanation], past: Past, stormy: bool) -> bool:
     """Return whether what explains most is not to be believed.
 
-    Rows that contradict each other are no sensor's fault, and what late tags have done to the filter is nobody's.
+    Rows that contradict each other are no sensor's fault, nor is what few satellites explain as well: a bias that is
+    unknown explains much. What late tags have done to the filter is nobody's fault.
     """
+    first = told[0]
+    few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > _SURE for each in told)
     noise = first.suspect == NOISE or (stormy and first.suspect in (*SENSORS, IMU_TAGS))
-    return noise or (first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS))
+    late = first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS)
+    return noise or late or (few and first.suspect in SENSORS)
 
 
 def shared(likely: list[Explanation]) -> Explanation | None:

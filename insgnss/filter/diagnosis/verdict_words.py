@@ -55,13 +55,7 @@ def _of_sensor(was: Bank, verdict: Verdict) -> str:
     name, at = ("b_a", BA) if verdict.suspect == ACCELEROMETER else ("b_g", BG)
     moved = after[name] - before[name]
     sigma = np.sqrt(P[range(at, at + 3), range(at, at + 3)])
-    size = np.abs(moved)
-    named = (size > 3.0 * sigma) & (size > 0.3 * size.max())
-    if not named.any():
-        named = size / sigma == (size / sigma).max()
-    if verdict.axis >= 0:
-        named = np.arange(3) == verdict.axis
-    axes = "/".join(np.array(list("xyz"))[named])
+    axes = "/".join("xyz"[axis] for axis in verdict.axes)
     scale, unit = (
         (math.degrees(3600.0), "deg/h") if verdict.suspect == GYRO else (1e3 / STANDARD_GRAVITY_MPS2, "mg")
     )
