@@ -19,7 +19,6 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.filter.diagnosis.supposed_faults import LOG_PRIOR
 from insgnss.tables import Float64
 
 _SIZES: Final = (2.0, 6.0, 20.0)  # sigmas of the grade's bias by which an axis may have jumped
@@ -27,10 +26,8 @@ _LEAST: Final = 1e-6  # eigenvalue of S over its largest: rounding must not make
 _SETS: Final = tuple(axes for size in (1, 2, 3) for axes in itertools.combinations(range(3), size))
 
 
-def of_axes(
-    moved: Float64, covariance: Float64, sigma: float, widest: float
-) -> tuple[float, tuple[int, ...]]:
-    """Return by how much the log-likelihood rises where each axis is a fault of its own, and which axes are likeliest.
+def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) -> dict[tuple[int, ...], float]:
+    """Return by how much the log-likelihood rises where nothing but some axes may have jumped, for each set of axes.
 
     Parameters
     ----------
@@ -43,12 +40,8 @@ def of_axes(
     information = (turn / np.maximum(size, _LEAST * size[-1])) @ turn.T
     h = information @ moved
     J = information - np.eye(3) / widest**2
-    every = [_log_ratio(J[np.ix_(axes, axes)], h[list(axes)], sigma) for axes in _SETS]
-    paid = np.array(every) + LOG_PRIOR * np.array(
-        [len(axes) - 1 for axes in _SETS]
-    )  # the first pays as a suspect
     wide = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
-    return float(np.logaddexp.reduce(paid)) - wide, _SETS[int(np.argmax(paid))]
+    return {axes: _log_ratio(J[np.ix_(axes, axes)], h[list(axes)], sigma) - wide for axes in _SETS}
 
 
 def _log_ratio(J: Float64, h: Float64, sigma: float) -> float:

@@ -150,7 +150,7 @@ class Hindsight:
         than a gyro, whose fault shows with the square of time.
         """
         first_ns = _now_ns(self.before[0])
-        found: dict[int, Verdict] = {}
+        found: dict[int, list[Verdict]] = {}
         tried: set[int] = set()
 
         def look(onsets_ns: Iterable[int]) -> None:
@@ -170,20 +170,23 @@ class Hindsight:
         look([_now_ns(bank) for bank in self.before[:-1]][::2])
         for _ in range(_HALVINGS):
             if found:
-                look(_halfway(max(found, key=lambda t: found[t].log_likelihood), sorted(tried)))
-        return list(found.values())
+                look(_halfway(max(found, key=lambda t: found[t][0].log_likelihood), sorted(tried)))
+        return [verdict for verdicts in found.values() for verdict in verdicts]
 
-    def of_axes(self, verdict: Verdict) -> Verdict:
-        """Return a verdict on a sensor, its likelihood that of a jump of one axis or more."""
+    def of_axes(self, verdict: Verdict) -> list[Verdict]:
+        """Return a verdict on a sensor for each set of axes that may have jumped, the likeliest first."""
         if verdict.suspect not in (ACCELEROMETER, GYRO):
-            return verdict
+            return [verdict]
         at, name, bias = bias_of(verdict.suspect, self.setup)
         b = slice(at, at + 3)
         sound = self.before[-1]
         moved = verdict.bank.state[name][0] - sound.state[name][0]
         covariance = verdict.bank.P[0, b, b] - sound.P[0, b, b]
-        gain, axes = of_axes(moved, covariance, bias.sigma, WIDEST * bias.sigma)
-        return verdict._replace(log_likelihood=verdict.log_likelihood + gain, axes=axes)
+        gains = of_axes(moved, covariance, bias.sigma, WIDEST * bias.sigma)
+        each = [
+            verdict._replace(log_likelihood=verdict.log_likelihood + gains[axes], axes=axes) for axes in gains
+        ]
+        return sorted(each, key=lambda v: -v.log_likelihood)
 
     def at(self, t_ns: int) -> Bank | None:
         """Return the filter as it was at the last epoch up to a time; None where it came to nothing."""

@@ -61,13 +61,13 @@ class Explanation(NamedTuple):
 
 
 def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
-    """Return what explains the last minute, the likeliest first; each set of satellites is one of them."""
-    of: dict[tuple[str, tuple[int, ...]], list[Verdict]] = defaultdict(list)
+    """Return what explains the last minute, the likeliest first; each set of satellites or axes is one of them."""
+    of: dict[tuple[str, tuple[int, ...], tuple[int, ...]], list[Verdict]] = defaultdict(list)
     for verdict in found:
-        of[verdict.suspect, verdict.satellites].append(verdict)
+        of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
     told = []
-    for (suspect, satellites), verdicts in of.items():
-        prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else LOG_PRIOR * max(len(satellites), 1)
+    for (suspect, satellites, axes), verdicts in of.items():
+        prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else LOG_PRIOR * max(len(satellites), len(axes), 1)
         best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
         told.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
     return sorted(told, key=lambda each: -each.log_odds)
@@ -171,8 +171,11 @@ def _is_excused(told: list[Explanation], past: Past, stormy: bool) -> bool:
 
 
 def shared(likely: list[Explanation]) -> Explanation | None:
-    """Return what explanations have in common: the only one, or the satellites that are in each of their sets."""
-    if len(likely) == 1:
-        return likely[0]
-    common = set.intersection(*(set(each.best.satellites) for each in likely))
-    return next((each for each in likely if common and set(each.best.satellites) == common), None)
+    """Return what explanations have in common: the only one, or the satellites or axes that are in all of them."""
+    parts = {id(each): _parts(each.best) for each in likely}
+    common = frozenset.intersection(*parts.values())
+    return next((each for each in likely if common and parts[id(each)] == common), None)
+
+
+def _parts(verdict: Verdict) -> frozenset[tuple[str, int]]:
+    return frozenset((verdict.suspect, part) for part in verdict.satellites or verdict.axes or (0,))
