@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
 from insgnss.gnss.observation_rows import CARRIER
@@ -22,7 +24,8 @@ LOG_PRIOR: Final = math.log(1.0 / 6000.0)
 WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
 _NOISE2: Final = 9.0
 _EARLIEST_S: Final = 90.0
-_LAPSE: Final = ((DR, 30.0), (DV, 10.0), (PSI, math.radians(10.0)))  # what a lie leaves behind [m, m/s, rad]
+_LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of what a lie leaves of velocity and attitude
+_LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
 
 
 def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
@@ -38,8 +41,12 @@ def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = Fal
         return found
     if suspect == LAPSE:
         found = copy_bank(bank)
-        for at, sigma in _LAPSE:
-            found.P[0, range(at, at + 3), range(at, at + 3)] += sigma**2
+        moved_s = 0.5 * _LIE_S
+        for i in range(3):
+            found.P[0, PSI + i, PSI + i] += _LIE_RAD**2
+            found.P[0, [[DV + i], [DR + i]], [DV + i, DR + i]] += _LIE_MPS**2 * np.outer(
+                [1.0, moved_s], [1.0, moved_s]
+            )
         return found
     at, _, bias = bias_of(suspect, setup)
     found = copy_bank(bank)
