@@ -16,7 +16,7 @@ _KEPT: Final = 5  # so the oldest is 60 to 75 s old
 _LEAST_NS: Final = 8 * NS_PER_S  # a shorter past tells nothing
 _MARGIN_NS: Final = 110_000_000  # time tags may be tried that are so much later than the newest sample allows
 _LOOK_AGAIN_NS: Final = 3 * NS_PER_S
-_PATIENCE: Final = 4  # the next look comes after a quarter of the time for which it has been unclear
+_PATIENCE: Final = 8  # the next look comes after an eighth of the time for which it has been unclear
 _MOST_IN_VAIN: Final = 8  # a quarter of an hour
 _FORGIVEN_NS: Final = 1800 * NS_PER_S
 

@@ -142,7 +142,7 @@ def judge(
     chosen = shared(likely)
     # where late GNSS tags began is seen for some seconds only
     seen = chosen is not None and (_accused(chosen) <= before or chosen.suspect == GNSS_TAGS)
-    if chosen is not None and seen and chosen.best.fits and log_odds(likely, told) > _SURE:
+    if chosen is not None and seen and chosen.best.fits and log_odds(_with(chosen, told), told) > _SURE:
         return again.to_the_end(chosen.best), past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
     sensors = [each for each in told if each.suspect in SENSORS]
     if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
@@ -175,6 +175,11 @@ def shared(likely: list[Explanation]) -> Explanation | None:
     parts = {id(each): _parts(each.best) for each in likely}
     common = frozenset.intersection(*parts.values())
     return next((each for each in likely if common and parts[id(each)] == common), None)
+
+
+def _with(chosen: Explanation, told: list[Explanation]) -> list[Explanation]:
+    """Return the explanations by which all that has failed has, and perhaps more."""
+    return [each for each in told if _parts(chosen.best) <= _parts(each.best)]
 
 
 def _parts(verdict: Verdict) -> frozenset[tuple[str, int]]:
