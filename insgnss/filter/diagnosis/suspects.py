@@ -7,8 +7,8 @@ likelihood, integrated over what it does not know (onset, size, axis, rate), whi
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
 
-An explanation is believed when its odds against all others together, the sound filter among them, are large, and were
-in the lead at the look before. Then the filter that knew of it in time takes the place of the one that did not: with
+An explanation is believed when its odds against all others together, the sound filter among them, are large, and it led
+at the look before already. Then the filter that knew of it in time takes the place of the one that did not: with
 its honest covariance, and with all else as it was. Where accelerometers and gyros explain the same, the biases of
 both become unknown until one is believed.                     [Willsky & Jones 1976; Kass & Raftery 1995]
 """
@@ -46,10 +46,10 @@ from insgnss.gnss.observation_rows import N_BANDS
 # A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
 _PRIOR_OF_A_LAPSE: Final = 10.0 * LOG_PRIOR
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
-_WORTH_A_LOOK: Final = math.log(1e-3)
-_TAGS_LAST_NS: Final = (
-    120 * NS_PER_S
-)  # so long late tags, which the filter does not mend, look like other faults
+_COARSE: Final = 3.0 * _SURE  # that much likelihood a ramp of one rate may lack of what a satellite has done
+_WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
+# so long what late tags have done, which the filter does not mend, looks like other faults
+_TAGS_LAST_NS: Final = 120 * NS_PER_S
 
 
 class Explanation(NamedTuple):
@@ -127,7 +127,7 @@ def judge(
         return None, past
     again = Hindsight(past, setup, imu, parameters, span)
     if not again.came_through:
-        return None, past
+        return None, replace(past, in_vain=past.in_vain + 1)
     told = explanations(again.suspects(), again.as_it_was)
     fitting = [each for each in told if each.best.fits]
     if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
@@ -160,11 +160,12 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
 def _is_excused(told: list[Explanation], past: Past, stormy: bool) -> bool:
     """Return whether what explains most is not to be believed.
 
-    Rows that contradict each other are no sensor's fault, nor is what few satellites explain as well: a bias that is
-    unknown explains much. What late tags have done to the filter is nobody's fault.
+    Rows that contradict each other are no sensor's fault, nor is what few satellites explain nearly as well: a
+    bias that is unknown explains much. What late tags have done to the filter is nobody's fault.
     """
     first = told[0]
-    few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > _SURE for each in told)
+    least = max(_SURE, first.log_odds - _COARSE)
+    few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in told)
     noise = first.suspect == NOISE or (stormy and first.suspect in (*SENSORS, IMU_TAGS))
     late = first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
