@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
-from insgnss.filter.diagnosis.hindsight import GNSS_TAGS, IMU_TAGS
 from insgnss.filter.diagnosis.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.filter.diagnosis.past import Past
 from insgnss.filter.diagnosis.recovery import Doubt, contradicted_kind, is_lost, open_doubt
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
+from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
 from insgnss.filter.diagnosis.suspects import judge, run_away
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
 from insgnss.filter.output.writing import Output

@@ -14,8 +14,24 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.diagnosis.axes import of_axes
 from insgnss.filter.diagnosis.past import Past, Stretch
 from insgnss.filter.diagnosis.ramps import ramp_evidence, ramps
+from insgnss.filter.diagnosis.supposed_faults import (
+    ACCELEROMETER,
+    ANY,
+    EITHER,
+    GNSS_TAGS,
+    GYRO,
+    IMU_TAGS,
+    LAPSE,
+    NOISE,
+    SATELLITES,
+    SENSORS,
+    WIDEST,
+    bias_of,
+    with_fault,
+)
 from insgnss.filter.diagnosis.tag_shifts import at_other_tags, later, summit
 from insgnss.filter.diagnosis.witnesses import (
     MOST_SATELLITES,
@@ -31,21 +47,13 @@ from insgnss.filter.output.writing import new_output
 from insgnss.filter.own_update import run_beside
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
+from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.creeping import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
 from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows, some_epochs
-from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, USED
 
-ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
-SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
-NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
-LAPSE = "lapse"  # of a sensor that lied for a moment and works again
-ANY = "any of these"
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
-SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
-
 _ONSETS_S: Final = (
     3.0,
     5.0,
@@ -60,13 +68,10 @@ _ONSETS_S: Final = (
     40.0,
     50.0,
 )  # how long ago the fault may have begun
-_SIZE: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
+_HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
-_NOISE2: Final = 9.0
-_EARLIEST_S: Final = 90.0
-_LAPSE: Final = ((DR, 30.0), (DV, 10.0), (PSI, math.radians(10.0)))  # what a lie leaves behind [m, m/s, rad]
-_LARGEST: Final = 6.0 * _SIZE  # by so many a bias does not jump: the sensor itself has failed
+_LARGEST: Final = 6.0 * WIDEST  # by so many a bias does not jump: the sensor itself has failed
 _HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless it is shown innocent before
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 _GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
@@ -86,6 +91,8 @@ class Verdict(NamedTuple):
     satellites: tuple[int, ...] = ()  # slots
     rates_mps: tuple[float, ...] = ()  # at which these run away
     size: float = 0.0  # of the time tags' error [s]
+    onset_ns: int = 0  # of a sensor's fault
+    axes: tuple[int, ...] = ()  # of the sensor
 
 
 class Hindsight:
@@ -135,37 +142,65 @@ class Hindsight:
             yield from self.sensor(suspect)
         yield from self.without_satellites()
         yield from self.other_tags()
+        yield from self.other_imu_tags()
 
     def sensor(self, suspect: str) -> list[Verdict]:
-        """Return what comes of a sensor's fault that began at every other onset, then beside the best of these."""
-        found: dict[int, Verdict] = {}
+        """Return what comes of a sensor's fault that began at every other onset, then ever nearer to the best of these.
 
-        def look(indices: Iterable[int]) -> None:
-            for i in indices:
-                if i in found or not 0 <= i < len(self.before) - 1:
+        A force that jumps shows at once: an onset that is some seconds wrong costs an accelerometer more likelihood
+        than a gyro, whose fault shows with the square of time.
+        """
+        first_ns = _now_ns(self.before[0])
+        found: dict[int, list[Verdict]] = {}
+        tried: set[int] = set()
+
+        def look(onsets_ns: Iterable[int]) -> None:
+            for onset_ns in onsets_ns:
+                bank = self.at(onset_ns)
+                if bank is None or _now_ns(bank) in tried:
                     continue
-                bank = self.before[i]
+                onset_ns = _now_ns(bank)
+                tried.add(onset_ns)
                 for each in _TOGETHER.get(suspect, (suspect,)):
-                    bank = with_fault(bank, self.setup, each, earlier=i == 0)
+                    bank = with_fault(bank, self.setup, each, earlier=onset_ns == first_ns)
                 verdict = self.verdict(suspect, bank, self.stretches)
                 if verdict is not None:
-                    found[i] = verdict._replace(fits=verdict.fits and self.plausible(verdict.bank))
+                    fits = verdict.fits and self.plausible(verdict.bank)
+                    found[onset_ns] = self.of_axes(verdict._replace(fits=fits, onset_ns=onset_ns))
 
-        look(range(0, len(self.before) - 1, 2))
-        if found:
-            best = max(found, key=lambda i: found[i].log_likelihood)
-            look((best - 1, best + 1))
-        return list(found.values())
+        look([_now_ns(bank) for bank in self.before[:-1]][::2])
+        for _ in range(_HALVINGS):
+            if found:
+                look(_halfway(max(found, key=lambda t: found[t][0].log_likelihood), sorted(tried)))
+        return [verdict for verdicts in found.values() for verdict in verdicts]
+
+    def of_axes(self, verdict: Verdict) -> list[Verdict]:
+        """Return a verdict on a sensor for each set of axes that may have jumped, the likeliest first."""
+        if verdict.suspect not in (ACCELEROMETER, GYRO):
+            return [verdict]
+        at, name, bias = bias_of(verdict.suspect, self.setup)
+        b = slice(at, at + 3)
+        sound = self.before[-1]
+        moved = verdict.bank.state[name][0] - sound.state[name][0]
+        covariance = verdict.bank.P[0, b, b] - sound.P[0, b, b]
+        gains = of_axes(moved, covariance, bias.sigma, WIDEST * bias.sigma)
+        each = [
+            verdict._replace(log_likelihood=verdict.log_likelihood + gains[axes], axes=axes) for axes in gains
+        ]
+        return sorted(each, key=lambda v: -v.log_likelihood)
+
+    def at(self, t_ns: int) -> Bank | None:
+        """Return the filter as it was at the last epoch up to a time; None where it came to nothing."""
+        bank = copy_bank(max((b for b in self.before if _now_ns(b) <= t_ns), key=_now_ns))
+        return None if self.until(bank, t_ns) is None else bank
 
     def plausible(self, bank: Bank) -> bool:
         """Return whether the biases are still those of a sensor that works: what lies or is stuck has no bias."""
-        sensor = sensor_model(self.setup.grade)
-        before = self.past.banks[0].state[0]
-        moved = (
-            np.abs(bank.state["b_a"][0] - before["b_a"]).max() / sensor.accel_bias.sigma,
-            np.abs(bank.state["b_g"][0] - before["b_g"]).max() / sensor.gyro_bias.sigma,
+        before, after = self.past.banks[0].state[0], bank.state[0]
+        biases = (bias_of(sensor, self.setup) for sensor in (ACCELEROMETER, GYRO))
+        return all(
+            bool(np.abs(after[name] - before[name]).max() < _LARGEST * bias.sigma) for _, name, bias in biases
         )
-        return bool(max(moved) < _LARGEST)
 
     def other_tags(self) -> Iterator[Verdict]:
         """Yield what comes of GNSS time tags that are off since a few seconds."""
@@ -314,6 +349,16 @@ class Hindsight:
         return verdict
 
 
+def _now_ns(bank: Bank) -> int:
+    return int(bank.head[0].now_ns)
+
+
+def _halfway(best_ns: int, tried_ns: list[int]) -> tuple[int, ...]:
+    """Return the times halfway from the best onset to those tried before and after it."""
+    at = tried_ns.index(best_ns)
+    return tuple((best_ns + t) // 2 for t in tried_ns[max(at - 1, 0) : at + 2] if t != best_ns)
+
+
 def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the filter's numbers with nothing that stops the loop."""
     calm = parameters.copy()
@@ -321,35 +366,6 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     calm["lockout_epochs"] = math.inf
     calm["strain_limit"] = math.inf
     return calm
-
-
-def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
-    """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
-
-    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. On a
-    straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude by
-    psi = -C b t, with t uniform up to 90 s.
-    """
-    if suspect == NOISE:
-        found = copy_bank(bank)
-        found.state["noise_factor"][:, :CARRIER] *= _NOISE2
-        return found
-    if suspect == LAPSE:
-        found = copy_bank(bank)
-        for at, sigma in _LAPSE:
-            found.P[0, range(at, at + 3), range(at, at + 3)] += sigma**2
-        return found
-    sensor = sensor_model(setup.grade)
-    at, bias = (BA, sensor.accel_bias) if suspect == ACCELEROMETER else (BG, sensor.gyro_bias)
-    found = copy_bank(bank)
-    variance = (_SIZE * bias.sigma) ** 2
-    found.P[0, range(at, at + 3), range(at, at + 3)] += variance
-    if suspect == GYRO and earlier:
-        turned = _EARLIEST_S / 2.0 * variance * found.state[0].C_eb
-        found.P[0, PSI : PSI + 3, BG : BG + 3] -= turned
-        found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T
-        found.P[0, range(PSI, PSI + 3), range(PSI, PSI + 3)] += _EARLIEST_S**2 / 3.0 * variance
-    return found
 
 
 def _without(rows: Rows, satellites: tuple[int, ...]) -> Rows:

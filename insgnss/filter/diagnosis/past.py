@@ -16,6 +16,7 @@ _KEPT: Final = 5  # so the oldest is 60 to 75 s old
 _LEAST_NS: Final = 8 * NS_PER_S  # a shorter past tells nothing
 _MARGIN_NS: Final = 110_000_000  # time tags may be tried that are so much later than the newest sample allows
 _LOOK_AGAIN_NS: Final = 3 * NS_PER_S
+_PATIENCE: Final = 8  # the next look comes after an eighth of the time for which it has been unclear
 _MOST_IN_VAIN: Final = 8  # a quarter of an hour
 _FORGIVEN_NS: Final = 1800 * NS_PER_S
 
@@ -40,16 +41,19 @@ class Past:
     epochs: tuple[Stretch, ...] = ()
     unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
     opened: bool = False  # whether both sensors are suspect meanwhile
-    suspected: tuple[int, ...] = ()  # satellites that were suspected at the last look
-    tag_error_s: float = 0.0  # of the inertial tags, as it seemed then
+    suspected: frozenset[str | int] = frozenset()  # what was suspected at the last look
     judged_ns: int = 0  # when it was last looked at
-    tags_ns: int = 0  # when other time tags were last tried
     tags_off_ns: int = 0  # when they were last found to be off
     in_vain: int = 0  # how often in a row without a result
 
     @property
     def respite_ns(self) -> int:
-        """For how long no suspicion is raised: longer and longer while nothing comes of it."""
+        """For how long no suspicion is raised: longer and longer while nothing comes of it.
+
+        What is not clear yet is looked at again soon, and ever less often as it lasts.
+        """
+        if self.unclear_ns:
+            return max(_LOOK_AGAIN_NS, (self.judged_ns - self.unclear_ns) // _PATIENCE)
         return int(_LOOK_AGAIN_NS * 2 ** min(self.in_vain, _MOST_IN_VAIN))
 
     @property
@@ -78,7 +82,7 @@ class Past:
             return self, None
         last = self.epochs[-1]
         now_ns = int(last.rows.epoch_ns[last.last - 1])
-        in_vain = self.in_vain + 1 if now_ns - self.judged_ns < _FORGIVEN_NS else 0
+        in_vain = self.in_vain if now_ns - self.judged_ns < _FORGIVEN_NS else 0
         past = replace(self, judged_ns=now_ns, in_vain=in_vain)
         times_ns = np.concatenate([e.rows.epoch_ns[e.first : e.last] for e in self.epochs])
         end = int(np.searchsorted(times_ns, now_ns - _MARGIN_NS, side="right")) - 1
@@ -86,10 +90,6 @@ class Past:
         if end < 0 or int(times_ns[end]) - oldest_ns < _LEAST_NS:
             return past, None
         return past, (int(times_ns[end]), now_ns)
-
-    def tags_are_due(self, every_ns: int) -> bool:
-        """Return whether other time tags are to be tried again."""
-        return self.judged_ns - self.tags_ns >= every_ns
 
     def tags_were_off(self, within_ns: int) -> bool:
         """Return whether time tags were found to be off of late."""
@@ -100,9 +100,11 @@ class Past:
         old = [b for b in self.banks if self.judged_ns - int(b.head[0].now_ns) >= since_ns]
         return replace(self, banks=tuple(old[-1:]) or self.banks[:1])
 
-    def soon(self) -> Past:
-        """Return the past of which something explains much: it is worth another look before long."""
-        return replace(self, in_vain=min(self.in_vain, 1))
+    def suspecting(self, suspected: frozenset[str | int]) -> Past:
+        """Return the past once it is known what is suspected, if anything is."""
+        if not suspected:
+            return replace(self, suspected=suspected, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
+        return replace(self, suspected=suspected, unclear_ns=self.unclear_ns or self.judged_ns)
 
     def after_verdict(self, renewed: bool) -> Past:
         """Return the past once something has been found; what was before a new filter is of no use to it.
@@ -110,8 +112,8 @@ class Past:
         Time tags leave the filter as it is.
         """
         if renewed:
-            return Past(judged_ns=self.judged_ns, tags_ns=self.tags_ns, tags_off_ns=self.tags_off_ns)
-        return replace(self, unclear_ns=0, opened=False, tags_off_ns=self.judged_ns)
+            return Past(judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns)
+        return replace(self, unclear_ns=0, opened=False, tags_off_ns=self.judged_ns, in_vain=self.in_vain + 1)
 
     def forgotten(self) -> Past:
         """Return an empty past."""

@@ -2,34 +2,40 @@
 
 When all satellites together contradict the filter's own prediction (``integrity``), the filter of about a minute ago
 runs over the samples and epochs since once more: as it was; with the accelerometers' or the gyros' biases unknown from
-some instant on; without satellites that may run away; with time tags that are off. What is wrong explains what nothing
-else does. The likelihoods tell whether there was a fault, whose and since when, and the filter that knew of it in time
-takes the place of the one that did not: with its honest covariance, and with all else as it was.
-                                                                 [Willsky & Jones 1976: generalised likelihood ratio]
+some instant on; without satellites that may run away; with time tags that are off. Each explanation has a prior and a
+likelihood, integrated over what it does not know (onset, size, axis, rate), which gives its posterior:
+
+    log odds = log prior + log likelihood - log likelihood of the filter as it was
+
+An explanation is believed when its odds against all others together, the sound filter among them, are large, and it led
+at the look before already. Then the filter that knew of it in time takes the place of the one that did not: with
+its honest covariance, and with all else as it was. Where accelerometers and gyros explain the same, the biases of
+both become unknown until one is believed.                     [Willsky & Jones 1976; Kass & Raftery 1995]
 """
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.hindsight import (
-    ACCELEROMETER,
-    GYRO,
+from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
+from insgnss.filter.diagnosis.past import Past
+from insgnss.filter.diagnosis.supposed_faults import (
+    GNSS_TAGS,
     IMU_TAGS,
     LAPSE,
+    LOG_PRIOR,
     NOISE,
     SATELLITES,
     SENSORS,
-    WITHOUT_S,
-    Hindsight,
-    Verdict,
 )
-from insgnss.filter.diagnosis.past import Past
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
@@ -37,15 +43,60 @@ from insgnss.filter.state import Bank
 from insgnss.filter.update.creeping import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
 
-_SURE: Final = 20.0  # logarithm of the likelihood ratio at which a fault is believed
-_SURE_AT_ONCE: Final = 40.0  # satellites in a street are alike for seconds: less than this must be seen twice
-_SURE_OF_A_LAPSE: Final = (
-    100.0  # a state that is unknown explains anything: the lie must have been a large one
-)
-_SAME_TAGS_S: Final = 0.02
-_APART: Final = 20.0  # the same between two suspects
-_PATIENCE_NS: Final = 40 * NS_PER_S  # for that: two sensors look alike until the vehicle turns
-_TAGS_EVERY_NS: Final = 120 * NS_PER_S
+# A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
+_PRIOR_OF_A_LAPSE: Final = 10.0 * LOG_PRIOR
+_SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
+_COARSE: Final = 3.0 * _SURE  # that much likelihood a ramp of one rate may lack of what a satellite has done
+_WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
+# so long what late tags have done, which the filter does not mend, looks like other faults
+_TAGS_LAST_NS: Final = 120 * NS_PER_S
+
+
+class Explanation(NamedTuple):
+    """A fault, and how much better it explains the last minute than a sound filter does."""
+
+    suspect: str
+    log_odds: float
+    best: Verdict  # the likeliest, one that fits if any does
+
+
+def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
+    """Return what explains the last minute, the likeliest first; each set of satellites or axes is one of them."""
+    of: dict[tuple[str, tuple[int, ...], tuple[int, ...]], list[Verdict]] = defaultdict(list)
+    for verdict in found:
+        of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
+    told = []
+    for (suspect, satellites, axes), verdicts in of.items():
+        prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else LOG_PRIOR * max(len(satellites), len(axes), 1)
+        best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
+        told.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
+    return sorted(told, key=lambda each: -each.log_odds)
+
+
+def evidence(verdicts: list[Verdict]) -> float:
+    """Return the logarithm of the mean likelihood over the onset or the tags' error, which is uniform in its range.
+
+    Equation: ln sum w_i L_i, w_i the part of the range that is nearer to i than to any other that was tried
+    """
+    verdicts = sorted(verdicts, key=_unknown)
+    at = np.array([_unknown(verdict) for verdict in verdicts], dtype=np.float64)
+    likelihood = np.array([verdict.log_likelihood for verdict in verdicts])
+    if at[-1] <= at[0]:
+        return float(np.logaddexp.reduce(likelihood)) - math.log(len(at))
+    edges = np.concatenate((at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]))
+    told = np.diff(edges) > 0.0
+    share = np.diff(edges)[told] / (at[-1] - at[0])
+    return float(np.logaddexp.reduce(likelihood[told] + np.log(share)))
+
+
+def _unknown(verdict: Verdict) -> float:
+    return verdict.size if verdict.suspect == IMU_TAGS else verdict.onset_ns / NS_PER_S
+
+
+def log_odds(of: list[Explanation], against: list[Explanation]) -> float:
+    """Return the odds of some explanations against all others and the sound filter."""
+    others = [each.log_odds for each in against if each not in of]
+    return float(np.logaddexp.reduce([each.log_odds for each in of]) - np.logaddexp.reduce([0.0, *others]))
 
 
 def run_away(
@@ -58,30 +109,13 @@ def run_away(
         return None, past
     satellites = tuple(int(n) for n in np.unique(np.flatnonzero(until_s > span[1] * 1e-9) // N_BANDS))
     again = Hindsight(past.of_late(int(WITHOUT_S * NS_PER_S)), setup, imu, parameters, span)
+    in_vain = replace(past, in_vain=past.in_vain + 1)
     if not again.came_through or not 0 < len(satellites) <= MOST_SATELLITES:
-        return None, past
+        return None, in_vain
     verdict, _ = again.leaving_out(again.before[0], satellites) or (None, [])
-    if verdict is None or not verdict.fits or verdict.log_likelihood - again.as_it_was < _SURE:
-        return None, past
+    if verdict is None or not verdict.fits or explanations([verdict], again.as_it_was)[0].log_odds < _SURE:
+        return None, in_vain
     return again.to_the_end(verdict), past.after_verdict(True)
-
-
-def is_rival(other: Verdict, best: Verdict) -> bool:
-    """Return whether another suspect explains nearly as much as the best.
-
-    Where a sensor is to be accused, whatever explains as much is a rival, if it fits or not.
-    """
-    near = best.log_likelihood - other.log_likelihood < _APART
-    return near and other.suspect != best.suspect and (other.fits or best.suspect != SATELLITES)
-
-
-def with_fewest(best: Verdict, found: list[Verdict]) -> Verdict:
-    """Return the verdict on the fewest of the best's satellites that explain as much: each must be worth its place."""
-    fewer = [
-        v for v in found if v.fits and 0 < len(v.satellites) and set(v.satellites) < set(best.satellites)
-    ]
-    near = [v for v in fewer if best.log_likelihood - v.log_likelihood < _APART]
-    return min(near, key=lambda v: (len(v.satellites), -v.log_likelihood), default=best)
 
 
 def judge(
@@ -93,42 +127,61 @@ def judge(
         return None, past
     again = Hindsight(past, setup, imu, parameters, span)
     if not again.came_through:
+        return None, replace(past, in_vain=past.in_vain + 1)
+    told = explanations(again.suspects(), again.as_it_was)
+    fitting = [each for each in told if each.best.fits]
+    if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
+        told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
+    first, before = told[0], past.suspected
+    excused = _is_excused(told, past, again.stormy)
+    suspected = before if excused else _accused(first)
+    past = past.suspecting(suspected if first.log_odds > _WORTH_A_LOOK else frozenset())
+    if excused or not first.best.fits:
         return None, past
-    found = list(again.suspects())
-    accused = any(v.suspect in SENSORS and v.log_likelihood - again.as_it_was > _SURE for v in found)
-    if accused or past.tags_are_due(_TAGS_EVERY_NS):
-        found += again.other_imu_tags()
-        past = replace(past, tags_ns=span[1])
-    found.sort(key=lambda v: -v.log_likelihood)
-    if found[0].log_likelihood - again.as_it_was > _SURE and found[0].suspect in (*SENSORS, SATELLITES):
-        past = past.soon()
-    sure = [v for v in found if v.suspect != LAPSE or v.log_likelihood - again.as_it_was > _SURE_OF_A_LAPSE]
-    best = next((v for v in sure if v.fits), None)
-    waits = past.unclear_ns != 0 and span[1] - past.unclear_ns < _PATIENCE_NS
-    if best is None or best.log_likelihood - again.as_it_was < _SURE:
-        return None, past if waits else replace(past, unclear_ns=0, opened=False)
-    explains_less = sure[0].log_likelihood - best.log_likelihood > _APART
-    if explains_less and (best.suspect in SENSORS or again.stormy):
-        return None, past  # what explains most does not explain it all
-    if best.suspect == NOISE or (again.stormy and best.suspect in (*SENSORS, IMU_TAGS)):
-        return None, past  # rows that contradict each other are no sensor's fault
-    if best.suspect in SENSORS and past.tags_were_off(_TAGS_EVERY_NS):
-        return None, past  # late tags have disturbed the filter, not a failed sensor
-    if best.suspect == SATELLITES:
-        best = with_fewest(best, sure)
-        if best.log_likelihood - again.as_it_was < _SURE_AT_ONCE and best.satellites != past.suspected:
-            return None, replace(past, suspected=best.satellites)
-    if best.suspect == IMU_TAGS and abs(best.size - past.tag_error_s) > _SAME_TAGS_S:
-        return None, replace(
-            past, tag_error_s=best.size, tags_ns=0, in_vain=0
-        )  # what is off from the start stays so
-    others = {v.suspect for v in found if is_rival(v, best)}
-    since_ns = past.unclear_ns or span[1]
-    patient = span[1] - since_ns < _PATIENCE_NS
-    if not others or (not patient and (best.suspect not in SENSORS or others <= {ACCELEROMETER, GYRO})):
-        return again.to_the_end(best), past.after_verdict(best.suspect in (*SENSORS, SATELLITES))
-    past = replace(past, unclear_ns=since_ns, in_vain=0)
-    among = {best.suspect, *others}
-    if past.opened or not among <= {ACCELEROMETER, GYRO, LAPSE} or not among <= {v.suspect for v in sure}:
+    likely = [each for each in told if each.log_odds > first.log_odds - _SURE]
+    chosen = shared(likely)
+    # where late GNSS tags began is seen for some seconds only
+    seen = chosen is not None and (_accused(chosen) <= before or chosen.suspect == GNSS_TAGS)
+    if chosen is not None and seen and chosen.best.fits and log_odds(_with(chosen, told), told) > _SURE:
+        return again.to_the_end(chosen.best), past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
+    sensors = [each for each in told if each.suspect in SENSORS]
+    if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
         return None, past
-    return again.either(LAPSE in among), replace(past, opened=True)
+    return again.either(any(each.suspect == LAPSE for each in likely)), replace(past, opened=True)
+
+
+def _accused(explanation: Explanation) -> frozenset[str | int]:
+    """Return what is at fault by an explanation: the inertial sensors, satellites, time tags."""
+    if explanation.suspect == SATELLITES:
+        return frozenset(explanation.best.satellites)
+    return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
+
+
+def _is_excused(told: list[Explanation], past: Past, stormy: bool) -> bool:
+    """Return whether what explains most is not to be believed.
+
+    Rows that contradict each other are no sensor's fault, nor is what few satellites explain nearly as well: a
+    bias that is unknown explains much. What late tags have done to the filter is nobody's fault.
+    """
+    first = told[0]
+    least = max(_SURE, first.log_odds - _COARSE)
+    few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in told)
+    noise = first.suspect == NOISE or (stormy and first.suspect in (*SENSORS, IMU_TAGS))
+    late = first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS)
+    return noise or late or (few and first.suspect in SENSORS)
+
+
+def shared(likely: list[Explanation]) -> Explanation | None:
+    """Return what explanations have in common: the only one, or the satellites or axes that are in all of them."""
+    parts = {id(each): _parts(each.best) for each in likely}
+    common = frozenset.intersection(*parts.values())
+    return next((each for each in likely if common and parts[id(each)] == common), None)
+
+
+def _with(chosen: Explanation, told: list[Explanation]) -> list[Explanation]:
+    """Return the explanations by which all that has failed has, and perhaps more."""
+    return [each for each in told if _parts(chosen.best) <= _parts(each.best)]
+
+
+def _parts(verdict: Verdict) -> frozenset[tuple[str, int]]:
+    return frozenset((verdict.suspect, part) for part in verdict.satellites or verdict.axes or (0,))

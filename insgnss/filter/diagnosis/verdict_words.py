@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
-from insgnss.filter.diagnosis.hindsight import (
+from insgnss.filter.diagnosis.hindsight import Verdict
+from insgnss.filter.diagnosis.supposed_faults import (
     ACCELEROMETER,
     EITHER,
     GNSS_TAGS,
@@ -15,7 +16,6 @@ from insgnss.filter.diagnosis.hindsight import (
     IMU_TAGS,
     LAPSE,
     SATELLITES,
-    Verdict,
 )
 from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
@@ -55,11 +55,7 @@ def _of_sensor(was: Bank, verdict: Verdict) -> str:
     name, at = ("b_a", BA) if verdict.suspect == ACCELEROMETER else ("b_g", BG)
     moved = after[name] - before[name]
     sigma = np.sqrt(P[range(at, at + 3), range(at, at + 3)])
-    size = np.abs(moved)
-    named = (size > 3.0 * sigma) & (size > 0.3 * size.max())
-    if not named.any():
-        named = size / sigma == (size / sigma).max()
-    axes = "/".join(np.array(list("xyz"))[named])
+    axes = "/".join("xyz"[axis] for axis in verdict.axes)
     scale, unit = (
         (math.degrees(3600.0), "deg/h") if verdict.suspect == GYRO else (1e3 / STANDARD_GRAVITY_MPS2, "mg")
     )

@@ -1,0 +1,54 @@
+"""How likely a sensor's fault is that has moved some of its axes, from a filter to which all three biases are unknown.
+
+A prior on three axes, as wide as the largest fault, is charged for what it does not use: a small jump of one axis would
+be explained better by the other sensor. The filter beside the one without a fault tells what the measurements say of the
+jump d: m = x_with - x_without, S = P_with - P_without, as if d were a state of its own. With W its prior covariance,
+J = S^-1 - W^-1 and h = S^-1 m, any other prior Q gives the likelihood ratio against d = 0
+
+    ln B(Q) = h^T (J + Q^-1)^-1 h / 2 - ln det(1 + Q J) / 2
+
+Neglects: that the filter without a fault takes part of d into its own bias, that a bias wanders within a minute, and
+what d changes in the gates.                                                   [Friedland 1969; Dickey 1971]
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.tables import Float64
+
+_SIZES: Final = (2.0, 6.0, 20.0)  # sigmas of the grade's bias by which an axis may have jumped
+_LEAST: Final = 1e-6  # eigenvalue of S over its largest: rounding must not make it negative
+_SETS: Final = tuple(axes for size in (1, 2, 3) for axes in itertools.combinations(range(3), size))
+
+
+def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) -> dict[tuple[int, ...], float]:
+    """Return by how much the log-likelihood rises where nothing but some axes may have jumped, for each set of axes.
+
+    Parameters
+    ----------
+    moved : (3,) m, the difference of the two filters' biases
+    covariance : (3, 3) S, the difference of their covariances
+    sigma : of the grade's bias
+    widest : sigma of each axis in the filter's prior
+    """
+    size, turn = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    information = (turn / np.maximum(size, _LEAST * size[-1])) @ turn.T
+    h = information @ moved
+    J = information - np.eye(3) / widest**2
+    wide = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
+    return {axes: _log_ratio(J[np.ix_(axes, axes)], h[list(axes)], sigma) - wide for axes in _SETS}
+
+
+def _log_ratio(J: Float64, h: Float64, sigma: float) -> float:
+    """Return ln B of some axes, the mean over the sizes of their jump."""
+    told = []
+    for size in _SIZES:
+        A = np.eye(len(h)) + (size * sigma) ** 2 * J
+        gain = (size * sigma) ** 2 * float(h @ np.linalg.solve(A, h))
+        told.append(0.5 * gain - 0.5 * max(float(np.linalg.slogdet(A)[1]), 0.0))
+    return float(np.logaddexp.reduce(told)) - math.log(len(_SIZES))

@@ -1,0 +1,66 @@
+"""What may have failed, and the filter of then to which it is unknown."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
+from insgnss.gnss.observation_rows import CARRIER
+from insgnss.inertial.sensor_model import BiasModel, sensor_model
+
+ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
+SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
+NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
+LAPSE = "lapse"  # of a sensor that lied for a moment and works again
+ANY = "any of these"
+SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
+
+# of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
+LOG_PRIOR: Final = math.log(1.0 / 6000.0)
+WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
+_NOISE2: Final = 9.0
+_EARLIEST_S: Final = 90.0
+_LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of what a lie leaves of velocity and attitude
+_LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
+
+
+def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
+    """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
+
+    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. On a
+    straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude by
+    psi = -C b t, with t uniform up to 90 s.
+    """
+    if suspect == NOISE:
+        found = copy_bank(bank)
+        found.state["noise_factor"][:, :CARRIER] *= _NOISE2
+        return found
+    if suspect == LAPSE:
+        found = copy_bank(bank)
+        moved_s = 0.5 * _LIE_S
+        for i in range(3):
+            found.P[0, PSI + i, PSI + i] += _LIE_RAD**2
+            found.P[0, [[DV + i], [DR + i]], [DV + i, DR + i]] += _LIE_MPS**2 * np.outer(
+                [1.0, moved_s], [1.0, moved_s]
+            )
+        return found
+    at, _, bias = bias_of(suspect, setup)
+    found = copy_bank(bank)
+    variance = (WIDEST * bias.sigma) ** 2
+    found.P[0, range(at, at + 3), range(at, at + 3)] += variance
+    if suspect == GYRO and earlier:
+        turned = _EARLIEST_S / 2.0 * variance * found.state[0].C_eb
+        found.P[0, PSI : PSI + 3, BG : BG + 3] -= turned
+        found.P[0, BG : BG + 3, PSI : PSI + 3] -= turned.T
+        found.P[0, range(PSI, PSI + 3), range(PSI, PSI + 3)] += _EARLIEST_S**2 / 3.0 * variance
+    return found
+
+
+def bias_of(suspect: str, setup: FilterSetup) -> tuple[int, str, BiasModel]:
+    """Return where a sensor's biases stand in the error state, their name in the state, and their model."""
+    sensor = sensor_model(setup.grade)
+    return (BA, "b_a", sensor.accel_bias) if suspect == ACCELEROMETER else (BG, "b_g", sensor.gyro_bias)

@@ -1,0 +1,85 @@
+"""How suspects are compared: axes of a sensor by the jump's estimate, explanations by their posterior odds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from insgnss.filter.diagnosis.axes import of_axes
+from insgnss.filter.diagnosis.hindsight import Verdict
+from insgnss.filter.diagnosis.supposed_faults import (
+    ACCELEROMETER,
+    GYRO,
+    IMU_TAGS,
+    LOG_PRIOR,
+    SATELLITES,
+    WIDEST,
+)
+from insgnss.filter.diagnosis.suspects import evidence, explanations, log_odds, shared
+from insgnss.filter.state import new_bank
+from insgnss.tables import Float64
+
+SIGMA = 0.5  # of the grade's bias
+BANK = new_bank(1, 0)
+
+
+def gaussian(x: Float64, covariance: Float64) -> float:
+    """Return the logarithm of a density with mean zero."""
+    return float(-0.5 * (x @ np.linalg.solve(covariance, x) + np.linalg.slogdet(2.0 * np.pi * covariance)[1]))
+
+
+@pytest.mark.parametrize("axes", [(0,), (1, 2), (0, 1, 2)])
+def test_evidence_of_axes_is_that_of_the_measurements_themselves(axes: tuple[int, ...]) -> None:
+    """Against y = H d + e with every prior on d written out: p(y) = N(0, H Q H^T + R)."""
+    rng = np.random.default_rng(3)
+    H, R = rng.normal(size=(9, 3)), 0.3 * np.eye(9)
+    y = H @ np.array([4.0, 0.0, 0.0]) + 0.5 * rng.normal(size=9)
+    widest = WIDEST * SIGMA
+    S = np.linalg.inv(H.T @ np.linalg.solve(R, H) + np.eye(3) / widest**2)
+    m = S @ H.T @ np.linalg.solve(R, y)
+    wide = gaussian(y, H @ H.T * widest**2 + R)
+    own = H[:, list(axes)]
+    each = [gaussian(y, own @ own.T * (size * SIGMA) ** 2 + R) for size in (2.0, 6.0, 20.0)]
+    expected = np.logaddexp.reduce(each) - np.log(3.0) - wide
+    assert of_axes(m, S, SIGMA, widest)[axes] == pytest.approx(expected, abs=1e-6)
+
+
+def test_jump_of_one_axis_is_found_on_that_axis() -> None:
+    S = np.diag([0.2, 0.3, 5.0]) ** 2
+    gains = of_axes(np.array([0.1, 3.0, -1.0]), S, SIGMA, WIDEST * SIGMA)
+    assert max(gains, key=lambda axes: gains[axes] + LOG_PRIOR * len(axes)) == (1,)
+
+
+def verdict(suspect: str, log_likelihood: float, **more: Any) -> Verdict:
+    return Verdict(suspect, log_likelihood, BANK, fits=True, **more)
+
+
+def test_likelihood_over_the_onset_is_a_mean_and_not_its_maximum() -> None:
+    """A peak of a tenth of the range is worth a tenth of it."""
+    onsets = [verdict(GYRO, 50.0 if k == 5 else -50.0, onset_ns=k * 1_000_000_000) for k in range(11)]
+    assert evidence(onsets) == pytest.approx(50.0 - np.log(10.0), abs=1e-9)
+    flat = [verdict(GYRO, 7.0, onset_ns=k * k * 1_000_000_000) for k in range(5)]
+    assert evidence(flat) == pytest.approx(7.0)
+
+
+def test_each_further_satellite_must_be_worth_a_fault_of_its_own() -> None:
+    one = verdict(SATELLITES, 60.0, satellites=(4,))
+    two = verdict(SATELLITES, 60.0 - 0.5 * LOG_PRIOR, satellites=(4, 7))
+    told = explanations([two, one], 0.0)
+    assert [each.best.satellites for each in told] == [(4,), (4, 7)]
+    assert told[0].log_odds == pytest.approx(60.0 + LOG_PRIOR)
+    common = shared(told)
+    assert common is not None and common.best.satellites == (4,)
+
+
+def test_two_axes_that_explain_the_same_have_nothing_in_common() -> None:
+    told = explanations([verdict(GYRO, 60.0, axes=(0,)), verdict(GYRO, 59.0, axes=(2,))], 0.0)
+    assert shared(told) is None
+    assert log_odds(told[:1], told) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_sound_filter_is_one_of_the_explanations() -> None:
+    told = explanations([verdict(ACCELEROMETER, 5.0, axes=(1,)), verdict(IMU_TAGS, -40.0, size=0.02)], 0.0)
+    assert log_odds(told, told) == pytest.approx(5.0 + LOG_PRIOR, abs=1e-3)
