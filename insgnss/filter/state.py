@@ -62,6 +62,7 @@ STATE_DTYPE: Final = np.dtype(
             # the epoch before, as the carrier's differences need it
             ("r_clone", np.float64, (3,)),  # antenna position at its reception, ECEF [m]
             ("clock_clone", np.float64),  # [m]
+            ("l_clone", np.float64, (3,)),  # its lever arm, ECEF [m]
             ("air_clone", np.float64, (2,)),  # zenith delays, dry and wet [m]
             ("clone_ns", np.int64),  # its time tag; 0: there is none
             ("v_mean", np.float64, (3,)),  # velocity of the last seconds, ECEF [m/s]
@@ -169,7 +170,8 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     for i in range(3):
         target.r_e[i], target.v_e[i] = source.r_e[i], source.v_e[i]
         target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
-        target.r_clone[i], target.f_smooth[i] = source.r_clone[i], source.f_smooth[i]
+        target.r_clone[i], target.l_clone[i] = source.r_clone[i], source.l_clone[i]
+        target.f_smooth[i] = source.f_smooth[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
         for j in range(3):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.constants import C_MPS
-from insgnss.filter import compile_loop
+from insgnss.filter import loop_calls
 from insgnss.filter.loop import run_epochs
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.rows.lines import Epoch
@@ -31,7 +31,7 @@ from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import CARRIER, Rows
-from insgnss.jit import compile_for
+from insgnss.compiled_ahead import compile_for
 from insgnss.status import GATED, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, attitude, new_filter, parameters, place, rows_of, sky, steady_force
@@ -173,7 +173,7 @@ def test_clone_is_compiled_ahead_for_the_types_that_the_loop_calls_it_with() -> 
     kernel: Any = clone_epoch
     known = list(kernel.signatures)
 
-    compile_for(clone_epoch, compile_loop.calls()[clone_epoch])
+    compile_for(clone_epoch, loop_calls.calls()[clone_epoch])
 
     assert known and list(kernel.signatures) == known
 

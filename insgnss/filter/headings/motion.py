@@ -112,7 +112,7 @@ def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
 
 @inlined
 def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> None:
-    """Write the velocity of the antenna about the IMU by which a range rate may tell of the attitude.
+    """Write the antenna's velocity about the IMU, and its way since the last epoch, that may tell of the attitude.
 
     The gyros' noise on the lever arm turns with the attitude's errors as the accelerometers' does: what a vehicle at
     rest has of it is no motion. The mean rate of the last moments counts by 1 - (k^2 N + 2^2 B) / |w|^2, N the variance
@@ -120,7 +120,7 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> No
     """
     if par.motion_gate2 <= 0.0:
         for i in range(3):
-            a.turning_e[i] = a.a_e[i]
+            a.turning_e[i], a.turned_e[i] = a.a_e[i], a.l_e[i]
         return
     x, y, z = m.w_smooth[0], m.w_smooth[1], m.w_smooth[2]
     w2 = x * x + y * y + z * z
@@ -131,6 +131,7 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> No
     x, y, z = share * (y * r - z * q), share * (z * p - x * r), share * (x * q - y * p)
     for i in range(3):
         a.turning_e[i] = m.C_eb[i, 0] * x + m.C_eb[i, 1] * y + m.C_eb[i, 2] * z
+        a.turned_e[i] = m.l_clone[i] + share * (a.l_e[i] - m.l_clone[i])
 
 
 @borrowing

@@ -6,7 +6,8 @@ The carrier's ambiguity is the same in both epochs and falls out of the differen
 which depends on the antenna's position and clock now and then. Then is a part of the filter's state: after each epoch
 antenna position and clock are cloned (``carrier.clone_epoch``) with their correlations to the states they derive from,
 and the clone's error is constant until the next epoch (stochastic cloning) [Roumeliotis & Burdick 2002]. So the
-difference is weighed exactly against what the filter knows of both ends, and corrects both.
+difference is weighed exactly against what the filter knows of both ends, and corrects both. The lever arm of now is
+that of then, turned by what counts as a rotation (``motion.place_turning``): the gyros' noise is none.
 
 Neglects: two differences that follow each other share the phase noise of the epoch between them, correlation -1/2;
 taken as independent, the sum over many epochs is believed less than it deserves.
@@ -16,14 +17,14 @@ from __future__ import annotations
 
 from typing import Final
 
+from insgnss.filter.measurements.pseudorange import ATTITUDE, range_row
 from insgnss.filter.measurements.pseudorange import COLUMNS as RANGE_COLUMNS
-from insgnss.filter.measurements.pseudorange import range_row
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.rows.row_noise import model_variance
 from insgnss.filter.state import N_CLONE, StateRecord
-from insgnss.geodesy.vectors import place
+from insgnss.geodesy.vectors import cross, place
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.jit import inlined
@@ -46,6 +47,7 @@ def carrier_difference(
     h, then = line.h[CARRIER], a.u_before
     before = line_of_sight_range(rows.before, i, m.r_clone, then)
     range_row(a, h)
+    place(h, ATTITUDE, cross(a.u, a.turned_e))
     place(h, _THEN, then)
     h[_CLOCK_THEN] = -1.0
     air, earlier = s.air[0], s.air[1]

@@ -21,7 +21,7 @@ from insgnss.jit import inlined
 from insgnss.tables import Float64
 
 COLUMNS: Final = (DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK)
-_POSITION, _ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOCK))
+_POSITION, ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOCK))
 
 
 @inlined
@@ -53,5 +53,5 @@ def pseudorange(
 def range_row(a: Antenna, h: Float64) -> None:
     """Write the row of H of a range: -u, (u x l_e), clock 1."""
     place_negative(h, _POSITION, a.u)
-    place(h, _ATTITUDE, cross(a.u, a.l_e))
+    place(h, ATTITUDE, cross(a.u, a.l_e))
     h[_CLOCK] = 1.0

@@ -40,6 +40,7 @@ ANTENNA_DTYPE: Final = np.dtype(
             ("l_e", np.float64, (3,)),  # lever arm, ECEF
             ("a_e", np.float64, (3,)),  # C_eb (w_ib x l)
             ("turning_e", np.float64, (3,)),  # the same of the rotation that counts as motion
+            ("turned_e", np.float64, (3,)),  # lever arm of the epoch before, turned by that rotation [m]
             ("C_ne", np.float64, (3, 3)),
             ("u", np.float64, (3,)),  # line of sight
             ("distance", np.float64),  # of the last row: range [m] ...
