@@ -15,7 +15,7 @@ from insgnss.compiled_ahead import compiled_ahead, is_complete
 _LIST: Final = (
     "insgnss.kernel_list"  # run in processes of its own: one that finds everything compiled does not load it
 )
-_ABOUT: Final = "compiling, once per installation (about 45 s on two cores)"
+_ABOUT: Final = "compiling, once per installation (half a minute to a minute)"
 
 
 @contextmanager
