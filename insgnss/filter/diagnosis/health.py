@@ -21,6 +21,7 @@ from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
 from insgnss.filter.diagnosis.suspects import judge, run_away
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
+from insgnss.filter.loop import current_sample
 from insgnss.filter.output.writing import Output
 from insgnss.filter.prediction import Imu
 from insgnss.filter.rows.lines import Epoch, Lines
@@ -148,8 +149,8 @@ class Health:
         elif not health.recovery:
             events += self._told(Event(t_ns, "lockout", f"{reason}, and recovery is switched off"))
         elif self.doubt is None:
-            k = min(int(bank.head[0].next), len(imu.t_ns) - 1)
-            doubt = open_doubt(self.setup, bank, fix, imu.w_ib_b[k], t_ns, reason)
+            w_ib_b = imu.w_ib_b[current_sample(bank, imu)]  # the next one a stream does not have yet
+            doubt = open_doubt(self.setup, bank, fix, w_ib_b, t_ns, reason)
             if is_lost(lines, fix):
                 done = self._set_right(bank, doubt.at_once(bank, not refusing), doubt, t_ns)
                 return done._replace(events=events + done.events)
