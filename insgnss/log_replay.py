@@ -33,12 +33,13 @@ from insgnss.filter.smoothing.body_points import Further
 from insgnss.filter.whole_log import LedgerPart, TraceWanted, run_blocks
 from insgnss.filter.whole_log import run_filter as run_filter
 from insgnss.first_run import compiled
+from insgnss.further_antennas import Record
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.imu_summary import imu_spectrum, imu_table
-from insgnss.late_antennas import Record, with_aid, with_antennas
+from insgnss.late_antennas import with_aid, with_antennas
 from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.rinex import read_navigation

@@ -19,9 +19,9 @@ from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.antennas.rows import Antennas
 from insgnss.filter.antennas.visibility import Hiding
 from insgnss.filter.setup import FilterSetup
+from insgnss.further_antennas import Record, require_common_epochs
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.late_antennas import Record, require_common_epochs
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.result_tables import words
 from insgnss.status import NAMES

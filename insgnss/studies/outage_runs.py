@@ -27,10 +27,10 @@ from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.carried_start import Carried, kept_over
 from insgnss.filter.whole_log import output_times
+from insgnss.further_antennas import require_common_epochs
 from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.late_antennas import require_common_epochs
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.log_replay import setup_filter
 from insgnss.result_tables import nav_table
