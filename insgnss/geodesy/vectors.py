@@ -23,6 +23,16 @@ def plus(a: Vector | Float64, b: Vector | Float64) -> Vector:
 
 
 @inlined
+def rotate(C: Float64, a: Vector | Float64) -> Vector:
+    """Return C a of a rotation matrix (3, 3)."""
+    return (
+        C[0, 0] * a[0] + C[0, 1] * a[1] + C[0, 2] * a[2],
+        C[1, 0] * a[0] + C[1, 1] * a[1] + C[1, 2] * a[2],
+        C[2, 0] * a[0] + C[2, 1] * a[1] + C[2, 2] * a[2],
+    )
+
+
+@inlined
 def rotate_back(C: Float64, a: Vector | Float64) -> Vector:
     """Return C^T a of a rotation matrix (3, 3)."""
     return (

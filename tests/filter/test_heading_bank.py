@@ -19,6 +19,7 @@ from insgnss.filter.headings.heading_bank import (
 )
 from insgnss.filter.headings.headings import heading_variance, same_heading, turn_about, yaw_variance
 from insgnss.filter.state import BG, DR, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.update.closed_loop import close_loop
 from insgnss.geodesy.local_level import up_direction
 from tests.layouts import layout_with
 
@@ -147,6 +148,7 @@ def test_turned_member_keeps_the_antenna_and_what_the_gyros_show(turn: float) ->
     antenna, apparent = m.r_e + m.C_eb @ LEVER_B, m.b_g + m.C_eb.T @ EARTH_RATE
     before = bank.state[0].copy()
     l_e = m.C_eb @ LEVER_B
+    m.l_clone[:] = l_e
     # gyros that have shown bias plus Earth rate to 1e-6 rad/s: db = -C^T (w x psi)
     shown = np.eye(N)
     w = EARTH_RATE[2]
@@ -167,8 +169,24 @@ def test_turned_member_keeps_the_antenna_and_what_the_gyros_show(turn: float) ->
     np.testing.assert_allclose(m.r_e + m.C_eb @ LEVER_B, antenna, atol=1e-6)
     np.testing.assert_allclose(m.b_g + m.C_eb.T @ EARTH_RATE, apparent, atol=1e-6)
     l_e = m.C_eb @ LEVER_B
+    np.testing.assert_allclose(
+        m.l_clone, l_e, atol=1e-12
+    )  # a lever arm left behind would tell of the heading
     H = np.zeros((3, N))
     H[:, DR : DR + 3] = np.eye(3)
     H[:, PSI : PSI + 3] = [[0.0, l_e[2], -l_e[1]], [-l_e[2], 0.0, l_e[0]], [l_e[1], -l_e[0], 0.0]]
     np.testing.assert_allclose(H @ P @ H.T, 1e-4 * np.eye(3), atol=1e-9)
     assert yaw_variance(m, P) == pytest.approx(math.radians(15.0) ** 2, rel=1e-9)
+
+
+def test_lever_arm_of_the_clone_turns_with_a_correction_of_the_attitude() -> None:
+    bank = bank_of([0.0], 20.0)
+    m = bank.state[0]
+    m.l_clone[:] = m.C_eb @ LEVER_B
+    correction = np.zeros(N)
+    correction[PSI : PSI + 3] = 0.3, -0.8, 0.5
+
+    close_loop(m, correction, N - N_CLONE)
+
+    np.testing.assert_allclose(m.l_clone, m.C_eb @ LEVER_B, atol=1e-12)
+    assert np.linalg.norm(m.l_clone - C_BEGIN @ LEVER_B) > 0.1

@@ -10,10 +10,10 @@ import numpy as np
 from insgnss.attitude.cycle_search import Prior
 from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.filter.antennas.rows import Antennas, Differences, wind_up
+from insgnss.filter.headings.heading_bank import set_attitude
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, select_members
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.tables import Float64
 
 _LEVEL_FLOOR_RAD: Final = math.radians(0.3)  # what levelling may be wrong by beyond the filter's sigma
@@ -103,8 +103,7 @@ def seeded(bank: Bank, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: F
     P[:] = T @ P @ T.T
     P[PSI : PSI + 3, PSI : PSI + 3] += max(turn**2 - variance, 0.0) * np.outer(down, down)
     P[:] = 0.5 * (P + P.T)
-    m.C_eb[:] = C_eb
-    matrix_to_quaternion(np.ascontiguousarray(C_eb), m.q_eb)
+    set_attitude(m, C_eb)
     return one
 
 

@@ -15,6 +15,7 @@ from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
+from insgnss.geodesy.vectors import place, rotate, rotate_back
 from insgnss.jit import inlined
 from insgnss.tables import Float64
 
@@ -50,9 +51,11 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
         m.optional[i - OFFSETS] += correction[i]
     a, b, c = up_direction(m.r_e)
     turn = a * x + b * y + c * z
+    lever_b = rotate_back(C, m.l_clone)
     turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
     turn_left(m.q_eb, turn * a, turn * b, turn * c)
     quaternion_to_matrix(m.q_eb, m.C_eb)
+    place(m.l_clone, 0, rotate(C, lever_b))  # as the clone's covariance has it now
     if abs(turn) >= _NO_TURN:
         m.b_g[0] += p - w * C[2, 0]
         m.b_g[1] += q - w * C[2, 1]
