@@ -3,17 +3,17 @@
 The compiler runs on one core and takes most of the time of a first run. So the command that finds the cache empty
 starts processes that go through one list of kernels (``insgnss.kernel_list``), each taking what no other has taken, and
 waits for them; the next command compiles nothing. Kernels that do not link each other (``insgnss.apart``) can be
-compiled in any order. A second command that starts meanwhile waits for the same processes.
+compiled in any order. A second command that starts meanwhile has processes and a list of its own.
 """
 
 from __future__ import annotations
 
 import gc
 import os
-import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -27,13 +27,10 @@ import numba
 from insgnss.jit import CACHE_DIR
 
 LONGEST_S: Final = 300.0  # then whoever waits compiles on their own
-_DEAD_S: Final = (
-    90.0  # without a kernel begun, beyond which nobody is at work any more; the longest takes a tenth
-)
 _MOST_PROCESSES: Final = 4  # the list's longest kernels take a quarter of its time
 _RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
 _COMPLETE: Final = CACHE_DIR / "complete"  # there once all of the list has machine code
-_TAKEN: Final = CACHE_DIR / "taken"  # a folder with a file for each kernel that somebody has begun
+_NOT_ALL: Final = 3  # exit code of a process that has not seen the whole list compiled: another one has
 # A module run without the package's face, whose imports (tables, files, settings) a compiler can do without
 _RUN_MODULE: Final = """
 import runpy, sys, types
@@ -51,21 +48,19 @@ def is_complete() -> bool:
 
 @dataclass(frozen=True)
 class Companions:
-    """The processes that this one has started to compile, none where nothing is to be compiled or others do."""
+    """The processes that this one has started to compile; none where the cache is complete or cannot be written."""
 
     processes: tuple[subprocess.Popen[bytes], ...]
 
     def wait(self) -> None:
-        """Wait until the list is compiled, by them or by those of another command."""
+        """Wait for their end. The cache is complete once one of them has seen the whole list compiled."""
         until = time.monotonic() + LONGEST_S
         for process in self.processes:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(max(until - time.monotonic(), 0.0))
-        if self.processes and not any(process.returncode for process in self.processes):
+        if any(process.returncode == 0 for process in self.processes):
             with suppress(OSError):
                 _COMPLETE.touch()
-        while not self.processes and not is_complete() and _others_work() and time.monotonic() < until:
-            time.sleep(0.1)
 
 
 @contextmanager
@@ -76,25 +71,29 @@ def compiled_ahead(module: str) -> Iterator[Companions]:
     Nothing is started where the cache is complete or cannot be written. If a process fails, the rest
     is compiled here, as all would be without them. No process outlives the block.
     """
-    processes = _started(module) if not is_complete() and _can_start() else ()
-    try:
-        yield Companions(processes)
-    finally:
-        for process in processes:
-            process.kill()
-            process.communicate()
-        if processes:
-            shutil.rmtree(_TAKEN, ignore_errors=True)
+    if is_complete() or not _can_start():
+        yield Companions(())
+        return
+    with tempfile.TemporaryDirectory(prefix="taken-", dir=CACHE_DIR, ignore_cleanup_errors=True) as taken:
+        processes = _started(module, taken)
+        try:
+            yield Companions(processes)
+        finally:
+            for process in processes:
+                process.kill()
+                process.communicate()
 
 
 def compile_list(calls: Mapping[Callable[..., Any], tuple[Any, ...]]) -> None:
-    """Compile the kernels of a list that nobody else compiles; what the processes do that are started here."""
+    """Compile the kernels of a list that no process beside this one has taken, and end: run by those started here."""
     end_with_parent()
+    taken = Path(sys.argv[1])
     gc.freeze()  # the modules stay
     with collecting_rarely():
         for kernel, arguments in calls.items():
-            if not is_compiled(kernel) and _take(kernel):
+            if not is_compiled(kernel) and _take(kernel, taken):
                 compile_for(kernel, arguments)
+    raise SystemExit(0 if all(map(is_compiled, calls)) else _NOT_ALL)
 
 
 @contextmanager
@@ -137,21 +136,13 @@ def end_with_parent() -> None:
     threading.Thread(target=listen, daemon=True).start()
 
 
-def _take(kernel: Callable[..., Any]) -> bool:
-    """Return whether nobody else has begun a kernel, and say that this process does."""
+def _take(kernel: Callable[..., Any], taken: Path) -> bool:
+    """Return whether no process beside this one has begun a kernel, and note in ``taken`` that this one does."""
     try:
-        (_TAKEN / f"{kernel.__module__}.{kernel.__name__}").touch(exist_ok=False)
+        (taken / f"{kernel.__module__}.{kernel.__name__}").touch(exist_ok=False)
     except FileExistsError:
         return False
     return True
-
-
-def _others_work() -> bool:
-    """Return whether processes of another command are compiling, as far as their last step tells."""
-    try:
-        return time.time() - _TAKEN.stat().st_mtime < _DEAD_S
-    except OSError:
-        return False
 
 
 def _can_start() -> bool:
@@ -168,22 +159,19 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def _started(module: str) -> tuple[subprocess.Popen[bytes], ...]:
-    """Start a module of the package on every core, silent, listening for our end; none where others do already."""
-    if not _others_work():
-        shutil.rmtree(_TAKEN, ignore_errors=True)
+def _started(module: str, taken: str) -> tuple[subprocess.Popen[bytes], ...]:
+    """Start a module of the package on every core up to a few, silent, listening for our end, as far as we may."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
-    try:
-        _TAKEN.mkdir()  # of two commands at the same moment one succeeds
-        return tuple(
-            subprocess.Popen(
-                [sys.executable, "-P", "-c", _RUN_MODULE, str(Path(__file__).parent), module],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, "PYTHONPATH": path},
+    processes: list[subprocess.Popen[bytes]] = []
+    with suppress(OSError):
+        for _ in range(min(_cores(), _MOST_PROCESSES)):
+            processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-P", "-c", _RUN_MODULE, str(Path(__file__).parent), module, taken],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    env={**os.environ, "PYTHONPATH": path},
+                )
             )
-            for _ in range(min(_cores(), _MOST_PROCESSES))
-        )
-    except OSError:
-        return ()
+    return tuple(processes)

@@ -63,7 +63,7 @@ def cache_root() -> Path:
     named = os.environ.get("INSGNSS_CACHE")
     if named:
         return Path(named)
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "insgnss"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "insgnss"
 
 
 def trusted_cache(root: Path) -> Path:
@@ -84,7 +84,9 @@ def trusted_cache(root: Path) -> Path:
             atexit.register(shutil.rmtree, private, ignore_errors=True)
             os.environ["INSGNSS_CACHE"] = private
             return Path(private)
-        if status.st_mode & _OTHERS_MAY_WRITE and hasattr(os, "geteuid") and status.st_uid == os.geteuid():
+        ours = hasattr(os, "geteuid") and status.st_uid == os.geteuid()
+        everybodys = status.st_mode & stat.S_ISVTX  # a folder as /tmp, which has to stay as it is
+        if status.st_mode & _OTHERS_MAY_WRITE and ours and not everybodys:
             root.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_MAY_WRITE)
     return root
 

@@ -63,18 +63,30 @@ def test_nothing_is_started_where_the_cache_is_complete(tiny_package: Path) -> N
 
 
 def test_one_process_alone_compiles_a_kernel(tiny_package: Path) -> None:
-    twice = "time.sleep(0.3); before = len(term.signatures); compile_list({term: (1.0,)}); "
-    told = 'open(f"did{os.getpid()}", "w").write("x") if len(term.signatures) > before else None'
-    run_beside(tiny_package, child=twice + told, parent=SHOW)
+    told = """import atexit
+atexit.register(lambda: term.stats.cache_misses and open(f"did{os.getpid()}", "w").write("x"))
+time.sleep(0.3)
+"""
+    run_beside(tiny_package, child=told + SHARE, parent=SHOW)
 
     assert len(list(tiny_package.glob("did*"))) == 1
 
 
-def test_nothing_is_started_while_another_command_compiles(tiny_package: Path) -> None:
-    inner = """import insgnss.compiled_ahead as other
-    with other.compiled_ahead("insgnss.child") as second: print(second.processes)"""
+def test_two_commands_at_once_do_not_disturb_each_other(tiny_package: Path) -> None:
+    inner = f"""import insgnss.compiled_ahead as other
+    with other.compiled_ahead("insgnss.child") as second: second.wait()
+    {SHOW}"""
 
-    assert run_beside(tiny_package, child="time.sleep(2.0)", parent=inner) == "()"
+    assert run_beside(tiny_package, child=SHARE, parent=inner) == "2.0 1 True"
+
+
+def test_cache_is_not_complete_where_a_process_is_too_slow(tiny_package: Path) -> None:
+    slow = (
+        "import insgnss.compiled_ahead as ahead; ahead.LONGEST_S = 0.5; beside.wait(); print(is_complete())"
+    )
+
+    assert run_beside(tiny_package, child="time.sleep(30.0)", parent=slow) == "False"
+    assert not list((tiny_package / "cache").rglob("taken-*"))
 
 
 def test_nothing_is_started_where_the_cache_cannot_be_written(tiny_package: Path) -> None:

@@ -109,7 +109,7 @@ def _asked(
     variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
     antenna = np.zeros(1, ANTENNA_DTYPE)[0]
     place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
-    place_turning(m, P, par, antenna)
+    place_turning(m, P, par, antenna, 0.0)
     return _Member(rows, variance, antenna)
 
 

@@ -18,6 +18,7 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.constants import NS_PER_S
 from insgnss.corrected_rows import row_corrections
+from insgnss.errors import ConfigError
 from insgnss.filter.antennas.phase_log import KIND, PhaseLog
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.loop import run_to
@@ -196,6 +197,12 @@ def _rows_without(
     switch_off(rows, removal.kinds, chosen[left], from_ns, until_ns)
     n_taken = 0 if removal.kinds == (KIND,) else int(np.count_nonzero(within))
     if log.setup.aid is None:
+        if KIND in removal.kinds:
+            message, advice = (
+                "the flight has one antenna: there is no difference to take away",
+                "choose other kinds",
+            )
+            raise ConfigError(message, key="kinds", advice=advice)
         return rows, None, n_taken
     further = [_around(table, gnss.t_ns[first:last]) for table in log.logs.further]
     if not removal.kinds:

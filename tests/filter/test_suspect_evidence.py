@@ -52,8 +52,16 @@ def test_jump_of_one_axis_is_found_on_that_axis() -> None:
     assert max(gains, key=lambda axes: gains[axes] + LOG_PRIOR * len(axes)) == (1,)
 
 
+@pytest.mark.parametrize("variance", [0.0, -1e-9, -0.04])
+def test_filters_that_used_other_rows_tell_of_no_axis(variance: float) -> None:
+    """The sound one refuses what the other uses: the difference of the covariances is no covariance."""
+    gains = of_axes(np.array([0.1, 3.0, -1.0]), np.diag([0.04, 0.09, variance]), SIGMA, WIDEST * SIGMA)
+    assert gains == {(0, 1, 2): 0.0}
+    assert of_axes(np.ones(3), variance * np.eye(3), SIGMA, WIDEST * SIGMA) == {(0, 1, 2): 0.0}
+
+
 def verdict(suspect: str, log_likelihood: float, **more: Any) -> Verdict:
-    return Verdict(suspect, log_likelihood, BANK, fits=True, **more)
+    return Verdict(suspect, log_likelihood, more.pop("bank", BANK), fits=True, **more)
 
 
 def test_likelihood_over_the_onset_is_a_mean_and_not_its_maximum() -> None:
@@ -83,3 +91,14 @@ def test_two_axes_that_explain_the_same_have_nothing_in_common() -> None:
 def test_sound_filter_is_one_of_the_explanations() -> None:
     told = explanations([verdict(ACCELEROMETER, 5.0, axes=(1,)), verdict(IMU_TAGS, -40.0, size=0.02)], 0.0)
     assert log_odds(told, told) == pytest.approx(5.0 + LOG_PRIOR, abs=1e-3)
+
+
+def test_satellites_whose_rows_nobody_uses_make_equal_explanations() -> None:
+    """Left out beside one that runs away, any of them explains as much, with filters that are equal to the bit."""
+    both = [verdict(SATELLITES, 40.0, satellites=(4, each), bank=new_bank(1, 0)) for each in (7, 8)]
+    ranked = explanations(both, 0.0)
+    assert log_odds(ranked[:1], ranked) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_likelihood_that_is_no_number_explains_nothing() -> None:
+    assert explanations([verdict(GYRO, float("nan"), axes=(0,))], 0.0) == []

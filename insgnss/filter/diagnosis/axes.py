@@ -22,12 +22,15 @@ import numpy as np
 from insgnss.tables import Float64
 
 _SIZES: Final = (2.0, 6.0, 20.0)  # sigmas of the grade's bias by which an axis may have jumped
-_LEAST: Final = 1e-6  # eigenvalue of S over its largest: rounding must not make it negative
+# smallest eigenvalue of S over its largest, far above rounding
+_LEAST: Final = 1e-10
 _SETS: Final = tuple(axes for size in (1, 2, 3) for axes in itertools.combinations(range(3), size))
 
 
 def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) -> dict[tuple[int, ...], float]:
     """Return by how much the log-likelihood rises where nothing but some axes may have jumped, for each set of axes.
+
+    Where the difference of the filters says nothing of the axes, the set of all three stands alone.
 
     Parameters
     ----------
@@ -37,7 +40,10 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
     widest : sigma of each axis in the filter's prior
     """
     size, turn = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    information = (turn / np.maximum(size, _LEAST * size[-1])) @ turn.T
+    if not size[0] > _LEAST * abs(size[-1]):
+        # the sound filter has refused rows that the other one uses: their difference tells of no axis
+        return {_SETS[-1]: 0.0}
+    information = (turn / size) @ turn.T
     h = information @ moved
     J = information - np.eye(3) / widest**2
     wide = 0.5 * float(moved @ h) - 0.5 * float(np.linalg.slogdet(widest**2 * information)[1])
@@ -46,9 +52,9 @@ def of_axes(moved: Float64, covariance: Float64, sigma: float, widest: float) ->
 
 def _log_ratio(J: Float64, h: Float64, sigma: float) -> float:
     """Return ln B of some axes, the mean over the sizes of their jump."""
-    told = []
+    log_ratios = []
     for size in _SIZES:
         A = np.eye(len(h)) + (size * sigma) ** 2 * J
         gain = (size * sigma) ** 2 * float(h @ np.linalg.solve(A, h))
-        told.append(0.5 * gain - 0.5 * max(float(np.linalg.slogdet(A)[1]), 0.0))
-    return float(np.logaddexp.reduce(told)) - math.log(len(_SIZES))
+        log_ratios.append(0.5 * gain - 0.5 * max(float(np.linalg.slogdet(A)[1]), 0.0))
+    return float(np.logaddexp.reduce(log_ratios)) - math.log(len(_SIZES))

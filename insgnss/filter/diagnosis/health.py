@@ -77,7 +77,9 @@ class Health:
             return epoch + 1
         if not self.past.banks and len(bank.state) > 1:
             return last
-        due_ns = int(bank.head[0].doubted_ns) if self.past.unclear_ns else self.past.due_ns
+        due_ns = self.past.due_ns  # a stream keeps the filter then, too
+        if self.past.unclear_ns:
+            due_ns = min(due_ns, int(bank.head[0].doubted_ns))
         return min(max(int(np.searchsorted(rows.epoch_ns, due_ns)), epoch) + 1, last)
 
     def is_due(self, bank: Bank, t_ns: int) -> bool:

@@ -7,10 +7,10 @@ likelihood, integrated over what it does not know (onset, size, axis, rate), whi
 
     log odds = log prior + log likelihood - log likelihood of the filter as it was
 
-An explanation is believed when its odds against all others together, the sound filter among them, are large, and it led
-at the look before already. Then the filter that knew of it in time takes the place of the one that did not: with
-its honest covariance, and with all else as it was. Where accelerometers and gyros explain the same, the biases of
-both become unknown until one is believed.                     [Willsky & Jones 1976; Kass & Raftery 1995]
+An explanation is believed when its odds against all others together, the sound filter among them, are large, and it was
+suspected before already; late GNSS tags at once. Then the filter that knew of it in time takes the place of the one
+that did not: with its honest covariance, and with all else as it was. Where accelerometers and gyros explain the same,
+the biases of both become unknown until one is believed.                     [Willsky & Jones 1976; Kass & Raftery 1995]
 """
 
 from __future__ import annotations
@@ -64,13 +64,14 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
     """Return what explains the last minute, the likeliest first; each set of satellites or axes is one of them."""
     of: dict[tuple[str, tuple[int, ...], tuple[int, ...]], list[Verdict]] = defaultdict(list)
     for verdict in found:
-        of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
-    told = []
+        if math.isfinite(verdict.log_likelihood):
+            of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
+    ranked = []
     for (suspect, satellites, axes), verdicts in of.items():
         prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else LOG_PRIOR * max(len(satellites), len(axes), 1)
         best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
-        told.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
-    return sorted(told, key=lambda each: -each.log_odds)
+        ranked.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
+    return sorted(ranked, key=lambda each: -each.log_odds)
 
 
 def evidence(verdicts: list[Verdict]) -> float:
@@ -95,7 +96,8 @@ def _unknown(verdict: Verdict) -> float:
 
 def log_odds(of: list[Explanation], against: list[Explanation]) -> float:
     """Return the odds of some explanations against all others and the sound filter."""
-    others = [each.log_odds for each in against if each not in of]
+    chosen = {id(each) for each in of}  # equal ones may be two: satellites whose rows nobody uses
+    others = [each.log_odds for each in against if id(each) not in chosen]
     return float(np.logaddexp.reduce([each.log_odds for each in of]) - np.logaddexp.reduce([0.0, *others]))
 
 
@@ -115,7 +117,8 @@ def run_away(
     verdict, _ = again.leaving_out(again.before[0], satellites) or (None, [])
     if verdict is None or not verdict.fits or explanations([verdict], again.as_it_was)[0].log_odds < _SURE:
         return None, in_vain
-    return again.to_the_end(verdict), past.after_verdict(True)
+    lasting = again.to_the_end(verdict)
+    return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
 
 
 def judge(
@@ -129,6 +132,8 @@ def judge(
     if not again.came_through:
         return None, replace(past, in_vain=past.in_vain + 1)
     told = explanations(again.suspects(), again.as_it_was)
+    if not told:
+        return None, replace(past, in_vain=past.in_vain + 1)
     fitting = [each for each in told if each.best.fits]
     if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
         told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
@@ -143,11 +148,15 @@ def judge(
     # where late GNSS tags began is seen for some seconds only
     seen = chosen is not None and (_accused(chosen) <= before or chosen.suspect == GNSS_TAGS)
     if chosen is not None and seen and chosen.best.fits and log_odds(_with(chosen, told), told) > _SURE:
-        return again.to_the_end(chosen.best), past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
+        verdict = again.to_the_end(chosen.best)
+        if verdict is None:
+            return None, replace(past, in_vain=past.in_vain + 1)
+        return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
     sensors = [each for each in told if each.suspect in SENSORS]
     if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
         return None, past
-    return again.either(any(each.suspect == LAPSE for each in likely)), replace(past, opened=True)
+    verdict = again.either(any(each.suspect == LAPSE for each in likely))
+    return verdict, past if verdict is None else replace(past, opened=True)
 
 
 def _accused(explanation: Explanation) -> frozenset[str | int]:

@@ -111,12 +111,13 @@ def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
 
 
 @inlined
-def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> None:
+def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, interval: float) -> None:
     """Write the antenna's velocity about the IMU, and its way since the last epoch, that may tell of the attitude.
 
     The gyros' noise on the lever arm turns with the attitude's errors as the accelerometers' does: what a vehicle at
     rest has of it is no motion. The mean rate of the last moments counts by 1 - (k^2 N + 2^2 B) / |w|^2, N the variance
-    of the gyros' noise in it, B that of their biases.
+    of the gyros' noise in it, B that of their biases; the lever arm's turn d since the epoch before, T = ``interval``
+    [s] ago (0: there was none), by 1 - (k^2 q T + 2^2 B T^2) |l|^2 / |d|^2, q the density of the noise.
     """
     if par.motion_gate2 <= 0.0:
         for i in range(3):
@@ -131,6 +132,12 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> No
     x, y, z = share * (y * r - z * q), share * (z * p - x * r), share * (x * q - y * p)
     for i in range(3):
         a.turning_e[i] = m.C_eb[i, 0] * x + m.C_eb[i, 1] * y + m.C_eb[i, 2] * z
+    lever2 = p * p + q * q + r * r
+    noise = (par.motion_gate2 * par.gyro_density * interval + LEVEL_GATE2 * bias * interval**2) * lever2
+    x, y, z = a.l_e[0] - m.l_clone[0], a.l_e[1] - m.l_clone[1], a.l_e[2] - m.l_clone[2]
+    turned2 = x * x + y * y + z * z
+    share = max(1.0 - noise / turned2, 0.0) if turned2 > 0.0 else 0.0
+    for i in range(3):
         a.turned_e[i] = m.l_clone[i] + share * (a.l_e[i] - m.l_clone[i])
 
 

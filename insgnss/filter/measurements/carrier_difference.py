@@ -2,10 +2,10 @@
 
 The carrier's ambiguity is the same in both epochs and falls out of the difference
     z = phi_k - phi_k-1 = [rho + clock - satellite clock + troposphere - ionosphere]_k - [the same]_k-1 + noise,
-    H = [-u in position, u x l_e in attitude, 1 in the clock, u' in the clone's position, -1 in its clock]
+    H = [-u in position, u x l in attitude, 1 in the clock, u' in the clone's position, -1 in its clock]
 which depends on the antenna's position and clock now and then. Then is a part of the filter's state: after each epoch
-antenna position and clock are cloned (``carrier.clone_epoch``) with their correlations to the states they derive from,
-and the clone's error is constant until the next epoch (stochastic cloning) [Roumeliotis & Burdick 2002]. So the
+antenna position and clock are cloned (``update.clone``) with their correlations to the states they derive from, and
+the clone's error is constant until the next epoch (stochastic cloning) [Roumeliotis & Burdick 2002]. So the
 difference is weighed exactly against what the filter knows of both ends, and corrects both. The lever arm of now is
 that of then, turned by what counts as a rotation (``motion.place_turning``): the gyros' noise is none.
 

@@ -69,11 +69,11 @@ def observe(
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
     a = s.antenna[0]
     place_antenna(m, par, w_ib_b, f_b, a)
-    place_turning(m, P, par, a)
     first = rows.first[epoch]
     with_carrier = rows.carrier.shape[0] > 0
     follows = with_carrier and epoch_follows(m, rows, epoch)
     interval = (rows.epoch_ns[epoch] - m.clone_ns) / NS_PER_S if follows else 0.0
+    place_turning(m, P, par, a, interval)
     place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
