@@ -1,4 +1,4 @@
-"""Filling an empty cache: what the main commands need is compiled once, by as many processes as there are cores.
+"""Filling an empty cache: what the main commands need is compiled once, by a process for each of up to four cores.
 
 The compiler runs on one core and takes most of the time of a first run. So the command that finds the cache empty
 starts processes that go through one list of kernels (``insgnss.kernel_list``), each taking what no other has taken, and
@@ -160,7 +160,7 @@ def _cores() -> int:
 
 
 def _started(module: str, taken: str) -> tuple[subprocess.Popen[bytes], ...]:
-    """Start a module of the package on every core up to a few, silent, listening for our end, as far as we may."""
+    """Start a module of the package on up to four cores, silent, listening for our end, as far as we may."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
     processes: list[subprocess.Popen[bytes]] = []
     with suppress(OSError):
