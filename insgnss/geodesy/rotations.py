@@ -137,3 +137,9 @@ def rotation_vector_quaternion(x: float, y: float, z: float) -> tuple[float, flo
 def to_scipy_quaternion(q: npt.ArrayLike) -> Float64:
     """Return quaternions (..., 4) in SciPy's order, scalar last: the one place where the order changes."""
     return np.asarray(np.roll(np.asarray(q, dtype=np.float64), -1, axis=-1))
+
+
+def cross_matrix(v: Float64) -> Float64:
+    """Return [v x] (3, 3)."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -20,6 +20,7 @@ sample of a path.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -77,19 +78,37 @@ def phase_threshold(model: PhaseModel, loop: PhaseLoop) -> PhaseThreshold:
     ------
     ConfigError : lock holds at -10 dBHz, or goes at 90 dBHz
     """
-    limit = loop.discriminator.threshold_rms_rad
+    cn0 = threshold_cn0_dbhz(lambda cn0_dbhz: phase_rms_rad(model, loop, cn0_dbhz), loop)
+    return PhaseThreshold(cn0, float(db(loop.bandwidth_hz)) - cn0, noise_bandwidth_at(model, loop, cn0))
+
+
+def threshold_cn0_dbhz(
+    rms_rad: Callable[[float], Float64],
+    loop: PhaseLoop,
+    highest_dbhz: float = HIGHEST_CN0_DBHZ,
+    precision_db: float = 1e-9,
+) -> float:
+    """Return the C/N0 at which the largest of the phases' rms reaches A_d C_A.
+
+    Parameters
+    ----------
+    rms_rad : gives the rms of the phases at a C/N0 [dBHz]
+
+    Raises
+    ------
+    ConfigError : lock holds at -10 dBHz, or goes at ``highest_dbhz``
+    """
 
     def excess(cn0_dbhz: float) -> float:
-        return math.log(float(np.max(phase_rms_rad(model, loop, cn0_dbhz))) / limit)
+        return math.log(float(np.max(rms_rad(cn0_dbhz))) / loop.discriminator.threshold_rms_rad)
 
-    if excess(LOWEST_CN0_DBHZ) < 0.0 or excess(HIGHEST_CN0_DBHZ) > 0.0:
+    if excess(LOWEST_CN0_DBHZ) < 0.0 or excess(highest_dbhz) > 0.0:
         raise ConfigError(
-            f"there is no threshold between {LOWEST_CN0_DBHZ:g} and {HIGHEST_CN0_DBHZ:g} dBHz",
+            f"there is no threshold between {LOWEST_CN0_DBHZ:g} and {highest_dbhz:g} dBHz",
             key="cn0_dbhz",
-            advice="check acceleration, drift and discriminator",
+            advice="check motion, drift and discriminator",
         )
-    cn0 = float(optimize.brentq(excess, LOWEST_CN0_DBHZ, HIGHEST_CN0_DBHZ, xtol=1e-9))
-    return PhaseThreshold(cn0, float(db(loop.bandwidth_hz)) - cn0, noise_bandwidth_at(model, loop, cn0))
+    return float(optimize.brentq(excess, LOWEST_CN0_DBHZ, highest_dbhz, xtol=precision_db))
 
 
 def noise_bandwidth_at(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float) -> float:
@@ -149,14 +168,24 @@ def _require_states(model: PhaseModel, count: int, maker: str) -> None:
         )
 
 
-def _noise(loop: PhaseLoop, cn0_dbhz: float) -> float:
-    """Return S_n of the discriminator's phase at a C/N0, one-sided [rad^2/Hz]."""
-    if not LOWEST_CN0_DBHZ <= cn0_dbhz <= HIGHEST_CN0_DBHZ:
+def require_cn0(cn0_dbhz: float, highest_dbhz: float = HIGHEST_CN0_DBHZ) -> None:
+    """Refuse a C/N0 at which no receiver works.
+
+    Raises
+    ------
+    ConfigError : it is below -10 dBHz or above ``highest_dbhz``
+    """
+    if not LOWEST_CN0_DBHZ <= cn0_dbhz <= highest_dbhz:
         raise ConfigError(
-            f"C/N0 of {cn0_dbhz:g} dBHz is outside of {LOWEST_CN0_DBHZ:g} ... {HIGHEST_CN0_DBHZ:g} dBHz",
+            f"C/N0 of {cn0_dbhz:g} dBHz is outside of {LOWEST_CN0_DBHZ:g} ... {highest_dbhz:g} dBHz",
             key="cn0_dbhz",
             advice="give C/N0 in dBHz; receivers see 10 to 60",
         )
+
+
+def _noise(loop: PhaseLoop, cn0_dbhz: float) -> float:
+    """Return S_n of the discriminator's phase at a C/N0, one-sided [rad^2/Hz]."""
+    require_cn0(cn0_dbhz)
     return float(equivalent_noise(loop.discriminator, ratio(-cn0_dbhz), loop.accumulation_s))
 
 

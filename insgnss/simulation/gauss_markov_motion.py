@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from insgnss.errors import ConfigError
 from insgnss.simulation.course import MARGIN_S, LevelMotion
+from insgnss.simulation.imu import gauss_markov
 from insgnss.tables import Float64
 
 GRID_S: Final = 0.02  # of the processes, and of the knots that such a course needs
@@ -48,14 +49,8 @@ class GaussMarkov:
             )
 
     def values(self, count: int, rng: np.random.Generator) -> Float64:
-        """Return values ``GRID_S`` apart, (count, 3).
-
-        Equation: x_k = f x_(k-1) + sigma sqrt(1 - f^2) w_k, f = exp(-GRID_S / time), x_0 = 0
-        """
-        f = math.exp(-GRID_S / self.time_s)
-        driven = self.sigma * math.sqrt(1.0 - f * f) * rng.standard_normal((count, 3))
-        driven[0] = 0.0
-        return np.asarray(signal.lfilter([1.0], [1.0, -f], driven, axis=0))
+        """Return values ``GRID_S`` apart, (count, 3), the first of them zero."""
+        return gauss_markov(count, GRID_S, self.sigma, self.time_s, rng, from_zero=True)
 
 
 class GaussMarkovFigure:

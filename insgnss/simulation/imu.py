@@ -90,15 +90,21 @@ def accelerometer_model(grade: ImuGrade, resolution_mps: float | None = None) ->
 
 
 def gauss_markov(
-    count: int, step_s: float, sigma: float, correlation_time_s: float, rng: np.random.Generator
+    count: int,
+    step_s: float,
+    sigma: float,
+    correlation_time_s: float,
+    rng: np.random.Generator,
+    *,
+    from_zero: bool = False,
 ) -> Float64:
-    """Return (count, 3) independent stationary first-order Gauss-Markov series, exactly discretised.
+    """Return (count, 3) independent first-order Gauss-Markov series, exactly discretised; stationary, or from zero on.
 
     Equation: ``b_k = p b_{k-1} + sigma sqrt(1 - p^2) w_k``, ``p = exp(-step / correlation time)``.
     """
     decay = np.exp(-step_s / correlation_time_s)
     driven = sigma * np.sqrt(-np.expm1(-2.0 * step_s / correlation_time_s)) * rng.standard_normal((count, 3))
-    driven[0] = sigma * rng.standard_normal(3)
+    driven[0] = 0.0 if from_zero else sigma * rng.standard_normal(3)
     return np.asarray(lfilter([1.0], [1.0, -decay], driven, axis=0))
 
 

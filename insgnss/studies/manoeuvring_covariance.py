@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import optimize
 
 from insgnss.config.flight import ImuGrade
 from insgnss.errors import ConfigError
@@ -33,7 +32,7 @@ from insgnss.inertial.sensor_model import sensor_model
 from insgnss.interference.checks import positive
 from insgnss.interference.discriminators import equivalent_noise
 from insgnss.interference.drift import per_mps
-from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
+from insgnss.interference.linear_threshold import require_cn0, threshold_cn0_dbhz
 from insgnss.interference.margin import PhaseLoop, db, ratio
 from insgnss.interference.phase_models import checked_directions
 from insgnss.jit import kernel
@@ -181,12 +180,7 @@ class ManoeuvringReceiver:
                 key="settle_s",
                 advice="give less, or a longer motion",
             )
-        if not LOWEST_CN0_DBHZ <= cn0_dbhz <= _HIGHEST_CN0_DBHZ:
-            raise ConfigError(
-                f"C/N0 of {cn0_dbhz:g} dBHz is outside of {LOWEST_CN0_DBHZ:g} ... {_HIGHEST_CN0_DBHZ:g} dBHz",
-                key="cn0_dbhz",
-                advice="give C/N0 in dBHz; receivers see 10 to 60",
-            )
+        require_cn0(cn0_dbhz, _HIGHEST_CN0_DBHZ)
         noise = float(equivalent_noise(loop.discriminator, ratio(-cn0_dbhz), loop.accumulation_s))
         found = np.empty((len(self.force_e), 2 + len(self.drive.rows)))
         scratch = np.empty((FURTHER, FURTHER)), np.zeros((3, FURTHER))
@@ -211,19 +205,12 @@ class ManoeuvringReceiver:
         ------
         ConfigError : lock holds at -10 dBHz, or goes at 60 dBHz
         """
-
-        def excess(cn0_dbhz: float) -> float:
-            rms = self.errors(loop, cn0_dbhz, settle_s).phase_rms_rad
-            return math.log(float(np.max(rms)) / loop.discriminator.threshold_rms_rad)
-
-        low, high = LOWEST_CN0_DBHZ, _HIGHEST_CN0_DBHZ
-        if excess(low) < 0.0 or excess(high) > 0.0:
-            raise ConfigError(
-                f"there is no threshold between {low:g} and {high:g} dBHz",
-                key="cn0_dbhz",
-                advice="check motion, drift and discriminator",
-            )
-        cn0 = float(optimize.brentq(excess, low, high, xtol=_PRECISION_DB))
+        cn0 = threshold_cn0_dbhz(
+            lambda cn0_dbhz: self.errors(loop, cn0_dbhz, settle_s).phase_rms_rad,
+            loop,
+            _HIGHEST_CN0_DBHZ,
+            _PRECISION_DB,
+        )
         return ManoeuvringThreshold(cn0, float(db(loop.bandwidth_hz)) - cn0)
 
 

@@ -27,7 +27,7 @@ from scipy import linalg
 
 from insgnss.errors import ConfigError
 from insgnss.interference.discriminators import DISCRIMINATORS, true_noise, true_slope
-from insgnss.interference.linear_threshold import HIGHEST_CN0_DBHZ, LOWEST_CN0_DBHZ
+from insgnss.interference.linear_threshold import require_cn0
 from insgnss.interference.lock_thresholds import SLIP, phase_output
 from insgnss.interference.margin import PhaseLoop, ratio
 from insgnss.interference.phase_models import PhaseModel, checked_directions
@@ -121,12 +121,7 @@ def error_loop(model: PhaseModel, loop: PhaseLoop, cn0_dbhz: float, directions: 
     ConfigError : C/N0 out of range, directions that do not fit the model, or no steady state
     """
     u = checked_directions(directions)
-    if not LOWEST_CN0_DBHZ <= cn0_dbhz <= HIGHEST_CN0_DBHZ:
-        raise ConfigError(
-            f"C/N0 of {cn0_dbhz:g} dBHz is outside of {LOWEST_CN0_DBHZ:g} ... {HIGHEST_CN0_DBHZ:g} dBHz",
-            key="cn0_dbhz",
-            advice="give C/N0 in dBHz; receivers see 10 to 60",
-        )
+    require_cn0(cn0_dbhz)
     alone = len(model.H) == 1
     if not alone and len(model.H) != len(u):
         advice = "give the directions of the model"

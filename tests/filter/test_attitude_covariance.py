@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import WGS84_OMEGA_RADPS
-from insgnss.filter.headings.heading_bank import cross_matrix, turned_axes
+from insgnss.filter.headings.heading_bank import turned_axes
 from insgnss.filter.headings.motion import unknown_force
 from insgnss.filter.rows.lines import ANTENNA_DTYPE
 from insgnss.filter.state import BA, BG, DR, DV, OFFSETS, PSI, new_bank
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.geodesy.local_level import up_direction
-from insgnss.geodesy.rotations import matrix_to_quaternion
+from insgnss.geodesy.rotations import cross_matrix, matrix_to_quaternion
 
 GRAVITY_E = np.array([-4.1, 3.2, -8.3])
 PLACE_E = np.array([2.7e6, -2.1e6, 5.4e6])

@@ -14,6 +14,7 @@ from insgnss.filter.headings.heading_bank import set_attitude
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, select_members
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.rotations import cross_matrix
 from insgnss.tables import Float64
 
 _LEVEL_FLOOR_RAD: Final = math.radians(0.3)  # what levelling may be wrong by beyond the filter's sigma
@@ -97,7 +98,7 @@ def seeded(bank: Bank, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: F
     for at in (BA, BG):
         T[at : at + 3, at : at + 3] = C_eb.T @ m.C_eb
     for at, arm_b in ((DR, lever_b), (DV, np.cross(w_eb_b, lever_b))):
-        T[at : at + 3, PSI : PSI + 3] = _cross_matrix((C_eb - m.C_eb) @ arm_b)
+        T[at : at + 3, PSI : PSI + 3] = cross_matrix((C_eb - m.C_eb) @ arm_b)
     m.r_e += (m.C_eb - C_eb) @ lever_b
     m.v_e += (m.C_eb - C_eb) @ np.cross(w_eb_b, lever_b)
     P[:] = T @ P @ T.T
@@ -105,10 +106,6 @@ def seeded(bank: Bank, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: F
     P[:] = 0.5 * (P + P.T)
     set_attitude(m, C_eb)
     return one
-
-
-def _cross_matrix(v: Float64) -> Float64:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def _heading(C_nb: Float64) -> float:

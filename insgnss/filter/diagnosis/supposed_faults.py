@@ -35,12 +35,11 @@ def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = Fal
     straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude by
     psi = -C b t, with t uniform up to 90 s.
     """
+    found = copy_bank(bank)
     if suspect == NOISE:
-        found = copy_bank(bank)
         found.state["noise_factor"][:, :CARRIER] *= _NOISE2
         return found
     if suspect == LAPSE:
-        found = copy_bank(bank)
         moved_s = 0.5 * _LIE_S
         for i in range(3):
             found.P[0, PSI + i, PSI + i] += _LIE_RAD**2
@@ -49,7 +48,6 @@ def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = Fal
             )
         return found
     at, _, bias = bias_of(suspect, setup)
-    found = copy_bank(bank)
     variance = (WIDEST * bias.sigma) ** 2
     found.P[0, range(at, at + 3), range(at, at + 3)] += variance
     if suspect == GYRO and earlier:

@@ -34,7 +34,7 @@ from insgnss.filter.state import (
 )
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
-from insgnss.geodesy.rotations import matrix_to_euler, matrix_to_quaternion
+from insgnss.geodesy.rotations import cross_matrix, matrix_to_euler, matrix_to_quaternion
 from insgnss.tables import Float64
 
 _WIDE: Final = 1.2  # sigmas of a window
@@ -254,9 +254,3 @@ def turned_axes(n: int, R: Float64, C_eb: Float64, l_e: Float64) -> Float64:
     T[DR : DR + 3, PSI : PSI + 3] = cross_matrix(R @ l_e) @ R - cross_matrix(l_e)
     T[BG : BG + 3, PSI : PSI + 3] = C_eb.T @ cross_matrix(rate - R.T @ rate)
     return T
-
-
-def cross_matrix(v: Float64) -> Float64:
-    """Return [v x] (3, 3)."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

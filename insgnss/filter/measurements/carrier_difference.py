@@ -17,14 +17,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.filter.measurements.pseudorange import ATTITUDE, range_row
 from insgnss.filter.measurements.pseudorange import COLUMNS as RANGE_COLUMNS
+from insgnss.filter.measurements.pseudorange import range_row
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.rows.row_noise import model_variance
 from insgnss.filter.state import N_CLONE, StateRecord
-from insgnss.geodesy.vectors import cross, place
+from insgnss.geodesy.vectors import place
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.jit import inlined
@@ -46,8 +46,7 @@ def carrier_difference(
     a, row = s.antenna[0], rows.observation[i]
     h, then = line.h[CARRIER], a.u_before
     before = line_of_sight_range(rows.before, i, m.r_clone, then)
-    range_row(a, h)
-    place(h, ATTITUDE, cross(a.u, a.turned_e))
+    range_row(a.u, a.turned_e, h)
     place(h, _THEN, then)
     h[_CLOCK_THEN] = -1.0
     air, earlier = s.air[0], s.air[1]

@@ -12,7 +12,7 @@ from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
-from insgnss.filter.rows.lines import Antenna, Epoch, Line
+from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import CLOCK, DR, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative
@@ -21,7 +21,7 @@ from insgnss.jit import inlined
 from insgnss.tables import Float64
 
 COLUMNS: Final = (DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK)
-_POSITION, ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOCK))
+_POSITION, _ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOCK))
 
 
 @inlined
@@ -31,7 +31,7 @@ def pseudorange(
     """Write the row of H; return innovation [m] and variance [m^2]."""
     a, row, of = s.antenna[0], rows.observation[i], par.kind[PSEUDORANGE]
     h, columns, count = line.h[PSEUDORANGE], line.columns[PSEUDORANGE], len(COLUMNS)
-    range_row(a, h)
+    range_row(a.u, a.l_e, h)
     predicted = a.distance + m.clock[0] - rows.sat[i, 6]
     if row.group > 0:
         h[count], columns[count] = 1.0, OFFSETS + row.group - 1
@@ -50,8 +50,8 @@ def pseudorange(
 
 
 @inlined
-def range_row(a: Antenna, h: Float64) -> None:
-    """Write the row of H of a range: -u, (u x l_e), clock 1."""
-    place_negative(h, _POSITION, a.u)
-    place(h, ATTITUDE, cross(a.u, a.l_e))
+def range_row(u: Float64, l_e: Float64, h: Float64) -> None:
+    """Write the row of H of a range along ``u`` to an antenna on the lever arm ``l_e``: -u, (u x l_e), clock 1."""
+    place_negative(h, _POSITION, u)
+    place(h, _ATTITUDE, cross(u, l_e))
     h[_CLOCK] = 1.0

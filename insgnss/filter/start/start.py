@@ -19,7 +19,7 @@ from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Ban
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
+from insgnss.geodesy.rotations import cross_matrix, euler_to_matrix, matrix_to_quaternion
 from insgnss.inertial.alignment import Window, earth_rate_in_body, level
 from insgnss.inertial.sensor_model import SensorModel, sensor_model
 from insgnss.tables import Float64
@@ -290,19 +290,13 @@ def _hang_on_antenna(m: np.record, P: Float64, w_ib_b: Float64, lever_b: Float64
     lever_b : (3,) IMU to antenna [m]
     """
     C = m.C_eb
-    l_e = skew(C @ lever_b)
+    l_e = cross_matrix(C @ lever_b)
     T = np.eye(len(P))
     T[DR : DR + 3, PSI : PSI + 3] = l_e
-    T[DV : DV + 3, PSI : PSI + 3] = skew(C @ np.cross(w_ib_b - m.b_g, lever_b)) - _EARTH_TURN @ l_e
-    T[DV : DV + 3, BG : BG + 3] = -C @ skew(lever_b)
+    T[DV : DV + 3, PSI : PSI + 3] = cross_matrix(C @ np.cross(w_ib_b - m.b_g, lever_b)) - _EARTH_TURN @ l_e
+    T[DV : DV + 3, BG : BG + 3] = -C @ cross_matrix(lever_b)
     P[:] = T @ P @ T.T
     P[:] = 0.5 * (P + P.T)
-
-
-def skew(v: Float64) -> Float64:
-    """Return the matrix (3, 3) of the cross product with ``v`` (3,)."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def given_kinematics(
