@@ -26,7 +26,7 @@ import numba
 
 from insgnss.jit import CACHE_DIR
 
-LONGEST_S: Final = 300.0  # then whoever waits compiles on their own
+LONGEST_S: Final = 300.0  # after that the waiting process compiles the rest itself
 _MOST_PROCESSES: Final = 4  # the list's longest kernels take a quarter of its time
 _RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before
 _COMPLETE: Final = CACHE_DIR / "complete"  # there once all of the list has machine code
@@ -42,7 +42,7 @@ runpy.run_module(sys.argv.pop(1), run_name="__main__", alter_sys=True)
 
 
 def is_complete() -> bool:
-    """Return whether the cache has all that the main commands need; plain Python needs none."""
+    """Return whether the cache holds every kernel of the main commands; True if the compiler is off."""
     return bool(numba.config.DISABLE_JIT) or _COMPLETE.exists()
 
 
@@ -85,7 +85,7 @@ def compiled_ahead(module: str) -> Iterator[Companions]:
 
 
 def compile_list(calls: Mapping[Callable[..., Any], tuple[Any, ...]]) -> None:
-    """Compile the kernels of a list that no process beside this one has taken, and end: run by those started here."""
+    """Compile the kernels that no other process has taken, and exit; run by the processes started here."""
     end_with_parent()
     taken = Path(sys.argv[1])
     gc.freeze()  # the modules stay
@@ -111,7 +111,7 @@ def collecting_rarely() -> Iterator[None]:
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
-    """Return whether a kernel has machine code, in this process or in the cache; so has plain Python, in effect."""
+    """Return whether a kernel has machine code, in this process or in the cache; True if the compiler is off."""
     if getattr(function, "stats", None) is None:  # the compiler is switched off
         return True
     dispatcher: Any = function

@@ -24,7 +24,7 @@ def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[None]
 
     Parameters
     ----------
-    tell : is told that one has to wait, where the cache lacks them
+    tell : called with a message when the command has to wait
     """
     with compiled_ahead(_LIST) as beside:
         yield

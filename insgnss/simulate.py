@@ -118,7 +118,7 @@ def simulate(
     seed : of all random numbers
     noise : without it sensors and signals have no errors at all, and the clock runs straight on; faults stay
     duration_s : the first part alone
-    progress : is told in words when one has to wait for the compiler
+    progress : called with a message while the compiler runs
 
     Raises
     ------

@@ -43,7 +43,7 @@ def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> Ch
     """Return everything that can be said of a flight's logs, with proposals for its flight file.
 
     ``check_flight`` tells what each log shows; here they are held against each other. A log that cannot be read is a
-    finding, not an error. ``progress`` is told in words when one has to wait for the compiler.
+    finding, not an error. ``progress`` receives a message while the compiler runs.
     """
     with compiled(progress or (lambda _: None)):
         report, logs = read_and_check(flight)

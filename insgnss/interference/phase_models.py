@@ -3,7 +3,7 @@
 A receiver is a linear model of its phases: ``x' = A x + white noise of intensity Q``, phases ``H x`` in white noise.
 
 - ``channel_model``: phase, frequency and acceleration of one line of sight. It stands for a channel of the two-stage
-  receiver: without INS with the vehicle's acceleration, with INS (aided) with what the INS leaves of it.
+  receiver: without INS with the vehicle's acceleration, with INS (aided) with the INS's acceleration error.
 - ``one_stage_model``: position, velocity, acceleration (three each), clock and clock rate, 11 states. Discriminators
   are rows of one filter over pseudo-coordinates; without INS or with it, as above.
 
@@ -41,7 +41,7 @@ class UnknownAcceleration:
 
     Raises
     ------
-    ConfigError : a sigma below zero, or a time not above it
+    ConfigError : a negative sigma, or a time that is not positive
     """
 
     sigma_mps2: float

@@ -1,4 +1,4 @@
-"""The steady state of a Kalman filter whose observations are alike: Riccati equations, and errors by source.
+"""The steady state of a Kalman filter with identical observations: Riccati equations, and errors by source.
 
 Continuous: ``A P + P A^T + Q - P G P = 0``, G = H^T H / r, all intensities two-sided; discrete, before the update:
 ``P = F P (I + G P)^-1 F^T + Q``, G = H^T H / r, r the variance of one observation. SciPy's Schur method fails

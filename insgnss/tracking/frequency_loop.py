@@ -1,4 +1,4 @@
-"""The frequency loop on its own (FLL) of order 1 or 2: it follows the frequency and lets the phase go.
+"""The frequency loop on its own (FLL) of order 1 or 2: it follows the frequency and does not track the phase.
 
 A frequency discriminator sees by how much the phase turns between the middles of two integrations; the loop's states
 are the frequency at the middle between them and, in order 2, its derivative. That is the chain of integrators of a

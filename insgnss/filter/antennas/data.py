@@ -10,7 +10,7 @@ from insgnss.filter.antennas.visibility import Hiding
 
 @dataclass(frozen=True)
 class AntennaData:
-    """All that the stage needs beside the filter and the phases: the antennas and its settings."""
+    """The antennas and the settings of the attitude stage."""
 
     antennas: Antennas
     multipath_time_s: float

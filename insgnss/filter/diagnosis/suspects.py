@@ -96,7 +96,7 @@ def _unknown(verdict: Verdict) -> float:
 
 def log_odds(of: list[Explanation], against: list[Explanation]) -> float:
     """Return the odds of some explanations against all others and the sound filter."""
-    chosen = {id(each) for each in of}  # equal ones may be two: satellites whose rows nobody uses
+    chosen = {id(each) for each in of}  # two may be equal: of satellites without a used row
     others = [each.log_odds for each in against if id(each) not in chosen]
     return float(np.logaddexp.reduce([each.log_odds for each in of]) - np.logaddexp.reduce([0.0, *others]))
 
@@ -170,7 +170,7 @@ def _is_excused(told: list[Explanation], past: Past, stormy: bool) -> bool:
     """Return whether what explains most is not to be believed.
 
     Rows that contradict each other are no sensor's fault, nor is what few satellites explain nearly as well: a
-    bias that is unknown explains much. What late tags have done to the filter is nobody's fault.
+    bias that is unknown explains much. Nor is what late tags have done to the filter a fault of sensor or satellite.
     """
     first = told[0]
     least = max(_SURE, first.log_odds - _COARSE)
@@ -188,7 +188,7 @@ def shared(likely: list[Explanation]) -> Explanation | None:
 
 
 def _with(chosen: Explanation, told: list[Explanation]) -> list[Explanation]:
-    """Return the explanations by which all that has failed has, and perhaps more."""
+    """Return the explanations that contain the chosen fault."""
     return [each for each in told if _parts(chosen.best) <= _parts(each.best)]
 
 
