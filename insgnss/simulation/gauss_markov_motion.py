@@ -1,8 +1,9 @@
 """Random manoeuvring: acceleration and angular rate are Gauss-Markov processes, the same on every axis.
 
 The motion that the linear theory of receivers assumes, as a figure of a course: three accelerations in the level frame,
-each of one sigma and correlation time, and three angular rates in body axes. The attitude is independent of the track. A weak
-pull keeps the vehicle where there is air: without one, 5 g with 3.3 s of correlation lead 34 km away within a minute.
+each of one sigma and correlation time, and three angular rates in body axes. The attitude is independent of the track.
+A weak pull keeps the vehicle where there is air: without one, 5 g with 3.3 s of correlation lead 34 km away within a
+minute.
 """
 
 from __future__ import annotations
