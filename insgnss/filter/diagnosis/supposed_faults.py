@@ -14,6 +14,7 @@ from insgnss.inertial.sensor_model import BiasModel, sensor_model
 
 ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
+RATES = "range rates"  # of all satellites
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again
 ANY = "any of these"
@@ -22,22 +23,28 @@ SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
 # of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
 LOG_PRIOR: Final = math.log(1.0 / 6000.0)
 WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
-_NOISE2: Final = 9.0
+NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
+_FOR_GOOD_NS: Final = np.iinfo(np.int64).max
 _EARLIEST_S: Final = 90.0
 _LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of what a lie leaves of velocity and attitude
 _LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
 
 
-def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
+def with_fault(
+    bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False, risen2: float = 1.0
+) -> Bank:
     """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
 
-    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. On a
-    straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude by
-    psi = -C b t, with t uniform up to 90 s.
+    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level, ``risen2``
+    times. On a straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude
+    by psi = -C b t, with t uniform up to 90 s.
     """
     found = copy_bank(bank)
     if suspect == NOISE:
-        found.state["noise_factor"][:, :CARRIER] *= _NOISE2
+        found.state["noise_factor"][:, :CARRIER] *= risen2
+        return found
+    if suspect == RATES:
+        found.state["rates_out_ns"] = _FOR_GOOD_NS
         return found
     if suspect == LAPSE:
         moved_s = 0.5 * _LIE_S

@@ -33,6 +33,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     LAPSE,
     LOG_PRIOR,
     NOISE,
+    RATES,
     SATELLITES,
     SENSORS,
 )
@@ -45,6 +46,10 @@ from insgnss.gnss.observation_rows import N_BANDS
 
 # A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
 _PRIOR_OF_A_LAPSE: Final = 10.0 * LOG_PRIOR
+_PRIOR_OF_A_KIND: Final = (
+    1.0 + MOST_SATELLITES
+) * LOG_PRIOR  # as rare as one satellite more than are looked for
+_RARE: Final = {LAPSE: _PRIOR_OF_A_LAPSE, RATES: _PRIOR_OF_A_KIND}
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
 _COARSE: Final = 3.0 * _SURE  # that much likelihood a ramp of one rate may lack of what a satellite has done
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
@@ -68,7 +73,7 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
             of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
     ranked = []
     for (suspect, satellites, axes), verdicts in of.items():
-        prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else LOG_PRIOR * max(len(satellites), len(axes), 1)
+        prior = _RARE.get(suspect, LOG_PRIOR * max(len(satellites), len(axes), 1))
         best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
         ranked.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
     return sorted(ranked, key=lambda each: -each.log_odds)
@@ -115,7 +120,14 @@ def run_away(
     if not again.came_through or not 0 < len(satellites) <= MOST_SATELLITES:
         return None, in_vain
     verdict, _ = again.leaving_out(again.before[0], satellites) or (None, [])
-    if verdict is None or not verdict.fits or explanations([verdict], again.as_it_was)[0].log_odds < _SURE:
+    if verdict is None or not verdict.fits:
+        return None, in_vain
+    told = explanations(
+        [verdict, *again.sensor(RATES)], again.as_it_was
+    )  # of rates all of which are wrong some creep
+    if told[0].suspect == RATES and told[0].log_odds > _WORTH_A_LOOK and not again.noisy_ranges:
+        return None, past.suspecting(_accused(told[0]))
+    if log_odds([each for each in told if each.suspect == SATELLITES], told) < _SURE:
         return None, in_vain
     lasting = again.to_the_end(verdict)
     return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
@@ -138,7 +150,7 @@ def judge(
     if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
         told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     first, before = told[0], past.suspected
-    excused = _is_excused(told, past, again.stormy)
+    excused = _is_excused(told, past, again)
     suspected = before if excused else _accused(first)
     past = past.suspecting(suspected if first.log_odds > _WORTH_A_LOOK else frozenset())
     if excused or not first.best.fits:
@@ -151,7 +163,7 @@ def judge(
         verdict = again.to_the_end(chosen.best)
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
-        return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
+        return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES, RATES))
     sensors = [each for each in told if each.suspect in SENSORS]
     if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
         return None, past
@@ -166,16 +178,18 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
-def _is_excused(told: list[Explanation], past: Past, stormy: bool) -> bool:
+def _is_excused(told: list[Explanation], past: Past, again: Hindsight) -> bool:
     """Return whether what explains most is not to be believed.
 
-    Rows that contradict each other are no sensor's fault, nor is what few satellites explain nearly as well: a
-    bias that is unknown explains much. Nor is what late tags have done to the filter a fault of sensor or satellite.
+    Rows that contradict each other are no sensor's fault, and no fault of the range rates alone where the pseudoranges
+    do so, too. Nor is a sensor at fault where few satellites explain nearly as much: a bias that is unknown explains
+    much. Nor is what late tags have done to the filter a fault of sensor or satellite.
     """
     first = told[0]
     least = max(_SURE, first.log_odds - _COARSE)
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in told)
-    noise = first.suspect == NOISE or (stormy and first.suspect in (*SENSORS, IMU_TAGS))
+    noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
+    noise = noise or (again.noisy_ranges and first.suspect == RATES)
     late = first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 

@@ -15,6 +15,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     GYRO,
     IMU_TAGS,
     LAPSE,
+    RATES,
     SATELLITES,
 )
 from insgnss.filter.state import BA, BG, Bank
@@ -39,6 +40,12 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
             " the sigmas do not know of it"
         )
         return Event(t_ns, "time_tag_suspect", detail)
+    if verdict.suspect == RATES:
+        detail = (
+            "the range rates of all satellites contradict the pseudoranges and the inertial sensors; they are left out,"
+            " the last minute anew"
+        )
+        return Event(t_ns, "kind_refused", detail)
     if verdict.suspect == LAPSE:
         detail = "an inertial sensor has lied for a moment: attitude, velocity and position are learnt anew"
         return Event(t_ns, "sensor_suspect", detail)

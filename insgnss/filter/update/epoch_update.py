@@ -15,10 +15,10 @@ from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
-from insgnss.filter.update.creeping import follow_satellites
+from insgnss.filter.update.creeping import follow_satellites, leave_out_rates
 from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
-from insgnss.filter.update.gating import absorb_clock_step, common_step, gate_between, gate_rows
+from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
@@ -77,6 +77,8 @@ def update_epoch(
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
+    if m.rates_out_ns > t_ns:
+        leave_out_rates(m, lines, t_ns)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
@@ -93,7 +95,13 @@ def update_epoch(
         if bank.state.shape[0] == 1:  # rows that contradict a wrong heading must not be widened for its sake
             weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
-    follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par)
+    if follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par):
+        # a satellite that is known to be wrong says nothing of the filter
+        done = Outcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
+        for kind in range(2):
+            used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
+            step = done.clock_step if kind == PSEUDORANGE else done.drift_step
+            done = noted(done, kind, used, refused, step, strain)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, excluded = use_epoch(
         P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
