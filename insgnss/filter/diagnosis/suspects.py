@@ -44,12 +44,10 @@ from insgnss.filter.state import Bank
 from insgnss.filter.update.creeping import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
 
-# A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
-_PRIOR_OF_A_LAPSE: Final = 10.0 * LOG_PRIOR
-_PRIOR_OF_A_KIND: Final = (
-    1.0 + MOST_SATELLITES
-) * LOG_PRIOR  # as rare as one satellite more than are looked for
-_RARE: Final = {LAPSE: _PRIOR_OF_A_LAPSE, RATES: _PRIOR_OF_A_KIND}
+# A state that is unknown explains anything, pseudoranges that jump together too, and so do range rates that may wander
+# as they like: the lie must have been a large one
+_PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
+_LARGE_LIES: Final = (LAPSE, RATES)
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
 _COARSE: Final = 3.0 * _SURE  # that much likelihood a ramp of one rate may lack of what a satellite has done
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
@@ -73,7 +71,8 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
             of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
     ranked = []
     for (suspect, satellites, axes), verdicts in of.items():
-        prior = _RARE.get(suspect, LOG_PRIOR * max(len(satellites), len(axes), 1))
+        large = suspect in _LARGE_LIES
+        prior = _PRIOR_OF_LARGE_LIES if large else LOG_PRIOR * max(len(satellites), len(axes), 1)
         best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
         ranked.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
     return sorted(ranked, key=lambda each: -each.log_odds)
@@ -183,14 +182,14 @@ def _is_excused(told: list[Explanation], past: Past, again: Hindsight) -> bool:
 
     Rows that contradict each other are no sensor's fault, and no fault of the range rates alone where the pseudoranges
     do so, too. Nor is a sensor at fault where few satellites explain nearly as much: a bias that is unknown explains
-    much. Nor is what late tags have done to the filter a fault of sensor or satellite.
+    much. Nor is what late tags have done to the filter a fault of anything else.
     """
     first = told[0]
     least = max(_SURE, first.log_odds - _COARSE)
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in told)
     noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
     noise = noise or (again.noisy_ranges and first.suspect == RATES)
-    late = first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS)
+    late = first.suspect in (*SENSORS, SATELLITES, RATES) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 

@@ -203,7 +203,7 @@ def stands_out(
                 own = variance + explained
                 if rest * rest < _INNOCENT * own and explained < variance:
                     mean[LEFT_OUT_S] = -math.inf
-                else:
+                elif rest * rest > gate2 * own:
                     mean[LEFT_OUT_S] = now + KEPT_OUT_S
     return beyond and count >= _LEAST_WITNESSES
 
