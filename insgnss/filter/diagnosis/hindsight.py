@@ -32,7 +32,9 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SENSORS,
     WIDEST,
     bias_of,
+    quiet,
     with_fault,
+    without,
 )
 from insgnss.filter.diagnosis.tag_shifts import at_other_tags, later, summit
 from insgnss.filter.diagnosis.witnesses import (
@@ -61,7 +63,6 @@ from insgnss.filter.update.creeping import (
 )
 from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, Rows, some_epochs
-from insgnss.status import DRIFTING, USED
 
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
 _ONSETS_S: Final = (
@@ -324,7 +325,7 @@ class Hindsight:
 
     def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[Written]] | None:
         """Return what comes of leaving satellites out, their rows charged as those of ramps, and what was written."""
-        stretches = tuple(e._replace(rows=_without(e.rows, satellites)) for e in self.stretches)
+        stretches = tuple(e._replace(rows=without(e.rows, satellites)) for e in self.stretches)
         bank = copy_bank(start)
         written = self.until(bank, self.end_ns, stretches)
         if written is None:
@@ -371,7 +372,7 @@ class Hindsight:
         """Return a verdict whose filter stands at the last epoch."""
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return verdict
-        stretches = tuple(e._replace(rows=_without(e.rows, verdict.satellites)) for e in self.stretches)
+        stretches = tuple(e._replace(rows=without(e.rows, verdict.satellites)) for e in self.stretches)
         if self.until(verdict.bank, self.now_ns, stretches) is None:
             return None
         if verdict.suspect == RATES:
@@ -394,27 +395,3 @@ def _halfway(best_ns: int, tried_ns: list[int]) -> tuple[int, ...]:
     """Return the times halfway from the best onset to those tried before and after it."""
     at = tried_ns.index(best_ns)
     return tuple((best_ns + t) // 2 for t in tried_ns[max(at - 1, 0) : at + 2] if t != best_ns)
-
-
-def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the filter's numbers with nothing that stops the loop."""
-    calm = parameters.copy()
-    calm["suspicion_limit"] = 0.0
-    calm["lockout_epochs"] = math.inf
-    calm["strain_limit"] = math.inf
-    return calm
-
-
-def _without(rows: Rows, satellites: tuple[int, ...]) -> Rows:
-    """Return rows without those of some satellites."""
-    if not satellites:
-        return rows
-    gone = np.isin(rows.observation["slot"] // N_BANDS, satellites)
-    observation = rows.observation.copy()
-    status = observation["status"]
-    status[gone[:, None] & (status == USED)] = DRIFTING
-    carrier = rows.carrier
-    if len(carrier):
-        carrier = carrier.copy()
-        carrier["status"][gone & (carrier["status"] == USED)] = DRIFTING
-    return rows._replace(observation=observation, carrier=carrier)

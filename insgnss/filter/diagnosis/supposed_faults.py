@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
-from insgnss.gnss.observation_rows import CARRIER
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows
 from insgnss.inertial.sensor_model import BiasModel, sensor_model
+from insgnss.status import DRIFTING, USED
 
 ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
@@ -69,3 +71,27 @@ def bias_of(suspect: str, setup: FilterSetup) -> tuple[int, str, BiasModel]:
     """Return where a sensor's biases stand in the error state, their name in the state, and their model."""
     sensor = sensor_model(setup.grade)
     return (BA, "b_a", sensor.accel_bias) if suspect == ACCELEROMETER else (BG, "b_g", sensor.gyro_bias)
+
+
+def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the filter's numbers with nothing that stops the loop."""
+    calm = parameters.copy()
+    calm["suspicion_limit"] = 0.0
+    calm["lockout_epochs"] = math.inf
+    calm["strain_limit"] = math.inf
+    return calm
+
+
+def without(rows: Rows, satellites: tuple[int, ...]) -> Rows:
+    """Return rows without those of some satellites."""
+    if not satellites:
+        return rows
+    gone = np.isin(rows.observation["slot"] // N_BANDS, satellites)
+    observation = rows.observation.copy()
+    status = observation["status"]
+    status[gone[:, None] & (status == USED)] = DRIFTING
+    carrier = rows.carrier
+    if len(carrier):
+        carrier = carrier.copy()
+        carrier["status"][gone & (carrier["status"] == USED)] = DRIFTING
+    return rows._replace(observation=observation, carrier=carrier)

@@ -210,7 +210,9 @@ def stands_out(
 
 @inlined
 def leave_out_rates(m: StateRecord, lines: Lines, t_ns: int) -> None:
-    """Refuse an epoch's range rates, all of which have been found wrong; they stay out while many do not fit."""
+    """Refuse an epoch's range rates if all have been found wrong; they stay out while many do not fit."""
+    if m.rates_out_ns <= t_ns:
+        return
     told, far = 0, 0
     for j in range(lines.shape[0]):
         line = lines[j]

@@ -77,8 +77,7 @@ def update_epoch(
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
-    if m.rates_out_ns > t_ns:
-        leave_out_rates(m, lines, t_ns)
+    leave_out_rates(m, lines, t_ns)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
@@ -96,12 +95,7 @@ def update_epoch(
             weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
     if follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par):
-        # a satellite that is known to be wrong says nothing of the filter
-        done = Outcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
-        for kind in range(2):
-            used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
-            step = done.clock_step if kind == PSEUDORANGE else done.drift_step
-            done = noted(done, kind, used, refused, step, strain)
+        done = counted_again(done, lines, par)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, excluded = use_epoch(
         P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
@@ -115,9 +109,7 @@ def update_epoch(
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
-        for i in range(N_CLONE):  # what a smoother needs of the epoch before, now that it goes
-            for j in range(P.shape[0]):
-                s.vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
+        keep_clone_rows(P, par, s.vectors)
         clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
         if response.shape[0] > 0:
             clone_response(response, par.at_clone)
@@ -132,6 +124,14 @@ def update_epoch(
         done.strain,
         information,
     )
+
+
+@inlined
+def keep_clone_rows(P: Float64, par: Parameters, vectors: Float64) -> None:
+    """Write what a smoother needs of the epoch before, now that it goes."""
+    for i in range(N_CLONE):
+        for j in range(P.shape[0]):
+            vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
 
 
 @inlined
@@ -247,6 +247,17 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
     gate2 = par.kind[CARRIER].gate2
     gate_rows(lines, CARRIER, gate2)
     gate_between(P, lines, vectors, gate2)
+
+
+@inlined
+def counted_again(done: Outcome, lines: Lines, par: Parameters) -> Outcome:
+    """Return the outcome without satellites that are left out: what is known to be wrong says nothing of the filter."""
+    again = Outcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
+    for kind in range(2):
+        used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
+        step = done.clock_step if kind == PSEUDORANGE else done.drift_step
+        again = noted(again, kind, used, refused, step, strain)
+    return again
 
 
 @inlined
