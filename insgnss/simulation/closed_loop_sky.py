@@ -127,7 +127,7 @@ def closed_loop_truth(
     trajectory: Trajectory, sky: Orbits, step_s: float, first_s: float, count: int
 ) -> ClosedLoopTruth:
     """Return truth at ``count`` middles, the first integration beginning at ``first_s`` of the trajectory."""
-    t = first_s + step_s * (np.arange(count) + 0.5)
+    t = np.asarray(first_s + step_s * (np.arange(count) + 0.5), np.float64)
     motion = trajectory.motion(t)
     r_e, v_e = np.ascontiguousarray(motion.r_e), np.ascontiguousarray(motion.v_e)
     satellites = np.ascontiguousarray(sky.states(t[:, None] - trajectory.first_s))

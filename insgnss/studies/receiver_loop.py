@@ -19,16 +19,16 @@ from __future__ import annotations
 
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 import numpy.typing as npt
 
-from insgnss.filter.measurements.replica_offset import COLUMNS, offset_range_row, offset_rate_row, use_offsets
+from insgnss.filter.measurements.replica_offset import offset_range_row, offset_rate_row, use_offsets
 from insgnss.filter.prediction import Scratch, predict_covariance, step_state
-from insgnss.filter.state import BA, CLOCK, DR, DV, PSI, StateArray, StateRecord
+from insgnss.filter.state import CLOCK, DR, DRIFT, StateArray, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight
+from insgnss.inertial.error_state import N_MOTION
 from insgnss.jit import inlined, kernel
 from insgnss.studies.interval_message import add_observation, carry_message, solve_message
 from insgnss.tables import Float64, Int64
@@ -46,6 +46,8 @@ from insgnss.tracking.vector_loop import (
 SCALAR, TWO_STAGE, INTERVAL_MESSAGE, ONE_STAGE = range(4)
 NO_SIGNAL: Final = -1  # the level of a channel that has nothing to see
 HELD: Final = -1
+# states whose covariance is kept: motion and clock
+RECORDED: Final = (*range(DR, DR + N_MOTION), CLOCK, DRIFT)
 
 
 class Receiver(NamedTuple):
@@ -58,7 +60,9 @@ class Receiver(NamedTuple):
     walk: Float64  # (p, p) what is added to their covariance
     record_every: int  # integrations
     settle: int  # integrations whose offsets do not count
-    limits: tuple[float, float, int]  # beyond which a channel is lost: range [m], rate [m/s], and for how long
+    limits: tuple[
+        float, float, int
+    ]  # beyond which a channel is lost: range [m], rate [m/s], and for how long
 
 
 class Arriving(NamedTuple):
@@ -107,14 +111,15 @@ class ChannelRoom(NamedTuple):
     columns: Int64  # (p,)
     offset: Float64  # (2,)
     seen: Float64  # (3,)
+    silent: Int64  # (m,) 1: nothing was seen in the last integration
     done: Int64  # (1,) integrations so far
 
 
 class Found(NamedTuple):
     """What is kept of a run."""
 
-    state: Float64  # (k, 14) r_e, v_e, q_eb, clock, drift at the recorded integrations; the last two are 0
-    covariance: Float64  # (k, 17, 17)
+    state: Float64  # (k, 12) r_e, v_e, q_eb, clock, drift at the recorded integrations
+    covariance: Float64  # (k, 11, 11) of ``RECORDED``
     offsets: Float64  # (k, m, 2) truth minus the channels' estimates, or minus the filter's prediction
     squares: Float64  # (m, 2) sums over the integrations that count
     counted: Int64  # (m,)
@@ -153,11 +158,15 @@ def run_receiver(
         for i in range(f.v.shape[1]):
             f.v[0, i] = 0.0
         for c in range(noise.shape[1]):
+            silent = told.level[k, c] == NO_SIGNAL
+            if room.silent[c] == 1 and not silent and with_filter:
+                restart_channel(f, room, c)  # the signal is back: search stands where the filter expects it
+            room.silent[c] = 1 if silent else 0
             estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
             led_m, led_mps = led_wrongly(m.C_eb, told.ahead_b[k], room.u[c])
             room.offset[0] = arriving.ranges[k, c] - estimate[0] - led_m
             room.offset[1] = arriving.rates[k, c] - estimate[1] - led_mps
-            if arriving.level[k, c] != NO_SIGNAL:
+            if arriving.level[k, c] != NO_SIGNAL and not silent:
                 count_offset(receiver, room.offset, c, step, found)
             observe_channel(
                 channels, arriving.level[k, c], told.level[k, c], room.offset, noise[k, c], room.seen
@@ -165,7 +174,7 @@ def run_receiver(
             found.power[k, c] = room.seen[SEEN_POWER]
             room.seen[SEEN_RANGE] += led_m
             room.seen[SEEN_RATE] += led_mps
-            if told.level[k, c] != NO_SIGNAL:
+            if not silent:
                 variances = (
                     channels.table[told.level[k, c], RANGE_VARIANCE],
                     channels.table[told.level[k, c], RATE_VARIANCE],
@@ -185,7 +194,8 @@ def run_receiver(
             close_loop(m, f.v[0], f.P.shape[0])
             predict_offsets(m, told.satellites[k], room)
             if receiver.kind == INTERVAL_MESSAGE:
-                restart_channels(f, room)
+                for c in range(noise.shape[1]):
+                    restart_channel(f, room, c)
         if with_filter:
             for c in range(noise.shape[1]):
                 room.base[c, 0], room.base[c, 1] = room.predicted[c, 0], room.predicted[c, 1]
@@ -271,9 +281,7 @@ def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -
 
 
 @inlined
-def take_channels(
-    receiver: Receiver, level: Int64, m: StateRecord, f: FilterRoom, room: ChannelRoom
-) -> None:
+def take_channels(receiver: Receiver, level: Int64, m: StateRecord, f: FilterRoom, room: ChannelRoom) -> None:
     """Update the filter with what its channels say; the intervals' sums begin anew."""
     for c in range(room.x.shape[0]):
         if receiver.kind == INTERVAL_MESSAGE:
@@ -289,23 +297,23 @@ def take_channels(
 
 
 @inlined
-def restart_channels(f: FilterRoom, room: ChannelRoom) -> None:
-    """Set the channels to the filter's prediction, with its covariance h P h^T."""
-    for c in range(room.x.shape[0]):
-        x, P = room.x[c], room.P[c]
-        x[0], x[1] = room.predicted[c, 0], room.predicted[c, 1]
-        of_range, of_rate = f.h[0], f.h[1]
-        for i in range(of_range.shape[0]):
-            of_range[i] = 0.0
-        offset_range_row(room.u[c], of_range)
-        offset_rate_row(room.u[c], room.g[c], 0.0, of_rate)
-        covariance_with(f.P, of_range, f.columns, f.v[1])
-        both = 0.0
-        for i in range(of_rate.shape[0]):
-            both += of_rate[i] * f.v[1, f.columns[i]]
-        P[0, 0] = predicted_variance(f.P, of_range, f.columns)
-        P[0, 1] = P[1, 0] = both
-        P[1, 1] = predicted_variance(f.P, of_rate, f.columns)
+def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
+    """Set a channel to the filter's prediction, with its covariance h P h^T; an acceleration stays as it is."""
+    x, P = room.x[c], room.P[c]
+    x[0], x[1] = room.predicted[c, 0], room.predicted[c, 1]
+    of_range, of_rate = f.h[0], f.h[1]
+    for i in range(of_range.shape[0]):
+        of_range[i] = 0.0
+    offset_range_row(room.u[c], of_range)
+    offset_rate_row(room.u[c], room.g[c], 0.0, of_rate)
+    covariance_with(f.P, of_range, f.columns, f.v[1])
+    both = 0.0
+    for i in range(of_rate.shape[0]):
+        both += of_rate[i] * f.v[1, f.columns[i]]
+    P[0, 0] = predicted_variance(f.P, of_range, f.columns)
+    P[0, 1] = both
+    P[1, 0] = both
+    P[1, 1] = predicted_variance(f.P, of_rate, f.columns)
 
 
 @inlined
@@ -345,9 +353,9 @@ def record(
     for i in range(4):
         state[6 + i] = m.q_eb[i]
     state[10], state[11] = m.clock[0], m.clock[1]
-    for i in range(f.P.shape[0]):
-        for j in range(f.P.shape[0]):
-            found.covariance[at, i, j] = f.P[i, j]
+    for i in range(found.covariance.shape[1]):
+        for j in range(found.covariance.shape[2]):
+            found.covariance[at, i, j] = f.P[RECORDED[i], RECORDED[j]]
     for c in range(room.x.shape[0]):
         estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
         found.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0]

@@ -21,19 +21,20 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.filter.measurements.replica_offset import COLUMNS
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.prediction import new_scratch
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.rotations import matrix_to_quaternion, rotation_vector_quaternion
+from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.library import filter_config
-from insgnss.simulation.closed_loop_sky import ToldMotion
+from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, ToldMotion
+from insgnss.simulation.oscillator import ClockTruth, clock_densities
 from insgnss.simulation.trajectory import EARTH_RATE_E
 from insgnss.studies.receiver_loop import (
     INTERVAL_MESSAGE,
@@ -60,6 +61,11 @@ class Variant:
     inflation: float = 1.0
     widening: float = 1.0
 
+    @property
+    def has_filter(self) -> bool:
+        """Return whether a navigation filter runs."""
+        return self.kind != SCALAR
+
 
 AIDED_INFLATION: Final = 10.0
 VARIANTS: Final = {
@@ -78,7 +84,9 @@ def variant_of(name: str | Variant) -> Variant:
     ------
     ConfigError : there is none of this name
     """
-    return name if isinstance(name, Variant) else VARIANTS[require_known(name, VARIANTS, "variants", "receiver")]
+    return (
+        name if isinstance(name, Variant) else VARIANTS[require_known(name, VARIANTS, "variants", "receiver")]
+    )
 
 
 @dataclass(frozen=True)
@@ -91,7 +99,7 @@ class UnknownMotion:
 
 @dataclass(frozen=True)
 class Start:
-    """One sigma of the errors that a receiver begins with: it has found its signals, and aligned its inertial system."""
+    """One sigma of the errors that a receiver begins with: signals are found, the inertial system is aligned."""
 
     position_m: float
     velocity_mps: float
@@ -112,6 +120,7 @@ def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
     """Return a clock whose drift wanders with a one-sided density of the carrier's frequency, S [rad^2/s^3].
 
     Equation: S / 2 (c / (2 pi f0))^2 = c^2 2 pi^2 h_-2
+
     Raises
     ------
     ConfigError : the density is not a number from 0 on
@@ -128,7 +137,7 @@ def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
 
 def drift_density_mps(oscillator: Oscillator) -> float:
     """Return the two-sided density of the clock's drift [m^2/s^3]."""
-    return C_MPS**2 * 2.0 * math.pi**2 * oscillator.h_minus2_per_s
+    return clock_densities(oscillator)[1]
 
 
 def without_ins(unknown: UnknownMotion) -> ImuGrade:
@@ -150,25 +159,30 @@ def feeling_nothing(r_e: Float64, count: int) -> ToldMotion:
     """Return what such an inertial system tells: the Earth's turn and the weight at ``r_e``, in ECEF axes."""
     gravity = np.empty(3)
     normal_gravity_ecef(np.ascontiguousarray(r_e), gravity)
-    return ToldMotion(
-        np.tile(EARTH_RATE_E, (count, 1)), np.tile(-gravity, (count, 1)), np.zeros((count, 6))
-    )
+    return ToldMotion(np.tile(EARTH_RATE_E, (count, 1)), np.tile(-gravity, (count, 1)), np.zeros((count, 6)))
 
 
 @dataclass(frozen=True)
-class Truth0:
-    """Where a run begins."""
+class Begin:
+    """Where a run begins, in truth."""
 
     r_e: Float64
     v_e: Float64
     C_eb: Float64
     clock_m: float
     drift_mps: float
-    acceleration_e: Float64  # of a receiver without INS
+    acceleration_e: Float64  # relative to the Earth [m/s^2]
+
+    @classmethod
+    def of(cls, truth: ClosedLoopTruth, clock: ClockTruth) -> Begin:
+        """Return the first middle."""
+        acceleration = (truth.v_e[1] - truth.v_e[0]) / truth.step_s
+        bias, drift = float(clock.bias_m[0]), float(clock.drift_mps[0])
+        return cls(truth.r_e[0], truth.v_e[0], truth.C_eb[0], bias, drift, acceleration)
 
 
 def filter_room(
-    grade: ImuGrade, oscillator: Oscillator, start: Start, at: Truth0, rng: np.random.Generator, with_ins: bool
+    grade: ImuGrade, oscillator: Oscillator, start: Start, at: Begin, rng: np.random.Generator, with_ins: bool
 ) -> FilterRoom:
     """Return a filter that begins with errors of the ``start``'s sigmas.
 
@@ -190,12 +204,7 @@ def filter_room(
     m.r_e[:], m.v_e[:] = at.r_e + error[DR : DR + 3], at.v_e + error[DV : DV + 3]
     C_eb = np.eye(3)
     if with_ins:
-        a, b, c, d = rotation_vector_quaternion(*error[PSI : PSI + 3])
-        turn = np.empty((3, 3))
-        from insgnss.geodesy.rotations import quaternion_to_matrix
-
-        quaternion_to_matrix(np.array([a, b, c, d]), turn)
-        C_eb = turn @ at.C_eb
+        C_eb = Rotation.from_rotvec(error[PSI : PSI + 3]).as_matrix() @ at.C_eb
     else:
         m.b_a[:] = -at.acceleration_e + error[BA : BA + 3]
     m.C_eb[:] = C_eb
@@ -228,7 +237,6 @@ def receiver_of(
     unknown: UnknownMotion | None,
     limits: tuple[float, float, int],
     record_every: int,
-    settle: int,
 ) -> Receiver:
     """Return a receiver whose channels are designed for the oscillator, and for the motion where it is unknown.
 
@@ -253,7 +261,7 @@ def receiver_of(
             ]
         )
         walk[:2, :2] += q * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
-    return Receiver(variant.kind, interval, variant.inflation, F, walk, record_every, settle, limits)
+    return Receiver(variant.kind, interval, variant.inflation, F, walk, record_every, 0, limits)
 
 
 def widened(variant: Variant, widening: float) -> Variant:

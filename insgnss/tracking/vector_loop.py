@@ -6,9 +6,10 @@ Offsets are truth minus replica in metres of range and metres per second, as a n
 - non-coherent: delay ``dr / chip``; a frequency discriminator over the two halves of the integration (same data bit),
   ``u_f = Im(Z1* Z2)``, and a delay discriminator over the whole of it, ``|L|^2 - |E|^2``
 
-An observation is the discriminator's output over its slope, as range and range rate; its variance is that of the output
-at no offset. Slopes and variances depend on C/N0 and stand in a table with one row for each 0.02 dB
-(``observation_table``), so that no formula of a discriminator is repeated here.
+An observation is the discriminator's output over its slope, as range and range rate; its variance is that of the
+output at no offset. Slopes and variances depend on C/N0 and stand in a table with a row for each 0.02 dB
+(``observation_table``): no formula of a discriminator is repeated here. Where the told C/N0 is not the true one, the
+gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def level_of(cn0_dbhz: float, levels: int) -> int:
 
 def levels_of(cn0_dbhz: npt.ArrayLike) -> Int64:
     """Return the table's rows of C/N0 [dBHz]."""
-    level = np.rint((np.asarray(cn0_dbhz, float) - LEAST_DBHZ) / DB_STEP)
+    level = np.rint((np.nan_to_num(np.asarray(cn0_dbhz, float), nan=LEAST_DBHZ) - LEAST_DBHZ) / DB_STEP)
     return np.asarray(np.clip(level, 0, _levels() - 1), np.int64)
 
 
@@ -163,13 +164,16 @@ def observe_channel(
 
     Parameters
     ----------
-    arriving, told : the table's rows of the true C/N0 and of the one the receiver takes it for
+    arriving, told : the table's rows of the true C/N0 and of the one the receiver takes it for; below zero: no signal,
+        and a receiver that looks for none
     offset : (2,) truth minus replica: range [m] and range rate [m/s] in the middle
     noise : (2,) or (12,) independent normal numbers
     seen : (3,) observed offsets, and the prompt replica's power, out
     """
-    a = channels.table[arriving, RATIO]
-    sigma = math.sqrt(a)
+    # the front end keeps the noise level: correlators are scaled as if the told C/N0 were the true one
+    scale = channels.table[max(told, 0), RATIO]
+    a = math.sqrt(scale * channels.table[arriving, RATIO]) if arriving >= 0 else 0.0
+    sigma = math.sqrt(scale)
     turn = -channels.radians_per_m * offset[1] * channels.step_s
     if channels.coherent:
         Z = carrier_mean(a, -channels.radians_per_m * offset[0], turn)

@@ -17,7 +17,7 @@ from typing import Final
 
 from insgnss.filter.state import CLOCK, DR, DRIFT, DV
 from insgnss.filter.update.scalar_update import scalar_update
-from insgnss.geodesy.vectors import place, place_negative
+from insgnss.geodesy.vectors import place_negative
 from insgnss.jit import inlined
 from insgnss.tables import Float64, Int64
 
