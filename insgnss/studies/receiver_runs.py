@@ -89,6 +89,9 @@ class ReceiverRun:
     sd: Float64  # (k, 11) sigmas of the filter
     nees: Float64  # (k,) of these errors, by the number of those that have a sigma
     cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was told
+    least_squares: (
+        Float64  # (k, 11) the same errors of all channels' ranges and rates alone, without a filter
+    )
 
     @property
     def lost(self) -> bool:
@@ -231,6 +234,7 @@ def _run_of(
     """Return what is left of a run; a receiver without a filter has the least squares of its channels."""
     with np.errstate(invalid="ignore", divide="ignore"):
         rms = np.sqrt(found.squares / found.counted[:, None])
+    solved = _least_squares(setting, found)
     if variant.has_filter:
         estimated = ~np.isnan(error[0])
         P = found.covariance[:, estimated][:, :, estimated]
@@ -238,9 +242,9 @@ def _run_of(
         nees = normalised(error[:, estimated], P)
     else:
         sd, nees = np.full_like(error, np.nan), np.full(len(error), np.nan)
-        error = _least_squares(setting, found)
+        error = solved
     lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
-    return ReceiverRun(lost, rms, error, sd, nees, estimates)
+    return ReceiverRun(lost, rms, error, sd, nees, estimates, solved)
 
 
 def normalised(error: Float64, P: Float64) -> Float64:

@@ -2,7 +2,7 @@
 
 | table | one row for each | columns |
 |-------|------------------|---------|
-| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg range_m rate_mps phase_rad nees nees_low nees_high cn0_estimated_dbhz |
+| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high cn0_estimated_dbhz |
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
 | epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost |
@@ -11,7 +11,7 @@ Every run begins with errors that its filter knows, settles for ``settle_s`` at 
 asked for, and then has the C/N0 of its row. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
 0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
 root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
-those of the replicas. ``nees`` is the squared error of motion and clock over the filter's covariance, by state: 1 is
+those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared error of motion and clock over the filter's covariance, by state: 1 is
 right; its bounds hold 99.9 % of the time if the filter is consistent, even if every run counted as one look.
 ``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
 channel, with the interval that 95 % of such shares span, and beside it that of the linear theory.
@@ -228,6 +228,7 @@ def _summary_row(scene: Scene, name: str, level: float, runs: list[ReceiverRun])
         "position_m": _rms([e[:, 0:3] for e in error]),
         "velocity_mps": _rms([e[:, 3:6] for e in error]),
         "attitude_deg": math.degrees(_rms([e[:, 6:9] for e in error])),
+        "channels_mps": _rms([run.least_squares[after, 3:6] for run in held]),
         "range_m": float(replicas[0]),
         "rate_mps": float(replicas[1]),
         "phase_rad": float(replicas[0]) * setting.channels.radians_per_m
