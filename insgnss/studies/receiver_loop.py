@@ -21,10 +21,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy.typing as npt
 
-from insgnss.filter.measurements.replica_offset import offset_range_row, offset_rate_row, use_offsets
+from insgnss.filter.measurements.replica_offset import offset_range_row, offset_rate_row
 from insgnss.filter.prediction import Scratch, predict_covariance, step_state
 from insgnss.filter.state import CLOCK, DR, DRIFT, StateArray, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
+from insgnss.filter.update.replica_offsets import use_offsets
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight

@@ -67,6 +67,7 @@ class Setting:
     unknown: UnknownMotion  # of a receiver without INS
     latency_s: float = 0.0
     estimates_cn0: bool = False
+    least_cn0_dbhz: float = -math.inf  # below it a channel is not used
 
     @property
     def limits(self) -> tuple[float, float, int]:
@@ -143,7 +144,10 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
         here = np.ascontiguousarray(level[part])
-        told_level = np.tile(taken, (len(here), 1)) if setting.estimates_cn0 else here
+        if setting.estimates_cn0:
+            told_level = np.tile(taken, (len(here), 1))
+        else:
+            told_level = np.where(cn0[part] < setting.least_cn0_dbhz, NO_SIGNAL, here)
         told = Told(
             truth.satellites[part],
             motion.rate_b[part],
@@ -164,7 +168,8 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         )
         if setting.estimates_cn0 and len(here) == block:
             estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
-            taken = np.where(np.isnan(estimates[-1]), NO_SIGNAL, levels_of(estimates[-1]))
+            found_none = ~(estimates[-1] >= setting.least_cn0_dbhz)
+            taken = np.where(found_none, NO_SIGNAL, levels_of(estimates[-1]))
     state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
     return _run_of(setting, variant, found, state_errors, np.array(estimates).reshape(-1, m))
 

@@ -58,6 +58,7 @@ class ReceiverOptions:
     chip_hz: float = 1.023e6
     spacing_chips: float = 1.0  # early to late
     phase_kind: str = "iq"
+    least_cn0_dbhz: float | None = None  # a channel below it is not used: its lock detector says no
     estimates_cn0: bool = False  # the receiver estimates C/N0 over half a second instead of being told
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
@@ -80,6 +81,7 @@ class Scene:
     azimuth_deg: Float64
     elevation_deg: Float64
     bandwidth_hz: float  # of the spectrum that a jammer of J/S lies in
+    start_s: float  # seconds of the week at the trajectory's begin
 
     @property
     def channels(self) -> int:
@@ -135,9 +137,10 @@ def scene_of(
         unknown=UnknownMotion(o.unknown_mps2, o.unknown_s),
         latency_s=o.latency_s,
         estimates_cn0=o.estimates_cn0,
+        least_cn0_dbhz=-math.inf if o.least_cn0_dbhz is None else o.least_cn0_dbhz,
     )
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
-    return Scene(name, setting, trajectory, azimuth, elevation, o.chip_hz)
+    return Scene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
 
 
 def _steps(o: ReceiverOptions) -> tuple[int, int, int]:

@@ -31,12 +31,15 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
+from insgnss.antenna.installation import Installation
 from insgnss.config.flight import ImuGrade
+from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
 from insgnss.errors import ConfigError
 from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
 from insgnss.shown import Shown
 from insgnss.studies import receiver_pictures
+from insgnss.studies.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver_limits import linear_threshold_dbhz, threshold_table
 from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many
 from insgnss.studies.receiver_scene import ReceiverOptions, Scene, scene_of
@@ -103,6 +106,8 @@ def receiver_study(
     runs: int = 40,
     seed: int = 1,
     options: ReceiverOptions = ReceiverOptions(),  # noqa: B008 - frozen
+    emitters: InterferenceConfig | str | Path | None = None,
+    antennas: Installation | None = None,
     threads: int = 2,
     report: Report | None = None,
 ) -> ReceiverStudy:
@@ -119,6 +124,9 @@ def receiver_study(
     runs : of each receiver and C/N0
     seed : of all noise; the result does not depend on ``threads``
     options : integration, interval of the second stage, signal, sky, latency ..., see ``ReceiverOptions``
+    emitters : flown past, as in ``flown_margin``: by name in ``models/emitters``, a file, or itself. C/N0 of each
+        channel is then what they leave of it, and the row's C/N0 the least of all; ``cn0`` does not count
+    antennas : of the vehicle, towards satellites and emitters; None: 0 dBic everywhere
     report : is told how many of all cases are done
 
     Raises
@@ -128,15 +136,13 @@ def receiver_study(
     wanted = {name if isinstance(name, str) else name.words: variant_of(name) for name in variants}
     levels = _checked(cn0, runs, threads, list(wanted), tracking, imu)
     scene = scene_of(scenario, tracking, imu, oscillator, options)
+    profiles = _profiles(scene, levels, emitters, antennas)
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
-    settle = scene.setting.settle
     for name, variant in wanted.items():
-        for level in levels:
-            profile = np.full((len(scene.setting.truth.t_s), 1), level)
-            profile[:settle] = max(SETTLED_DBHZ, level)
+        for level, profile in profiles.items():
             found[name, level] = run_many(scene.setting, variant, profile, runs, seed, threads)
             if report is not None:
-                report(len(found), len(wanted) * len(levels))
+                report(len(found), len(wanted) * len(profiles))
     summary = pd.DataFrame([_summary_row(scene, name, level, of) for (name, level), of in found.items()])
     linear = {name: linear_threshold_dbhz(scene, variant) for name, variant in wanted.items()}
     return ReceiverStudy(
@@ -150,12 +156,31 @@ def receiver_study(
             "tracking": tracking,
             "imu": imu if imu is None or isinstance(imu, str) else imu.model_dump(),
             "oscillator": oscillator if isinstance(oscillator, str) else dict(oscillator),
-            "cn0": levels,
+            "cn0": list(profiles),
+            "emitters": None if emitters is None else emitters_of(emitters).model_dump(mode="json"),
             "runs": runs,
             "seed": seed,
             "options": options.told(),
         },
     )
+
+
+def _profiles(
+    scene: Scene,
+    levels: list[float],
+    emitters: InterferenceConfig | str | Path | None,
+    antennas: Installation | None,
+) -> dict[float, Float64]:
+    """Return C/N0 over time, (n, 1) or (n, m), by the level that names it."""
+    truth = scene.setting.truth
+    if emitters is not None:
+        jammed = jammed_cn0_dbhz(truth, emitters_of(emitters), scene.start_s, antennas)
+        return {round(float(jammed.min()), 2): jammed}
+    profiles = {}
+    for level in levels:
+        profiles[level] = np.full((len(truth.t_s), 1), level)
+        profiles[level][: scene.setting.settle] = max(SETTLED_DBHZ, level)
+    return profiles
 
 
 def _checked(

@@ -16,10 +16,9 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.filter.state import CLOCK, DR, DRIFT, DV
-from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.vectors import place_negative
 from insgnss.jit import inlined
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Float64
 
 COLUMNS: Final = (DR, DR + 1, DR + 2, CLOCK, DV, DV + 1, DV + 2, DRIFT)
 RANGE_COLUMNS: Final = 4  # the first of them: a range has no other
@@ -41,37 +40,3 @@ def offset_rate_row(u: Float64, g: Float64, of_range: float, h: Float64) -> None
     h[_CLOCK] = -of_range
     place_negative(h, _VELOCITY, u)
     h[_DRIFT] = 1.0
-
-
-@inlined
-def use_offsets(
-    P: Float64,
-    columns: Int64,
-    u: Float64,
-    g: Float64,
-    z: tuple[float, float],
-    C: tuple[float, float, float],
-    h: Float64,
-    v: Float64,
-) -> None:
-    """Update with a channel's range and range rate; one whose variance is not above zero is left out.
-
-    Parameters
-    ----------
-    P : (n, n) covariance
-    columns : (8,) ``COLUMNS``
-    u, g : (3,) direction, and derivative of the range rate by the position [1/s]
-    z : observed minus predicted [m], [m/s]
-    C : their variances and covariance: of the range, of both, of the rate
-    h : (8,) scratch
-    v : (3, n) correction, gain and scratch of ``scalar_update``
-    """
-    of_range = 0.0
-    if C[0] > 0.0:
-        offset_range_row(u, h)
-        scalar_update(P, h, columns[:RANGE_COLUMNS], z[0], C[0], v)
-        of_range = C[1] / C[0]
-    variance = C[2] - of_range * C[1]
-    if variance > 0.0:
-        offset_rate_row(u, g, of_range, h)
-        scalar_update(P, h, columns, z[1] - of_range * z[0], variance, v)
