@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,7 @@ from insgnss.studies.receiver_loop import (
     Told,
     run_receiver,
 )
+from insgnss.studies.receiver_search import Searches, SearchRow
 from insgnss.studies.receiver_variants import (
     Begin,
     Start,
@@ -90,9 +91,8 @@ class ReceiverRun:
     sd: Float64  # (k, 11) sigmas of the filter
     nees: Float64  # (k,) of these errors, by the number of those that have a sigma
     cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was told
-    least_squares: (
-        Float64  # (k, 11) the same errors of all channels' ranges and rates alone, without a filter
-    )
+    searches: tuple[SearchRow, ...]  # of channels whose signal was gone
+    least_squares: Float64  # (k, 11) errors of all channels' ranges and rates alone
 
     @property
     def lost(self) -> bool:
@@ -139,15 +139,17 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     found = new_found(receiver, count, m, block)
     cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
-    taken = level[0]  # the C/N0 that the receiver takes for true
-    estimates = []
+    taken, estimates = level[0], []  # the C/N0 that the receiver takes for true
+    searches = Searches(channels, setting.carrier_hz, m)
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
         here = np.ascontiguousarray(level[part])
+        told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here, NO_SIGNAL)
         if setting.estimates_cn0:
             told_level = np.tile(taken, (len(here), 1))
-        else:
-            told_level = np.where(cn0[part] < setting.least_cn0_dbhz, NO_SIGNAL, here)
+        elif variant.has_filter:
+            off = np.column_stack([ranges[max(first - 1, 0)], rates[max(first - 1, 0)]]) - room.predicted
+            told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
         told = Told(
             truth.satellites[part],
             motion.rate_b[part],
@@ -157,21 +159,15 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         )
         noise = rng.standard_normal((len(here), m, noise_count(channels)))
         run_receiver(
-            receiver,
-            channels,
-            Arriving(ranges[part], rates[part], here),
-            told,
-            f,
-            room,
-            noise,
-            found,
+            receiver, channels, Arriving(ranges[part], rates[part], here), told, f, room, noise, found
         )
         if setting.estimates_cn0 and len(here) == block:
             estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
-            found_none = ~(estimates[-1] >= setting.least_cn0_dbhz)
-            taken = np.where(found_none, NO_SIGNAL, levels_of(estimates[-1]))
+            unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
+            taken = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1]))
     state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
-    return _run_of(setting, variant, found, state_errors, np.array(estimates).reshape(-1, m))
+    run = _run_of(setting, variant, found, state_errors, np.array(estimates).reshape(-1, m))
+    return replace(run, searches=tuple(searches.rows))
 
 
 def channel_room(
@@ -249,7 +245,7 @@ def _run_of(
         sd, nees = np.full_like(error, np.nan), np.full(len(error), np.nan)
         error = solved
     lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
-    return ReceiverRun(lost, rms, error, sd, nees, estimates, solved)
+    return ReceiverRun(lost, rms, error, sd, nees, estimates, (), solved)
 
 
 def normalised(error: Float64, P: Float64) -> Float64:

@@ -5,6 +5,7 @@
 | summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high cn0_estimated_dbhz |
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
+| searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
 | epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost |
 
 Every run begins with errors that its filter knows, settles for ``settle_s`` at the highest of 45 dBHz and the C/N0
@@ -43,6 +44,7 @@ from insgnss.studies.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver_limits import linear_threshold_dbhz, threshold_table
 from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many
 from insgnss.studies.receiver_scene import ReceiverOptions, Scene, scene_of
+from insgnss.studies.receiver_search import SearchRow
 from insgnss.studies.receiver_variants import VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
 from insgnss.tables import Float64
@@ -52,7 +54,7 @@ if TYPE_CHECKING:
 
 CN0_DBHZ: Final = (45.0, 40.0, 35.0, 30.0, 25.0, 20.0)
 SETTLED_DBHZ: Final = 45.0
-_TABLES: Final = ("summary", "thresholds", "channels", "epochs")
+_TABLES: Final = ("summary", "thresholds", "channels", "searches", "epochs")
 _SHARE: Final = 0.999  # of a consistent filter's NEES inside its bounds
 Report = Callable[[int, int], None]
 
@@ -64,6 +66,7 @@ class ReceiverStudy(Shown):
     summary: pd.DataFrame
     thresholds: pd.DataFrame
     channels: pd.DataFrame
+    searches: pd.DataFrame
     epochs: pd.DataFrame
     asked: dict[str, Any]
 
@@ -149,6 +152,7 @@ def receiver_study(
         summary,
         threshold_table(summary, linear, scene.bandwidth_hz),
         pd.concat([_channel_rows(scene, name, level, of) for (name, level), of in found.items()]),
+        _search_rows(found),
         pd.concat([_epoch_rows(scene.setting, name, level, of) for (name, level), of in found.items()]),
         {
             "scenario": scene.name,
@@ -288,6 +292,19 @@ def _channel_rows(scene: Scene, name: str, level: float, runs: list[ReceiverRun]
             "rate_mps": rms[:, 1],
         }
     )
+
+
+def _search_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
+    """Return the searches of all runs."""
+    rows = [
+        {"variant": name, "cn0_dbhz": level, "run": k, **row._asdict(), "cn0_dbhz_back": row.cn0_dbhz}
+        | {"cn0_dbhz": level}
+        for (name, level), runs in found.items()
+        for k, run in enumerate(runs)
+        for row in run.searches
+    ]
+    columns = ["variant", "cn0_dbhz", "run", *SearchRow._fields, "cn0_dbhz_back"]
+    return pd.DataFrame(rows, columns=list(dict.fromkeys(columns)))
 
 
 def _epoch_rows(setting: Setting, name: str, level: float, runs: list[ReceiverRun]) -> pd.DataFrame:
