@@ -12,7 +12,7 @@ from scipy import stats
 
 from insgnss.antenna.obstruction import directions
 from insgnss.errors import ConfigError
-from insgnss.interference.discriminators import discriminator
+from insgnss.interference.discriminators import ENGINEERING_RATIO, discriminator
 from insgnss.interference.linear_threshold import phase_threshold
 from insgnss.interference.margin import PhaseLoop
 from insgnss.interference.phase_models import UnknownAcceleration, channel_model, one_stage_model
@@ -27,7 +27,6 @@ _CONFIDENCE: Final = 0.95
 _HALF: Final = 0.5
 _INS_ERROR: Final = UnknownAcceleration(0.06, 100.0, 0.1, 1e-3)  # what an aided loop is designed for
 _NAMES: Final = {"q": "Q", "iq": "IQ", "sign": "sign(I)Q", "atan": "atan(Q/I)"}
-_RATIO: Final = 0.076  # rms over aperture at loss of lock
 
 
 def threshold_table(
@@ -75,7 +74,7 @@ def linear_threshold_dbhz(scene: Scene, variant: Variant) -> float:
     setting, kind = scene.setting, PHASE_KINDS[scene.setting.channels.kinds[0]]
     if not setting.channels.coherent or kind not in _NAMES or setting.drift_density <= 0.0:
         return math.nan
-    loop = PhaseLoop(discriminator(_NAMES[kind], _RATIO), scene.bandwidth_hz, setting.truth.step_s)
+    loop = PhaseLoop(discriminator(_NAMES[kind], ENGINEERING_RATIO), scene.bandwidth_hz, setting.truth.step_s)
     sky = directions(scene.azimuth_deg, scene.elevation_deg)
     unknown = UnknownAcceleration(setting.unknown.sigma_mps2, setting.unknown.time_s)
     density, carrier = setting.drift_density, setting.carrier_hz

@@ -129,11 +129,16 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         grade = without_ins(setting.unknown)
         motion = feeling_nothing(truth.r_e[0], count)
     f = filter_room(grade, oscillator, setting.start, Begin.of(truth, clock), rng, ins)
-    density = drift_density_mps(oscillator)
-    unknown = None if ins and variant.has_filter else setting.unknown
     receiver = receiver_of(
-        variant, truth.step_s, setting.interval, density, unknown, setting.limits, setting.record_every
-    )._replace(settle=setting.settle)
+        variant,
+        truth.step_s,
+        setting.interval,
+        drift_density_mps(oscillator),
+        None if ins and variant.has_filter else setting.unknown,
+        setting.limits,
+        setting.record_every,
+        setting.settle,
+    )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
     block = max(round(_BLOCK_S / truth.step_s), 2)
     found = new_found(receiver, count, m, block)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -218,8 +218,3 @@ def _drift_density(oscillator: str | Mapping[str, float], carrier_hz: float) -> 
         )
     require_not_negative("one-sided, rad^2/s^3", drift_density=oscillator["drift_density"])
     return float(oscillator["drift_density"])
-
-
-def with_setting(scene: Scene, **changed: Any) -> Scene:
-    """Return the scene with another setting."""
-    return replace(scene, setting=replace(scene.setting, **changed))

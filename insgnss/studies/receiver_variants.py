@@ -237,6 +237,7 @@ def receiver_of(
     unknown: UnknownMotion | None,
     limits: tuple[float, float, int],
     record_every: int,
+    settle: int,
 ) -> Receiver:
     """Return a receiver whose channels are designed for the oscillator, and for the motion where it is unknown.
 
@@ -261,7 +262,7 @@ def receiver_of(
             ]
         )
         walk[:2, :2] += q * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
-    return Receiver(variant.kind, interval, variant.inflation, F, walk, record_every, 0, limits)
+    return Receiver(variant.kind, interval, variant.inflation, F, walk, record_every, settle, limits)
 
 
 def widened(variant: Variant, widening: float) -> Variant:

@@ -275,9 +275,13 @@ def test_result_does_not_depend_on_threads() -> None:
 def test_late_inertial_samples_cost_the_replicas_and_not_the_filter() -> None:
     of = setting("coherent", True, 100.0)
     options = ReceiverOptions(
-        duration_s=LASTS_S["coherent"], settle_s=SETTLES_S["coherent"], carrier_hz=1.6e9, chip_hz=1.022e6, latency_s=0.02,
+        duration_s=LASTS_S["coherent"],
+        settle_s=SETTLES_S["coherent"],
+        carrier_hz=1.6e9,
+        chip_hz=1.022e6,
+        latency_s=0.02,
         orbit_radius_m=GLONASS_RADIUS_M,
-    )  # fmt: skip
+    )
     late = scene_of(motion(), "coherent", LOW, {"drift_density": 100.0}, options).setting
     at_once, after = (flown(x, VARIANTS["one_stage"], 40.0, 4) for x in (of, late))
     rate = [math.sqrt(np.mean([run.rms[:, 1] ** 2 for run in runs])) for runs in (at_once, after)]
