@@ -18,13 +18,21 @@ _PANELS: Final = (
     ("attitude_deg", "attitude, deg"),
     ("rate_mps", "range rate of the replicas, m/s"),
 )
+_OVER_TIME: Final = (
+    ("position_m", "position, m"),
+    ("velocity_mps", "velocity, m/s"),
+    ("nees", "NEES by state"),
+    ("lost", "runs lost"),
+    ("received_dbhz", "C/N0, dBHz"),
+)
 
 
 def error_figure(summary: pd.DataFrame, thresholds: pd.DataFrame, title: str) -> Figure:
     """Return errors over C/N0, and the share of runs in lock over J/S with the linear theory's limits as lines."""
-    figure = new_figure(10.0, 8.0)
+    figure = new_figure(10.0, 9.0)
+    grid = figure.add_gridspec(3, 2)
     for k, (column, label) in enumerate(_PANELS):
-        axes = figure.add_subplot(3, 2, k + 1)
+        axes = figure.add_subplot(grid[k // 2, k % 2])
         drawn = [
             axes.semilogy(rows["cn0_dbhz"], rows[column], "o-", ms=4, lw=1.2, color=colour, label=name)
             for name, rows, colour in _by_variant(summary)
@@ -35,23 +43,22 @@ def error_figure(summary: pd.DataFrame, thresholds: pd.DataFrame, title: str) ->
         axes.grid(alpha=0.3, which="both")
         if k == 0 and drawn:
             axes.legend(fontsize=8)
-    _draw_lock(figure.add_subplot(3, 1, 3), summary, thresholds)
+    _draw_lock(figure.add_subplot(grid[2, :]), summary, thresholds)
     figure.suptitle(title, fontsize=10)
     return figure
 
 
 def epoch_figure(epochs: pd.DataFrame, title: str) -> Figure:
-    """Return errors, NEES and share lost over time at the lowest C/N0, a line a receiver."""
-    figure = new_figure(10.0, 8.0)
+    """Return errors, NEES, share lost and C/N0 over time at the lowest C/N0, a line a receiver."""
+    figure = new_figure(10.0, 9.0)
     lowest = epochs["cn0_dbhz"].min()
     shown = epochs[epochs["cn0_dbhz"] == lowest]
-    panels = (("position_m", "position, m"), ("velocity_mps", "velocity, m/s"), ("nees", "NEES by state"))
-    for k, (column, label) in enumerate((*panels, ("lost", "runs lost"))):
-        axes = figure.add_subplot(4, 1, k + 1)
+    for k, (column, label) in enumerate(_OVER_TIME):
+        axes = figure.add_subplot(5, 1, k + 1)
         for name, rows, colour in _by_variant(shown):
             if np.isfinite(rows[column]).any():
                 axes.plot(rows["time_s"], rows[column], lw=1.0, color=colour, label=name)
-        if column != "lost":
+        if column in ("position_m", "velocity_mps", "nees"):
             axes.set_yscale("log")
         if column == "nees":
             axes.axhline(1.0, color="#333333", lw=0.8, ls=":")

@@ -6,7 +6,7 @@
 | thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
 | channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
 | searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
-| epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost |
+| epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost received_dbhz |
 
 Every run begins with errors that its filter knows, settles for ``settle_s`` at the highest of 45 dBHz and the C/N0
 asked for, and then has the C/N0 of its row. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
@@ -153,7 +153,12 @@ def receiver_study(
         threshold_table(summary, linear, scene.bandwidth_hz),
         pd.concat([_channel_rows(scene, name, level, of) for (name, level), of in found.items()]),
         _search_rows(found),
-        pd.concat([_epoch_rows(scene.setting, name, level, of) for (name, level), of in found.items()]),
+        pd.concat(
+            [
+                _epoch_rows(scene.setting, name, level, of, profiles[level])
+                for (name, level), of in found.items()
+            ]
+        ),
         {
             "scenario": scene.name,
             "variants": list(wanted),
@@ -307,7 +312,9 @@ def _search_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.Dat
     return pd.DataFrame(rows, columns=list(dict.fromkeys(columns)))
 
 
-def _epoch_rows(setting: Setting, name: str, level: float, runs: list[ReceiverRun]) -> pd.DataFrame:
+def _epoch_rows(
+    setting: Setting, name: str, level: float, runs: list[ReceiverRun], cn0_dbhz: Float64
+) -> pd.DataFrame:
     """Return errors over time: of all runs, those that lost lock as well."""
     time_s = setting.record_every * setting.truth.step_s * np.arange(len(runs[0].error))
     squares = np.mean([run.error**2 for run in runs], axis=0)
@@ -322,5 +329,6 @@ def _epoch_rows(setting: Setting, name: str, level: float, runs: list[ReceiverRu
             "attitude_deg": np.degrees(np.sqrt(squares[:, 6:9].sum(axis=1))),
             "nees": np.mean([run.nees for run in runs], axis=0),
             "lost": (first[:, None] <= time_s).mean(axis=0),
+            "received_dbhz": cn0_dbhz[:: setting.record_every].mean(axis=1),
         }
     )
