@@ -71,8 +71,8 @@ def receiver(
     with own_errors_told(), overwriting(force, []):
         levels = _numbers(cn0, "--cn0")
         names = tuple(part.strip() for part in variants.split(",") if part.strip())
+        from insgnss.studies.receiver_comparison import receiver_study
         from insgnss.studies.receiver_scene import ReceiverOptions
-        from insgnss.studies.receiver_study import receiver_study
         from insgnss.studies.receiver_variants import VARIANTS
 
         if imu == _NO_INS and variants == ",".join(VARIANTS):

@@ -42,9 +42,9 @@ from insgnss.studies.masking import MaskingStudy, masking_study
 from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance_analysis, monte_carlo
 from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage_windows import Removal
+from insgnss.studies.receiver_comparison import ReceiverStudy, receiver_study
 from insgnss.studies.receiver_scene import ReceiverOptions
 from insgnss.studies.receiver_slips import SlipRuns, slip_runs
-from insgnss.studies.receiver_study import ReceiverStudy, receiver_study
 from insgnss.studies.receiver_variants import VARIANTS as RECEIVERS
 from insgnss.studies.receiver_variants import Variant
 

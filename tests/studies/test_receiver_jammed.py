@@ -18,8 +18,8 @@ from insgnss.interference.spectra import modulation_of
 from insgnss.simulation.local_level import geodetic
 from insgnss.studies import ReceiverOptions, receiver_study
 from insgnss.studies.jammed_sky import emitters_of, jammed_cn0_dbhz
+from insgnss.studies.receiver_comparison import ReceiverStudy
 from insgnss.studies.receiver_scene import Scene, scene_of
-from insgnss.studies.receiver_study import ReceiverStudy
 
 OPTIONS = ReceiverOptions(duration_s=170.0, settle_s=30.0, step_s=10e-3, least_cn0_dbhz=20.0)
 
