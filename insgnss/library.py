@@ -30,6 +30,7 @@ KINDS = {
     "scenarios": "scenario",
     "campaigns": "campaign",
     "vehicles": "vehicle",
+    "emitters": "file of emitters",
 }
 _TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)
 _FORMER_NAMES: Final = {("filters", "tight17"): "tight"}

@@ -22,6 +22,7 @@ from insgnss.cli.margin import margin
 from insgnss.cli.models import models
 from insgnss.cli.outage import outage
 from insgnss.cli.point import point
+from insgnss.cli.receiver import receiver
 from insgnss.cli.replay import replay
 from insgnss.cli.report import report
 from insgnss.cli.simulate import simulate
@@ -65,6 +66,7 @@ EXAMPLES: Final[dict[Callable[..., None], str]] = {
     allan: "insgnss allan out/rest/flight.toml --output out/allan",
     track: "insgnss track --cn0 38 --jerk 20 --frequency-bandwidth 5",
     margin: "insgnss margin --oscillator tcxo --imu tactical --output out/margin",
+    receiver: "insgnss receiver --variants two_stage,one_stage --cn0 40,25 --runs 4",
     campaign: "insgnss campaign imu_grades --output out/campaign",
     columns: "insgnss columns nav",
     models: "insgnss models imus",

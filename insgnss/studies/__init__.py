@@ -19,6 +19,9 @@
     grid = manoeuvre_study("sokolov_2015", imus=("tactical", "industrial"))
     grid.cases; grid.heat_map(); grid.save("out/")
 
+    study = receiver_study("manoeuvring_5g", imu="industrial", cn0=[40, 30, 25, 20])
+    study.summary, study.thresholds; study.figure(); study.save("out/")
+
     flight = MatchedFlight.of("tactical", "tcxo")
     covariance_analysis(flight).sd, monte_carlo(flight, 500).nees
 
@@ -39,7 +42,11 @@ from insgnss.studies.masking import MaskingStudy, masking_study
 from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance_analysis, monte_carlo
 from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage_windows import Removal
+from insgnss.studies.receiver_comparison import ReceiverStudy, receiver_study
+from insgnss.studies.receiver_scene import ReceiverOptions
 from insgnss.studies.receiver_slips import SlipRuns, slip_runs
+from insgnss.studies.receiver_variants import VARIANTS as RECEIVERS
+from insgnss.studies.receiver_variants import Variant
 
 __all__ = [
     "Banked",
@@ -55,8 +62,12 @@ __all__ = [
     "OutageStudy",
     "Periodic",
     "Random",
+    "RECEIVERS",
+    "ReceiverOptions",
+    "ReceiverStudy",
     "Removal",
     "SlipRuns",
+    "Variant",
     "consistency_study",
     "covariance_analysis",
     "data_set",
@@ -67,6 +78,7 @@ __all__ = [
     "masking_study",
     "monte_carlo",
     "outage_study",
+    "receiver_study",
     "run_campaign",
     "slip_runs",
     "summary",
