@@ -64,10 +64,13 @@ class NovatelFrames:
         found = [frame for kind in kinds for frame in self.frames.get(kind, [])]
         return sorted(found) if len(kinds) > 1 else found
 
+    def framing(self) -> list[Event]:
+        """Return what was damaged or foreign."""
+        return framing_events(self, "novatel", "message", "no NovAtel message (NMEA, damage)")
+
     def events(self, known: frozenset[int]) -> list[Event]:
         """Return what was damaged, foreign or of a kind that is not read."""
-        foreign = "no NovAtel binary message (ASCII, NMEA, damage)"
-        events = framing_events(self, "novatel", "message", foreign)
+        events = self.framing()
         others = Counter({kind: len(found) for kind, found in self.frames.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind}" for kind, n in others.most_common())
