@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import BinaryIO, Final
+from typing import TYPE_CHECKING, BinaryIO, Final
 
-from novatel_edie import ENCODE_FORMAT, BufferEmptyException, NovatelEdieException
-from novatel_edie.oem import Parser
+if TYPE_CHECKING:
+    from novatel_edie.oem import Parser
 
 _MOST_FAILURES: Final = 1000  # in a row, without a message between them
 
 
 def main() -> None:
     """Rewrite standard input."""
+    from novatel_edie.oem import Parser
+
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # the library prints
     parser = Parser()
@@ -35,6 +37,8 @@ def main() -> None:
 
 def _convert(parser: Parser, out: BinaryIO, last: bool) -> None:
     """Write the messages that the parser holds."""
+    from novatel_edie import ENCODE_FORMAT, BufferEmptyException, NovatelEdieException
+
     failures = 0
     while failures < _MOST_FAILURES:
         try:
