@@ -30,7 +30,16 @@ _NO_REFERENCE: Final = b"No reference data exists"
 
 def ascii_bytes(data: bytes) -> int:
     """Return how many bytes lie in ASCII messages with a sound check sum."""
-    return sum(len(found[0]) for found in _SOUND.finditer(data) if check_sum(found[1]) == int(found[2], 16))
+    return sum(len(found[0]) for found in _SOUND.finditer(data) if _is_sound(found))
+
+
+def _is_sound(found: re.Match[bytes]) -> bool:
+    return check_sum(found[1]) == int(found[2], 16)
+
+
+def _with_line_ends(data: bytes) -> bytes:
+    """Return the data with the line end behind each ASCII message that the library waits for, CR and LF."""
+    return _SOUND.sub(lambda found: found[0].rstrip() + b"\r\n" if _is_sound(found) else found[0], data)
 
 
 def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
@@ -48,7 +57,10 @@ def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
     limit_s = 60.0 + len(frames.data) / _BYTES_PER_S
     try:
         ended = subprocess.run(
-            [sys.executable, "-P", str(_PROGRAM)], input=frames.data, capture_output=True, timeout=limit_s
+            [sys.executable, "-P", str(_PROGRAM)],
+            input=_with_line_ends(frames.data),
+            capture_output=True,
+            timeout=limit_s,
         )
     except subprocess.TimeoutExpired:
         return frames, [_unread(frames, f"the library took more than {limit_s:.0f} s")]

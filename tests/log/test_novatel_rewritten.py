@@ -63,9 +63,12 @@ def rangecmp4(prn: int, channel: Channel, block: int = 0) -> bytes:
     return message(2050, struct.pack("<I", len(body)) + body)
 
 
-@pytest.mark.parametrize("newline", [b"", b"$GPGGA,no message of theirs*00\r\n"])
-def test_ascii_gives_the_tables_of_the_binary_log(tmp_path: Path, newline: bytes) -> None:
-    text = as_ascii(BINARY).replace(b"\r\n", b"\r\n" + newline)
+NMEA = b"$GPGGA,no message of theirs*00"
+
+
+@pytest.mark.parametrize("line_end", [b"\r\n", b"\n", b"\r\n" + NMEA + b"\r\n"])
+def test_ascii_gives_the_tables_of_the_binary_log(tmp_path: Path, line_end: bytes) -> None:
+    text = as_ascii(BINARY).replace(b"\r\n", line_end)
     (tmp_path / "log.asc").write_bytes(text)
     assert detect_format(tmp_path / "log.asc") == "novatel"
     theirs, ours = read_novatel([tmp_path / "log.asc"]), read(tmp_path, BINARY)
@@ -76,7 +79,7 @@ def test_ascii_gives_the_tables_of_the_binary_log(tmp_path: Path, newline: bytes
     assert theirs.solution.rpy_deg == pytest.approx(ours.solution.rpy_deg, abs=1e-9)
     assert theirs.navigation.ephemerides.sv_names == ours.navigation.ephemerides.sv_names
     told = {event.kind for event in theirs.events}
-    assert ("novatel_foreign_bytes" in told) == bool(newline) and "novatel_compressed" not in told
+    assert ("novatel_foreign_bytes" in told) == (NMEA in line_end) and "novatel_compressed" not in told
 
 
 def test_rangecmp4_is_the_range_that_it_was_made_of(tmp_path: Path) -> None:
