@@ -1,4 +1,4 @@
-"""A RINEX observation header with a line out of its columns: it is written anew, or left out where nothing depends on it."""
+"""RINEX observation headers with lines out of their columns: written anew, or left out where nothing needs them."""
 
 from __future__ import annotations
 
