@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 BOUND = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)>=(?P<version>[0-9.]+)")
 NOT_FOR_TESTS = {"import-linter", "mypy", "pandas-stubs", "ruff"}  # they look at the text alone
-EXTRAS = ("campaign", "mcap", "ulog")  # whose lower bounds count
+EXTRAS = ("campaign", "mcap", "novatel", "ulog")  # whose lower bounds count
 # what an old library calls may be deprecated in the newest of those below it, as click is to typer
 WARNINGS = ("-W", "default::DeprecationWarning")
 
