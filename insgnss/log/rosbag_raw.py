@@ -26,14 +26,14 @@ BYTES: Final = {
     "rtcm_msgs/msg/Message": "message",
     "mavros_msgs/msg/RTCM": "data",
 }
-RTCM_PREAMBLE: Final = b"\xd3\x00"  # with the six reserved bits of most messages
+_RTCM_PREAMBLE: Final = b"\xd3\x00"  # with the six reserved bits of most messages
 _TRACKING: Final = ("pr_valid", "cp_valid", "half_cyc", "sub_half_cyc")  # bits of trkStat from the lowest on
 
 
 def is_stream(topic: Topic) -> bool:
     """Say whether the bytes of a topic may be UBX or RTCM 3."""
     stream = _stream(topic, [])
-    return SYNC in stream or RTCM_PREAMBLE in stream
+    return SYNC in stream or _RTCM_PREAMBLE in stream
 
 
 def _stream(topic: Topic, events: list[Event]) -> bytes:
