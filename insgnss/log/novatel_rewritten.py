@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from insgnss.errors import InputError
-from insgnss.log.novatel_frames import NovatelFrames, check_sum, frames_in
-from insgnss.log.novatel_ranges import COMPRESSED_FURTHER, RANGE, RANGECMP, RANGECMP2
+from insgnss.log.novatel_frames import SHORT_HEADER, SYNC, NovatelFrames, check_sum, frames_in
+from insgnss.log.novatel_ranges import COMPRESSED_FURTHER, RANGE
 from insgnss.tables import Event
 
 INSTALL: Final = "pip install 'insgnss[novatel]'"
@@ -45,7 +45,7 @@ def _with_line_ends(data: bytes) -> bytes:
 def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
     """Return the file's messages with those that the library turns into binary ones, and what could not be turned.
 
-    A file that needs no library comes back as it is.
+    A file that needs no library comes back as it is; the library gets what it alone reads.
 
     Raises
     ------
@@ -54,24 +54,45 @@ def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
     needed = _needed(frames)
     if not needed:
         return frames, []
-    limit_s = 60.0 + len(frames.data) / _BYTES_PER_S
+    given = _with_line_ends(_left_to_the_library(frames))
+    limit_s = 60.0 + len(given) / _BYTES_PER_S
     try:
         ended = subprocess.run(
-            [sys.executable, "-P", str(_PROGRAM)],
-            input=_with_line_ends(frames.data),
-            capture_output=True,
-            timeout=limit_s,
+            [sys.executable, "-P", str(_PROGRAM)], input=given, capture_output=True, timeout=limit_s
         )
     except subprocess.TimeoutExpired:
         return frames, [_unread(frames, f"the library took more than {limit_s:.0f} s")]
     if _NOT_INSTALLED in ended.stderr:
         return frames, [_unread(frames, f"novatel-edie is not installed: {INSTALL}")]
     found = frames_in(frames.path, ended.stdout)
-    if ended.returncode != 0 and found.count <= frames.count:
+    if ended.returncode != 0 and not found.count:
         return frames, [_unread(frames, f"the library ended with {ended.returncode}")]
-    events = [*_logged_damage(frames), *_losses(frames, found, ended)]
-    found.count = max(found.count, frames.count)
-    return found, events
+    return _joined(frames, found), _losses(frames, found, ended)
+
+
+def _left_to_the_library(frames: NovatelFrames) -> bytes:
+    """Return what is no message that is read here, in the order of the file."""
+    pieces = list(frames.gaps)
+    for frame in frames.of(*COMPRESSED_FURTHER):
+        pieces.append(
+            (frames.data.rfind(SYNC, 0, frame.offset - SHORT_HEADER + 1), frame.offset + frame.length + 4)
+        )
+    return b"".join(frames.data[a:b] for a, b in sorted(pieces))
+
+
+def _joined(frames: NovatelFrames, turned: NovatelFrames) -> NovatelFrames:
+    """Return the messages of a file with those that were turned behind them; sound ASCII counts as foreign no more."""
+    behind = len(frames.data)
+    kinds = {kind: [*found] for kind, found in frames.frames.items() if kind not in COMPRESSED_FURTHER}
+    for kind, found in turned.frames.items():
+        kinds.setdefault(kind, []).extend(f._replace(offset=f.offset + behind) for f in found)
+    return replace(
+        frames,
+        data=frames.data + turned.data,
+        frames=kinds,
+        count=frames.count + turned.count,
+        foreign_bytes=frames.foreign_bytes - ascii_bytes(frames.data),
+    )
 
 
 def _needed(frames: NovatelFrames) -> str:
@@ -87,11 +108,6 @@ def _ascii_kinds(frames: NovatelFrames) -> list[bytes]:
     return [found[1] or found[2] for found in _ASCII.finditer(frames.data)]
 
 
-def _logged_damage(frames: NovatelFrames) -> list[Event]:
-    """Return what was damaged or foreign in the file as it was logged, where sound ASCII is not foreign."""
-    return replace(frames, foreign_bytes=frames.foreign_bytes - ascii_bytes(frames.data)).framing()
-
-
 def _losses(
     frames: NovatelFrames, found: NovatelFrames, ended: subprocess.CompletedProcess[bytes]
 ) -> list[Event]:
@@ -102,8 +118,7 @@ def _losses(
             f"the library ended with {ended.returncode} after {found.count} message(s); the rest is not read"
         )
         events.append(_event(frames, detail))
-    epochs = len(frames.of(RANGE, RANGECMP, RANGECMP2, *COMPRESSED_FURTHER))
-    epochs += _ascii_kinds(frames).count(b"RANGE")
+    epochs = len(frames.of(*COMPRESSED_FURTHER)) + _ascii_kinds(frames).count(b"RANGE")
     lost = epochs - len(found.of(RANGE))
     if lost > 0:
         events.append(_event(frames, f"epochs not read: {lost} of {epochs} ({_needed(frames)})"))

@@ -82,6 +82,17 @@ def test_ascii_gives_the_tables_of_the_binary_log(tmp_path: Path, line_end: byte
     assert ("novatel_foreign_bytes" in told) == (NMEA in line_end) and "novatel_compressed" not in told
 
 
+def test_binary_messages_among_ascii_are_read_without_the_library(tmp_path: Path) -> None:
+    data = range_b(SKY) + as_ascii(range_b(SKY, TOW_S + 1)) + range_b(SKY, TOW_S + 2)[:-1] + b"?" + bytes(9)
+    log = read(tmp_path, data)
+    assert len(np.unique(log.gnss.t_ns)) == 2 and len(log.gnss.t_ns) == 2 * len(SKY)
+    told = {event.kind: event.detail for event in log.events}
+    assert (
+        "novatel_checksum" in told and f"of {len(data)} bytes are no NovAtel" in told["novatel_foreign_bytes"]
+    )
+    assert "novatel_compressed" not in told
+
+
 def test_rangecmp4_is_the_range_that_it_was_made_of(tmp_path: Path) -> None:
     pytest.importorskip("novatel_edie.oem", reason="NovAtel's own library is not installed")
     sent = Channel(5, 22_000_010.25, 22_000_011.5 * 1575.42e6 / C_MPS, -1234.5, 41.05)
