@@ -59,9 +59,13 @@ def main(arguments: list[str]) -> int:
     listed = subprocess.run(
         [str(python), "-m", "pip", "freeze"], check=True, capture_output=True, text=True, cwd=ROOT
     )
-    names = {re.split(r"[<>=]", entry)[0].lower() for entry in pinned}
+    names = {re.split(r"[<>=]", entry)[0].lower().replace("-", "_") for entry in pinned}
     print(f"Python {sys.version.split()[0]}")
-    print("\n".join(line for line in listed.stdout.split() if line.split("==")[0].lower() in names))
+    print(
+        "\n".join(
+            line for line in listed.stdout.split() if line.split("==")[0].lower().replace("-", "_") in names
+        )
+    )
     sys.stdout.flush()
     return subprocess.run(
         [str(python), "-m", "pytest", "-q", *WARNINGS, *chosen], check=False, cwd=ROOT
