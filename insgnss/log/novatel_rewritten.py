@@ -61,12 +61,12 @@ def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
             [sys.executable, "-P", str(_PROGRAM)], input=given, capture_output=True, timeout=limit_s
         )
     except subprocess.TimeoutExpired:
-        return frames, [_unread(frames, f"the library took more than {limit_s:.0f} s")]
+        return frames, [_unread(frames, f"took more than {limit_s:.0f} s")]
     if _NOT_INSTALLED in ended.stderr:
-        return frames, [_unread(frames, f"novatel-edie is not installed: {INSTALL}")]
+        return frames, [_unread(frames, f"is not installed: {INSTALL}")]
     found = frames_in(frames.path, ended.stdout)
     if ended.returncode != 0 and not found.count:
-        return frames, [_unread(frames, f"the library ended with {ended.returncode}")]
+        return frames, [_unread(frames, f"ended with {ended.returncode}")]
     return _joined(frames, found), _losses(frames, found, ended)
 
 
@@ -136,12 +136,10 @@ def _unread(frames: NovatelFrames, why: str) -> Event:
     ------
     InputError : there is nothing else in the file
     """
-    detail = f"{_needed(frames)} not read: {why}"
+    detail = f"{_needed(frames)} not read: NovAtel's own library, novatel-edie, {why}"
     if not frames.count:
-        advice = f"{INSTALL}, or log the binary messages: RANGEB, RAWEPHEMB, RAWIMUSXB"
-        raise InputError(
-            f"NovAtel ASCII is read by NovAtel's own library: {detail}", file=frames.path, advice=advice
-        )
+        advice = "log the binary messages instead: RANGEB, RAWEPHEMB, RAWIMUSXB"
+        raise InputError(detail, file=frames.path, advice=advice)
     return _event(frames, detail)
 
 
