@@ -1,0 +1,233 @@
+"""Acquisition of a code in samples: all delays at once by Fourier transforms, Doppler by Doppler, looks summed.
+
+A look is a coherent sum over whole code periods, folded into one of them; the squares of ``looks`` of them are summed.
+Where there is no signal, the sum in one cell over its mean of one look has the Gamma distribution of ``looks`` degrees:
+the threshold for a false-alarm probability is ``insgnss.antenna.detection.threshold``. Cells closer than a chip share
+part of their noise, so the false-alarm probability of a whole search is at most the sum of those of its cells.
+
+    wanted = SearchSpan(0.0, 5000.0, coherent_s=0.005, looks=40)
+    found = acquire(Samples(sampling, i, q), [gps_ca(7)], [wanted])[0]
+    found.statistic, found.delay_chips, found.doppler_hz
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import fft, special
+
+from insgnss.errors import ConfigError, InputError
+from insgnss.tables import Float64
+from insgnss.tracking.admissible import require_not_negative, require_positive
+from insgnss.tracking.codes import RangingCode
+from insgnss.tracking.correlators import Complex
+from insgnss.tracking.signal import Samples
+
+DOPPLER_STEP_CYCLES: Final = 2.0 / 3.0  # over a look: sinc^2 loses 1.6 dB at the edge of a bin
+_FINE_BINS: Final = 33  # over two Doppler bins, when a detection is refined
+_FINE_CHIPS: Final = 0.5  # early and late of the refined delay
+
+
+@dataclass(frozen=True)
+class SearchSpan:
+    """Where one satellite is looked for, and for how long."""
+
+    doppler_hz: float  # middle of the window, at the middle of the samples
+    doppler_half_width_hz: float
+    delay_chips: float | None = None  # middle of the window at the first sample; None: the whole code
+    delay_half_width_chips: float = math.inf
+    doppler_rate_hz_per_s: float = 0.0  # by which the replica is led on
+    coherent_s: float = 0.01
+    looks: int = 1
+
+    def __post_init__(self) -> None:
+        require_not_negative(doppler_half_width_hz=self.doppler_half_width_hz)
+        require_positive(
+            "a window has a width", delay_half_width_chips=min(self.delay_half_width_chips, 1e9),
+            coherent_s=self.coherent_s,
+        )  # fmt: skip
+        if self.looks < 1:
+            raise ConfigError(f"{self.looks} looks", key="looks", advice="take at least one")
+
+    def bins_hz(self) -> Float64:
+        """Return the Doppler bins, evenly spread over the window, at most ``DOPPLER_STEP_CYCLES`` apart."""
+        step = DOPPLER_STEP_CYCLES / self.coherent_s
+        half = math.ceil(max(self.doppler_half_width_hz - 0.5 * step, 0.0) / step)
+        return self.doppler_hz + step * np.arange(-half, half + 1.0)
+
+
+class Acquired(NamedTuple):
+    """The strongest cell of a search."""
+
+    statistic: float  # sum of the looks over the mean of one without signal
+    cells: int  # looked at, delays by Doppler bins
+    delay_chips: float  # at the first sample, 0 to the code's length
+    doppler_hz: float  # at the middle of the samples
+    cn0_dbhz: float  # by the strength of the cell, NaN where noise alone is stronger
+
+
+class _Prepared(NamedTuple):
+    """Samples at baseband as looks by code periods by samples of a period, and their times."""
+
+    y: Complex  # (looks, periods, n)
+    t_s: Float64  # same shape, from the first sample
+
+
+def acquire(
+    samples: Samples, codes: Sequence[RangingCode], span: SearchSpan, carrier_hz: float
+) -> list[Acquired]:
+    """Return the strongest cell of each code, all searched over one span of Doppler; a detection is left to the caller.
+
+    Equation: Z_kb(tau) = sum y exp(-j w_b t) h(t - tau) over a look, S = sum_k |Z_kb|^2 / noise; the noise of a look is
+              the median of the sums over all delays over that of the Gamma distribution, so that coloured noise and
+              the other satellites' correlations count
+    The delays of later looks are led on by the Doppler of the bin, as the code's rate is that of the carrier.
+    Neglects: the code's Doppler within a look, 0.03 chips for 10 ms and 5 kHz.
+
+    Parameters
+    ----------
+    samples : at least ``looks`` times ``coherent_s`` of them
+    codes : of one rate and length
+    span : of the search; a window of delays is that of all codes
+    carrier_hz : of the satellites
+
+    Raises
+    ------
+    InputError : too few samples
+    ConfigError : a look that is no whole number of code periods, or a sampling that folds the signal
+    """
+    code = codes[0]
+    farthest = abs(span.doppler_hz) + span.doppler_half_width_hz
+    samples.sampling.check(code.rate_hz, span.coherent_s, farthest)
+    ready = _prepared(samples, code, span)
+    spectra = [np.conj(fft.fft(_period(each, samples.sampling.rate_hz, ready.y.shape[2]))) for each in codes]
+    bins = span.bins_hz()
+    inside = _inside(span, code, ready.y.shape[2])
+    best = [(-1.0, 0, 0.0)] * len(codes)
+    floor = np.zeros(len(codes))
+    for doppler in bins:
+        looks = fft.fft(_folded(ready, float(doppler)), axis=1)
+        looks *= _delay_ramps(ready, code, float(doppler), carrier_hz, samples.sampling.rate_hz)
+        for c, spectrum in enumerate(spectra):
+            power = np.sum(np.abs(fft.ifft(looks * spectrum, axis=1)) ** 2, axis=0)
+            floor[c] += np.median(power)
+            power[~inside] = 0.0
+            k = int(np.argmax(power))
+            if power[k] > best[c][0]:
+                best[c] = (float(power[k]), k, float(doppler))
+    cells = len(bins) * int(np.count_nonzero(inside))
+    noise = floor / (len(bins) * special.gammaincinv(span.looks, 0.5))
+    return [
+        _refined(ready, each, span, carrier_hz, found, cells, level)
+        for each, found, level in zip(codes, best, noise.tolist(), strict=True)
+    ]
+
+
+def _prepared(samples: Samples, code: RangingCode, span: SearchSpan) -> _Prepared:
+    """Return the samples without intermediate frequency and told Doppler rate, one row for each code period."""
+    rate = samples.sampling.rate_hz
+    periods = round(span.coherent_s / code.period_s)
+    if periods < 1 or abs(periods * code.period_s / span.coherent_s - 1.0) > 1e-6:
+        advice = f"take a multiple of {code.period_s * 1e3:g} ms"
+        raise ConfigError(
+            f"a look of {span.coherent_s * 1e3:g} ms is no whole number of code periods",
+            key="coherent_s",
+            advice=advice,
+        )
+    n = round(code.period_s * rate)
+    # where a period is no whole number of samples, each begins at the nearest one: within half a sample
+    first = np.rint(np.arange(span.looks * periods) * code.period_s * rate).astype(np.int64)
+    if first[-1] + n > len(samples.in_phase):
+        raise InputError(
+            f"{len(samples.in_phase)} samples are fewer than {span.looks} looks of {span.coherent_s * 1e3:g} ms need",
+            key="looks",
+            advice=f"give at least {first[-1] + n} samples, or take fewer or shorter looks",
+        )
+    place = first[:, None] + np.arange(n)
+    y = samples.in_phase[place].astype(np.complex128)
+    if samples.sampling.is_complex:
+        y += 1j * samples.quadrature[place]
+    t = place / rate
+    middle = 0.5 * t[-1, -1]
+    cycles = samples.sampling.intermediate_hz * t + 0.5 * span.doppler_rate_hz_per_s * (t - middle) ** 2
+    y *= np.exp(-2j * np.pi * (cycles % 1.0))
+    shape = (span.looks, periods, n)
+    return _Prepared(y.reshape(shape), t.reshape(shape))
+
+
+def _period(code: RangingCode, rate_hz: float, n: int) -> Float64:
+    """Return one period of a code at the samples."""
+    place = np.floor(np.arange(n) * (code.rate_hz / rate_hz)).astype(np.int64)
+    return np.asarray(code.chips[place % code.length], float)
+
+
+def _folded(ready: _Prepared, doppler_hz: float) -> Complex:
+    """Return each look of one Doppler, (looks, n): its periods summed. Its own phase does not matter."""
+    turn = np.exp(-2j * np.pi * doppler_hz * ready.t_s[0])
+    return np.asarray(np.einsum("kpn,pn->kn", ready.y, turn))
+
+
+def _delay_ramps(
+    ready: _Prepared, code: RangingCode, doppler_hz: float, carrier_hz: float, rate_hz: float
+) -> Complex:
+    """Return what shifts the looks' spectra to the delay that the code had at the first sample."""
+    n = ready.y.shape[2]
+    since_s = ready.t_s[:, :, 0].mean(axis=1)
+    late = -doppler_hz / carrier_hz * since_s * rate_hz  # samples by which the delay has changed
+    if np.max(np.abs(late)) < 0.02:
+        return np.ones((1, 1), np.complex128)
+    return np.asarray(np.exp(2j * np.pi * np.fft.fftfreq(n)[None, :] * late[:, None]))
+
+
+def _inside(span: SearchSpan, code: RangingCode, n: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which delays of a period are inside the window, (n,)."""
+    if span.delay_chips is None or span.delay_half_width_chips >= 0.5 * code.length:
+        return np.ones(n, np.bool_)
+    delays = np.arange(n) * (code.length / n)
+    off = (delays - span.delay_chips + 0.5 * code.length) % code.length - 0.5 * code.length
+    inside = np.abs(off) <= span.delay_half_width_chips
+    inside[np.argmin(np.abs(off))] = True
+    return np.asarray(inside)
+
+
+def _refined(
+    ready: _Prepared,
+    code: RangingCode,
+    span: SearchSpan,
+    carrier_hz: float,
+    found: tuple[float, int, float],
+    cells: int,
+    noise: float,
+) -> Acquired:
+    """Return a cell with its Doppler refined on a grid of sixteenths of a bin, its delay by early against late."""
+    power, k, doppler = found
+    looks, _, n = ready.y.shape
+    delay = k * (code.length / n)
+    step = DOPPLER_STEP_CYCLES / span.coherent_s
+    fine = doppler + step * np.linspace(-1.0, 1.0, _FINE_BINS)
+    turn = np.exp(-2j * np.pi * np.outer(fine, ready.t_s[0, :, n // 2]))
+
+    def despread(at_chips: float) -> Complex:
+        """Return the correlators of each period, (looks, periods), of a replica at a delay."""
+        late = -doppler / carrier_hz * code.rate_hz
+        phase = ready.t_s * (code.rate_hz - late) - at_chips
+        replica = code.chips[np.floor(phase).astype(np.int64) % code.length]
+        carrier = np.exp(-2j * np.pi * doppler * ready.t_s[0, :, :])
+        centre = np.exp(2j * np.pi * doppler * ready.t_s[0, :, n // 2])
+        return np.asarray(np.einsum("kpn,kpn,pn->kp", ready.y, replica, carrier) * centre)
+
+    strength = np.sum(np.abs(despread(delay) @ turn.T) ** 2, axis=0)
+    best = int(np.argmax(strength))
+    early, late = (
+        float(np.sqrt(np.sum(np.abs(despread(delay + side * _FINE_CHIPS) @ turn[best]) ** 2)))
+        for side in (-1.0, 1.0)
+    )
+    delay += 0.5 * (late - early) / (late + early)
+    statistic = power / noise
+    snr = max(float(strength[best]) / noise, statistic) / looks - 1.0
+    cn0 = 10.0 * math.log10(snr / span.coherent_s) if snr > 0.0 else math.nan
+    return Acquired(statistic, cells, delay % code.length, float(fine[best]), cn0)
