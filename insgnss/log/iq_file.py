@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
-from insgnss.tables import Float64
 from insgnss.tracking.signal import Samples, Sampling
 
 SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}
@@ -61,7 +60,7 @@ class IqFile:
             raise InputError(
                 f"{size} bytes are no whole number of {kind} {self.sample_type} samples of {self._bytes} bytes",
                 file=self.path,
-                advice="check the sample type, whether the samples are complex, and skip_bytes; a broken end can be cut",
+                advice="check sample type, complex or real, and skip_bytes; cut a broken end off",
             )
 
     @property
@@ -114,10 +113,28 @@ class IqFile:
             yield self.read(first, min(size, self.count - first))
 
 
+def rounded(block: Samples, sample_type: str) -> Samples:
+    """Return samples with noise of variance 1 as the integers that ``write_iq`` writes and ``IqFile`` reads back.
+
+    Raises
+    ------
+    ConfigError : a type that does not exist
+    """
+    if sample_type not in SAMPLE_TYPES:
+        _refuse_type(sample_type, ORDERS[0])
+    kind = np.dtype(SAMPLE_TYPES[sample_type])
+    limit = np.iinfo(kind)
+    in_phase, quadrature = (
+        np.clip(np.rint(NOISE_LSB[sample_type] * part), limit.min, limit.max)
+        for part in (block.in_phase, block.quadrature)
+    )
+    return Samples(block.sampling, in_phase, quadrature)
+
+
 def write_iq(
     path: str | Path, blocks: Iterable[Samples], sample_type: str = "int8", order: str = "iq"
 ) -> int:
-    """Write samples with noise of variance 1 as integers; return how many of their numbers were clipped.
+    """Write samples with noise of variance 1 as integers; return how many of their numbers stand at its limits.
 
     Raises
     ------
@@ -127,31 +144,21 @@ def write_iq(
     if sample_type not in SAMPLE_TYPES or order not in ORDERS:
         _refuse_type(sample_type, order)
     kind = np.dtype(SAMPLE_TYPES[sample_type])
-    clipped = 0
+    limit, clipped = np.iinfo(kind), 0
     try:
         with open(path, "wb") as file:
             for block in blocks:
-                numbers, beyond = _as_integers(block, kind, NOISE_LSB[sample_type], order)
-                clipped += beyond
-                file.write(numbers.tobytes())
+                numbers = rounded(block, sample_type)
+                parts = [numbers.in_phase]
+                if block.sampling.is_complex:
+                    parts.insert(order.index("q"), numbers.quadrature)
+                file.write(np.stack(parts, axis=-1).astype(kind).tobytes())
+                clipped += sum(int(np.isin(part, (limit.min, limit.max)).sum()) for part in parts)
     except OSError as error:
         raise ResultError(
             f"the recording cannot be written: {error.strerror}", file=path, advice="give another folder"
         ) from error
     return clipped
-
-
-def _as_integers(
-    block: Samples, kind: np.dtype[np.signedinteger], scale: float, order: str
-) -> tuple[npt.NDArray[np.signedinteger], int]:
-    """Return the interleaved integers of a block, and how many were clipped."""
-    parts: list[Float64] = [block.in_phase]
-    if block.sampling.is_complex:
-        parts = [block.in_phase, block.quadrature] if order == "iq" else [block.quadrature, block.in_phase]
-    numbers = np.rint(scale * np.stack(parts, axis=-1).ravel())
-    limit = np.iinfo(kind)
-    beyond = int(np.count_nonzero((numbers < limit.min) | (numbers > limit.max)))
-    return np.clip(numbers, limit.min, limit.max).astype(kind), beyond
 
 
 def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes: int) -> None:

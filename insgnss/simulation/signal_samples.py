@@ -65,7 +65,6 @@ def signal_sky(
     rng: np.random.Generator,
     *,
     cn0_change_db: float = 0.0,
-    flat_cn0_dbhz: float | None = None,
 ) -> SignalSky:
     """Return the signals of a scenario's satellites above its horizon mask, by a clock drawn anew.
 
@@ -75,7 +74,6 @@ def signal_sky(
     duration_s : from the scenario's start on, whole milliseconds
     rng : of clock and data
     cn0_change_db : added to every C/N0 of the scenario
-    flat_cn0_dbhz : C/N0 of all signals in the place of the scenario's antenna and link budget
 
     Raises
     ------
@@ -85,7 +83,7 @@ def signal_sky(
     start = scenario.clock
     clock = simulate_clock(
         scenario.oscillator,
-        np.arange(count + 1) * BORDER_S,
+        np.asarray(np.arange(count + 1) * BORDER_S, np.float64),
         rng,
         bias_m=start.bias_m,
         drift_mps=start.drift_mps,
@@ -100,8 +98,7 @@ def signal_sky(
         advice = "lower gnss.horizon_mask_deg, or give the sky GPS satellites"
         raise ConfigError("no satellite sends a C/A code to the antenna", key="sky", advice=advice)
     assert seen.carrier_cycles is not None
-    cn0 = seen.cn0_dbhz[:, columns] if flat_cn0_dbhz is None else np.full((count + 1, len(columns)), flat_cn0_dbhz)
-    cn0 = np.where(seen.tracked[:, columns], cn0 + cn0_change_db, np.nan)
+    cn0 = np.where(seen.tracked[:, columns], seen.cn0_dbhz[:, columns] + cn0_change_db, np.nan)
     pseudorange = seen.pseudorange_m[:, columns]
     first_bit = np.floor(-pseudorange[0] / C_MPS / (BIT_PERIODS * BORDER_S)).astype(np.int64) - 1
     bits = 1 - 2 * rng.integers(0, 2, (count // BIT_PERIODS + 12, len(columns)), np.int8)
@@ -152,11 +149,20 @@ def _observed(scenario: Scenario, clock: ClockTruth) -> Observations:
         )
         for first in range(0, len(clock.tag_s), _TAGS_AT_ONCE)
     ]
-    columns: dict[str, Float64] = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("tag_s", "pseudorange_m", "range_rate_mps", "cn0_dbhz", "tracked", "carrier_cycles", "lli")
-    }
-    return replace(parts[0], **columns)
+
+    def whole(name: str) -> Float64:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return replace(
+        parts[0],
+        tag_s=clock.tag_s,
+        pseudorange_m=whole("pseudorange_m"),
+        range_rate_mps=whole("range_rate_mps"),
+        cn0_dbhz=whole("cn0_dbhz"),
+        tracked=whole("tracked") > 0,
+        carrier_cycles=whole("carrier_cycles"),
+        lli=None,
+    )
 
 
 @kernel

@@ -151,4 +151,6 @@ def run_channels(
                 Z[r] = matched * triangle_at(delay - gains.offsets[r]) + sigma * complex(i, q)
             out[k, c, PHASE_ERROR], out[k, c, RATE_ERROR], out[k, c, DELAY_ERROR] = -phase, -turn / T, -delay
             out[k, c, PROMPT_I], out[k, c, PROMPT_Q] = Z[1].real, Z[1].imag
-            correct_and_lead(x, Z, gains, gains.slopes, T, aid.rate_radps[k + 1, c], aid.acceleration_radps2[k + 1, c])
+            correct_and_lead(
+                x, Z, gains, gains.slopes, T, aid.rate_radps[k + 1, c], aid.acceleration_radps2[k + 1, c]
+            )

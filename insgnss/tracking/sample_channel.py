@@ -106,7 +106,7 @@ def track_samples(
             delay = x[DELAY] + slip * (start - x[AT])
             step = per_sample - slip
             next_border = x[BORDER] + scale.border_chips
-            count = int(math.ceil((next_border - (per_sample * start - delay)) / step))
+            count = math.ceil((next_border - (per_sample * start - delay)) / step)
             if start + count - first > in_phase.size:
                 break
             middle = start + 0.5 * (count - 1)
@@ -273,8 +273,17 @@ class SampleChannels:
         phase = row[PHASE_RAD] + row[RATE_RADPS] * since_s
         return Reading(delay / self._scale.chip_hz, phase, row[RATE_RADPS])
 
-    def prompts(self, channel: int, count: int) -> Complex:
-        """Return the newest prompt correlators of a channel, at most so many, the oldest one first."""
+    def prompts(self, channel: int, count: int, per_bit: int = 1) -> Complex:
+        """Return the newest prompt correlators of a channel, at most so many, the oldest one first.
+
+        ``per_bit`` of them make a data bit: the first one returned begins a bit, and whole bits are returned.
+        """
         last = int(self.written[channel])
-        rows = self.records[max(0, last - count) : last, channel]
+        if last == 0:
+            return np.zeros(0, np.complex128)
+        row = self.records[last - 1, channel]
+        code = self._scale.chip_hz / self._scale.rate_hz * row[MIDDLE] - row[DELAY_CHIPS]
+        last -= (int(code // self._scale.border_chips) + 1) % per_bit
+        first = max(last - count, last - last // per_bit * per_bit, 0)
+        rows = self.records[first:last, channel]
         return np.asarray(rows[:, PROMPT_I] + 1j * rows[:, PROMPT_Q])
