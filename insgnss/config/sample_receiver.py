@@ -33,12 +33,12 @@ class SampleReceiver(StrictModel):
     integration_ms: Literal[1, 2, 4, 5, 10, 20] = Field(
         10, description="of the correlators; a data bit lasts 20 ms"
     )
-    spacing_chips: Annotated[float, Field(ge=0.05, le=1.0)] = Field(0.5, description="from early to late")
+    spacing_chips: Annotated[float, Field(ge=0.05, le=1.0)] = Field(0.25, description="from early to late")
     unaided: SampledLoops = SampledLoops()
     # the aiding takes the motion out: what is left is the oscillator's drift and the noise of the aiding
     aided: SampledLoops = SampledLoops(order=2, bandwidth_hz=4.0, frequency_bandwidth_hz=1.0)
     epoch_rate_hz: Annotated[float, Field(ge=0.1, le=10.0)] = Field(
-        2.0, description="observables handed to the filter"
+        1.0, description="observables handed to the filter; of a code loop of 1 Hz the noise is then white"
     )
     aiding_rate_hz: Annotated[float, Field(ge=1.0, le=200.0)] = Field(
         50.0, description="Doppler and Doppler rate handed to the loops"
@@ -46,7 +46,7 @@ class SampleReceiver(StrictModel):
     look_ms: Literal[1, 2, 4, 5, 10] = Field(
         10, description="coherent part of an acquisition, at most half a data bit without a known delay"
     )
-    looks: Annotated[int, Field(ge=1, le=500)] = Field(30, description="of an acquisition")
+    looks: Annotated[int, Field(ge=1, le=500)] = Field(80, description="of an acquisition")
     pfa: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
         1e-4, description="of a whole acquisition, at most, where no signal is"
     )
@@ -54,7 +54,7 @@ class SampleReceiver(StrictModel):
         5000.0, le=50_000.0, description="half width of an acquisition that nothing is told to"
     )
     unseeded_retry_s: Positive = Field(
-        5.0, description="between two tries of a receiver without a supervisor to find a lost signal"
+        10.0, description="between two tries of a receiver without a supervisor to find a lost signal"
     )
     time_sigma_s: Positive = Field(
         2e-5,

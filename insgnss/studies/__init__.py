@@ -22,6 +22,9 @@
     flight = MatchedFlight.of("tactical", "tcxo")
     covariance_analysis(flight).sd, monte_carlo(flight, 500).nees
 
+    study = sample_receiver(simulate("steep_turns"))     # samples of GPS L1 C/A through loops with and without aiding
+    study.summary, study.channels; study.save("out/")
+
     if __name__ == "__main__":                           # the workers are processes that import the script
         run_campaign("campaign.toml", "out/")
     summary("out/", by=("case",))
@@ -40,6 +43,7 @@ from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance
 from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage_windows import Removal
 from insgnss.studies.receiver_slips import SlipRuns, slip_runs
+from insgnss.studies.sample_receiver import SampleStudy, record_samples, sample_receiver
 
 __all__ = [
     "Banked",
@@ -56,6 +60,7 @@ __all__ = [
     "Periodic",
     "Random",
     "Removal",
+    "SampleStudy",
     "SlipRuns",
     "consistency_study",
     "covariance_analysis",
@@ -67,7 +72,9 @@ __all__ = [
     "masking_study",
     "monte_carlo",
     "outage_study",
+    "record_samples",
     "run_campaign",
+    "sample_receiver",
     "slip_runs",
     "summary",
 ]

@@ -37,7 +37,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.filter.setup import FilterSetup
 from insgnss.library import filter_config
-from insgnss.log.iq_file import rounded
+from insgnss.log.iq_file import rounded, write_iq
 from insgnss.shown import Shown
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
@@ -151,6 +151,27 @@ def sample_receiver(
     return SampleStudy(summary, epochs, channels, searches, use)
 
 
+def record_samples(
+    flown: Flown,
+    path: str | Path,
+    loss_db: float = 0.0,
+    duration_s: float = 60.0,
+    settings: SampleReceiver | None = None,
+    seed: int = 1,
+) -> int:
+    """Write the samples that the receivers of ``sample_receiver`` have to a file; return how many.
+
+    Raises
+    ------
+    ConfigError : a duration beyond the flight, a sampling that folds the signal
+    ResultError : the file cannot be written
+    """
+    use = settings or SampleReceiver()
+    sky = signal_sky(flown.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss_db)
+    write_iq(path, _samples(sky, use, seed), use.sample_type)
+    return math.ceil(sky.duration_s * use.rate_hz)
+
+
 def equipment_of(
     flown: Flown, sky: SignalSky, settings: SampleReceiver, filter: str | Path, seed: int
 ) -> Equipment:
@@ -212,7 +233,8 @@ def _run(name: str, sky: SignalSky, equipment: Equipment, flown: Flown, seed: in
     """Return the four tables of one receiver."""
     began = time.perf_counter()
     loop = SampleLoop(equipment, aided=name == "aided")
-    loop.run(_recorded(sky, equipment, seed))
+    kind = equipment.settings.sample_type
+    loop.run(rounded(block, kind) for block in _samples(sky, equipment.settings, seed))
     took_s = time.perf_counter() - began
     epochs = epoch_table(loop, flown.scenario)
     channels = channel_table(loop, sky)
@@ -224,12 +246,11 @@ def _run(name: str, sky: SignalSky, equipment: Equipment, flown: Flown, seed: in
     return summary, epochs, channels, searches
 
 
-def _recorded(sky: SignalSky, equipment: Equipment, seed: int) -> Iterator[Samples]:
-    """Yield the samples as the front end writes them."""
-    s = equipment.settings
-    sampling = Sampling(s.rate_hz, s.intermediate_hz, s.is_complex)
+def _samples(sky: SignalSky, settings: SampleReceiver, seed: int) -> Iterator[Samples]:
+    """Return the samples of a sky with the noise of a seed."""
+    sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
     noise = int(np.random.SeedSequence(seed, spawn_key=(_NOISE,)).generate_state(1)[0])
-    return (rounded(block, s.sample_type) for block in sample_blocks(sky, sampling, noise))
+    return sample_blocks(sky, sampling, noise)
 
 
 def _rng(seed: int, key: int) -> np.random.Generator:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from insgnss.aiding.satellite_arcs import SatelliteArcs
 from insgnss.aiding.table import AidingSetup, AidingTable
@@ -21,20 +22,26 @@ from insgnss.antenna.visibility import UNDECIDED, VISIBLE
 from insgnss.config.flight import GivenStart
 from insgnss.config.sample_receiver import SampleReceiver
 from insgnss.constants import C_MPS
+from insgnss.errors import ConfigError
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gnss.signals import L1_HZ
 from insgnss.inertial.error_state import CLOCK, DR, DRIFT, DV, PSI
+from insgnss.log.iq_file import IqFile
 from insgnss.supervision import Outlook, SupervisionSetup, outlook
 from insgnss.tables import Float64, ImuTable
 from insgnss.tracking.acquisition import Acquired, SearchSpan, acquire
-from insgnss.tracking.codes import GPS_CA_CHIP_HZ, RangingCode
+from insgnss.tracking.codes import GPS_CA_CHIP_HZ, RangingCode, gps_ca
 from insgnss.tracking.signal import Samples as SignalSamples
 
 LEAST_WINDOW_CHIPS = (
     1.0  # half width: the cells of the transform are a quarter of a chip, their noise is shared
 )
+
+GPS_ORBIT_PRNS: Final = range(1, 33)
+FOUND, NOT_FOUND, CROSS_CORRELATION = "found", "not_found", "cross_correlation"
+CROSS_CORRELATION_DB: Final = 15.0
 
 
 class Expected(NamedTuple):
@@ -201,3 +208,40 @@ def search_for(
         edge = float(threshold(pfa / each.cells, span.looks))
         searches.append(Search(each.statistic > edge, edge, each, span, first, last, took_s))
     return searches
+
+
+def acquire_recording(
+    file: IqFile, start_s: float, look_s: float, looks: int, doppler_hz: float, pfa: float
+) -> pd.DataFrame:
+    """Return what a recording holds of every GPS satellite: one row each, the strongest first.
+
+    ``status`` is "found", "not_found", or "cross_correlation": beyond the threshold but more than 15 dB below the
+    strongest signal, whose correlation with another code alone may be that high (65/1023 of the amplitude are 24 dB,
+    and several strong signals and other Dopplers add).
+
+    Raises
+    ------
+    InputError : the recording is shorter than that
+    ConfigError : what is declared cannot be searched
+    """
+    rate, code_s = file.sampling.rate_hz, 1e-3
+    first = round(start_s * rate)
+    count = math.ceil((looks * look_s + code_s) * rate)
+    span = SearchSpan(0.0, doppler_hz, coherent_s=look_s, looks=looks)
+    if not 0.0 < pfa < 1.0:
+        raise ConfigError(f"pfa {pfa:g} is no probability", key="pfa", advice="give 0 < pfa < 1, as 1e-3")
+    searches = search_for(file.read(first, count), [gps_ca(prn) for prn in GPS_ORBIT_PRNS], span, pfa, first)
+    table = pd.DataFrame(
+        {
+            "sv": [f"G{prn:02d}" for prn in GPS_ORBIT_PRNS],
+            "status": [FOUND if s.found else NOT_FOUND for s in searches],
+            "cn0_dbhz": [s.acquired.cn0_dbhz for s in searches],
+            "doppler_hz": [s.acquired.doppler_hz for s in searches],
+            "delay_chips": [s.acquired.delay_chips for s in searches],
+            "statistic": [s.acquired.statistic for s in searches],
+            "threshold": [s.threshold for s in searches],
+        }
+    )
+    weak = table["cn0_dbhz"] < table["cn0_dbhz"].max() - CROSS_CORRELATION_DB
+    table.loc[weak & (table["status"] == FOUND), "status"] = CROSS_CORRELATION
+    return table.sort_values("statistic", ascending=False, ignore_index=True)

@@ -147,7 +147,7 @@ def summary_of(
         "share_on_signal": float(tracked["on_signal"].mean()),
         "on_signal_at_end": float(last["on_signal"].sum()),
         "position_rms_m": _rms(size),
-        "position_largest_m": float(np.max(size, initial=math.nan)) if len(size) else math.nan,
+        "position_largest_m": float(np.max(size)) if len(size) else math.nan,
         "position_at_end_m": float(size[-1]) if len(size) else math.nan,
         "position_over_sigma": _rms(error / sd),
         "velocity_rms_mps": _rms(np.linalg.norm(speed, axis=1)),

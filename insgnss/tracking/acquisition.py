@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import fft, special
 
 from insgnss.errors import ConfigError, InputError
@@ -27,6 +28,7 @@ from insgnss.tracking.codes import RangingCode
 from insgnss.tracking.correlators import Complex
 from insgnss.tracking.signal import Samples
 
+SingleComplex = npt.NDArray[np.complex64]
 DOPPLER_STEP_CYCLES: Final = 2.0 / 3.0  # over a look: sinc^2 loses 1.6 dB at the edge of a bin
 _FINE_BINS: Final = 33  # over two Doppler bins, when a detection is refined
 _FINE_CHIPS: Final = 0.5  # early and late of the refined delay
@@ -73,7 +75,7 @@ class Acquired(NamedTuple):
 class _Prepared(NamedTuple):
     """Samples at baseband as looks by code periods by samples of a period, and their times."""
 
-    y: Complex  # (looks, periods, n)
+    y: SingleComplex  # (looks, periods, n)
     t_s: Float64  # same shape, from the first sample
 
 
@@ -104,9 +106,10 @@ def acquire(
     farthest = abs(span.doppler_hz) + span.doppler_half_width_hz
     samples.sampling.check(code.rate_hz, span.coherent_s, farthest)
     ready = _prepared(samples, code, span)
-    spectra = [np.conj(fft.fft(_period(each, samples.sampling.rate_hz, ready.y.shape[2]))) for each in codes]
+    n = ready.y.shape[2]
+    spectra = [np.conj(fft.fft(_period(each, samples.sampling.rate_hz, n))) for each in codes]
     bins = span.bins_hz()
-    inside = _inside(span, code, ready.y.shape[2])
+    inside = _inside(span, code, n)
     best = [(-1.0, 0, 0.0)] * len(codes)
     floor = np.zeros(len(codes))
     for doppler in bins:
@@ -148,39 +151,41 @@ def _prepared(samples: Samples, code: RangingCode, span: SearchSpan) -> _Prepare
             advice=f"give at least {first[-1] + n} samples, or take fewer or shorter looks",
         )
     place = first[:, None] + np.arange(n)
-    y = samples.in_phase[place].astype(np.complex128)
+    # single precision: 1e-7 of a sum of 1e5 samples is nothing beside their noise, and half the time
+    y = samples.in_phase[place].astype(np.complex64)
     if samples.sampling.is_complex:
-        y += 1j * samples.quadrature[place]
+        y.imag = samples.quadrature[place]
     t = place / rate
     middle = 0.5 * t[-1, -1]
     cycles = samples.sampling.intermediate_hz * t + 0.5 * span.doppler_rate_hz_per_s * (t - middle) ** 2
-    y *= np.exp(-2j * np.pi * (cycles % 1.0))
+    if np.any(cycles):
+        y *= np.exp(-2j * np.pi * (cycles % 1.0)).astype(np.complex64)
     shape = (span.looks, periods, n)
     return _Prepared(y.reshape(shape), t.reshape(shape))
 
 
-def _period(code: RangingCode, rate_hz: float, n: int) -> Float64:
+def _period(code: RangingCode, rate_hz: float, n: int) -> npt.NDArray[np.float32]:
     """Return one period of a code at the samples."""
     place = np.floor(np.arange(n) * (code.rate_hz / rate_hz)).astype(np.int64)
-    return np.asarray(code.chips[place % code.length], float)
+    return np.asarray(code.chips[place % code.length], np.float32)
 
 
-def _folded(ready: _Prepared, doppler_hz: float) -> Complex:
+def _folded(ready: _Prepared, doppler_hz: float) -> SingleComplex:
     """Return each look of one Doppler, (looks, n): its periods summed. Its own phase does not matter."""
-    turn = np.exp(-2j * np.pi * doppler_hz * ready.t_s[0])
+    turn = np.exp(-2j * np.pi * doppler_hz * ready.t_s[0]).astype(np.complex64)
     return np.asarray(np.einsum("kpn,pn->kn", ready.y, turn))
 
 
 def _delay_ramps(
     ready: _Prepared, code: RangingCode, doppler_hz: float, carrier_hz: float, rate_hz: float
-) -> Complex:
+) -> SingleComplex:
     """Return what shifts the looks' spectra to the delay that the code had at the first sample."""
     n = ready.y.shape[2]
     since_s = ready.t_s[:, :, 0].mean(axis=1)
     late = -doppler_hz / carrier_hz * since_s * rate_hz  # samples by which the delay has changed
     if np.max(np.abs(late)) < 0.02:
-        return np.ones((1, 1), np.complex128)
-    return np.asarray(np.exp(2j * np.pi * np.fft.fftfreq(n)[None, :] * late[:, None]))
+        return np.ones((1, 1), np.complex64)
+    return np.asarray(np.exp(2j * np.pi * np.fft.fftfreq(n)[None, :] * late[:, None]).astype(np.complex64))
 
 
 def _inside(span: SearchSpan, code: RangingCode, n: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

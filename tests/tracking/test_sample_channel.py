@@ -40,7 +40,9 @@ SECONDS = 4.0
 CN0 = 41.0
 PRNS = (3, 8, 14, 22, 31)
 # Dopplers that let the code slide over the samples' grid by chips: its rounding averages out
-SIGNALS = [CarrierAndCode(70_000.25 + 100.3 * c, 2100.0 + 130.0 * c, 0.2 * c, L1_HZ) for c in range(len(PRNS))]
+SIGNALS = [
+    CarrierAndCode(70_000.25 + 100.3 * c, 2100.0 + 130.0 * c, 0.2 * c, L1_HZ) for c in range(len(PRNS))
+]
 
 
 class Tracked(NamedTuple):
@@ -89,9 +91,13 @@ def samples() -> Samples:
 @cache
 def tracked() -> Tracked:
     """Return what loops of 10 and 2 Hz do from a start a little off."""
-    channels = SampleChannels(SAMPLING, [gps_ca(p) for p in PRNS], design(digital_filter(2, 10.0, T)), 3.0, 2000)
+    channels = SampleChannels(
+        SAMPLING, [gps_ca(p) for p in PRNS], design(digital_filter(2, 10.0, T)), 3.0, 2000
+    )
     for c, state in enumerate(SIGNALS):
-        channels.open_channel(c, 1000, (state.delay_chips + 0.1) / 1.023e6, 2.0 * math.pi * (state.doppler_hz + 2.0))
+        channels.open_channel(
+            c, 1000, (state.delay_chips + 0.1) / 1.023e6, 2.0 * math.pi * (state.doppler_hz + 2.0)
+        )
     made = samples()
     channels.run(made.in_phase, made.quadrature, 0, len(made.in_phase), no_aid())
     return errors(channels, made)
@@ -170,7 +176,9 @@ def test_reading_is_the_pseudorange_without_ambiguity() -> None:
     for c, state in enumerate(SIGNALS):
         reading = found.channels.reading(c, sample)
         if reading is None:  # of an earlier integration than the last one
-            reading = found.channels.reading(c, found.channels.records[found.channels.written[c] - 1, c, MIDDLE])
+            reading = found.channels.reading(
+                c, found.channels.records[found.channels.written[c] - 1, c, MIDDLE]
+            )
             sample_c = found.channels.records[found.channels.written[c] - 1, c, MIDDLE]
         else:
             sample_c = float(sample)
@@ -183,9 +191,13 @@ def test_reading_is_the_pseudorange_without_ambiguity() -> None:
 
 def test_same_samples_in_pieces_give_the_same_bits() -> None:
     found, made = tracked(), samples()
-    channels = SampleChannels(SAMPLING, [gps_ca(p) for p in PRNS], design(digital_filter(2, 10.0, T)), 3.0, 2000)
+    channels = SampleChannels(
+        SAMPLING, [gps_ca(p) for p in PRNS], design(digital_filter(2, 10.0, T)), 3.0, 2000
+    )
     for c, state in enumerate(SIGNALS):
-        channels.open_channel(c, 1000, (state.delay_chips + 0.1) / 1.023e6, 2.0 * math.pi * (state.doppler_hz + 2.0))
+        channels.open_channel(
+            c, 1000, (state.delay_chips + 0.1) / 1.023e6, 2.0 * math.pi * (state.doppler_hz + 2.0)
+        )
     piece, first = 50_000, 0
     while first < 1_000_000:
         span = slice(max(0, first - 30_000), first + 2 * piece)

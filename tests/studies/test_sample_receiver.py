@@ -1,0 +1,143 @@
+"""A short flight through receivers on samples: position, aiding against none, searches, tables, bad input."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from insgnss.cli.main import app
+from insgnss.config.sample_receiver import SampleReceiver
+from insgnss.errors import ConfigError, InputError
+from insgnss.log.iq_file import IqFile
+from insgnss.simulate import Simulation, simulate
+from insgnss.studies.sample_receiver import SampleStudy, record_samples, sample_receiver
+from insgnss.studies.sample_search import acquire_recording
+from insgnss.tracking.signal import Sampling
+
+# a sampling rate with which a second of eight satellites takes a quarter of a second
+SETTINGS = SampleReceiver(rate_hz=2.5e6, looks=20)
+SECONDS = 16.0  # the first turn's roll begins at 10 s
+
+
+@cache
+def flown() -> Simulation:
+    return simulate("steep_turns", duration_s=SECONDS)
+
+
+@cache
+def study() -> SampleStudy:
+    return sample_receiver(flown(), losses_db=(11.0,), duration_s=SECONDS, settings=SETTINGS, seed=3)
+
+
+def rows(table: pd.DataFrame, receiver: str) -> pd.DataFrame:
+    return table[table["receiver"] == receiver]
+
+
+def test_aided_receiver_holds_every_signal_where_the_unaided_one_loses_them() -> None:
+    aided, unaided = (rows(study().summary, name).iloc[0] for name in ("aided", "unaided"))
+    assert aided["share_on_signal"] == 1.0
+    assert aided["share_locked"] > 0.95
+    assert aided["on_signal_at_end"] == 8.0
+    assert unaided["on_signal_at_end"] <= 4.0
+
+
+def test_position_is_within_ten_metres_and_its_error_fits_its_sigma() -> None:
+    epochs = rows(study().epochs, "aided")
+    errors = epochs[[f"error_{a}_m" for a in "ned"]].to_numpy()[3:]
+    assert np.linalg.norm(errors, axis=1).max() < 10.0
+    over = errors[-1] / epochs[[f"sd_{a}_m" for a in "ned"]].to_numpy(float)[-1]
+    assert np.abs(over).max() < 4.0
+
+
+def test_readings_of_channels_on_their_signal_have_the_loops_error() -> None:
+    channels = rows(study().channels, "aided")
+    settled = channels[channels["locked"] & (channels["time_s"] > channels["time_s"].min() + 3.0)]
+    error = settled["delay_error_m"]
+    # 1 Hz of code loop at 27 dBHz: 7 m of one second; 80 values of eight channels, three quarters of them independent
+    assert abs(error.mean()) < 4.0 * 7.0 / np.sqrt(60.0)
+    assert 4.0 < error.std() < 10.0
+
+
+def test_seeded_search_looks_at_few_cells_and_both_find_the_signals() -> None:
+    first = study().searches[study().searches["time_s"] < study().searches["time_s"].min() + 0.1]
+    seeded, blind = (rows(first, name) for name in ("aided", "unaided"))
+    assert len(seeded) == len(blind) == 8
+    assert seeded["cells"].max() < blind["cells"].min() / 50
+    assert (seeded["threshold"] < blind["threshold"].min()).all()
+    assert seeded["found"].all()
+    assert blind["found"].all()
+    for table in (seeded, blind):
+        assert table["delay_error_chips"].abs().max() < 0.3
+        assert table["doppler_error_hz"].abs().max() < 15.0
+
+
+def test_threads_and_repetition_change_no_number() -> None:
+    short = {"losses_db": (5.0,), "duration_s": 3.0, "settings": SETTINGS, "seed": 5}
+    one = sample_receiver(flown(), receivers=("aided", "unaided"), threads=1, **short)  # type: ignore[arg-type]
+    two = sample_receiver(flown(), receivers=("aided", "unaided"), threads=2, **short)  # type: ignore[arg-type]
+    pd.testing.assert_frame_equal(one.epochs, two.epochs)
+    pd.testing.assert_frame_equal(one.channels, two.channels)
+
+
+def test_study_is_saved_with_its_picture(tmp_path: Path) -> None:
+    folder = study().save(tmp_path / "out")
+    names = {
+        "summary.csv",
+        "epochs.csv",
+        "channels.csv",
+        "searches.csv",
+        "settings.json",
+        "sample_receiver.png",
+    }
+    assert names <= {path.name for path in folder.iterdir()}
+    again = pd.read_csv(folder / "summary.csv")
+    assert list(again["receiver"]) == ["aided", "unaided"]
+
+
+def test_recorded_samples_hold_the_satellites_of_the_flight(tmp_path: Path) -> None:
+    path = tmp_path / "a.iq"
+    assert record_samples(flown(), path, 0.0, 0.3, SETTINGS) == 750_000
+    file = IqFile(path, Sampling(2.5e6, is_complex=True))
+    table = acquire_recording(file, 0.1, 5e-3, 10, 6000.0, 1e-3)
+    found = set(table.loc[table["status"] == "found", "sv"])
+    assert found == {"G02", "G05", "G07", "G12", "G15", "G21", "G25", "G29"}
+    result = CliRunner().invoke(
+        app, ["acquire", str(path), "--rate", "2.5e6", "--look", "5", "--looks", "10"]
+    )
+    assert result.exit_code == 0, result.output
+    assert "8 satellites found" in result.output
+
+
+def test_weak_correlation_of_a_strong_signal_is_not_called_found(tmp_path: Path) -> None:
+    # 20 dB more: correlations with the other codes stand out of the noise too
+    path = tmp_path / "a.iq"
+    record_samples(flown(), path, -22.0, 0.1, SETTINGS)
+    file = IqFile(path, Sampling(2.5e6, is_complex=True))
+    table = acquire_recording(file, 0.0, 1e-3, 80, 6000.0, 1e-3)
+    assert (table["status"] == "cross_correlation").any()
+    assert set(table.loc[table["status"] == "found", "sv"]) == {
+        *("G02", "G05", "G07", "G12", "G15", "G21", "G25", "G29")
+    }
+
+
+def test_impossible_orders_are_refused(tmp_path: Path) -> None:
+    for options, key in (
+        ({"receivers": ("both",)}, "receivers"),
+        ({"receivers": ()}, "receivers"),
+        ({"losses_db": ()}, "losses_db"),
+        ({"threads": 0}, "threads"),
+        ({"seed": -1}, "seed"),
+        ({"duration_s": 100.0}, "duration_s"),
+    ):
+        with pytest.raises(ConfigError) as raised:
+            sample_receiver(flown(), **{"settings": SETTINGS, **options})  # type: ignore[arg-type]
+        assert raised.value.key == key
+    with pytest.raises(InputError, match="shorter than an acquisition"):
+        sample_receiver(flown(), losses_db=(0.0,), duration_s=0.1, settings=SETTINGS)
+    result = CliRunner().invoke(app, ["acquire", str(tmp_path / "no.iq"), "--rate", "4e6"])
+    assert result.exit_code == 3
