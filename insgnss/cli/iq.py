@@ -19,7 +19,7 @@ from insgnss.saving import overwriting
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from insgnss.studies.sample_receiver import SampleStudy
+    from insgnss.studies.sample_study import SampleStudy
 
 
 def iq(
@@ -53,7 +53,7 @@ def iq(
         from insgnss.config.sample_receiver import SampleReceiver
         from insgnss.config.strict import load_toml
         from insgnss.simulate import simulate
-        from insgnss.studies.sample_receiver import RECEIVERS, record_samples, sample_receiver
+        from insgnss.studies.sample_study import RECEIVERS, record_samples, sample_receiver
 
         use = SampleReceiver() if settings is None else load_toml(settings, SampleReceiver)
         losses = tuple(loss or ((0.0,) if record is not None else (0.0, 10.0)))

@@ -16,9 +16,9 @@ class SampledLoops(StrictModel):
     """The loops of the channels; the code loop is aided by the carrier."""
 
     order: Annotated[int, Field(ge=1, le=3)] = Field(3, description="of the phase loop")
-    bandwidth_hz: Positive = Field(15.0, le=100.0, description="of the phase loop, true, one-sided")
+    bandwidth_hz: Positive = Field(18.0, le=100.0, description="of the phase loop, true, one-sided")
     frequency_bandwidth_hz: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
-        4.0, description="of the frequency loop that assists it; 0: none"
+        4.0, description="of the frequency loop that assists it while it pulls in; 0: none"
     )
     code_bandwidth_hz: Positive = Field(1.0, le=20.0, description="of the code loop, order 1")
 
@@ -31,7 +31,7 @@ class SampleReceiver(StrictModel):
     is_complex: bool = Field(True, description="in-phase and quadrature, or real samples")
     sample_type: Literal["int8", "int16"] = Field("int8", description="to which the samples are rounded")
     integration_ms: Literal[1, 2, 4, 5, 10, 20] = Field(
-        10, description="of the correlators; a data bit lasts 20 ms"
+        20, description="of the correlators; a data bit lasts 20 ms"
     )
     spacing_chips: Annotated[float, Field(ge=0.05, le=1.0)] = Field(0.25, description="from early to late")
     unaided: SampledLoops = SampledLoops()
@@ -72,7 +72,7 @@ class SampleReceiver(StrictModel):
         2.0, description="without lock, then the channel is closed and searched anew"
     )
     search: Search = Search(
-        detection=Detection(coherent_limit_s=0.01), guards=Guards(threshold_cn0_dbhz=20.0)
+        detection=Detection(coherent_limit_s=0.01), guards=Guards(threshold_cn0_dbhz=20.0, retry_s=2.0)
     )
 
     @property

@@ -43,7 +43,7 @@ from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance
 from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage_windows import Removal
 from insgnss.studies.receiver_slips import SlipRuns, slip_runs
-from insgnss.studies.sample_receiver import SampleStudy, record_samples, sample_receiver
+from insgnss.studies.sample_study import SampleStudy, record_samples, sample_receiver
 
 __all__ = [
     "Banked",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,28 +23,30 @@ from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.signal import Samples, Sampling
 
 
-def loop_design(
+def loop_designs(
     settings: SampleReceiver, loops: SampledLoops, code: RangingCode, cn0_dbhz: float
-) -> ChannelDesign:
-    """Return the loops of a channel.
+) -> tuple[ChannelDesign, ChannelDesign]:
+    """Return the loops of a channel that tracks, and of one that pulls in with the help of the frequency loop.
 
     Raises
     ------
     ConfigError : bandwidths too large for the integration
     """
     T = settings.integration_s
-    carrier = assisted_filter(loops.order, loops.bandwidth_hz, loops.frequency_bandwidth_hz, T)
-    assisted = bool(np.any(carrier.rate_gains))
-    return ChannelDesign(
-        carrier,
+    tracking = ChannelDesign(
+        digital_filter(loops.order, loops.bandwidth_hz, T),
         digital_filter(1, loops.code_bandwidth_hz, T),
         cn0_dbhz,
         "atan",
-        "atan" if assisted else "none",
+        "none",
         "dot",
         settings.spacing_chips,
         chips_per_radian(code, L1_HZ),
     )
+    if loops.order == 1 or loops.frequency_bandwidth_hz == 0.0:
+        return tracking, tracking
+    assisted = assisted_filter(loops.order, loops.bandwidth_hz, loops.frequency_bandwidth_hz, T)
+    return tracking, replace(tracking, carrier=assisted, frequency_kind="atan")
 
 
 def loop_sigmas(design: ChannelDesign, cn0_dbhz: float) -> tuple[float, float]:
@@ -57,10 +59,13 @@ def loop_sigmas(design: ChannelDesign, cn0_dbhz: float) -> tuple[float, float]:
     a = signal_ratio(cn0_dbhz, design.step_s)
     phase = equivalent_variance(PhaseDiscriminator(design.phase_kind), a)
     delay = equivalent_variance(DelayDiscriminator(design.delay_kind, Correlators(design.spacing_chips)), a)
-    assert isinstance(design.carrier, LoopFilter)  # ``loop_design`` gives one
-    P = design.carrier.prediction_covariance(phase)
+    carrier = design.carrier
+    if isinstance(carrier, LoopFilter):
+        P = carrier.prediction_covariance(phase)
+        rate = math.sqrt(P[1, 1]) if len(P) > 1 else 0.0
+    else:
+        rate = math.sqrt(carrier.rate_covariance(phase)[0, 0])
     chips2 = design.code.prediction_covariance(delay)[0, 0]
-    rate = math.sqrt(P[1, 1]) if len(P) > 1 else 0.0
     return C_MPS / GPS_CA_CHIP_HZ * math.sqrt(chips2), C_MPS / L1_HZ / (2.0 * math.pi) * rate
 
 

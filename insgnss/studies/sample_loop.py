@@ -29,7 +29,7 @@ from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.engine import Engine
 from insgnss.errors import InputError
 from insgnss.filter.setup import FilterSetup
-from insgnss.studies.sample_design import SampleBuffer, loop_design, loop_sigmas
+from insgnss.studies.sample_design import SampleBuffer, loop_designs, loop_sigmas
 from insgnss.studies.sample_search import (
     Expected,
     Search,
@@ -87,7 +87,8 @@ class SampleLoop:
         e, s = equipment, equipment.settings
         self.equipment, self.aided = e, aided
         self._m = m = len(e.codes)
-        self._design = loop_design(s, s.aided if aided else s.unaided, e.codes[0], e.cn0_dbhz)
+        loops = s.aided if aided else s.unaided
+        self._design, self._wide = loop_designs(s, loops, e.codes[0], e.cn0_dbhz)
         self.channels: SampleChannels
         self.searches: list[tuple[int, Search]] = []
         self.epochs: list[dict[str, float]] = []
@@ -129,7 +130,7 @@ class SampleLoop:
         head = buffer.cut(e.sampling, 0, dwell)
         rows = math.ceil((t_ns[-1] - e.start_ns) / NS_PER_S / s.integration_s) + 100
         variance = float(np.mean(head.in_phase**2))
-        self.channels = SampleChannels(e.sampling, list(e.codes), self._design, variance, rows)
+        self.channels = SampleChannels(e.sampling, list(e.codes), self._design, variance, rows, self._wide)
         self._search(buffer, dwell, np.ones(self._m, np.bool_))
         at = np.rint((t_ns - e.start_ns) * (rate / NS_PER_S)).astype(np.int64)
         every = max(1, round(NS_PER_S / s.epoch_rate_hz / (t_ns[1] - t_ns[0])))
@@ -287,7 +288,9 @@ class SampleLoop:
         pseudorange_s, doppler_hz = search.at_end(told_m, rate)
         aid = self._told.rate_radps[channel]
         aid += self._told.acceleration_radps2[channel] * (sample - self._told.at_sample[channel]) / rate
-        self.channels.open_channel(channel, sample, pseudorange_s, 2.0 * math.pi * doppler_hz - aid)
+        own = 2.0 * math.pi * doppler_hz - aid
+        pull_in_s = self.equipment.settings.pull_in_s
+        self.channels.open_channel(channel, sample, pseudorange_s, own, pull_in_s)
         self._opened[channel], self._locked[channel], self._lost[channel] = sample, False, np.nan
         self._cn0[channel] = self.equipment.cn0_dbhz
         self.channels.set_cn0(channel, self.equipment.cn0_dbhz)

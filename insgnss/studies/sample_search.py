@@ -32,7 +32,7 @@ from insgnss.log.iq_file import IqFile
 from insgnss.supervision import Outlook, SupervisionSetup, outlook
 from insgnss.tables import Float64, ImuTable
 from insgnss.tracking.acquisition import Acquired, SearchSpan, acquire
-from insgnss.tracking.codes import GPS_CA_CHIP_HZ, RangingCode, gps_ca
+from insgnss.tracking.codes import GPS_BIT_S, GPS_CA_CHIP_HZ, RangingCode, gps_ca
 from insgnss.tracking.signal import Samples as SignalSamples
 
 LEAST_WINDOW_CHIPS = (
@@ -93,10 +93,16 @@ class Search(NamedTuple):
         """
         length_s = (self.last_sample - self.first_sample) / rate_hz
         doppler = self.acquired.doppler_hz
-        delay = self.acquired.delay_chips / GPS_CA_CHIP_HZ - doppler / L1_HZ * length_s
+        delay = (self.acquired.delay_chips + origin_chips(self.first_sample, rate_hz)) / GPS_CA_CHIP_HZ
+        delay -= doppler / L1_HZ * length_s
         period = 1023.0 / GPS_CA_CHIP_HZ
         delay += period * round((expected_delay_m / C_MPS - delay) / period)
         return delay, doppler + 0.5 * self.span.doppler_rate_hz_per_s * length_s
+
+
+def origin_chips(first: int, rate_hz: float) -> float:
+    """Return the code phase of a satellite without delay at a sample, from the beginning of a data bit on [chips]."""
+    return GPS_CA_CHIP_HZ / rate_hz * first % (GPS_CA_CHIP_HZ * GPS_BIT_S)
 
 
 def told_outlook(
@@ -171,15 +177,17 @@ def seeded_span(
     doppler = float(expected.doppler_hz[channel])
     delay_s = expected.delay_at(channel, first, rate) / C_MPS
     sigmas = settings.search.grid.sigmas
+    local_chips = float(delay_s * GPS_CA_CHIP_HZ) - origin_chips(first, rate)
     half_chips = sigmas * float(window.sigma_delay_m.ravel()[channel]) / C_MPS * GPS_CA_CHIP_HZ
     return SearchSpan(
         doppler + turn * mid_s,
         sigmas * float(window.sigma_doppler_hz.ravel()[channel]),
-        float(delay_s * GPS_CA_CHIP_HZ) % 1023.0,
+        local_chips % 1023.0,
         max(half_chips, LEAST_WINDOW_CHIPS),
         turn,
         settings.look_s,
         settings.looks,
+        local_chips,
     )
 
 

@@ -17,6 +17,7 @@ from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import BORDER_S, SignalSky
 from insgnss.simulation.simulated_log import Scenario
 from insgnss.studies.sample_loop import SampleLoop
+from insgnss.studies.sample_search import origin_chips
 from insgnss.tables import Float64
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ
 from insgnss.tracking.sample_channel import DELAY_CHIPS, MIDDLE, PHASE_RAD
@@ -103,7 +104,8 @@ def search_table(loop: SampleLoop, sky: SignalSky) -> pd.DataFrame:
     for c, search in loop.searches:
         first_s, last_s = search.first_sample / rate, search.last_sample / rate
         true_m = float(np.interp(first_s, border_s, sky.pseudorange_m[:, c]))
-        off = search.acquired.delay_chips - true_m / C_MPS * GPS_CA_CHIP_HZ
+        off = search.acquired.delay_chips + origin_chips(search.first_sample, rate)
+        off -= true_m / C_MPS * GPS_CA_CHIP_HZ
         rate_mps = (
             np.interp(last_s, border_s, sky.carrier_m[:, c])
             - np.interp(first_s, border_s, sky.carrier_m[:, c])

@@ -45,6 +45,7 @@ class SearchSpan:
     doppler_rate_hz_per_s: float = 0.0  # by which the replica is led on
     coherent_s: float = 0.01
     looks: int = 1
+    bit_delay_chips: float | None = None  # delay of the data bits at the first sample, to half a code period
 
     def __post_init__(self) -> None:
         require_not_negative(doppler_half_width_hz=self.doppler_half_width_hz)
@@ -208,31 +209,52 @@ def _refined(
     cells: int,
     noise: float,
 ) -> Acquired:
-    """Return a cell with its Doppler refined on a grid of sixteenths of a bin, its delay by early against late."""
+    """Return a cell with its Doppler refined between bins, over whole data bits where known, and its delay.
+
+    The delay is refined by early against late half a chip away, the Doppler by a parabola through the best of
+    sixteenths of a bin and its neighbours.
+    """
     power, k, doppler = found
-    looks, _, n = ready.y.shape
+    looks, periods, n = ready.y.shape
     delay = k * (code.length / n)
-    step = DOPPLER_STEP_CYCLES / span.coherent_s
-    fine = doppler + step * np.linspace(-1.0, 1.0, _FINE_BINS)
-    turn = np.exp(-2j * np.pi * np.outer(fine, ready.t_s[0, :, n // 2]))
+    t = ready.t_s.reshape(looks * periods, n)
+    mixed = ready.y.reshape(t.shape) * np.exp(-2j * np.pi * (doppler * t % 1.0)).astype(np.complex64)
+    begins = _sum_begins(t[:, n // 2], code, span, delay, periods)
 
-    def despread(at_chips: float) -> Complex:
-        """Return the correlators of each period, (looks, periods), of a replica at a delay."""
-        late = -doppler / carrier_hz * code.rate_hz
-        phase = ready.t_s * (code.rate_hz - late) - at_chips
-        replica = code.chips[np.floor(phase).astype(np.int64) % code.length]
-        carrier = np.exp(-2j * np.pi * doppler * ready.t_s[0, :, :])
-        centre = np.exp(2j * np.pi * doppler * ready.t_s[0, :, n // 2])
-        return np.asarray(np.einsum("kpn,kpn,pn->kp", ready.y, replica, carrier) * centre)
+    def sums(at_chips: float, off_hz: Float64) -> Complex:
+        """Return the coherent sums, (sums, dopplers), of a replica at a delay."""
+        phase = t * (code.rate_hz * (1.0 + doppler / carrier_hz)) - at_chips
+        rows = np.einsum("kn,kn->k", mixed, code.chips[np.floor(phase).astype(np.int64) % code.length])
+        turned = rows[:, None] * np.exp(-2j * np.pi * np.outer(t[:, n // 2], off_hz))
+        return np.asarray(np.add.reduceat(turned, begins, axis=0))
 
-    strength = np.sum(np.abs(despread(delay) @ turn.T) ** 2, axis=0)
-    best = int(np.argmax(strength))
-    early, late = (
-        float(np.sqrt(np.sum(np.abs(despread(delay + side * _FINE_CHIPS) @ turn[best]) ** 2)))
-        for side in (-1.0, 1.0)
-    )
-    delay += 0.5 * (late - early) / (late + early)
+    fine = DOPPLER_STEP_CYCLES / span.coherent_s * np.linspace(-1.0, 1.0, _FINE_BINS)
+    strength = np.sum(np.abs(sums(delay, fine)) ** 2, axis=0)
+    off = _peak(fine, strength)
+    at_peak = np.array([off])
+    early, late = (np.linalg.norm(sums(delay + side * _FINE_CHIPS, at_peak)) for side in (-1.0, 1.0))
+    delay += 0.5 * float((late - early) / (late + early))
     statistic = power / noise
-    snr = max(float(strength[best]) / noise, statistic) / looks - 1.0
+    snr = statistic / looks - 1.0
     cn0 = 10.0 * math.log10(snr / span.coherent_s) if snr > 0.0 else math.nan
-    return Acquired(statistic, cells, delay % code.length, float(fine[best]), cn0)
+    return Acquired(statistic, cells, delay % code.length, doppler + off, cn0)
+
+
+def _sum_begins(
+    middle_s: Float64, code: RangingCode, span: SearchSpan, delay_chips: float, periods: int
+) -> npt.NDArray[np.int64]:
+    """Return the numbers of the code periods at which coherent sums begin: those of data bits where these are known."""
+    if span.bit_delay_chips is None:
+        return np.arange(0, len(middle_s), periods)
+    whole = delay_chips + code.length * round((span.bit_delay_chips - delay_chips) / code.length)
+    bit = np.floor((code.rate_hz * middle_s - whole) / (code.rate_hz * code.sign_s))
+    return np.concatenate([[0], np.flatnonzero(np.diff(bit)) + 1])
+
+
+def _peak(x: Float64, y: Float64) -> float:
+    """Return where a parabola through the largest value and its neighbours has its top; at an end the end itself."""
+    k = int(np.argmax(y))
+    if k in (0, len(x) - 1):
+        return float(x[k])
+    low, top, high = y[k - 1 : k + 2]
+    return float(x[k] + 0.5 * (x[1] - x[0]) * (low - high) / (low - 2.0 * top + high))

@@ -14,7 +14,7 @@ The carrier phase is that of the baseband signal, without the intermediate frequ
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -42,7 +42,8 @@ from insgnss.tracking.signal import Sampling
 AT: Final = N_STATE
 BORDER: Final = N_STATE + 1  # code phase there, a multiple of the integration's length [chips]
 START: Final = N_STATE + 2  # sample
-N_SAMPLE_STATE: Final = N_STATE + 3
+PULLED_IN: Final = N_STATE + 3  # sample up to which the gains of the pull-in are used
+N_SAMPLE_STATE: Final = N_STATE + 4
 # What is written of each integration; values hold at its middle, before it corrects the loops
 MIDDLE, COUNT, PROMPT_I, PROMPT_Q, PHASE_RAD, RATE_RADPS, TURN_RADPS2, DELAY_CHIPS, DELAY_RATE_CHIPS = range(
     9
@@ -76,6 +77,7 @@ def track_samples(
     chips: Int8,
     scale: SampleScale,
     gains: Gains,
+    pull_in: Gains,
     told: Told,
     amplitude: Float64,
     slopes: Float64,
@@ -95,9 +97,10 @@ def track_samples(
     first, until : numbers of samples
     chips : (m, length) one period of each channel's code
     scale, gains, told : of the channels
+    pull_in : gains of a channel that was opened lately
     amplitude : (m,) factor of the sums: A / sigma_n^2 for the C/N0 that the slopes are for
     slopes : (m, 3) of the discriminators
-    state : (m, 10) of the channels, led on; a channel whose START is negative is closed
+    state : (m, 11) of the channels, led on; a channel whose START is negative is closed
     out : (rows, m, 9) records; a channel stops where they are full
     written : (m,) number of rows, led on
     """
@@ -148,7 +151,8 @@ def track_samples(
             # the aiding at the border to the next integration
             since_s = (start + count - told.at_sample[c]) / scale.rate_hz
             aid_rate = told.rate_radps[c] + told.acceleration_radps2[c] * since_s
-            correct_and_lead(x, Z, gains, slopes[c], gains.step_s, aid_rate, 0.0)
+            used = pull_in if start < x[PULLED_IN] else gains
+            correct_and_lead(x, Z, used, slopes[c], gains.step_s, aid_rate, 0.0)
             x[AT] = middle + gains.step_s * scale.rate_hz
             x[START], x[BORDER] = start + count, next_border
 
@@ -170,6 +174,9 @@ class SampleChannels:
     sampling : of the recording
     codes : of the channels, all of one length and rate
     design : of their loops; an integration is a whole number of code periods
+    pull_in : of the loops while a channel pulls in, with the same integrations and discriminators; None: as later. A
+        frequency discriminator that helps from hertz away would lose lock in noise that the phase loop alone stands:
+        at 24 dBHz and 10 ms within a second
     noise_variance : of each component of the samples
     rows : how many integrations are recorded of each channel at most
 
@@ -185,6 +192,7 @@ class SampleChannels:
         design: ChannelDesign,
         noise_variance: float,
         rows: int,
+        pull_in: ChannelDesign | None = None,
     ) -> None:
         code = codes[0]
         periods = design.step_s / code.period_s
@@ -193,9 +201,9 @@ class SampleChannels:
             advice = f"take {code.sign_s * 1e3:g} ms over a whole number, and whole code periods"
             message = f"an integration of {design.step_s * 1e3:g} ms does not fit the code and its data"
             raise ConfigError(message, key="integration_s", advice=advice)
-        self.sampling, self.design = sampling, design
+        self.sampling, self.design, self._wide = sampling, design, pull_in or design
         self._chips = np.stack([each.chips for each in codes])
-        self._gains = design.gains()
+        self._gains, self._pull_in = design.gains(), self._wide.gains()
         self._scale = SampleScale(
             sampling.rate_hz, sampling.intermediate_hz, code.rate_hz, round(periods) * float(code.length)
         )
@@ -216,21 +224,17 @@ class SampleChannels:
 
     def set_cn0(self, channel: int, cn0_dbhz: float) -> None:
         """Let a channel's discriminators be scaled for a C/N0, as the receiver has estimated it."""
-        design = self.design
-        adapted = ChannelDesign(
-            design.carrier,
-            design.code,
-            cn0_dbhz,
-            design.phase_kind,
-            design.frequency_kind,
-            design.delay_kind,
-            design.spacing_chips,
-            design.chips_per_radian,
-        )
-        self._slopes[channel] = adapted.gains().slopes
+        self._slopes[channel] = replace(self._wide, cn0_dbhz=cn0_dbhz).gains().slopes
         self._amplitude[channel] = self.sampling.amplitude(cn0_dbhz) / math.sqrt(self._variance)
 
-    def open_channel(self, channel: int, sample: int, pseudorange_s: float, own_rate_radps: float) -> None:
+    def open_channel(
+        self,
+        channel: int,
+        sample: int,
+        pseudorange_s: float,
+        own_rate_radps: float,
+        pull_in_s: float = 0.0,
+    ) -> None:
         """Open a channel at the first border of its integrations at or after a sample.
 
         Parameters
@@ -238,6 +242,7 @@ class SampleChannels:
         sample : from which on its samples are there
         pseudorange_s : at that sample, the whole number of code periods known
         own_rate_radps : of the carrier phase, less what the aiding tells
+        pull_in_s : for how long the gains of the pull-in are used
         """
         s, x = self._scale, self.state[channel]
         delay = pseudorange_s * s.chip_hz
@@ -246,7 +251,7 @@ class SampleChannels:
         start = sample + math.ceil((border - phase) * s.rate_hz / s.chip_hz)
         x[:] = 0.0
         x[RATE], x[DELAY], x[BORDER], x[START] = own_rate_radps, delay, border, start
-        x[AT] = sample
+        x[AT], x[PULLED_IN] = sample, sample + pull_in_s * s.rate_hz
 
     def close_channel(self, channel: int) -> None:
         """Stop a channel."""
@@ -262,6 +267,7 @@ class SampleChannels:
             self._chips,
             self._scale,
             self._gains,
+            self._pull_in,
             told,
             self._amplitude,
             self._slopes,

@@ -1,7 +1,7 @@
 """Receivers on samples over a minute: ``python -m tests.benchmarks.bench_samples [--seeds 1 2 3]``.
 
-60 s of eight GPS satellites at 4 MHz, made, rounded to int8, acquired, tracked and navigated with. Limits: less than ten
-times real time on two cores for the aided and the unaided receiver together; the aided position within 10 m of the
+60 s of eight GPS satellites at 4 MHz, made, rounded to int8, acquired, tracked and navigated with. Limits: less than
+ten times real time on two cores for the aided and the unaided receiver together; the aided position within 10 m of the
 truth at the scenario's C/N0 and with 10 dB less, where the unaided receiver must have lost its signals.
 """
 
@@ -15,7 +15,7 @@ import time
 import pandas as pd
 
 from insgnss.simulate import simulate
-from insgnss.studies.sample_receiver import SampleStudy, sample_receiver
+from insgnss.studies.sample_study import SampleStudy, sample_receiver
 
 LIMIT_S = 600.0
 LIMIT_M = 10.0
@@ -56,7 +56,10 @@ def main() -> int:
         took_s, spent = time.perf_counter() - began, os.times()
         print(f"seed {seed}\n{study.summary.T.to_string()}")
         runs = len(study.summary) / 2.0  # both receivers of one C/N0 run at the same time
-        print(f"{took_s / runs:.1f} s for each {SECONDS:.0f} s ({took_s / runs / SECONDS:.2f} times real time), ", end="")
+        print(
+            f"{took_s / runs:.1f} s for each {SECONDS:.0f} s ({took_s / runs / SECONDS:.2f} times real time), ",
+            end="",
+        )
         print(f"{spent.user + spent.system - cpu.user - cpu.system:.1f} s of CPU in all")
         told = {"time": took_s / runs < LIMIT_S, **verdicts(study.summary)}
         for name, holds in told.items():

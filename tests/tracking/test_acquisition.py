@@ -119,15 +119,18 @@ def test_window_limits_the_cells_and_holds_around_the_end_of_the_code(rng: np.ra
 
 def test_told_doppler_rate_keeps_the_looks_together(rng: np.random.Generator) -> None:
     t = np.arange(round(0.3 * COMPLEX.rate_hz)) / COMPLEX.rate_hz
-    still = signal(COMPLEX, 60.0, 300, CarrierAndCode(5.0), None)
+    still, noise = (
+        signal(COMPLEX, 40.0, 300, CarrierAndCode(5.0), None),
+        signal(COMPLEX, None, 300, CarrierAndCode(), rng),
+    )
     turn = np.exp(1j * np.pi * 2600.0 * (t - 0.15) ** 2)  # 50 g along the line of sight
     moved = (still.in_phase + 1j * still.quadrature) * turn
-    samples = Samples(COMPLEX, moved.real, moved.imag)
+    samples = Samples(COMPLEX, moved.real + noise.in_phase, moved.imag + noise.quadrature)
     span = SearchSpan(0.0, 30.0, coherent_s=0.01, looks=30, doppler_rate_hz_per_s=2600.0)
     told = acquire(samples, [CODE], span, L1_HZ)[0]
     blind = acquire(samples, [CODE], SearchSpan(0.0, 30.0, coherent_s=0.01, looks=30), L1_HZ)[0]
     assert told.doppler_hz == pytest.approx(0.0, abs=5.0)
-    assert told.statistic > 1.5 * blind.statistic
+    assert told.statistic > 3.0 * blind.statistic
 
 
 def test_too_few_samples_a_broken_look_and_a_folded_signal_are_refused(rng: np.random.Generator) -> None:

@@ -37,7 +37,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.filter.setup import FilterSetup
 from insgnss.library import filter_config
-from insgnss.log.iq_file import rounded, write_iq
+from insgnss.log.iq_file import IqFile, rounded, write_iq
 from insgnss.shown import Shown
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
@@ -105,6 +105,7 @@ def sample_receiver(
     receivers: Sequence[str] = RECEIVERS,
     settings: SampleReceiver | None = None,
     filter: str | Path = "tight",
+    recording: str | Path | None = None,
     seed: int = 1,
     threads: int = 2,
     progress: Progress | None = None,
@@ -119,6 +120,8 @@ def sample_receiver(
     receivers : "aided", "unaided" or both
     settings : of sampling, acquisition and loops
     filter : a name in the library or a file; its carrier phases are not used
+    recording : the samples, as ``record_samples`` wrote them for this flight, loss, settings and seed;
+        None: made anew
     seed : of clock, data, noise and told start
     threads : receivers that run at the same time; the numbers do not depend on it
     progress : told when a run begins
@@ -133,6 +136,9 @@ def sample_receiver(
         key = "receivers" if unknown or not receivers else "losses_db" if not losses_db else "threads"
         advice = f"receivers: {', '.join(RECEIVERS)}; at least one loss, one thread and a seed from 0 on"
         raise ConfigError("nothing to run", key="seed" if seed < 0 else key, advice=advice)
+    if recording is not None and len(losses_db) > 1:
+        advice = "give the one loss that it was recorded with"
+        raise ConfigError(f"one recording for {len(losses_db)} losses", key="losses_db", advice=advice)
     found: list[_Tables] = []
     for loss in losses_db:
         sky = signal_sky(flown.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss)
@@ -141,7 +147,7 @@ def sample_receiver(
         def one(name: str, sky: SignalSky = sky, equipment: Equipment = equipment) -> _Tables:
             if progress is not None:
                 progress(f"{name} receiver at {equipment.cn0_dbhz:.1f} dBHz")
-            return _run(name, sky, equipment, flown, seed)
+            return _run(name, sky, equipment, flown, _blocks(sky, use, seed, recording))
 
         with ThreadPoolExecutor(threads) as pool:
             found += list(pool.map(one, receivers))
@@ -229,12 +235,11 @@ def told_start(scenario: Scenario, rng: np.random.Generator) -> GivenStart:
     )
 
 
-def _run(name: str, sky: SignalSky, equipment: Equipment, flown: Flown, seed: int) -> _Tables:
+def _run(name: str, sky: SignalSky, equipment: Equipment, flown: Flown, blocks: Iterator[Samples]) -> _Tables:
     """Return the four tables of one receiver."""
     began = time.perf_counter()
     loop = SampleLoop(equipment, aided=name == "aided")
-    kind = equipment.settings.sample_type
-    loop.run(rounded(block, kind) for block in _samples(sky, equipment.settings, seed))
+    loop.run(blocks)
     took_s = time.perf_counter() - began
     epochs = epoch_table(loop, flown.scenario)
     channels = channel_table(loop, sky)
@@ -244,6 +249,16 @@ def _run(name: str, sky: SignalSky, equipment: Equipment, flown: Flown, seed: in
         table.insert(0, "cn0_dbhz", equipment.cn0_dbhz)
         table.insert(1, "receiver", name)
     return summary, epochs, channels, searches
+
+
+def _blocks(
+    sky: SignalSky, settings: SampleReceiver, seed: int, recording: str | Path | None
+) -> Iterator[Samples]:
+    """Return the samples as the front end gives them: integers."""
+    if recording is not None:
+        sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
+        return IqFile(Path(recording), sampling, settings.sample_type).blocks()
+    return (rounded(block, settings.sample_type) for block in _samples(sky, settings, seed))
 
 
 def _samples(sky: SignalSky, settings: SampleReceiver, seed: int) -> Iterator[Samples]:

@@ -13,15 +13,17 @@ from typer.testing import CliRunner
 from insgnss.cli.main import app
 from insgnss.config.sample_receiver import SampleReceiver
 from insgnss.errors import ConfigError, InputError
+from insgnss.library import find
 from insgnss.log.iq_file import IqFile
 from insgnss.simulate import Simulation, simulate
-from insgnss.studies.sample_receiver import SampleStudy, record_samples, sample_receiver
 from insgnss.studies.sample_search import acquire_recording
+from insgnss.studies.sample_study import SampleStudy, record_samples, sample_receiver
 from insgnss.tracking.signal import Sampling
 
-# a sampling rate with which a second of eight satellites takes a quarter of a second
-SETTINGS = SampleReceiver(rate_hz=2.5e6, looks=20)
-SECONDS = 16.0  # the first turn's roll begins at 10 s
+# the lowest sampling rate that holds the main lobe: a second of eight satellites takes a quarter of a second
+SETTINGS = SampleReceiver(rate_hz=2.2e6, looks=60)
+SECONDS = 12.0  # the first turn's roll begins at 6 s
+SATELLITES = {"G02", "G05", "G07", "G12", "G15", "G21", "G25", "G29"}
 
 
 @cache
@@ -31,7 +33,7 @@ def flown() -> Simulation:
 
 @cache
 def study() -> SampleStudy:
-    return sample_receiver(flown(), losses_db=(11.0,), duration_s=SECONDS, settings=SETTINGS, seed=3)
+    return sample_receiver(flown(), losses_db=(9.0,), duration_s=SECONDS, settings=SETTINGS, seed=3)
 
 
 def rows(table: pd.DataFrame, receiver: str) -> pd.DataFrame:
@@ -76,12 +78,51 @@ def test_seeded_search_looks_at_few_cells_and_both_find_the_signals() -> None:
         assert table["doppler_error_hz"].abs().max() < 15.0
 
 
-def test_threads_and_repetition_change_no_number() -> None:
-    short = {"losses_db": (5.0,), "duration_s": 3.0, "settings": SETTINGS, "seed": 5}
-    one = sample_receiver(flown(), receivers=("aided", "unaided"), threads=1, **short)  # type: ignore[arg-type]
-    two = sample_receiver(flown(), receivers=("aided", "unaided"), threads=2, **short)  # type: ignore[arg-type]
-    pd.testing.assert_frame_equal(one.epochs, two.epochs)
-    pd.testing.assert_frame_equal(one.channels, two.channels)
+def test_recording_and_threads_change_no_number(tmp_path: Path) -> None:
+    path = tmp_path / "a.iq"
+    quick = SampleReceiver(rate_hz=2.2e6, looks=10)
+    record_samples(flown(), path, 0.0, 4.0, quick, seed=5)
+    both = [
+        sample_receiver(
+            flown(),
+            losses_db=(0.0,),
+            duration_s=4.0,
+            settings=quick,
+            seed=5,
+            recording=source,
+            threads=threads,
+        )
+        for source, threads in ((None, 2), (path, 1))
+    ]
+    for name in ("epochs", "channels"):
+        pd.testing.assert_frame_equal(getattr(both[0], name), getattr(both[1], name))
+    with pytest.raises(ConfigError, match="one recording for 2 losses"):
+        sample_receiver(flown(), duration_s=4.0, settings=quick, recording=path)
+
+
+def test_satellites_that_come_back_are_found_in_the_supervisors_window(tmp_path: Path) -> None:
+    scenario = find("scenarios", "steep_turns").read_text(encoding="utf-8")
+    outage = '[[fault]]\nkind = "outage"\nsv = ["G05", "G12", "G25"]\nfrom_s = 4.0\nto_s = 9.0\n'
+    (tmp_path / "outage.toml").write_text(scenario + outage, encoding="utf-8")
+    quick = SampleReceiver(rate_hz=2.2e6, looks=20, drop_after_s=1.0)
+    made = sample_receiver(
+        simulate(tmp_path / "outage.toml", duration_s=SECONDS),
+        losses_db=(0.0,),
+        duration_s=SECONDS,
+        receivers=("aided",),
+        settings=quick,
+    )
+    later = made.searches[made.searches["time_s"] > made.searches["time_s"].min() + 1.0]
+    assert set(later["sv"]) == {"G05", "G12", "G25"}
+    found = later[later["found"]]
+    assert set(found["sv"]) == {"G05", "G12", "G25"}
+    # the first search of a satellite had the clock and the told start in its window, these have the filter's sigma
+    assert later["cells"].max() < made.searches["cells"].iloc[0] / 10
+    assert found["delay_error_chips"].abs().max() < 0.3
+    states = made.channels[made.channels["sv"].isin(["G05", "G12", "G25"])]
+    assert {"track", "search"} <= set(states["supervisor"])
+    last = states[states["time_s"] == states["time_s"].max()]
+    assert last["on_signal"].all()
 
 
 def test_study_is_saved_with_its_picture(tmp_path: Path) -> None:
@@ -101,13 +142,13 @@ def test_study_is_saved_with_its_picture(tmp_path: Path) -> None:
 
 def test_recorded_samples_hold_the_satellites_of_the_flight(tmp_path: Path) -> None:
     path = tmp_path / "a.iq"
-    assert record_samples(flown(), path, 0.0, 0.3, SETTINGS) == 750_000
-    file = IqFile(path, Sampling(2.5e6, is_complex=True))
+    assert record_samples(flown(), path, 0.0, 0.3, SETTINGS) == 660_000
+    file = IqFile(path, Sampling(2.2e6, is_complex=True))
     table = acquire_recording(file, 0.1, 5e-3, 10, 6000.0, 1e-3)
     found = set(table.loc[table["status"] == "found", "sv"])
-    assert found == {"G02", "G05", "G07", "G12", "G15", "G21", "G25", "G29"}
+    assert found == SATELLITES
     result = CliRunner().invoke(
-        app, ["acquire", str(path), "--rate", "2.5e6", "--look", "5", "--looks", "10"]
+        app, ["acquire", str(path), "--rate", "2.2e6", "--look", "5", "--looks", "10"]
     )
     assert result.exit_code == 0, result.output
     assert "8 satellites found" in result.output
@@ -117,12 +158,10 @@ def test_weak_correlation_of_a_strong_signal_is_not_called_found(tmp_path: Path)
     # 20 dB more: correlations with the other codes stand out of the noise too
     path = tmp_path / "a.iq"
     record_samples(flown(), path, -22.0, 0.1, SETTINGS)
-    file = IqFile(path, Sampling(2.5e6, is_complex=True))
+    file = IqFile(path, Sampling(2.2e6, is_complex=True))
     table = acquire_recording(file, 0.0, 1e-3, 80, 6000.0, 1e-3)
     assert (table["status"] == "cross_correlation").any()
-    assert set(table.loc[table["status"] == "found", "sv"]) == {
-        *("G02", "G05", "G07", "G12", "G15", "G21", "G25", "G29")
-    }
+    assert set(table.loc[table["status"] == "found", "sv"]) == SATELLITES
 
 
 def test_impossible_orders_are_refused(tmp_path: Path) -> None:
