@@ -32,7 +32,10 @@ def acquire(
     doppler: Annotated[float, typer.Option("--doppler", help="Largest Doppler, Hz.")] = 7000.0,
     pfa: Annotated[float, typer.Option("--pfa", help="False alarms of one satellite's search.")] = 1e-3,
     every: Annotated[
-        bool, typer.Option("--all", help="Show the satellites that were not found too.")
+        bool,
+        typer.Option(
+            "--all", help="Show the satellites too that were not found, or may be another's correlation."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -47,7 +50,7 @@ def acquire(
         with telling("searching"):
             file = IqFile(recording, sampling, sample_type, order, skip)
             table = acquire_recording(file, start, 1e-3 * look, looks, doppler, pfa)
-    shown = table if every else table[table["status"] != "not_found"]
+    shown = table if every else table[table["status"] == "found"]
     if as_json:
         print_json({"duration_s": file.duration_s, "satellites": records(shown)})
         return
@@ -62,5 +65,9 @@ def acquire(
         printed.add_row(str(row["sv"]), str(row["status"]), *cells, f"{over:.2f}")
     result_console(100).print(printed)
     found = int((table["status"] == "found").sum())
-    typer.echo(f"{file.duration_s:.3f} s of samples; {found} satellites found; nothing was written")
+    doubtful = int((table["status"] == "cross_correlation").sum())
+    typer.echo(
+        f"{file.duration_s:.3f} s of samples; {found} satellites found; {doubtful} more peaks may be cross-correlation "
+        "of the strong ones (--all); nothing was written"
+    )
     typer.echo(f"{time.perf_counter() - began:.2f} s in all")
