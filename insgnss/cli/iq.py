@@ -62,7 +62,7 @@ def iq(
             if record is not None:
                 tell("writing samples")
                 count = record_samples(made, record, losses[0], duration, use, seed)
-                told = {"samples": count, "rate_hz": use.rate_hz, "wrote": [str(record)]}
+                results = {"samples": count, "rate_hz": use.rate_hz, "wrote": [str(record)]}
                 study = None
             else:
                 study = sample_receiver(
@@ -75,21 +75,21 @@ def iq(
                     threads=threads,
                     progress=tell,
                 )
-                told = {"summary": records(study.summary)}
+                results = {"summary": records(study.summary)}
                 if output is not None:
                     tell("writing")
-                    told["wrote"] = [str(study.save(output, figure=pictures))]
+                    results["wrote"] = [str(study.save(output, figure=pictures))]
     if as_json:
-        print_json(told)
+        print_json(results)
         return
-    _print(study, told, output)
+    _print(study, results, output)
     typer.echo(f"{time.perf_counter() - began:.2f} s in all")
 
 
-def _print(study: SampleStudy | None, told: dict[str, object], output: Path | None) -> None:
+def _print(study: SampleStudy | None, results: dict[str, object], output: Path | None) -> None:
     """Print what was made."""
     if study is None:
-        typer.echo(f"wrote {told['samples']} samples at {told['rate_hz']:g} Hz: {told['wrote']}")
+        typer.echo(f"wrote {results['samples']} samples at {results['rate_hz']:g} Hz: {results['wrote']}")
         return
     result_console(110).print(_table(study))
     typer.echo("nothing was written" if output is None else f"wrote {output}")

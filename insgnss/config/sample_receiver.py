@@ -1,4 +1,4 @@
-"""The schema of a receiver on samples: how it samples, acquires, tracks, and what it is told at the start."""
+"""The schema of a receiver on samples: how it samples, acquires, tracks, and what it knows at the start."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SampleReceiver(StrictModel):
         1e-4, description="of a whole acquisition, at most, where no signal is"
     )
     unseeded_doppler_hz: Positive = Field(
-        5000.0, le=50_000.0, description="half width of an acquisition that nothing is told to"
+        5000.0, le=50_000.0, description="half width of an acquisition without a prediction"
     )
     unseeded_retry_s: Positive = Field(
         10.0, description="between two tries of a receiver without a supervisor to find a lost signal"

@@ -70,7 +70,7 @@ def loop_sigmas(design: ChannelDesign, cn0_dbhz: float) -> tuple[float, float]:
 
 
 @dataclass
-class SampleBuffer:
+class RecordingBuffer:
     """The newest samples of a recording, fed block by block."""
 
     blocks: Iterator[Samples]

@@ -3,9 +3,9 @@
 Everything is done in the order in which it would be known: an inertial sample, the aiding that the filter makes of it,
 the epoch that ends there with what the replicas showed at that moment, then the integrations that begin before the next
 inertial sample, steered by that aiding. The receiver's clock tags samples and epochs; inertial samples are tagged by
-GPS time. Neglects: the clock's error between the two, below 0.1 mHz of Doppler for 20 us and 5 g.
+GPS time. Neglects: the clock's error between the two, 5 mHz of Doppler for 20 us and 5 g.
 
-A warm start is assumed: position, velocity, attitude, messages and a time good to ``time_sigma_s`` are told, which says
+The start is warm: position, velocity, attitude, messages and a time good to ``time_sigma_s`` are given: they say
 which code period and data bit arrives. Nothing is read from the data bits.
 """
 
@@ -29,10 +29,10 @@ from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.engine import Engine
 from insgnss.errors import InputError
 from insgnss.filter.setup import FilterSetup
-from insgnss.studies.sample_design import SampleBuffer, loop_designs, loop_sigmas
+from insgnss.studies.sample_design import RecordingBuffer, loop_designs, loop_sigmas
 from insgnss.studies.sample_search import (
-    Expected,
-    Search,
+    SearchOutcome,
+    SignalPrediction,
     expected_by_aiding,
     search_for,
     seeded_span,
@@ -43,7 +43,7 @@ from insgnss.tracking.channel_kernel import RATE
 from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.codes import GPS_BIT_S, RangingCode
 from insgnss.tracking.lock_detectors import phase_lock
-from insgnss.tracking.sample_channel import SampleChannels, Told
+from insgnss.tracking.sample_channel import LoopAiding, SampleChannels
 from insgnss.tracking.signal import Samples, Sampling
 
 SEARCHING: Final = ("control_detection", "search")  # states of the supervisor in which a receiver looks
@@ -55,7 +55,7 @@ Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Equipment:
+class SampleEquipment:
     """What both receivers share."""
 
     settings: SampleReceiver
@@ -64,8 +64,8 @@ class Equipment:
     start_ns: int  # receiver time of the first sample
     setup: FilterSetup
     imu: ImuTable
-    at_start: Expected  # by the told start
-    cn0_dbhz: float  # told
+    at_start: SignalPrediction  # by the given start
+    cn0_dbhz: float  # given: of the link budget
 
     @property
     def sampling(self) -> Sampling:
@@ -83,14 +83,14 @@ class SampleLoop:
     aided : whether the filter's aiding goes into the loops, and its supervisor seeds the searches
     """
 
-    def __init__(self, equipment: Equipment, *, aided: bool) -> None:
+    def __init__(self, equipment: SampleEquipment, *, aided: bool) -> None:
         e, s = equipment, equipment.settings
         self.equipment, self.aided = e, aided
         self._m = m = len(e.codes)
         loops = s.aided if aided else s.unaided
         self._design, self._wide = loop_designs(s, loops, e.codes[0], e.cn0_dbhz)
         self.channels: SampleChannels
-        self.searches: list[tuple[int, Search]] = []
+        self.searches: list[tuple[int, SearchOutcome]] = []
         self.epochs: list[dict[str, float]] = []
         self.tracking: list[dict[str, Any]] = []
         aiding = e.setup.config.aiding.model_copy(update={"rate_hz": s.aiding_rate_hz})
@@ -101,7 +101,7 @@ class SampleLoop:
         self._scale = signal_scale(s.search.grid)
         self._need = detector(s.search.detection)
         self._supervisor = Supervisor(m, s.search, self._scale)
-        self._told = Told(np.zeros(m), np.zeros(m), np.zeros(m))
+        self._aiding = LoopAiding(np.zeros(m), np.zeros(m), np.zeros(m))
         self._has_aid, self._locked = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
         self._cn0 = np.full(m, e.cn0_dbhz)
         self._opened = np.zeros(m)  # sample
@@ -123,7 +123,7 @@ class SampleLoop:
         e, s = self.equipment, self.equipment.settings
         rate, t_ns = s.rate_hz, e.imu.t_ns
         dwell = round(s.looks * s.look_s * rate)
-        buffer = SampleBuffer(blocks, dwell + round(_LATE_S * rate))
+        buffer = RecordingBuffer(blocks, dwell + round(_LATE_S * rate))
         if not buffer.reach(dwell):
             message = f"the recording is shorter than an acquisition of {s.looks * s.look_s:g} s"
             raise InputError(message, advice="take a longer one, or fewer looks")
@@ -141,7 +141,7 @@ class SampleLoop:
                 return
             if at[k] > dwell and (k + 1) % every == 0:
                 self._epoch(int(t_ns[k]), int(at[k]), buffer)
-            self.channels.run(buffer.in_phase, buffer.quadrature, buffer.first, int(at[k + 1]), self._told)
+            self.channels.run(buffer.in_phase, buffer.quadrature, buffer.first, int(at[k + 1]), self._aiding)
 
     def _steer(self, sample: int) -> None:
         """Take over the newest aiding; a channel that gets it for the first time keeps its frequency."""
@@ -151,17 +151,17 @@ class SampleLoop:
         self._table, self._expected = None, expected
         if not self.aided:
             return
-        # a channel that the filter does not know any more goes on with what it was told last
+        # a channel that the filter does not know any more keeps the aiding that it had last
         known = np.isfinite(expected.doppler_hz)
         rate = 2.0 * math.pi * expected.doppler_hz[known]
         new = known & ~self._has_aid
         self.channels.state[new, RATE] -= 2.0 * math.pi * expected.doppler_hz[new]
-        self._told.rate_radps[known] = rate
-        self._told.acceleration_radps2[known] = 2.0 * math.pi * expected.doppler_rate_hz_per_s[known]
-        self._told.at_sample[known] = sample
+        self._aiding.rate_radps[known] = rate
+        self._aiding.acceleration_radps2[known] = 2.0 * math.pi * expected.doppler_rate_hz_per_s[known]
+        self._aiding.at_sample[known] = sample
         self._has_aid |= known
 
-    def _epoch(self, t_ns: int, sample: int, buffer: SampleBuffer) -> None:
+    def _epoch(self, t_ns: int, sample: int, buffer: RecordingBuffer) -> None:
         """Judge the channels, hand their readings to the filter, and search for satellites that are not tracked."""
         self._judge(sample)
         table = self._observables(t_ns, sample)
@@ -173,9 +173,9 @@ class SampleLoop:
         states = self._supervised(t_ns)
         is_open = self.channels.is_open
         for c, name in enumerate(self.equipment.sv_names):
-            told = {"open": bool(is_open[c]), "locked": bool(self._locked[c]), "supervisor": states[c]}
+            marks = {"open": bool(is_open[c]), "locked": bool(self._locked[c]), "supervisor": states[c]}
             cn0 = self._cn0[c] if is_open[c] else math.nan
-            self.tracking.append({"t_ns": t_ns, "sv": name, **told, "cn0_dbhz": cn0})
+            self.tracking.append({"t_ns": t_ns, "sv": name, **marks, "cn0_dbhz": cn0})
         s = self.equipment.settings
         if self.aided:
             wanted = np.isin(states, SEARCHING)
@@ -189,8 +189,8 @@ class SampleLoop:
         """Return the supervisor's state of each satellite, by what the filter expects now."""
         if not self.aided or self._expected is self.equipment.at_start:
             return ["none"] * self._m
-        told = self._expected.predictions(t_ns, self.equipment.cn0_dbhz)
-        states = self._supervisor.epoch(told, self._locked[None, :].astype(np.int8)).state[0]
+        predictions = self._expected.predictions(t_ns, self.equipment.cn0_dbhz)
+        states = self._supervisor.epoch(predictions, self._locked[None, :].astype(np.int8)).state[0]
         return [STATE_NAMES[i] for i in states]
 
     def _judge(self, sample: int) -> None:
@@ -253,7 +253,7 @@ class SampleLoop:
             self._sigma_of[key] = loop_sigmas(self._design, 0.5 * key)
         return self._sigma_of[key]
 
-    def _search(self, buffer: SampleBuffer, sample: int, wanted: Bools) -> None:
+    def _search(self, buffer: RecordingBuffer, sample: int, wanted: Bools) -> None:
         """Search for satellites in the samples before ``sample`` and open the channels of those that are found."""
         s, e = self.equipment.settings, self.equipment
         first = sample - round(s.looks * s.look_s * s.rate_hz)
@@ -261,12 +261,12 @@ class SampleLoop:
         numbers = np.flatnonzero(wanted)
         self._tried[numbers] = sample
         if self.aided:
-            told = self._expected
+            expected = self._expected
             window = search_window(
-                e.cn0_dbhz, told.sd_delay_m**2, told.sd_rate_mps**2, s.search, self._need, self._scale
+                e.cn0_dbhz, expected.sd_delay_m**2, expected.sd_rate_mps**2, s.search, self._need, self._scale
             )
-            numbers = numbers[np.isfinite(told.delay_m[numbers])]
-            spans = {int(c): seeded_span(told, int(c), window, s, first, sample) for c in numbers}
+            numbers = numbers[np.isfinite(expected.delay_m[numbers])]
+            spans = {int(c): seeded_span(expected, int(c), window, s, first, sample) for c in numbers}
             found = {c: search_for(samples, [e.codes[c]], span, s.pfa, first)[0] for c, span in spans.items()}
         else:
             codes = [e.codes[c] for c in numbers]
@@ -277,17 +277,17 @@ class SampleLoop:
             if search.found:
                 self._open(c, search, sample)
 
-    def _open(self, channel: int, search: Search, sample: int) -> None:
+    def _open(self, channel: int, search: SearchOutcome, sample: int) -> None:
         """Open a channel where its satellite was found."""
         rate = self.equipment.settings.rate_hz
-        told_m = self._expected.delay_at(channel, sample, rate)
-        if not math.isfinite(told_m):
-            told_m = self.equipment.at_start.delay_at(channel, sample, rate)
-        if not math.isfinite(told_m):
+        expected_m = self._expected.delay_at(channel, sample, rate)
+        if not math.isfinite(expected_m):
+            expected_m = self.equipment.at_start.delay_at(channel, sample, rate)
+        if not math.isfinite(expected_m):
             return  # nothing says which code period this is
-        pseudorange_s, doppler_hz = search.at_end(told_m, rate)
-        aid = self._told.rate_radps[channel]
-        aid += self._told.acceleration_radps2[channel] * (sample - self._told.at_sample[channel]) / rate
+        pseudorange_s, doppler_hz = search.at_end(expected_m, rate)
+        aid = self._aiding.rate_radps[channel]
+        aid += self._aiding.acceleration_radps2[channel] * (sample - self._aiding.at_sample[channel]) / rate
         own = 2.0 * math.pi * doppler_hz - aid
         pull_in_s = self.equipment.settings.pull_in_s
         self.channels.open_channel(channel, sample, pseudorange_s, own, pull_in_s)

@@ -31,7 +31,7 @@ from insgnss.inertial.error_state import CLOCK, DR, DRIFT, DV, PSI
 from insgnss.log.iq_file import IqFile
 from insgnss.supervision import Outlook, SupervisionSetup, outlook
 from insgnss.tables import Float64, ImuTable
-from insgnss.tracking.acquisition import Acquired, SearchSpan, acquire
+from insgnss.tracking.acquisition import Acquisition, SearchSpan, acquire
 from insgnss.tracking.codes import GPS_BIT_S, GPS_CA_CHIP_HZ, RangingCode, gps_ca
 from insgnss.tracking.signal import Samples as SignalSamples
 
@@ -44,7 +44,7 @@ FOUND, NOT_FOUND, CROSS_CORRELATION = "found", "not_found", "cross_correlation"
 CROSS_CORRELATION_DB: Final = 15.0
 
 
-class Expected(NamedTuple):
+class SignalPrediction(NamedTuple):
     """What is expected of each channel's satellite at a sample, (m,); NaN where nothing is."""
 
     sample: float
@@ -75,12 +75,12 @@ class Expected(NamedTuple):
         )
 
 
-class Search(NamedTuple):
+class SearchOutcome(NamedTuple):
     """What became of one search."""
 
     found: bool
     threshold: float
-    acquired: Acquired
+    acquired: Acquisition
     span: SearchSpan
     first_sample: int
     last_sample: int
@@ -105,10 +105,10 @@ def origin_chips(first: int, rate_hz: float) -> float:
     return GPS_CA_CHIP_HZ / rate_hz * first % (GPS_CA_CHIP_HZ * GPS_BIT_S)
 
 
-def told_outlook(
+def start_outlook(
     setup: AidingSetup, arcs: SatelliteArcs, start: GivenStart, imu: ImuTable, settings: SampleReceiver
 ) -> Outlook:
-    """Return the supervisor's outlook before the first epoch: from the told start alone.
+    """Return the supervisor's outlook before the first epoch: from the given start alone.
 
     Its covariance is what the start says of position, velocity and attitude, and the settings of the clock.
     """
@@ -133,7 +133,7 @@ def told_outlook(
     return outlook(SupervisionSetup(setup, search=settings.search), arcs, found)
 
 
-def expected_at_start(view: Outlook, names: Sequence[str], sample: float) -> Expected:
+def expected_at_start(view: Outlook, names: Sequence[str], sample: float) -> SignalPrediction:
     """Return what an outlook of one row says of the channels' satellites; the Doppler's rate is not in it."""
     column = {name: i for i, name in enumerate(view.sv_names)}
     p = view.predicted
@@ -142,12 +142,14 @@ def expected_at_start(view: Outlook, names: Sequence[str], sample: float) -> Exp
     ]
     at = [column.get(name, -1) for name in names]
     delay, rate, d_range, d_rate = (values[at] for values in picked)
-    return Expected(
+    return SignalPrediction(
         sample, delay, -rate * L1_HZ / C_MPS, np.zeros(len(at)), np.sqrt(d_range), np.sqrt(d_rate)
     )
 
 
-def expected_by_aiding(table: AidingTable, names: Sequence[str], week: int, sample: float) -> Expected:
+def expected_by_aiding(
+    table: AidingTable, names: Sequence[str], week: int, sample: float
+) -> SignalPrediction:
     """Return what the aiding of one instant says of the channels' satellites."""
     columns = table.columns(week)
     number = {name: i for i, name in enumerate(table.sv_names)}
@@ -157,7 +159,7 @@ def expected_by_aiding(table: AidingTable, names: Sequence[str], week: int, samp
     def column(values: npt.ArrayLike) -> Float64:
         return np.append(np.asarray(values, np.float64), np.nan)[at]
 
-    return Expected(
+    return SignalPrediction(
         sample,
         column(columns["pseudorange_m"]),
         column(columns["doppler_hz"]),
@@ -168,7 +170,12 @@ def expected_by_aiding(table: AidingTable, names: Sequence[str], week: int, samp
 
 
 def seeded_span(
-    expected: Expected, channel: int, window: SearchWindow, settings: SampleReceiver, first: int, last: int
+    expected: SignalPrediction,
+    channel: int,
+    window: SearchWindow,
+    settings: SampleReceiver,
+    first: int,
+    last: int,
 ) -> SearchSpan:
     """Return the supervisor's window of a satellite over some samples: its sigmas, its accumulation."""
     rate = settings.rate_hz
@@ -192,7 +199,7 @@ def seeded_span(
 
 
 def unseeded_span(settings: SampleReceiver) -> SearchSpan:
-    """Return the span of a receiver that nothing is told to: all delays, all Dopplers."""
+    """Return the span of a receiver that knows nothing: all delays, all Dopplers."""
     return SearchSpan(0.0, settings.unseeded_doppler_hz, coherent_s=settings.look_s, looks=settings.looks)
 
 
@@ -202,7 +209,7 @@ def search_for(
     span: SearchSpan,
     pfa: float,
     first: int,
-) -> list[Search]:
+) -> list[SearchOutcome]:
     """Return the searches of some codes over one span; the time each took is its share.
 
     A detection is a cell beyond the threshold whose false-alarm probability, summed over all cells, is ``pfa``.
@@ -214,7 +221,7 @@ def search_for(
     searches = []
     for each in acquired:
         edge = float(threshold(pfa / each.cells, span.looks))
-        searches.append(Search(each.statistic > edge, edge, each, span, first, last, took_s))
+        searches.append(SearchOutcome(each.statistic > edge, edge, each, span, first, last, took_s))
     return searches
 
 

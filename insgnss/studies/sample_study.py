@@ -13,7 +13,7 @@ Both receivers have the same samples, filter and inertial sensor. The aided one 
 in its loops, which are narrow, and looks for satellites in the windows of the search supervisor. The unaided one has
 loops that follow the motion themselves and searches all delays and Dopplers; its filter uses what it tracks.
 
-A warm start is told to both: messages, position, velocity, attitude and a clock good to ``time_sigma_s``, by which the
+Both start warm: messages, position, velocity, attitude and a clock good to ``time_sigma_s``, by which the
 milliseconds and data bits of the pseudoranges are resolved. No navigation message is decoded.
 """
 
@@ -43,9 +43,9 @@ from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog
 from insgnss.studies.result_files import write_study
-from insgnss.studies.sample_loop import Equipment, SampleLoop
+from insgnss.studies.sample_loop import SampleEquipment, SampleLoop
 from insgnss.studies.sample_pictures import sample_figure
-from insgnss.studies.sample_search import expected_at_start, told_outlook
+from insgnss.studies.sample_search import expected_at_start, start_outlook
 from insgnss.studies.sample_tables import channel_table, epoch_table, search_table, summary_of
 from insgnss.tracking.signal import Samples, Sampling
 
@@ -55,11 +55,11 @@ if TYPE_CHECKING:
 RECEIVERS: Final = ("aided", "unaided")
 Progress = Callable[[str], None]
 _Tables = tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, pd.DataFrame]  # summary, epochs, channels, searches
-_SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 30.0, 0.3, 0.5, 1.0  # of the told start
+_SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 30.0, 0.3, 0.5, 1.0  # of the given start
 _SKY, _NOISE, _START = 1, 2, 3  # keys of the seed
 
 
-class Flown(Protocol):
+class SimulatedFlight(Protocol):
     """A simulated flight, as ``insgnss.simulate.simulate`` gives it."""
 
     @property
@@ -98,7 +98,7 @@ class SampleStudy(Shown):
 
 
 def sample_receiver(
-    flown: Flown,
+    flight: SimulatedFlight,
     *,
     losses_db: Sequence[float] = (0.0, 10.0),
     duration_s: float = 60.0,
@@ -114,7 +114,7 @@ def sample_receiver(
 
     Parameters
     ----------
-    flown : the simulated flight; its C/N0 comes from its antenna and link budget
+    flight : the simulated flight; its C/N0 comes from its antenna and link budget
     losses_db : taken from every C/N0, one run each
     duration_s : of the recording, at most that of the flight
     receivers : "aided", "unaided" or both
@@ -122,9 +122,9 @@ def sample_receiver(
     filter : a name in the library or a file; its carrier phases are not used
     recording : the samples, as ``record_samples`` wrote them for this flight, loss, settings and seed;
         None: made anew
-    seed : of clock, data, noise and told start
+    seed : of clock, data, noise and given start
     threads : receivers that run at the same time; the numbers do not depend on it
-    progress : told when a run begins
+    progress : called with a message when a run begins
 
     Raises
     ------
@@ -141,13 +141,13 @@ def sample_receiver(
         raise ConfigError(f"one recording for {len(losses_db)} losses", key="losses_db", advice=advice)
     found: list[_Tables] = []
     for loss in losses_db:
-        sky = signal_sky(flown.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss)
-        equipment = equipment_of(flown, sky, use, filter, seed)
+        sky = signal_sky(flight.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss)
+        equipment = equipment_of(flight, sky, use, filter, seed)
 
-        def one(name: str, sky: SignalSky = sky, equipment: Equipment = equipment) -> _Tables:
+        def one(name: str, sky: SignalSky = sky, equipment: SampleEquipment = equipment) -> _Tables:
             if progress is not None:
                 progress(f"{name} receiver at {equipment.cn0_dbhz:.1f} dBHz")
-            return _run(name, sky, equipment, flown, _blocks(sky, use, seed, recording))
+            return _run(name, sky, equipment, flight, _blocks(sky, use, seed, recording))
 
         with ThreadPoolExecutor(threads) as pool:
             found += list(pool.map(one, receivers))
@@ -158,7 +158,7 @@ def sample_receiver(
 
 
 def record_samples(
-    flown: Flown,
+    flight: SimulatedFlight,
     path: str | Path,
     loss_db: float = 0.0,
     duration_s: float = 60.0,
@@ -173,16 +173,16 @@ def record_samples(
     ResultError : the file cannot be written
     """
     use = settings or SampleReceiver()
-    sky = signal_sky(flown.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss_db)
+    sky = signal_sky(flight.scenario, duration_s, _rng(seed, _SKY), cn0_change_db=-loss_db)
     write_iq(path, _samples(sky, use, seed), use.sample_type)
     return math.ceil(sky.duration_s * use.rate_hz)
 
 
 def equipment_of(
-    flown: Flown, sky: SignalSky, settings: SampleReceiver, filter: str | Path, seed: int
-) -> Equipment:
-    """Return what the receivers have: filter, inertial log, and what is told at the start."""
-    scenario = flown.scenario
+    flight: SimulatedFlight, sky: SignalSky, settings: SampleReceiver, filter: str | Path, seed: int
+) -> SampleEquipment:
+    """Return what the receivers have: filter, inertial log, and what is given at the start."""
+    scenario = flight.scenario
     config = filter_config(filter)
     # the loops' noise is white from epoch to epoch, and stated with each row
     white = {"correlation_time_s": 0.0}
@@ -193,7 +193,7 @@ def equipment_of(
             "range_rate_noise_mps": config.range_rate_noise_mps.model_copy(update=white),
         }
     )
-    start = told_start(scenario, _rng(seed, _START))
+    start = given_start(scenario, _rng(seed, _START))
     setup = FilterSetup(
         config,
         scenario.grade,
@@ -202,21 +202,21 @@ def equipment_of(
         start=start,
         navigation=scenario.navigation,
     )
-    imu = flown.log.imu
+    imu = flight.log.imu
     last_ns = sky.start_ns + round(sky.duration_s * NS_PER_S)
     keep = imu.t_ns <= last_ns
     imu = type(imu)(imu.t_ns[keep], imu.w_ib_b[keep], imu.f_b[keep])
     sources = aiding_sources(setup, config.aiding)
     first_ns = int(imu.t_ns[0])
-    view = told_outlook(sources.setup, sources.arcs(first_ns, first_ns), start, imu, settings)
+    view = start_outlook(sources.setup, sources.arcs(first_ns, first_ns), start, imu, settings)
     sample = (first_ns - sky.start_ns) / NS_PER_S * settings.rate_hz
     expected = expected_at_start(view, sky.sv_names, sample)
-    told_cn0 = float(np.nanmedian(sky.cn0_dbhz[0]))
-    return Equipment(settings, sky.sv_names, sky.codes, sky.start_ns, setup, imu, expected, told_cn0)
+    cn0_dbhz = float(np.nanmedian(sky.cn0_dbhz[0]))
+    return SampleEquipment(settings, sky.sv_names, sky.codes, sky.start_ns, setup, imu, expected, cn0_dbhz)
 
 
-def told_start(scenario: Scenario, rng: np.random.Generator) -> GivenStart:
-    """Return the true state at the start with errors of the sigmas that are told with it."""
+def given_start(scenario: Scenario, rng: np.random.Generator) -> GivenStart:
+    """Return the true state at the start with errors of the sigmas that are given with it."""
     truth = reference_table(scenario.trajectory.motion(np.zeros(1)), scenario.start_ns)
     n, e, d = _SD_POSITION_M * rng.standard_normal(3)
     level, yaw = _SD_LEVEL_DEG * rng.standard_normal(2), _SD_YAW_DEG * rng.standard_normal(1)
@@ -235,13 +235,15 @@ def told_start(scenario: Scenario, rng: np.random.Generator) -> GivenStart:
     )
 
 
-def _run(name: str, sky: SignalSky, equipment: Equipment, flown: Flown, blocks: Iterator[Samples]) -> _Tables:
+def _run(
+    name: str, sky: SignalSky, equipment: SampleEquipment, flight: SimulatedFlight, blocks: Iterator[Samples]
+) -> _Tables:
     """Return the four tables of one receiver."""
     began = time.perf_counter()
     loop = SampleLoop(equipment, aided=name == "aided")
     loop.run(blocks)
     took_s = time.perf_counter() - began
-    epochs = epoch_table(loop, flown.scenario)
+    epochs = epoch_table(loop, flight.scenario)
     channels = channel_table(loop, sky)
     searches = search_table(loop, sky)
     summary = pd.DataFrame([summary_of(epochs, channels, took_s, sky.duration_s)])

@@ -63,7 +63,7 @@ class SearchSpan:
         return self.doppler_hz + step * np.arange(-half, half + 1.0)
 
 
-class Acquired(NamedTuple):
+class Acquisition(NamedTuple):
     """The strongest cell of a search."""
 
     statistic: float  # sum of the looks over the mean of one without signal
@@ -73,7 +73,7 @@ class Acquired(NamedTuple):
     cn0_dbhz: float  # by the strength of the cell, NaN where noise alone is stronger
 
 
-class _Prepared(NamedTuple):
+class _Looks(NamedTuple):
     """Samples at baseband as looks by code periods by samples of a period, and their times."""
 
     y: SingleComplex  # (looks, periods, n)
@@ -82,7 +82,7 @@ class _Prepared(NamedTuple):
 
 def acquire(
     samples: Samples, codes: Sequence[RangingCode], span: SearchSpan, carrier_hz: float
-) -> list[Acquired]:
+) -> list[Acquisition]:
     """Return the strongest cell of each code, all searched over one span of Doppler; a detection is left to the caller.
 
     Equation: Z_kb(tau) = sum y exp(-j w_b t) h(t - tau) over a look, S = sum_k |Z_kb|^2 / noise; the noise of a look is
@@ -106,7 +106,7 @@ def acquire(
     code = codes[0]
     farthest = abs(span.doppler_hz) + span.doppler_half_width_hz
     samples.sampling.check(code.rate_hz, span.coherent_s, farthest)
-    ready = _prepared(samples, code, span)
+    ready = _looks_of(samples, code, span)
     n = ready.y.shape[2]
     spectra = [np.conj(fft.fft(_period(each, samples.sampling.rate_hz, n))) for each in codes]
     bins = span.bins_hz()
@@ -131,8 +131,8 @@ def acquire(
     ]
 
 
-def _prepared(samples: Samples, code: RangingCode, span: SearchSpan) -> _Prepared:
-    """Return the samples without intermediate frequency and told Doppler rate, one row for each code period."""
+def _looks_of(samples: Samples, code: RangingCode, span: SearchSpan) -> _Looks:
+    """Return the samples without intermediate frequency and given Doppler rate, one row for each code period."""
     rate = samples.sampling.rate_hz
     periods = round(span.coherent_s / code.period_s)
     if periods < 1 or abs(periods * code.period_s / span.coherent_s - 1.0) > 1e-6:
@@ -162,7 +162,7 @@ def _prepared(samples: Samples, code: RangingCode, span: SearchSpan) -> _Prepare
     if np.any(cycles):
         y *= np.exp(-2j * np.pi * (cycles % 1.0)).astype(np.complex64)
     shape = (span.looks, periods, n)
-    return _Prepared(y.reshape(shape), t.reshape(shape))
+    return _Looks(y.reshape(shape), t.reshape(shape))
 
 
 def _period(code: RangingCode, rate_hz: float, n: int) -> npt.NDArray[np.float32]:
@@ -171,14 +171,14 @@ def _period(code: RangingCode, rate_hz: float, n: int) -> npt.NDArray[np.float32
     return np.asarray(code.chips[place % code.length], np.float32)
 
 
-def _folded(ready: _Prepared, doppler_hz: float) -> SingleComplex:
+def _folded(ready: _Looks, doppler_hz: float) -> SingleComplex:
     """Return each look of one Doppler, (looks, n): its periods summed. Its own phase does not matter."""
     turn = np.exp(-2j * np.pi * doppler_hz * ready.t_s[0]).astype(np.complex64)
     return np.asarray(np.einsum("kpn,pn->kn", ready.y, turn))
 
 
 def _delay_ramps(
-    ready: _Prepared, code: RangingCode, doppler_hz: float, carrier_hz: float, rate_hz: float
+    ready: _Looks, code: RangingCode, doppler_hz: float, carrier_hz: float, rate_hz: float
 ) -> SingleComplex:
     """Return what shifts the looks' spectra to the delay that the code had at the first sample."""
     n = ready.y.shape[2]
@@ -201,14 +201,14 @@ def _inside(span: SearchSpan, code: RangingCode, n: int) -> np.ndarray[tuple[int
 
 
 def _refined(
-    ready: _Prepared,
+    ready: _Looks,
     code: RangingCode,
     span: SearchSpan,
     carrier_hz: float,
     found: tuple[float, int, float],
     cells: int,
     noise: float,
-) -> Acquired:
+) -> Acquisition:
     """Return a cell with its Doppler refined between bins, over whole data bits where known, and its delay.
 
     The delay is refined by early against late half a chip away, the Doppler by a parabola through the best of
@@ -237,7 +237,7 @@ def _refined(
     statistic = power / noise
     snr = statistic / looks - 1.0
     cn0 = 10.0 * math.log10(snr / span.coherent_s) if snr > 0.0 else math.nan
-    return Acquired(statistic, cells, delay % code.length, doppler + off, cn0)
+    return Acquisition(statistic, cells, delay % code.length, doppler + off, cn0)
 
 
 def _sum_begins(

@@ -51,7 +51,7 @@ MIDDLE, COUNT, PROMPT_I, PROMPT_Q, PHASE_RAD, RATE_RADPS, TURN_RADPS2, DELAY_CHI
 N_RECORD: Final = 9
 
 
-class Told(NamedTuple):
+class LoopAiding(NamedTuple):
     """What aids the channels, (m,): zeros where nothing does."""
 
     rate_radps: Float64  # of the carrier phase
@@ -78,7 +78,7 @@ def track_samples(
     scale: SampleScale,
     gains: Gains,
     pull_in: Gains,
-    told: Told,
+    aiding: LoopAiding,
     amplitude: Float64,
     slopes: Float64,
     state: Float64,
@@ -96,7 +96,7 @@ def track_samples(
     in_phase, quadrature : samples from number ``first`` on; quadrature (0,) for real ones
     first, until : numbers of samples
     chips : (m, length) one period of each channel's code
-    scale, gains, told : of the channels
+    scale, gains, aiding : of the channels
     pull_in : gains of a channel that was opened lately
     amplitude : (m,) factor of the sums: A / sigma_n^2 for the C/N0 that the slopes are for
     slopes : (m, 3) of the discriminators
@@ -114,8 +114,8 @@ def track_samples(
                 x[START] = -1.0
                 break
             # the rate at this integration, and the delay's
-            rate = x[RATE] + told.rate_radps[c]
-            rate += told.acceleration_radps2[c] * (x[AT] - told.at_sample[c]) / scale.rate_hz
+            rate = x[RATE] + aiding.rate_radps[c]
+            rate += aiding.acceleration_radps2[c] * (x[AT] - aiding.at_sample[c]) / scale.rate_hz
             slip = (x[DELAY_RATE] + gains.chips_per_radian * rate) / scale.rate_hz
             delay = x[DELAY] + slip * (start - x[AT])
             step = per_sample - slip
@@ -145,12 +145,12 @@ def track_samples(
             row = out[written[c], c]
             row[MIDDLE], row[COUNT], row[PROMPT_I], row[PROMPT_Q] = middle, count, Z[1].real, Z[1].imag
             row[PHASE_RAD], row[RATE_RADPS] = x[PHASE], rate
-            row[TURN_RADPS2] = x[ACCELERATION] + told.acceleration_radps2[c]
+            row[TURN_RADPS2] = x[ACCELERATION] + aiding.acceleration_radps2[c]
             row[DELAY_CHIPS], row[DELAY_RATE_CHIPS] = x[DELAY], slip * scale.rate_hz
             written[c] += 1
             # the aiding at the border to the next integration
-            since_s = (start + count - told.at_sample[c]) / scale.rate_hz
-            aid_rate = told.rate_radps[c] + told.acceleration_radps2[c] * since_s
+            since_s = (start + count - aiding.at_sample[c]) / scale.rate_hz
+            aid_rate = aiding.rate_radps[c] + aiding.acceleration_radps2[c] * since_s
             used = pull_in if start < x[PULLED_IN] else gains
             correct_and_lead(x, Z, used, slopes[c], gains.step_s, aid_rate, 0.0)
             x[AT] = middle + gains.step_s * scale.rate_hz
@@ -158,7 +158,7 @@ def track_samples(
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReplicaReading:
     """What the replica of a channel shows at a sample: measured values of the satellite's signal."""
 
     pseudorange_s: float
@@ -257,7 +257,7 @@ class SampleChannels:
         """Stop a channel."""
         self.state[channel, START] = -1.0
 
-    def run(self, in_phase: Float64, quadrature: Float64, first: int, until: int, told: Told) -> None:
+    def run(self, in_phase: Float64, quadrature: Float64, first: int, until: int, aiding: LoopAiding) -> None:
         """Run the open channels over the integrations that begin before sample ``until``; see ``track_samples``."""
         track_samples(
             in_phase,
@@ -268,7 +268,7 @@ class SampleChannels:
             self._scale,
             self._gains,
             self._pull_in,
-            told,
+            aiding,
             self._amplitude,
             self._slopes,
             self.state,
@@ -276,7 +276,7 @@ class SampleChannels:
             self.written,
         )
 
-    def reading(self, channel: int, sample: float) -> Reading | None:
+    def reading(self, channel: int, sample: float) -> ReplicaReading | None:
         """Return what the replica shows at a sample of its last integration, before that corrects the loops.
 
         The rate is led from the integration's middle by the derivative that the loop and its aiding have: at 4 g and
@@ -291,7 +291,7 @@ class SampleChannels:
         delay = row[DELAY_CHIPS] + row[DELAY_RATE_CHIPS] * since_s
         phase = row[PHASE_RAD] + row[RATE_RADPS] * since_s
         rate = row[RATE_RADPS] + row[TURN_RADPS2] * since_s
-        return Reading(delay / self._scale.chip_hz, phase, rate)
+        return ReplicaReading(delay / self._scale.chip_hz, phase, rate)
 
     def prompts(self, channel: int, count: int, per_bit: int = 1) -> Complex:
         """Return the newest prompt correlators of a channel, at most so many, the oldest one first.

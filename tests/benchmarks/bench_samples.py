@@ -61,10 +61,10 @@ def main() -> int:
             end="",
         )
         print(f"{spent.user + spent.system - cpu.user - cpu.system:.1f} s of CPU in all")
-        told = {"time": took_s / runs < LIMIT_S, **verdicts(study.summary)}
-        for name, holds in told.items():
+        results = {"time": took_s / runs < LIMIT_S, **verdicts(study.summary)}
+        for name, holds in results.items():
             print(f"{'holds' if holds else 'FAILS'}: {name}")
-        failed += sum(not holds for holds in told.values())
+        failed += sum(not holds for holds in results.values())
     return 1 if failed else 0
 
 

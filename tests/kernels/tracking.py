@@ -10,7 +10,7 @@ from insgnss.tracking.codes import glonass_st, gps_ca
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, FREQUENCY_KINDS, PHASE_KINDS, outputs
 from insgnss.tracking.loop_filters import assisted_filter, digital_filter
 from insgnss.tracking.phase_extrapolation import RULES, accumulated_ranges
-from insgnss.tracking.sample_channel import SampleChannels, Told
+from insgnss.tracking.sample_channel import LoopAiding, SampleChannels
 from insgnss.tracking.sample_kernels import add_signal
 from insgnss.tracking.signal import CarrierAndCode, Received, Samples, Sampling, correlate, receive
 from tests.kernels import KernelCase
@@ -85,9 +85,9 @@ def sampled_channels() -> list[np.ndarray]:
         channels = SampleChannels(sampling, [gps_ca(5), gps_ca(6)], design, 1.0, 30)
         for c, sample in enumerate((100, 4)):
             channels.open_channel(c, sample, 300.0 / 1.023e6, 100.0)
-        told = Told(np.array([30.0, 0.0]), np.array([5.0, 0.0]), np.array([0.0, 0.0]))
-        channels.run(samples.in_phase, samples.quadrature, 0, round(0.015 * sampling.rate_hz), told)
-        channels.run(samples.in_phase, samples.quadrature, 10_000, 20_000, told)
+        aiding = LoopAiding(np.array([30.0, 0.0]), np.array([5.0, 0.0]), np.array([0.0, 0.0]))
+        channels.run(samples.in_phase, samples.quadrature, 0, round(0.015 * sampling.rate_hz), aiding)
+        channels.run(samples.in_phase, samples.quadrature, 10_000, 20_000, aiding)
         found += [channels.state, np.nan_to_num(channels.records), channels.written]
     return found
 

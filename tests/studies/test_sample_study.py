@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
@@ -16,24 +18,45 @@ from insgnss.errors import ConfigError, InputError
 from insgnss.library import find
 from insgnss.log.iq_file import IqFile
 from insgnss.simulate import Simulation, simulate
+from insgnss.studies.sample_design import loop_designs, loop_sigmas
 from insgnss.studies.sample_search import acquire_recording
 from insgnss.studies.sample_study import SampleStudy, record_samples, sample_receiver
+from insgnss.tracking.codes import gps_ca
 from insgnss.tracking.signal import Sampling
 
 # the lowest sampling rate that holds the main lobe: a second of eight satellites takes a quarter of a second
-SETTINGS = SampleReceiver(rate_hz=2.2e6, looks=60)
-SECONDS = 12.0  # the first turn's roll begins at 6 s
+SETTINGS = SampleReceiver(rate_hz=2.2e6, looks=100)
+QUICK = SampleReceiver(rate_hz=2.2e6, looks=20, drop_after_s=1.0)
+SECONDS = 10.0
+LOSS_DB = 11.0
 SATELLITES = {"G02", "G05", "G07", "G12", "G15", "G21", "G25", "G29"}
+# reversals of bank at 180 deg/s one after the other: at 22 dBHz nine of ten unaided channels end far from their signal
+# (simulated on correlators), at 33 dBHz none slips
+REVERSALS = "".join(
+    f'[[manoeuvre]]\nkind = "s_turn"\nby_deg = {by}\nbank_deg = 75.0\nroll_in_deg_per_s = 180.0\n'
+    for by in (25.0, -25.0)
+)
+
+
+@cache
+def scenario_text() -> str:
+    """Return the library's scenario with its manoeuvres replaced."""
+    text = find("scenarios", "steep_turns").read_text(encoding="utf-8").replace("180.0", "300.0", 1)
+    straight = '[[manoeuvre]]\nkind = "straight"\nduration_s = 3.0\n'
+    return text[: text.index("[[manoeuvre]]")] + straight + REVERSALS + text[text.index("[imu]") :]
 
 
 @cache
 def flown() -> Simulation:
-    return simulate("steep_turns", duration_s=SECONDS)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "reversals.toml"
+        path.write_text(scenario_text(), encoding="utf-8")
+        return simulate(path, duration_s=SECONDS)
 
 
 @cache
 def study() -> SampleStudy:
-    return sample_receiver(flown(), losses_db=(9.0,), duration_s=SECONDS, settings=SETTINGS, seed=3)
+    return sample_receiver(flown(), losses_db=(LOSS_DB,), duration_s=SECONDS, settings=SETTINGS, seed=3)
 
 
 def rows(table: pd.DataFrame, receiver: str) -> pd.DataFrame:
@@ -42,27 +65,28 @@ def rows(table: pd.DataFrame, receiver: str) -> pd.DataFrame:
 
 def test_aided_receiver_holds_every_signal_where_the_unaided_one_loses_them() -> None:
     aided, unaided = (rows(study().summary, name).iloc[0] for name in ("aided", "unaided"))
-    assert aided["share_on_signal"] == 1.0
-    assert aided["share_locked"] > 0.95
     assert aided["on_signal_at_end"] == 8.0
     assert unaided["on_signal_at_end"] <= 4.0
+    assert aided["position_rms_m"] < unaided["position_rms_m"]
 
 
-def test_position_is_within_ten_metres_and_its_error_fits_its_sigma() -> None:
-    epochs = rows(study().epochs, "aided")
-    errors = epochs[[f"error_{a}_m" for a in "ned"]].to_numpy()[3:]
-    assert np.linalg.norm(errors, axis=1).max() < 10.0
-    over = errors[-1] / epochs[[f"sd_{a}_m" for a in "ned"]].to_numpy(float)[-1]
-    assert np.abs(over).max() < 4.0
+def test_position_errors_fit_their_sigma() -> None:
+    epochs = rows(study().epochs, "aided").iloc[-1]
+    for axis in "ned":
+        assert abs(epochs[f"error_{axis}_m"]) < 4.0 * epochs[f"sd_{axis}_m"] < 80.0
+        assert abs(epochs[f"error_v{axis}_mps"]) < 4.0 * epochs[f"sd_v{axis}_mps"] < 4.0
 
 
 def test_readings_of_channels_on_their_signal_have_the_loops_error() -> None:
     channels = rows(study().channels, "aided")
-    settled = channels[channels["locked"] & (channels["time_s"] > channels["time_s"].min() + 3.0)]
-    error = settled["delay_error_m"]
-    # 1 Hz of code loop at 27 dBHz: 7 m of one second; 80 values of eight channels, three quarters of them independent
-    assert abs(error.mean()) < 4.0 * 7.0 / np.sqrt(60.0)
-    assert 4.0 < error.std() < 10.0
+    settled = channels[channels["locked"] & (channels["time_s"] > channels["time_s"].min() + 2.0)]
+    error, count = settled["delay_error_m"], len(settled)
+    design, _ = loop_designs(SETTINGS, SETTINGS.aided, gps_ca(1), 33.0 - LOSS_DB)
+    sigma_m, _ = loop_sigmas(design, 33.0 - LOSS_DB)
+    low, high = stats.chi2.ppf([5e-4, 1.0 - 5e-4], count) / count
+    assert count > 40
+    assert abs(error.mean()) < 4.0 * sigma_m / np.sqrt(count)
+    assert low < float((error**2).mean()) / sigma_m**2 < high
 
 
 def test_seeded_search_looks_at_few_cells_and_both_find_the_signals() -> None:
@@ -80,8 +104,7 @@ def test_seeded_search_looks_at_few_cells_and_both_find_the_signals() -> None:
 
 def test_recording_and_threads_change_no_number(tmp_path: Path) -> None:
     path = tmp_path / "a.iq"
-    quick = SampleReceiver(rate_hz=2.2e6, looks=10)
-    record_samples(flown(), path, 0.0, 4.0, quick, seed=5)
+    record_samples(flown(), path, 0.0, 3.2, QUICK, seed=5)
     both = [
         sample_receiver(
             flown(),
@@ -97,32 +120,23 @@ def test_recording_and_threads_change_no_number(tmp_path: Path) -> None:
     for name in ("epochs", "channels"):
         pd.testing.assert_frame_equal(getattr(both[0], name), getattr(both[1], name))
     with pytest.raises(ConfigError, match="one recording for 2 losses"):
-        sample_receiver(flown(), duration_s=4.0, settings=quick, recording=path)
+        sample_receiver(flown(), duration_s=3.2, settings=QUICK, recording=path)
 
 
 def test_satellites_that_come_back_are_found_in_the_supervisors_window(tmp_path: Path) -> None:
-    scenario = find("scenarios", "steep_turns").read_text(encoding="utf-8")
-    outage = '[[fault]]\nkind = "outage"\nsv = ["G05", "G12", "G25"]\nfrom_s = 4.0\nto_s = 9.0\n'
-    (tmp_path / "outage.toml").write_text(scenario + outage, encoding="utf-8")
-    quick = SampleReceiver(rate_hz=2.2e6, looks=20, drop_after_s=1.0)
-    made = sample_receiver(
-        simulate(tmp_path / "outage.toml", duration_s=SECONDS),
-        losses_db=(0.0,),
-        duration_s=SECONDS,
-        receivers=("aided",),
-        settings=quick,
-    )
+    outage = '[[fault]]\nkind = "outage"\nsv = ["G05", "G25"]\nfrom_s = 4.0\nto_s = 7.0\n'
+    (tmp_path / "outage.toml").write_text(scenario_text() + outage, encoding="utf-8")
+    flight = simulate(tmp_path / "outage.toml", duration_s=SECONDS)
+    made = sample_receiver(flight, losses_db=(0.0,), duration_s=SECONDS, receivers=("aided",), settings=QUICK)
     later = made.searches[made.searches["time_s"] > made.searches["time_s"].min() + 1.0]
-    assert set(later["sv"]) == {"G05", "G12", "G25"}
     found = later[later["found"]]
-    assert set(found["sv"]) == {"G05", "G12", "G25"}
-    # the first search of a satellite had the clock and the told start in its window, these have the filter's sigma
-    assert later["cells"].max() < made.searches["cells"].iloc[0] / 10
+    assert set(later["sv"]) == set(found["sv"]) == {"G05", "G25"}
+    # the first search had the uncertain clock in its window, these have the filter's sigma
+    assert later["cells"].max() < made.searches["cells"].iloc[0] / 50
     assert found["delay_error_chips"].abs().max() < 0.3
-    states = made.channels[made.channels["sv"].isin(["G05", "G12", "G25"])]
+    states = made.channels[made.channels["sv"].isin(["G05", "G25"])]
     assert {"track", "search"} <= set(states["supervisor"])
-    last = states[states["time_s"] == states["time_s"].max()]
-    assert last["on_signal"].all()
+    assert (states["time_s"][states["locked"]].max() - states["time_s"].max()) == 0.0
 
 
 def test_study_is_saved_with_its_picture(tmp_path: Path) -> None:

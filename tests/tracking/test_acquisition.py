@@ -127,10 +127,10 @@ def test_told_doppler_rate_keeps_the_looks_together(rng: np.random.Generator) ->
     moved = (still.in_phase + 1j * still.quadrature) * turn
     samples = Samples(COMPLEX, moved.real + noise.in_phase, moved.imag + noise.quadrature)
     span = SearchSpan(0.0, 30.0, coherent_s=0.01, looks=30, doppler_rate_hz_per_s=2600.0)
-    told = acquire(samples, [CODE], span, L1_HZ)[0]
+    led = acquire(samples, [CODE], span, L1_HZ)[0]
     blind = acquire(samples, [CODE], SearchSpan(0.0, 30.0, coherent_s=0.01, looks=30), L1_HZ)[0]
-    assert told.doppler_hz == pytest.approx(0.0, abs=5.0)
-    assert told.statistic > 3.0 * blind.statistic
+    assert led.doppler_hz == pytest.approx(0.0, abs=5.0)
+    assert led.statistic > 3.0 * blind.statistic
 
 
 def test_too_few_samples_a_broken_look_and_a_folded_signal_are_refused(rng: np.random.Generator) -> None:

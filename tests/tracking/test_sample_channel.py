@@ -29,8 +29,8 @@ from insgnss.tracking.sample_channel import (
     PROMPT_I,
     PROMPT_Q,
     RATE_RADPS,
+    LoopAiding,
     SampleChannels,
-    Told,
 )
 from insgnss.tracking.signal import CarrierAndCode, Received, Samples, Sampling, receive
 
@@ -65,8 +65,8 @@ def design(carrier: LoopFilter, code_hz: float = 2.0) -> ChannelDesign:
     )
 
 
-def no_aid() -> Told:
-    return Told(*(np.zeros(len(PRNS)) for _ in range(3)))
+def no_aid() -> LoopAiding:
+    return LoopAiding(*(np.zeros(len(PRNS)) for _ in range(3)))
 
 
 def true_delay(state: CarrierAndCode, t_s: Float64) -> Float64:
@@ -220,12 +220,14 @@ def test_aiding_takes_an_acceleration_out_of_a_narrow_loop() -> None:
         channels.open_channel(0, 0, 70_000.0 / 1.023e6, 0.0)
         for k in range(70):
             first, last = round(k * 0.02 * SAMPLING.rate_hz), round((k + 1) * 0.02 * SAMPLING.rate_hz)
-            told = Told(*(np.array([v if aided else 0.0]) for v in (turn * 0.02 * k, turn, float(first))))
-            channels.run(moved.real.copy(), moved.imag.copy(), 0, last, told)
+            aiding = LoopAiding(
+                *(np.array([v if aided else 0.0]) for v in (turn * 0.02 * k, turn, float(first)))
+            )
+            channels.run(moved.real.copy(), moved.imag.copy(), 0, last, aiding)
         rows = channels.records[: channels.written[0], 0]
         rate = turn * rows[:, MIDDLE] / SAMPLING.rate_hz
         left[aided] = np.abs(rows[:, RATE_RADPS] - rate)[20:]
-    # what is told is exact: nothing is left but rounding of code edges; unaided the narrow loop is left behind
+    # what is aiding is exact: nothing is left but rounding of code edges; unaided the narrow loop is left behind
     assert left[True].max() < 3.0
     assert left[False].max() > 100.0
 
