@@ -18,7 +18,7 @@ class SampledLoops(StrictModel):
     order: Annotated[int, Field(ge=1, le=3)] = Field(3, description="of the phase loop")
     bandwidth_hz: Positive = Field(18.0, le=100.0, description="of the phase loop, true, one-sided")
     frequency_bandwidth_hz: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
-        4.0, description="of the frequency loop that assists it while it pulls in; 0: none"
+        2.0, description="of the frequency loop that assists it while it pulls in; 0: none"
     )
     code_bandwidth_hz: Positive = Field(1.0, le=20.0, description="of the code loop, order 1")
 

@@ -267,10 +267,14 @@ class SampleLoop:
             )
             numbers = numbers[np.isfinite(expected.delay_m[numbers])]
             spans = {int(c): seeded_span(expected, int(c), window, s, first, sample) for c in numbers}
-            found = {c: search_for(samples, [e.codes[c]], span, s.pfa, first)[0] for c, span in spans.items()}
+            found = {
+                c: search_for(samples, [e.codes[c]], span, s.pfa, first, [self._expected_m(c, first)])[0]
+                for c, span in spans.items()
+            }
         else:
             codes = [e.codes[c] for c in numbers]
-            searches = search_for(samples, codes, unseeded_span(s), s.pfa, first)
+            delays_m = [self._expected_m(int(c), first) for c in numbers]
+            searches = search_for(samples, codes, unseeded_span(s), s.pfa, first, delays_m)
             found = {int(c): search for c, search in zip(numbers, searches, strict=True)}
         for c, search in found.items():
             self.searches.append((c, search))
@@ -280,9 +284,7 @@ class SampleLoop:
     def _open(self, channel: int, search: SearchOutcome, sample: int) -> None:
         """Open a channel where its satellite was found."""
         rate = self.equipment.settings.rate_hz
-        expected_m = self._expected.delay_at(channel, sample, rate)
-        if not math.isfinite(expected_m):
-            expected_m = self.equipment.at_start.delay_at(channel, sample, rate)
+        expected_m = self._expected_m(channel, sample)
         if not math.isfinite(expected_m):
             return  # nothing says which code period this is
         pseudorange_s, doppler_hz = search.at_end(expected_m, rate)
@@ -294,3 +296,13 @@ class SampleLoop:
         self._opened[channel], self._locked[channel], self._lost[channel] = sample, False, np.nan
         self._cn0[channel] = self.equipment.cn0_dbhz
         self.channels.set_cn0(channel, self.equipment.cn0_dbhz)
+
+    def _expected_m(self, channel: int, sample: int) -> float:
+        """Return the pseudorange that filter or start expects at a sample [m], NaN where neither does."""
+        rate = self.equipment.settings.rate_hz
+        expected_m = self._expected.delay_at(channel, sample, rate)
+        return (
+            expected_m
+            if math.isfinite(expected_m)
+            else self.equipment.at_start.delay_at(channel, sample, rate)
+        )

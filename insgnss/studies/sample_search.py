@@ -194,7 +194,6 @@ def seeded_span(
         turn,
         settings.look_s,
         settings.looks,
-        local_chips,
     )
 
 
@@ -209,13 +208,19 @@ def search_for(
     span: SearchSpan,
     pfa: float,
     first: int,
+    expected_m: Sequence[float] | None = None,
 ) -> list[SearchOutcome]:
     """Return the searches of some codes over one span; the time each took is its share.
 
+    ``expected_m`` are pseudoranges at the first sample, good to half a millisecond, by which the data bits are known.
     A detection is a cell beyond the threshold whose false-alarm probability, summed over all cells, is ``pfa``.
     """
     began = time.perf_counter()
-    acquired = acquire(samples, codes, span, L1_HZ)
+    bits = None
+    if expected_m is not None:
+        origin = origin_chips(first, samples.sampling.rate_hz)
+        bits = [delay_m / C_MPS * GPS_CA_CHIP_HZ - origin for delay_m in expected_m]
+    acquired = acquire(samples, codes, span, L1_HZ, bits)
     took_s = (time.perf_counter() - began) / len(codes)
     last = first + len(samples.in_phase)
     searches = []

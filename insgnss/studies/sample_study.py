@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 RECEIVERS: Final = ("aided", "unaided")
 Progress = Callable[[str], None]
 _Tables = tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame, pd.DataFrame]  # summary, epochs, channels, searches
-_SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 30.0, 0.3, 0.5, 1.0  # of the given start
+_SD_POSITION_M, _SD_VELOCITY_MPS, _SD_LEVEL_DEG, _SD_YAW_DEG = 100.0, 0.3, 0.5, 1.0  # of the given start
 _SKY, _NOISE, _START = 1, 2, 3  # keys of the seed
 
 
@@ -193,13 +193,15 @@ def equipment_of(
             "range_rate_noise_mps": config.range_rate_noise_mps.model_copy(update=white),
         }
     )
-    start = given_start(scenario, _rng(seed, _START))
+    first_ns = int(flight.log.imu.t_ns[0])
+    start = given_start(scenario, first_ns, _rng(seed, _START))
     setup = FilterSetup(
         config,
         scenario.grade,
         scenario.oscillator,
         lever_arm_m=scenario.receiver.lever_arm_b,
         start=start,
+        start_ns=first_ns,
         navigation=scenario.navigation,
     )
     imu = flight.log.imu
@@ -207,7 +209,6 @@ def equipment_of(
     keep = imu.t_ns <= last_ns
     imu = type(imu)(imu.t_ns[keep], imu.w_ib_b[keep], imu.f_b[keep])
     sources = aiding_sources(setup, config.aiding)
-    first_ns = int(imu.t_ns[0])
     view = start_outlook(sources.setup, sources.arcs(first_ns, first_ns), start, imu, settings)
     sample = (first_ns - sky.start_ns) / NS_PER_S * settings.rate_hz
     expected = expected_at_start(view, sky.sv_names, sample)
@@ -215,9 +216,10 @@ def equipment_of(
     return SampleEquipment(settings, sky.sv_names, sky.codes, sky.start_ns, setup, imu, expected, cn0_dbhz)
 
 
-def given_start(scenario: Scenario, rng: np.random.Generator) -> GivenStart:
-    """Return the true state at the start with errors of the sigmas that are given with it."""
-    truth = reference_table(scenario.trajectory.motion(np.zeros(1)), scenario.start_ns)
+def given_start(scenario: Scenario, t_ns: int, rng: np.random.Generator) -> GivenStart:
+    """Return the true state at a time with errors of the sigmas that are given with it."""
+    motion = scenario.trajectory.motion(np.array([(t_ns - scenario.start_ns) / NS_PER_S]))
+    truth = reference_table(motion, scenario.start_ns)
     n, e, d = _SD_POSITION_M * rng.standard_normal(3)
     level, yaw = _SD_LEVEL_DEG * rng.standard_normal(2), _SD_YAW_DEG * rng.standard_normal(1)
     lat = float(truth.lat_deg[0])

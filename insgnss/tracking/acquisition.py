@@ -45,7 +45,6 @@ class SearchSpan:
     doppler_rate_hz_per_s: float = 0.0  # by which the replica is led on
     coherent_s: float = 0.01
     looks: int = 1
-    bit_delay_chips: float | None = None  # delay of the data bits at the first sample, to half a code period
 
     def __post_init__(self) -> None:
         require_not_negative(doppler_half_width_hz=self.doppler_half_width_hz)
@@ -80,8 +79,20 @@ class _Looks(NamedTuple):
     t_s: Float64  # same shape, from the first sample
 
 
+class _Floor(NamedTuple):
+    """What a code's strongest cell stands against."""
+
+    cells: int
+    noise: float  # of a look
+    bit_delay_chips: float  # NaN: not known
+
+
 def acquire(
-    samples: Samples, codes: Sequence[RangingCode], span: SearchSpan, carrier_hz: float
+    samples: Samples,
+    codes: Sequence[RangingCode],
+    span: SearchSpan,
+    carrier_hz: float,
+    bit_delays_chips: Sequence[float] | None = None,
 ) -> list[Acquisition]:
     """Return the strongest cell of each code, all searched over one span of Doppler; a detection is left to the caller.
 
@@ -97,6 +108,8 @@ def acquire(
     codes : of one rate and length
     span : of the search; a window of delays is that of all codes
     carrier_hz : of the satellites
+    bit_delays_chips : of each code the delay of its data bits at the first sample, good to half a code period; with
+        it the Doppler is refined over whole bits, else over looks
 
     Raises
     ------
@@ -125,9 +138,10 @@ def acquire(
                 best[c] = (float(power[k]), k, float(doppler))
     cells = len(bins) * int(np.count_nonzero(inside))
     noise = floor / (len(bins) * special.gammaincinv(span.looks, 0.5))
+    bits = [math.nan] * len(codes) if bit_delays_chips is None else bit_delays_chips
     return [
-        _refined(ready, each, span, carrier_hz, found, cells, level)
-        for each, found, level in zip(codes, best, noise.tolist(), strict=True)
+        _refined(ready, each, span, carrier_hz, found, _Floor(cells, level, bit))
+        for each, found, level, bit in zip(codes, best, noise.tolist(), bits, strict=True)
     ]
 
 
@@ -206,8 +220,7 @@ def _refined(
     span: SearchSpan,
     carrier_hz: float,
     found: tuple[float, int, float],
-    cells: int,
-    noise: float,
+    floor: _Floor,
 ) -> Acquisition:
     """Return a cell with its Doppler refined between bins, over whole data bits where known, and its delay.
 
@@ -219,7 +232,7 @@ def _refined(
     delay = k * (code.length / n)
     t = ready.t_s.reshape(looks * periods, n)
     mixed = ready.y.reshape(t.shape) * np.exp(-2j * np.pi * (doppler * t % 1.0)).astype(np.complex64)
-    begins = _sum_begins(t[:, n // 2], code, span, delay, periods)
+    begins = _sum_begins(t[:, n // 2], code, floor.bit_delay_chips, delay, periods)
 
     def sums(at_chips: float, off_hz: Float64) -> Complex:
         """Return the coherent sums, (sums, dopplers), of a replica at a delay."""
@@ -234,19 +247,19 @@ def _refined(
     at_peak = np.array([off])
     early, late = (np.linalg.norm(sums(delay + side * _FINE_CHIPS, at_peak)) for side in (-1.0, 1.0))
     delay += 0.5 * float((late - early) / (late + early))
-    statistic = power / noise
+    statistic = power / floor.noise
     snr = statistic / looks - 1.0
     cn0 = 10.0 * math.log10(snr / span.coherent_s) if snr > 0.0 else math.nan
-    return Acquisition(statistic, cells, delay % code.length, doppler + off, cn0)
+    return Acquisition(statistic, floor.cells, delay % code.length, doppler + off, cn0)
 
 
 def _sum_begins(
-    middle_s: Float64, code: RangingCode, span: SearchSpan, delay_chips: float, periods: int
+    middle_s: Float64, code: RangingCode, bit_delay_chips: float, delay_chips: float, periods: int
 ) -> npt.NDArray[np.int64]:
     """Return the numbers of the code periods at which coherent sums begin: those of data bits where these are known."""
-    if span.bit_delay_chips is None:
+    if math.isnan(bit_delay_chips):
         return np.arange(0, len(middle_s), periods)
-    whole = delay_chips + code.length * round((span.bit_delay_chips - delay_chips) / code.length)
+    whole = delay_chips + code.length * round((bit_delay_chips - delay_chips) / code.length)
     bit = np.floor((code.rate_hz * middle_s - whole) / (code.rate_hz * code.sign_s))
     return np.concatenate([[0], np.flatnonzero(np.diff(bit)) + 1])
 
