@@ -53,9 +53,7 @@ class SampleReceiver(StrictModel):
     unseeded_doppler_hz: Positive = Field(
         5000.0, le=50_000.0, description="half width of an acquisition without a prediction"
     )
-    unseeded_retry_s: Positive = Field(
-        10.0, description="between two tries of a receiver without a supervisor to find a lost signal"
-    )
+    unseeded_retry_s: Positive = Field(10.0, description="between two searches where no supervisor decides")
     time_sigma_s: Positive = Field(
         2e-5,
         le=1e-3,

@@ -177,9 +177,9 @@ class SampleLoop:
             cn0 = self._cn0[c] if is_open[c] else math.nan
             self.tracking.append({"t_ns": t_ns, "sv": name, **marks, "cn0_dbhz": cn0})
         s = self.equipment.settings
-        if self.aided:
+        if self.aided and self._expected is not self.equipment.at_start:
             wanted = np.isin(states, SEARCHING)
-        else:
+        else:  # no supervisor, or nothing for it before the filter has started
             wanted = sample - self._tried >= s.unseeded_retry_s * s.rate_hz
         wanted &= ~is_open
         if np.any(wanted):

@@ -1,4 +1,14 @@
-"""The tables of a receiver on samples: its solution, its channels and its searches against the truth of the signals."""
+"""The tables of a receiver on samples: its solution, its channels and its searches against the truth of the signals.
+
+All begin with ``cn0_dbhz`` (of the link budget) and ``receiver``; errors are estimate minus truth.
+
+| table    | one row for each | columns |
+|----------|------------------|---------|
+| epochs   | epoch            | time_s n_channels (handed to the filter); error_*_m sd_*_m, error_v*_mps sd_v*_mps: north, east, down, after the update |
+| channels | epoch, satellite | time_s sv open locked (by the receiver's own detector) supervisor (state, "none" without) estimated_cn0_dbhz; delay_error_m phase_moved_cycles on_signal (by the truth) |
+| searches | search           | time_s sv dwell_s cells statistic threshold found; delay_error_chips doppler_error_hz search_cn0_dbhz; took_s |
+| summary  | run              | first_fix_s; from 5 s after it on: share_locked share_on_signal on_signal_at_end, position_* velocity_*, position_over_sigma velocity_over_sigma (rms of error over sigma); took_s times_real_time |
+"""  # noqa: E501 - the table is the documentation
 
 from __future__ import annotations
 
