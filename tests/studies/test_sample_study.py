@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -164,6 +165,24 @@ def test_recorded_samples_hold_the_satellites_of_the_flight(tmp_path: Path) -> N
     )
     assert result.exit_code == 0, result.output
     assert "8 satellites found" in result.output
+
+
+def test_command_records_samples_and_prints_a_summary(tmp_path: Path) -> None:
+    (tmp_path / "quick.toml").write_text("rate_hz = 2.2e6\nlooks = 10\n", encoding="utf-8")
+    (tmp_path / "flight.toml").write_text(scenario_text(), encoding="utf-8")
+    common = [str(tmp_path / "flight.toml"), "--settings", str(tmp_path / "quick.toml"), "--json"]
+    told = CliRunner().invoke(app, ["iq", *common, "--duration", "0.2", "--record", str(tmp_path / "a.iq")])
+    assert json.loads(told.output)["samples"] == 440_000
+    assert (tmp_path / "a.iq").stat().st_size == 880_000
+    out = str(tmp_path / "out")
+    told = CliRunner().invoke(
+        app, ["iq", *common, "--duration", "3", "--loss", "0", "-r", "aided", "-o", out]
+    )
+    assert told.exit_code == 0, told.output
+    summary = json.loads(told.output)["summary"]
+    assert [row["receiver"] for row in summary] == ["aided"]
+    wrong = CliRunner().invoke(app, ["iq", *common, "--duration", "1", "--receiver", "both"])
+    assert wrong.exit_code == 2
 
 
 def test_weak_correlation_of_a_strong_signal_is_not_called_found(tmp_path: Path) -> None:
