@@ -25,6 +25,9 @@
     flight = MatchedFlight.of("tactical", "tcxo")
     covariance_analysis(flight).sd, monte_carlo(flight, 500).nees
 
+    study = sample_receiver(simulate("steep_turns"))     # samples of GPS L1 C/A through loops with and without aiding
+    study.summary, study.channels; study.save("out/")
+
     if __name__ == "__main__":                           # the workers are processes that import the script
         run_campaign("campaign.toml", "out/")
     summary("out/", by=("case",))
@@ -47,6 +50,7 @@ from insgnss.studies.receiver_scene import ReceiverOptions
 from insgnss.studies.receiver_slips import SlipRuns, slip_runs
 from insgnss.studies.receiver_variants import VARIANTS as RECEIVERS
 from insgnss.studies.receiver_variants import Variant
+from insgnss.studies.sample_study import SampleStudy, record_samples, sample_receiver
 
 __all__ = [
     "Banked",
@@ -66,6 +70,7 @@ __all__ = [
     "ReceiverOptions",
     "ReceiverStudy",
     "Removal",
+    "SampleStudy",
     "SlipRuns",
     "Variant",
     "consistency_study",
@@ -79,7 +84,9 @@ __all__ = [
     "monte_carlo",
     "outage_study",
     "receiver_study",
+    "record_samples",
     "run_campaign",
+    "sample_receiver",
     "slip_runs",
     "summary",
 ]
