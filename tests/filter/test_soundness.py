@@ -156,19 +156,24 @@ STATES = (
     "clock",
     "optional",
     "r_clone",
+    "l_clone",
     "clock_clone",
     "air_clone",
 )
 SUMS = (
     "sum_dt",
     "f_smooth",
+    "w_smooth",
     "f_mean",
+    "v_mean",
+    "v_mean_variance",
     "sum_dv",
     "sum_C",
     "sum_gyro_q",
     "sum_accel_q",
     "noise_factor",
     "cn0_level",
+    "motion_response",
 )
 
 

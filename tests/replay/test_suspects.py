@@ -22,7 +22,8 @@ from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.log_replay import setup_filter
 from insgnss.run import Run
 from insgnss.tables import Float64, GnssTable, ImuTable
-from insgnss.units import MPS2_PER_MG
+from insgnss.units import MPS2_PER_MG, deg_per_h_to_radps
+from tests.filter.test_engine import assert_same_bits, no_delay, stream
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
 START_S = 293_700.0
@@ -278,6 +279,31 @@ def test_end_of_gnss_is_told_by_the_engine_after_ten_seconds() -> None:
             told_s = min(told_s, float(seconds(logs.imu.t_ns[k : k + 1])[0]) - FAULT_S)
     assert 10.0 < told_s < 11.5
     assert [event.kind for event in engine.events].count("no_measurements") == 1
+
+
+class Watched(Engine):
+    """An engine that notes whether it was ever unclear what has failed."""
+
+    unclear = False
+
+    def gnss(self, epoch: GnssTable, antenna: str | None = None) -> None:
+        super().gnss(epoch, antenna)
+        self.unclear = self.unclear or self._navigator.health.past.unclear_ns != 0
+
+
+def test_engine_gives_the_bits_of_replay_while_it_is_not_clear_what_has_failed() -> None:
+    flight = with_bias("w_ib_b", 1, deg_per_h_to_radps(36.0))
+    logs = flight.logs
+    keep = np.abs(seconds(logs.imu.t_ns) - FAULT_S + 45.0) < 105.0
+    imu = ImuTable(logs.imu.t_ns[keep], logs.imu.w_ib_b[keep], logs.imu.f_b[keep])
+    rows = np.abs(seconds(logs.gnss.t_ns) - FAULT_S + 45.0) < 105.0
+    logs = replace(logs, imu=imu, gnss=logs.gnss.take(np.flatnonzero(rows)))
+    flown = FlightInMemory(flight.path, flight.config, flight.imu_grade, flight.oscillator, logs)
+    engine = Watched(setup_filter(flown, logs, filter_config("tight17")))
+    stream(engine, logs, no_delay())
+    assert_same_bits(engine.take_results(all_of_them=True), logs, flown)
+    assert engine.unclear
+    assert "sensor_suspect" in {event.kind for event in engine.events}
 
 
 # ------------------------------------------------------------------------------------------------ the switch
