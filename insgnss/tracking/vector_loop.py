@@ -62,12 +62,6 @@ class Channels(NamedTuple):
     table: Float64  # (levels, 5) of C/N0 from the least on
 
 
-@inlined
-def level_of(cn0_dbhz: float, levels: int) -> int:
-    """Return the table's row of a C/N0."""
-    return min(max(int((cn0_dbhz - LEAST_DBHZ) / DB_STEP + 0.5), 0), levels - 1)
-
-
 def levels_of(cn0_dbhz: npt.ArrayLike) -> Int64:
     """Return the table's rows of C/N0 [dBHz]."""
     level = np.rint((np.nan_to_num(np.asarray(cn0_dbhz, float), nan=LEAST_DBHZ) - LEAST_DBHZ) / DB_STEP)
