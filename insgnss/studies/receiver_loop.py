@@ -21,8 +21,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy.typing as npt
 
-from insgnss.filter.measurements.replica_offset import offset_range_row, offset_rate_row
 from insgnss.filter.prediction import Scratch, predict_covariance, step_state
+from insgnss.filter.rows.replica_offset import offset_range_row, offset_rate_row
 from insgnss.filter.state import CLOCK, DR, DRIFT, StateArray, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.replica_offsets import use_offsets

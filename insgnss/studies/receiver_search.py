@@ -16,7 +16,7 @@ from insgnss.antenna.detection import detector
 from insgnss.antenna.search_window import SignalScale, search_window
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS
-from insgnss.filter.measurements.replica_offset import COLUMNS, offset_range_row, offset_rate_row
+from insgnss.filter.rows.replica_offset import COLUMNS, offset_range_row, offset_rate_row
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.studies.receiver_loop import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.tables import Float64, Int64

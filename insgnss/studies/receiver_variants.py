@@ -25,9 +25,9 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.errors import ConfigError
-from insgnss.filter.measurements.replica_offset import COLUMNS
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.prediction import new_scratch
+from insgnss.filter.rows.replica_offset import COLUMNS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import matrix_to_quaternion

@@ -9,9 +9,9 @@ from insgnss.filter.measurements import pseudorange as of_pseudorange
 from insgnss.filter.measurements import range_rate as of_range_rate
 from insgnss.filter.measurements.pseudorange import range_row
 from insgnss.filter.measurements.range_rate import rate_row
-from insgnss.filter.measurements.replica_offset import COLUMNS, offset_range_row, offset_rate_row
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.rows.lines import ANTENNA_DTYPE
+from insgnss.filter.rows.replica_offset import COLUMNS, offset_range_row, offset_rate_row
 from insgnss.filter.state import OFFSETS, new_bank
 from insgnss.filter.update.replica_offsets import use_offsets
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from insgnss.filter.measurements.replica_offset import RANGE_COLUMNS, offset_range_row, offset_rate_row
+from insgnss.filter.rows.replica_offset import RANGE_COLUMNS, offset_range_row, offset_rate_row
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.jit import inlined
 from insgnss.tables import Float64, Int64
