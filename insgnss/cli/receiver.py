@@ -12,9 +12,9 @@ import typer
 from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.lists import names_in, numbers_in
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import counting
-from insgnss.errors import ConfigError
 from insgnss.saving import overwriting
 
 if TYPE_CHECKING:
@@ -69,8 +69,7 @@ def receiver(
     """Fly receivers through a manoeuvre in closed loops; tell errors, thresholds and loss of lock."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, []):
-        levels = _numbers(cn0, "--cn0")
-        names = tuple(part.strip() for part in variants.split(",") if part.strip())
+        levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
         from insgnss.studies.receiver_comparison import receiver_study
         from insgnss.studies.receiver_scene import ReceiverOptions
         from insgnss.studies.receiver_variants import VARIANTS
@@ -113,19 +112,6 @@ def receiver(
         console.print(_thresholds(study.thresholds))
     where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
-
-
-def _numbers(text: str, key: str) -> list[float]:
-    """Return numbers parted by commas.
-
-    Raises
-    ------
-    ConfigError : one is none
-    """
-    try:
-        return [float(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        raise ConfigError(f"'{text}' is no list of numbers", key=key, advice="as in 45,40,35") from None
 
 
 def _oscillator(text: str) -> str | dict[str, float]:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
+from insgnss.saving import saving_file
 from insgnss.tracking.signal import Samples, Sampling
 
 SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}
@@ -139,14 +140,15 @@ def write_iq(
     Raises
     ------
     ConfigError : a type or order that does not exist
-    ResultError : the file cannot be written
+    ResultError : the file cannot be written, or one of somebody else stands there
     """
     if sample_type not in SAMPLE_TYPES or order not in ORDERS:
         _refuse_type(sample_type, order)
-    kind = np.dtype(SAMPLE_TYPES[sample_type])
+    kind, place = np.dtype(SAMPLE_TYPES[sample_type]), Path(path)
     limit, clipped = np.iinfo(kind), 0
     try:
-        with open(path, "wb") as file:
+        place.parent.stat()  # refuses a folder that is not there, which a save would make
+        with saving_file(place, "recording") as new, open(new, "wb") as file:
             for block in blocks:
                 numbers = rounded(block, sample_type)
                 parts = [numbers.in_phase]

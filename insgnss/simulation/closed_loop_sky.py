@@ -113,6 +113,11 @@ class ClosedLoopTruth:
     ranges: Float64  # (n, m) without clocks [m]
     rates: Float64  # (n, m) [m/s]
 
+    def directions(self, at: Int64 | slice) -> Float64:
+        """Return unit vectors from the user to the satellites at some of the middles, (k, m, 3)."""
+        sight = self.satellites[at, :, :3] - self.r_e[at, None]
+        return np.asarray(sight / np.linalg.norm(sight, axis=2, keepdims=True))
+
 
 @kernel
 def lines_of_sight(satellites: Float64, r_e: Float64, v_e: Float64, ranges: Float64, rates: Float64) -> None:

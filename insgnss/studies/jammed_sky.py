@@ -15,7 +15,7 @@ from insgnss.flown_margin.link import emitter_gain, link
 from insgnss.flown_margin.loops import signal_loop
 from insgnss.flown_margin.path import FlownPath
 from insgnss.interference.margin import db, ratio
-from insgnss.library import find
+from insgnss.library import file_of
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.tables import Float64
@@ -33,8 +33,7 @@ def emitters_of(emitters: InterferenceConfig | str | Path) -> InterferenceConfig
     """
     if isinstance(emitters, InterferenceConfig):
         return emitters
-    path = Path(emitters) if str(emitters).endswith(".toml") else find("emitters", str(emitters))
-    return load_toml(path, InterferenceConfig)
+    return load_toml(file_of("emitters", emitters), InterferenceConfig)
 
 
 def jammed_cn0_dbhz(
@@ -62,9 +61,7 @@ def jammed_cn0_dbhz(
     path = FlownPath(time_s, place, C_nb, np.zeros(shape), np.zeros(len(pick)))
     own = no_antenna() if antennas is None else antennas
     received = link(path, emitters.emitter, emitters.receiver, own).received_dbw
-    sight = truth.satellites[pick, :, :3] - truth.r_e[pick, None]
-    sight /= np.linalg.norm(sight, axis=2, keepdims=True)
-    gain = emitter_gain(C_nb, np.einsum("kij,kmj->kmi", C_ne, sight), own, 0.0)
+    gain = emitter_gain(C_nb, np.einsum("kij,kmj->kmi", C_ne, truth.directions(pick)), own, 0.0)
     loop = signal_loop(_SATELLITE, emitters.receiver, emitters.emitter, {})
     js = ratio(received[:, None] - (emitters.receiver.signal_dbw + gain)[..., None])
     inverse = ratio(-(emitters.receiver.cn0_dbhz + gain)) + js @ loop.separation

@@ -12,8 +12,9 @@ Every run begins with errors that its filter knows, settles for ``settle_s`` at 
 asked for, and then has the C/N0 of its row. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
 0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
 root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
-those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared error of motion and clock over the filter's covariance, by state: 1 is
-right; its bounds hold 99.9 % of the time if the filter is consistent, even if every run counted as one look.
+those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
+error of motion and clock over the filter's covariance, by state: 1 is right; its bounds hold 99.9 % of the time if the
+filter is consistent, even if every run counted as one look.
 ``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
 channel, with the interval that 95 % of such shares span, and beside it that of the linear theory.
 """  # noqa: E501 - the table is the documentation
@@ -137,7 +138,7 @@ def receiver_study(
     ConfigError, ModelError : an unknown name, numbers that make no sense, a motion shorter than the study
     """
     wanted = {name if isinstance(name, str) else name.words: variant_of(name) for name in variants}
-    levels = _checked(cn0, runs, threads, list(wanted), tracking, imu)
+    levels = _checked(cn0, runs, threads, wanted, with_ins=imu is not None)
     scene = scene_of(scenario, tracking, imu, oscillator, options)
     profiles = _profiles(scene, levels, emitters, antennas)
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
@@ -150,7 +151,7 @@ def receiver_study(
     linear = {name: linear_threshold_dbhz(scene, variant) for name, variant in wanted.items()}
     return ReceiverStudy(
         summary,
-        threshold_table(summary, linear, scene.bandwidth_hz),
+        threshold_table(summary, linear, scene),
         pd.concat([_channel_rows(scene, name, level, of) for (name, level), of in found.items()]),
         _search_rows(found),
         pd.concat(
@@ -193,12 +194,7 @@ def _profiles(
 
 
 def _checked(
-    cn0: Sequence[float],
-    runs: int,
-    threads: int,
-    names: list[str],
-    tracking: str,
-    imu: str | ImuGrade | None,
+    cn0: Sequence[float], runs: int, threads: int, wanted: Mapping[str, Variant], *, with_ins: bool
 ) -> list[float]:
     """Return the levels of C/N0, the highest first.
 
@@ -213,15 +209,15 @@ def _checked(
             key="cn0",
             advice=f"give {LOWEST_CN0_DBHZ:g} to 60 dBHz: below it no receiver tracks",
         )
-    if not names:
+    if not wanted:
         raise ConfigError("no receiver is asked for", key="variants", advice=f"known: {', '.join(VARIANTS)}")
     if runs < 1 or threads < 1:
         key = "runs" if runs < 1 else "threads"
         raise ConfigError("a whole number from 1 on is needed", key=key, advice="40 runs give a share to 8 %")
-    two_stages = [name for name in names if name in ("aided", "two_stage", "optimal")]
-    if imu is None and two_stages:
+    aided = [name for name, variant in wanted.items() if variant.needs_ins]
+    if aided and not with_ins:
         raise ConfigError(
-            f"'{two_stages[0]}' is aided by an inertial system, and there is none",
+            f"'{aided[0]}' is aided by an inertial system, and there is none",
             key="variants",
             advice='without INS there are "scalar" and "one_stage"',
         )
@@ -302,14 +298,12 @@ def _channel_rows(scene: Scene, name: str, level: float, runs: list[ReceiverRun]
 def _search_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
     """Return the searches of all runs."""
     rows = [
-        {"variant": name, "cn0_dbhz": level, "run": k, **row._asdict(), "cn0_dbhz_back": row.cn0_dbhz}
-        | {"cn0_dbhz": level}
+        {"variant": name, "cn0_dbhz": level, "run": k, **row._asdict()}
         for (name, level), runs in found.items()
         for k, run in enumerate(runs)
         for row in run.searches
     ]
-    columns = ["variant", "cn0_dbhz", "run", *SearchRow._fields, "cn0_dbhz_back"]
-    return pd.DataFrame(rows, columns=list(dict.fromkeys(columns)))
+    return pd.DataFrame(rows, columns=["variant", "cn0_dbhz", "run", *SearchRow._fields])
 
 
 def _epoch_rows(

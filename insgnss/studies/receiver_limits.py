@@ -29,9 +29,7 @@ _INS_ERROR: Final = UnknownAcceleration(0.06, 100.0, 0.1, 1e-3)  # what an aided
 _NAMES: Final = {"q": "Q", "iq": "IQ", "sign": "sign(I)Q", "atan": "atan(Q/I)"}
 
 
-def threshold_table(
-    summary: pd.DataFrame, linear_dbhz: Mapping[str, float], bandwidth_hz: float
-) -> pd.DataFrame:
+def threshold_table(summary: pd.DataFrame, linear_dbhz: Mapping[str, float], scene: Scene) -> pd.DataFrame:
     """Return where half of the runs lose lock, a row a receiver; NaN where no share passes one half."""
     rows = []
     for name, table in summary.groupby("variant", sort=False):
@@ -44,8 +42,7 @@ def threshold_table(
         most = stats.beta.ppf(1.0 - tail, lost + 1.0, np.maximum(runs - lost, 1e-9))
         found, low, high = (crossing(cn0, share) for share in (lost / runs, least, most))
         linear = linear_dbhz[str(name)]
-        js = 10.0 * math.log10(bandwidth_hz)
-        rows.append((name, found, low, high, js - found, linear, js - linear))
+        rows.append((name, found, low, high, scene.js_db(found), linear, scene.js_db(linear)))
     columns = ["variant", "cn0_dbhz", "low_dbhz", "high_dbhz", "js_db", "linear_cn0_dbhz", "linear_js_db"]
     return pd.DataFrame(rows, columns=columns)
 

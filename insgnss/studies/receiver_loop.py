@@ -4,13 +4,13 @@ All states stand in the middles of the integrations. From one to the next:
 
 1. the filter is carried on by what the inertial system tells (``prediction``), and predicts every range and range rate;
 2. a replica is set: by that prediction (one stage), or by the channel's own filter (two stages), which follows the
-   predicted change of range and rate, the radial acceleration that the inertial system knows;
-   A replica is set when its integration begins: the inertial system's newest sample is led on to the middle, and what
-   that has made wrong is known, and taken off the observation, when the samples have come;
+   predicted change of range and rate, the radial acceleration that the inertial system knows. Its integration begins
+   before the samples of its middle have come: the newest one is led on, and the error that this has made is taken off
+   the observation once it is known;
 3. correlators and discriminators see how far the replica is off (``vector_loop``);
 4. the filter takes these observations as rows (one stage), or the channels take them, and every ``interval``
    integrations the filter takes what the channels say (two stages): their running estimates with the covariance of
-   their own filters, or what the observations of the interval alone say (``messages``).
+   their own filters, or what the observations of the interval alone say (``interval_message``).
 
 The filter is the package's own: state, prediction, scalar update and closed loop are those of a replay.
 """
@@ -22,11 +22,10 @@ from typing import Any, Final, NamedTuple
 import numpy.typing as npt
 
 from insgnss.filter.prediction import Scratch, predict_covariance, step_state
-from insgnss.filter.rows.replica_offset import offset_range_row, offset_rate_row
 from insgnss.filter.state import CLOCK, DR, DRIFT, StateArray, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
-from insgnss.filter.update.replica_offsets import use_offsets
-from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
+from insgnss.filter.update.replica_offsets import offset_covariance, use_offsets
+from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.inertial.error_state import N_MOTION
@@ -191,7 +190,7 @@ def run_receiver(
         if receiver.kind == ONE_STAGE:
             close_loop(m, f.v[0], f.P.shape[0])
         elif with_filter and (step + 1) % receiver.interval == 0:
-            take_channels(receiver, told.level[k], m, f, room)
+            take_channels(receiver, told.level[k], f, room)
             close_loop(m, f.v[0], f.P.shape[0])
             predict_offsets(m, told.satellites[k], room)
             if receiver.kind == INTERVAL_MESSAGE:
@@ -201,7 +200,7 @@ def run_receiver(
             for c in range(noise.shape[1]):
                 room.base[c, 0], room.base[c, 1] = room.predicted[c, 0], room.predicted[c, 1]
         if step % receiver.record_every == 0:
-            record(receiver, arriving, k, m, f, room, step // receiver.record_every, found)
+            record(receiver, arriving, k, f, room, step // receiver.record_every, found)
         room.done[0] = step + 1
 
 
@@ -282,7 +281,7 @@ def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -
 
 
 @inlined
-def take_channels(receiver: Receiver, level: Int64, m: StateRecord, f: FilterRoom, room: ChannelRoom) -> None:
+def take_channels(receiver: Receiver, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
     """Update the filter with what its channels say; the intervals' sums begin anew."""
     for c in range(room.x.shape[0]):
         if receiver.kind == INTERVAL_MESSAGE:
@@ -302,19 +301,8 @@ def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
     """Set a channel to the filter's prediction, with its covariance h P h^T; an acceleration stays as it is."""
     x, P = room.x[c], room.P[c]
     x[0], x[1] = room.predicted[c, 0], room.predicted[c, 1]
-    of_range, of_rate = f.h[0], f.h[1]
-    for i in range(of_range.shape[0]):
-        of_range[i] = 0.0
-    offset_range_row(room.u[c], of_range)
-    offset_rate_row(room.u[c], room.g[c], 0.0, of_rate)
-    covariance_with(f.P, of_range, f.columns, f.v[1])
-    both = 0.0
-    for i in range(of_rate.shape[0]):
-        both += of_rate[i] * f.v[1, f.columns[i]]
-    P[0, 0] = predicted_variance(f.P, of_range, f.columns)
-    P[0, 1] = both
-    P[1, 0] = both
-    P[1, 1] = predicted_variance(f.P, of_rate, f.columns)
+    D = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
+    P[0, 0], P[0, 1], P[1, 0], P[1, 1] = D[0], D[1], D[1], D[2]
 
 
 @inlined
@@ -341,14 +329,13 @@ def record(
     receiver: Receiver,
     arriving: Arriving,
     k: int,
-    m: StateRecord,
     f: FilterRoom,
     room: ChannelRoom,
     at: int,
     found: Found,
 ) -> None:
     """Write filter and channels, after their updates, into row ``at``."""
-    state = found.state[at]
+    m, state = f.state[0], found.state[at]
     for i in range(3):
         state[i], state[3 + i] = m.r_e[i], m.v_e[i]
     for i in range(4):

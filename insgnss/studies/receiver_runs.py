@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from insgnss.config.flight import ImuGrade
 from insgnss.geodesy.rotations import to_scipy_quaternion
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
-from insgnss.simulation.oscillator import simulate_clock
+from insgnss.simulation.oscillator import clock_densities, simulate_clock
 from insgnss.studies.receiver_loop import (
     HELD,
     NO_SIGNAL,
@@ -31,7 +32,6 @@ from insgnss.studies.receiver_variants import (
     Start,
     UnknownMotion,
     Variant,
-    drift_density_mps,
     feeling_nothing,
     filter_room,
     oscillator_of,
@@ -79,6 +79,12 @@ class Setting:
             return SLIP_SHARE * aperture / k, math.inf, 0
         steps = round(_LOST_S / self.channels.step_s)
         return self.channels.chip_m, 2.0 * math.pi * _LOST_HZ / k, steps
+
+    @cached_property
+    def solution(self) -> Float64:
+        """What turns ranges into position and clock by least squares at the recorded integrations, (k, 4, m)."""
+        u = self.truth.directions(slice(None, None, self.record_every))
+        return np.asarray(np.linalg.pinv(np.concatenate([-u, np.ones((*u.shape[:2], 1))], axis=2)))
 
 
 @dataclass(frozen=True)
@@ -133,7 +139,7 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         variant,
         truth.step_s,
         setting.interval,
-        drift_density_mps(oscillator),
+        clock_densities(oscillator)[1],
         None if ins and variant.has_filter else setting.unknown,
         setting.limits,
         setting.record_every,
@@ -171,8 +177,8 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
             unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
             taken = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1]))
     state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
-    run = _run_of(setting, variant, found, state_errors, np.array(estimates).reshape(-1, m))
-    return replace(run, searches=tuple(searches.rows))
+    seen = np.array(estimates).reshape(-1, m)
+    return _run_of(setting, variant, found, state_errors, seen, tuple(searches.rows))
 
 
 def channel_room(
@@ -235,7 +241,12 @@ def _errors(setting: Setting, found: Found, clock: Float64, ins: bool) -> Float6
 
 
 def _run_of(
-    setting: Setting, variant: Variant, found: Found, error: Float64, estimates: Float64
+    setting: Setting,
+    variant: Variant,
+    found: Found,
+    error: Float64,
+    cn0_dbhz: Float64,
+    searches: tuple[SearchRow, ...],
 ) -> ReceiverRun:
     """Return what is left of a run; a receiver without a filter has the least squares of its channels."""
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -250,7 +261,7 @@ def _run_of(
         sd, nees = np.full_like(error, np.nan), np.full(len(error), np.nan)
         error = solved
     lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
-    return ReceiverRun(lost, rms, error, sd, nees, estimates, (), solved)
+    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved)
 
 
 def normalised(error: Float64, P: Float64) -> Float64:
@@ -265,10 +276,6 @@ def normalised(error: Float64, P: Float64) -> Float64:
 
 def _least_squares(setting: Setting, found: Found) -> Float64:
     """Return the errors (k, 11) of position, velocity and clock that all channels' ranges and rates give."""
-    truth, pick = setting.truth, slice(None, None, setting.record_every)
-    sight = truth.satellites[pick, :, :3] - truth.r_e[pick, None]
-    u = sight / np.linalg.norm(sight, axis=2, keepdims=True)
-    G = np.linalg.pinv(np.concatenate([-u, np.ones((*u.shape[:2], 1))], axis=2))
-    solved = -np.einsum("kij,kjc->kic", G, found.offsets)
+    solved = -np.einsum("kij,kjc->kic", setting.solution, found.offsets)
     nothing = np.full((len(solved), 3), np.nan)
     return np.hstack([solved[:, :3, 0], solved[:, :3, 1], nothing, solved[:, 3]])

@@ -13,9 +13,10 @@ import numpy as np
 from insgnss.config.flight import ImuGrade
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
-from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
-from insgnss.library import find, imu_grade
+from insgnss.interference.drift import density_of_walk
+from insgnss.interference.margin import db
+from insgnss.library import file_of, imu_grade
 from insgnss.library import oscillator as oscillator_named
 from insgnss.simulation.assembly import Inputs, trajectory_of
 from insgnss.simulation.closed_loop_sky import (
@@ -25,7 +26,6 @@ from insgnss.simulation.closed_loop_sky import (
     inertial_truth,
     orbits_towards,
 )
-from insgnss.simulation.oscillator import clock_densities
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.studies.receiver_runs import Setting
 from insgnss.studies.receiver_variants import STARTS, UnknownMotion
@@ -90,7 +90,7 @@ class Scene:
 
     def js_db(self, cn0_dbhz: float) -> float:
         """Return J/S that leaves a C/N0, thermal noise left out."""
-        return 10.0 * math.log10(self.bandwidth_hz) - cn0_dbhz
+        return float(db(self.bandwidth_hz)) - cn0_dbhz
 
 
 def scene_of(
@@ -189,8 +189,7 @@ def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, 
     if isinstance(scenario, SimulationConfig):
         config = scenario
     else:
-        path = Path(scenario) if str(scenario).endswith(".toml") else find("scenarios", str(scenario))
-        config = load_toml(path, SimulationConfig)
+        config = load_toml(file_of("scenarios", scenario), SimulationConfig)
     if not config.manoeuvre:
         raise ConfigError(
             "the scenario follows a logged reference",
@@ -208,8 +207,7 @@ def _drift_density(oscillator: str | Mapping[str, float], carrier_hz: float) -> 
     ConfigError, ModelError : an unknown oscillator or key
     """
     if isinstance(oscillator, str):
-        density = clock_densities(oscillator_named(oscillator))[1]
-        return 2.0 * density * (2.0 * math.pi * carrier_hz / C_MPS) ** 2
+        return float(density_of_walk(oscillator_named(oscillator).h_minus2_per_s, carrier_hz))
     unknown = set(oscillator) - {"drift_density"}
     if unknown or "drift_density" not in oscillator:
         key = ", ".join(sorted(unknown)) or "nothing"

@@ -7,7 +7,7 @@ is looked for from the block of integrations on in which it is back.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +16,10 @@ from insgnss.antenna.detection import detector
 from insgnss.antenna.search_window import SignalScale, search_window
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS
-from insgnss.filter.rows.replica_offset import COLUMNS, offset_range_row, offset_rate_row
-from insgnss.filter.update.scalar_update import predicted_variance
+from insgnss.filter.update.replica_offsets import offset_covariance
 from insgnss.studies.receiver_loop import NO_SIGNAL, ChannelRoom, FilterRoom
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.vector_loop import Channels
-
-_COLUMNS: Final = np.array(COLUMNS, np.int64)
 
 
 class SearchRow(NamedTuple):
@@ -32,7 +29,7 @@ class SearchRow(NamedTuple):
     lost_s: float  # since when it had no signal
     back_s: float  # when the signal was back
     tracked_s: float  # when the loops are closed again; inf: the signal is too weak to be found
-    cn0_dbhz: float
+    cn0_dbhz_back: float
     sd_delay_m: float
     off_m: float  # true offset from where the filter expects it
     sd_rate_mps: float
@@ -45,11 +42,9 @@ class Searches:
     """The channels' search over a run."""
 
     def __init__(self, channels: Channels, carrier_hz: float, count: int) -> None:
-        settings = Search()
-        self.settings = settings
-        self.need = detector(settings.detection)
-        chips = settings.grid.code_chips
-        self.scale = SignalScale(channels.chip_m, C_MPS / carrier_hz, chips)
+        self.settings = Search()
+        self.need = detector(self.settings.detection)
+        self.scale = SignalScale(channels.chip_m, C_MPS / carrier_hz, self.settings.grid.code_chips)
         self.lost_s = np.full(count, np.inf)  # inf: the channel has its signal
         self.tracked_s = np.full(count, -np.inf)
         self.rows: list[SearchRow] = []
@@ -80,11 +75,8 @@ class Searches:
     def _search(
         self, c: int, cn0_dbhz: float, t_s: float, f: FilterRoom, room: ChannelRoom, off: Float64
     ) -> SearchRow:
-        of_range, of_rate = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
-        offset_range_row(room.u[c], of_range)
-        offset_rate_row(room.u[c], room.g[c], 0.0, of_rate)
-        D = [predicted_variance(f.P, row, _COLUMNS) for row in (of_range, of_rate)]
-        found = search_window(cn0_dbhz, D[0], D[1], self.settings, self.need, self.scale)
+        d_range, _, d_rate = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
+        found = search_window(cn0_dbhz, d_range, d_rate, self.settings, self.need, self.scale)
         within = bool(found.within_aperture)
         waits_s = 0.0 if within else float(found.search_s)
         return SearchRow(
@@ -93,9 +85,9 @@ class Searches:
             t_s,
             t_s + waits_s,
             cn0_dbhz,
-            float(np.sqrt(D[0])),
+            float(np.sqrt(d_range)),
             float(off[0]),
-            float(np.sqrt(D[1])),
+            float(np.sqrt(d_rate)),
             float(off[1]),
             within,
             float(found.delay_cells * found.doppler_bins),

@@ -16,13 +16,15 @@ a Gauss-Markov process; attitude and gyros are known, so that 11 of its 17 state
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.errors import ConfigError
 from insgnss.filter.parameters import resolve_parameters
@@ -32,9 +34,10 @@ from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, new
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.inertial.sensor_model import sensor_model
+from insgnss.interference.riccati import discretised
 from insgnss.library import filter_config
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, ToldMotion
-from insgnss.simulation.oscillator import ClockTruth, clock_densities
+from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.trajectory import EARTH_RATE_E
 from insgnss.studies.receiver_loop import (
     INTERVAL_MESSAGE,
@@ -46,6 +49,7 @@ from insgnss.studies.receiver_loop import (
 )
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_known
+from insgnss.units import mg_to_mps2
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,11 @@ class Variant:
     def has_filter(self) -> bool:
         """Return whether a navigation filter runs."""
         return self.kind != SCALAR
+
+    @property
+    def needs_ins(self) -> bool:
+        """Return whether an inertial system aids the channels."""
+        return self.kind in (TWO_STAGE, INTERVAL_MESSAGE)
 
 
 AIDED_INFLATION: Final = 10.0
@@ -135,21 +144,15 @@ def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
     return Oscillator(h0_s=0.0, h_minus2_per_s=h_minus2)
 
 
-def drift_density_mps(oscillator: Oscillator) -> float:
-    """Return the two-sided density of the clock's drift [m^2/s^3]."""
-    return clock_densities(oscillator)[1]
-
-
 def without_ins(unknown: UnknownMotion) -> ImuGrade:
     """Return the grade of an inertial system that feels nothing: its bias is the vehicle's acceleration."""
-    g_mg = unknown.sigma_mps2 / 9.80665e-3
     return ImuGrade(
         gyro_bias_deg_per_h=0.0,
         gyro_bias_instability_deg_per_h=0.0,
         gyro_correlation_time_s=1e6,
         gyro_arw_deg_per_sqrt_h=0.0,
         accel_bias_mg=0.0,
-        accel_bias_instability_mg=g_mg,
+        accel_bias_instability_mg=unknown.sigma_mps2 / mg_to_mps2(1.0),
         accel_correlation_time_s=unknown.time_s,
         accel_vrw_mps_per_sqrt_h=0.0,
     )
@@ -223,10 +226,15 @@ def filter_room(
 
 def parameters_of(grade: ImuGrade, oscillator: Oscillator) -> npt.NDArray[Any]:
     """Return the numbers of the tight filter for a receiver whose heading is known: all of a force is motion."""
-    config = filter_config("tight", {"process.motion_sigma": 0.0})
-    par = resolve_parameters(config, grade, oscillator, (0.0, 0.0, 0.0), klobuchar_known=False)
+    par = resolve_parameters(_settings(), grade, oscillator, (0.0, 0.0, 0.0), klobuchar_known=False)
     par["covariance_step"] = 0.0  # a step for every integration
     return par
+
+
+@cache
+def _settings() -> FilterConfig:
+    """Return the settings of the filter, read once for all runs."""
+    return filter_config("tight", {"process.motion_sigma": 0.0})
 
 
 def receiver_of(
@@ -246,25 +254,21 @@ def receiver_of(
     drift_density : two-sided, of the clock's drift [m^2/s^3]
     unknown : None: an inertial system tells the acceleration
     """
-    T, q = step_s, variant.widening * drift_density
-    if unknown is None:
-        F = np.array([[1.0, T], [0.0, 1.0]])
-        walk = q * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
-    else:
-        keep = math.exp(-T / unknown.time_s)
-        F = np.array([[1.0, T, 0.5 * T * T], [0.0, 1.0, T], [0.0, 0.0, keep]])
-        jerk = unknown.sigma_mps2**2 * 2.0 / unknown.time_s
-        walk = jerk * np.array(
-            [
-                [T**5 / 20.0, T**4 / 8.0, T**3 / 6.0],
-                [T**4 / 8.0, T**3 / 3.0, T**2 / 2.0],
-                [T**3 / 6.0, T**2 / 2.0, T],
-            ]
-        )
-        walk[:2, :2] += q * np.array([[T**3 / 3.0, T**2 / 2.0], [T**2 / 2.0, T]])
-    return Receiver(variant.kind, interval, variant.inflation, F, walk, record_every, settle, limits)
-
-
-def widened(variant: Variant, widening: float) -> Variant:
-    """Return a variant whose channels are designed for so many times the oscillator's density."""
-    return replace(variant, widening=widening)
+    # range, its rate, and the acceleration where nothing tells it
+    states = 2 if unknown is None else 3
+    A, Q = np.diag(np.ones(states - 1), 1), np.zeros((states, states))
+    Q[1, 1] = variant.widening * drift_density
+    if unknown is not None:
+        A[2, 2] = -1.0 / unknown.time_s
+        Q[2, 2] = 2.0 * unknown.sigma_mps2**2 / unknown.time_s
+    F, walk = discretised(A, Q, step_s)
+    return Receiver(
+        variant.kind,
+        interval,
+        variant.inflation,
+        np.ascontiguousarray(F),
+        np.ascontiguousarray(walk),
+        record_every,
+        settle,
+        limits,
+    )

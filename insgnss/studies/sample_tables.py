@@ -30,11 +30,12 @@ from insgnss.studies.sample_loop import SampleLoop
 from insgnss.studies.sample_search import origin_chips
 from insgnss.tables import Float64
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ
+from insgnss.tracking.lock_detectors import SLIP_SHARE
 from insgnss.tracking.sample_channel import DELAY_CHIPS, MIDDLE, PHASE_RAD
 
 AXES: Final = ("n", "e", "d")
 SETTLED_S: Final = 5.0  # after the first fix: loops pulled in, the given start forgotten
-SLIP_CYCLES: Final = 0.375  # 0.75 of the half cycle that data leave between stable points
+SLIP_CYCLES: Final = SLIP_SHARE * 0.5  # of the half cycle that data leave between stable points
 _LOST_CHIPS: Final = 0.5
 
 

@@ -45,7 +45,6 @@ RATIO, RANGE_BY_OUTPUT, RANGE_VARIANCE, RATE_BY_OUTPUT, RATE_VARIANCE = range(5)
 N_TABLE: Final = 5
 # what is seen of a channel in an integration
 SEEN_RANGE, SEEN_RATE, SEEN_POWER = range(3)
-N_SEEN: Final = 3
 N_NOISE: Final = (2, 12)  # normal numbers for each channel and integration, by tracking
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
 from insgnss.log.iq_file import NOISE_LSB, IqFile, rounded, write_iq
+from insgnss.saving import overwriting
 from insgnss.tracking.signal import Samples, Sampling
 
 COMPLEX, REAL = Sampling(4e6, is_complex=True), Sampling(8e6, 2.1e6)
@@ -107,3 +108,17 @@ def test_unwritable_recording_and_unknown_type_are_refused(tmp_path: Path, rng: 
         write_iq(tmp_path / "a.bin", [], "float")
     with pytest.raises(ConfigError):
         rounded(noise(COMPLEX, 5, rng), "float")
+
+
+def test_file_of_somebody_else_stays_as_it_is(tmp_path: Path) -> None:
+    theirs = tmp_path / "a.bin"
+    theirs.write_bytes(b"theirs")
+    block = noise(COMPLEX, 5, np.random.default_rng(1))
+    with pytest.raises(ResultError, match="would replace this file"):
+        write_iq(theirs, [block])
+    assert theirs.read_bytes() == b"theirs"
+
+    with overwriting():
+        write_iq(theirs, [block])
+    write_iq(theirs, [block])  # its own may be written anew
+    assert IqFile(theirs, COMPLEX).count == 5

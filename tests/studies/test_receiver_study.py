@@ -24,7 +24,7 @@ from insgnss.studies import ManoeuvringReceiver, ReceiverOptions, receiver_study
 from insgnss.studies.interval_message import add_observation, carry_message, solve_message
 from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many
 from insgnss.studies.receiver_scene import scene_of
-from insgnss.studies.receiver_variants import VARIANTS, Variant, widened
+from insgnss.studies.receiver_variants import VARIANTS, Variant
 
 # a loop over the phase forgets its begin within seconds, one over the delay in a minute
 LASTS_S: Final = {"coherent": 40.0, "noncoherent": 110.0}
@@ -224,7 +224,7 @@ def test_simplified_second_stage_with_a_good_oscillator_runs_away_and_each_cure_
     assert settled(of, runs, VELOCITY) > 1.5 * settled(of, optimal, VELOCITY)
     assert nees_within_bounds(of, optimal)
     for cure in (
-        nees(widened(VARIANTS["two_stage"], 100.0)),
+        nees(replace(VARIANTS["two_stage"], widening=100.0)),
         nees(VARIANTS["two_stage"], interval=200),
         nees(replace(VARIANTS["two_stage"], inflation=100.0)),
     ):
