@@ -30,6 +30,7 @@ KINDS = {
     "scenarios": "scenario",
     "campaigns": "campaign",
     "vehicles": "vehicle",
+    "emitters": "file of emitters",
 }
 _TABLES = ("antennas",)  # kinds whose files are tables (.csv); the others are settings (.toml)
 _FORMER_NAMES: Final = {("filters", "tight17"): "tight"}
@@ -71,6 +72,16 @@ def find(kind: str, name: str, extra_paths: Sequence[Path] = ()) -> Path:
         f"there is no {KINDS.get(kind, kind)} named '{name}'",
         advice=f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}",
     )
+
+
+def file_of(kind: str, named: str | Path, folder: Path = Path()) -> Path:
+    """Return a model's file: a path with the ending of its kind, counted from ``folder``, or one by its name.
+
+    Raises
+    ------
+    ModelError : the library has none of this name
+    """
+    return folder / named if str(named).endswith(_suffix(kind)) else find(kind, str(named))
 
 
 def about(kind: str, name: str) -> str:
@@ -132,16 +143,12 @@ def filter_config(
     ModelError, MissingFileError : no such filter
     ConfigError : the file does not fit the schema, is based on itself, or a setting does not fit
     """
-    config = filter if isinstance(filter, FilterConfig) else _filter_of_file(_filter_file(filter))
+    config = filter if isinstance(filter, FilterConfig) else _filter_of_file(file_of("filters", filter))
     if settings and "based_on" in settings:
         raise ConfigError(
             "what a filter is based on cannot be set here", key="based_on", advice="name that filter instead"
         )
     return changed(config, settings) if settings else config
-
-
-def _filter_file(filter: str | Path, folder: Path = Path()) -> Path:
-    return folder / filter if str(filter).endswith(".toml") else find("filters", str(filter))
 
 
 def _filter_of_file(path: Path, above: tuple[Path, ...] = ()) -> FilterConfig:
@@ -150,7 +157,7 @@ def _filter_of_file(path: Path, above: tuple[Path, ...] = ()) -> FilterConfig:
     if not (isinstance(based_on, str) and based_on):
         return load_toml(path, FilterConfig)
     above = (*above, path.resolve())
-    below = _filter_file(based_on, path.parent)
+    below = file_of("filters", based_on, path.parent)
     if below.resolve() in above:
         raise ConfigError(
             "the filter is based on itself",
@@ -166,9 +173,7 @@ def scenario_config(scenario: str | Path | ScenarioConfig) -> ScenarioConfig:
     """Return a scenario: as it is, from a file (a path ending in .toml), or by name from ``models/scenarios``."""
     if isinstance(scenario, ScenarioConfig):
         return scenario
-    if str(scenario).endswith(".toml"):
-        return load_toml(Path(scenario), ScenarioConfig)
-    return load("scenarios", str(scenario), ScenarioConfig)
+    return load_toml(file_of("scenarios", scenario), ScenarioConfig)
 
 
 def vehicle(vehicle: str | Path | Vehicle, extra_paths: Sequence[Path] = ()) -> Vehicle:

@@ -24,6 +24,7 @@ _WORDS: Final = (
     *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),
     *("from_state", "to_state", "reason", "event", "supervisor", "verdict"),
 )
+_COMPARED: Final = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
 # Columns without which a table is of no use; a run of an earlier version may lack others
 _COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
     "nav": (
@@ -34,7 +35,7 @@ _COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
     "measurements": ("time_s", "sv", "signal", "kind", "innovation", "sd_innovation", "nis", "status"),
     "satellites": ("time_s", "sv", "az_deg", "el_deg", "body_az_deg", "body_el_deg", "state"),
     "events": ("time_s", "kind", "detail"),
-    "errors": ("time_s",),
+    "errors": ("time_s", *(f"{sign}_{name}" for name in _COMPARED for sign in ("d", "sd"))),
     "filtered": ("time_s",),
     "imu": ("time_s",),
     "imu_spectrum": ("frequency_hz",),

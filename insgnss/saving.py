@@ -111,8 +111,9 @@ def saving(folder: Path, names: Iterable[str], kind: str) -> Iterator[Path]:
         _open_saves.reset(token)
 
 
-def write_file(path: Path, content: bytes, kind: str) -> None:
-    """Write one file, whole or not at all, as ``saving`` does; a device or a pipe is written to.
+@contextmanager
+def saving_file(path: Path, kind: str) -> Iterator[Path]:
+    """Yield where one file is to be written, whole or not at all, as ``saving`` does; a device or a pipe is itself.
 
     Raises
     ------
@@ -120,10 +121,22 @@ def write_file(path: Path, content: bytes, kind: str) -> None:
     OSError : it cannot be written
     """
     if path.exists() and not path.is_file() and not path.is_dir():
-        path.write_bytes(content)
+        yield path
         return
     with saving(path.parent, (path.name,), kind) as new:
-        (new / path.name).write_bytes(content)
+        yield new / path.name
+
+
+def write_file(path: Path, content: bytes, kind: str) -> None:
+    """Write one file as ``saving_file`` does.
+
+    Raises
+    ------
+    ResultError : a file stands there that may not be replaced
+    OSError : it cannot be written
+    """
+    with saving_file(path, kind) as place:
+        place.write_bytes(content)
 
 
 def check_replaceable(folder: Path, names: Iterable[str], kind: str) -> None:

@@ -13,9 +13,11 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
+from pandas.api.types import is_string_dtype
 
 TableFormat = Literal["parquet", "csv"]
 ColumnTypes = Mapping[str, str | list[str]]  # of each column its type, or the words that it is made of
+_WORDS: Final = "str"
 _PIECE_ROWS: Final = 1 << 17
 
 
@@ -74,7 +76,9 @@ def _write_parquet(path: Path, table: pd.DataFrame, **options: Any) -> None:
 def column_types(table: pd.DataFrame) -> dict[str, str | list[str]]:
     """Return what a CSV file does not say of its columns: how wide the numbers are, and which words there are."""
     return {
-        str(name): dtype.categories.tolist() if isinstance(dtype, pd.CategoricalDtype) else str(dtype)
+        str(name): dtype.categories.tolist()
+        if isinstance(dtype, pd.CategoricalDtype)
+        else str(dtype).replace("object", _WORDS)  # as pandas before 3 calls them
         for name, dtype in table.dtypes.items()
     }
 
@@ -99,7 +103,7 @@ def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
     )
     frame: pd.DataFrame = table.to_pandas()
     if types is None:
-        return frame.astype(dict.fromkeys(frame.columns[frame.dtypes == "str"], "category"))
+        return frame.astype(dict.fromkeys(frame.columns[frame.dtypes.map(is_string_dtype)], "category"))
     for name, told in types.items():
         unknown = set(frame[name].dropna()) - set(told) if isinstance(told, list) else set()
         if unknown:
@@ -108,12 +112,13 @@ def read_csv(path: Path, types: ColumnTypes | None) -> pd.DataFrame:
         {
             name: pd.CategoricalDtype(pd.Index(told, dtype="str")) if isinstance(told, list) else told
             for name, told in types.items()
+            if told not in (_WORDS, "object")  # they are words already
         }
     )
 
 
 def _arrow_type(told: str | list[str]) -> pa.DataType:
     """Return the type as which a column's cells are read, the widest of its kind."""
-    if isinstance(told, list) or told == "str":
+    if isinstance(told, list) or told in (_WORDS, "object"):
         return pa.string()
     return {"f": pa.float64(), "i": pa.int64(), "b": pa.bool_()}[np.dtype(told).kind]

@@ -19,7 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 BOUND = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)>=(?P<version>[0-9.]+)")
 NOT_FOR_TESTS = {"import-linter", "mypy", "pandas-stubs", "ruff"}  # they look at the text alone
-EXTRAS = ("campaign", "mcap", "ulog")  # whose lower bounds count
+EXTRAS = ("campaign", "mcap", "novatel", "ulog")  # whose lower bounds count
 # what an old library calls may be deprecated in the newest of those below it, as click is to typer
 WARNINGS = ("-W", "default::DeprecationWarning")
 
@@ -59,9 +59,13 @@ def main(arguments: list[str]) -> int:
     listed = subprocess.run(
         [str(python), "-m", "pip", "freeze"], check=True, capture_output=True, text=True, cwd=ROOT
     )
-    names = {re.split(r"[<>=]", entry)[0].lower() for entry in pinned}
+    names = {re.split(r"[<>=]", entry)[0].lower().replace("-", "_") for entry in pinned}
     print(f"Python {sys.version.split()[0]}")
-    print("\n".join(line for line in listed.stdout.split() if line.split("==")[0].lower() in names))
+    print(
+        "\n".join(
+            line for line in listed.stdout.split() if line.split("==")[0].lower().replace("-", "_") in names
+        )
+    )
     sys.stdout.flush()
     return subprocess.run(
         [str(python), "-m", "pytest", "-q", *WARNINGS, *chosen], check=False, cwd=ROOT

@@ -67,7 +67,7 @@ def test_shell_completes_the_commands() -> None:
 
     offered = run(**asked).stdout.split()
 
-    assert sorted(offered) == ["replay", "report"]
+    assert sorted(offered) == ["receiver", "replay", "report"]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

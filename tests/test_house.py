@@ -23,7 +23,7 @@ SOURCES = sorted((ROOT / "insgnss").rglob("*.py"))
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
 TOP_LEVEL_FOLDERS = {".ci", "data", "insgnss", "models", "notebooks", "tests"}
 HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scipy", "xarray"} | {
-    *("lz4", "mcap", "mcap_ros2", "pyulog", "zstandard"),
+    *("lz4", "mcap", "mcap_ros2", "novatel_edie", "pyulog", "zstandard"),
 }
 MAX_FILE_LINES = 400
 MAX_BODY_LINES = 60
@@ -256,7 +256,7 @@ def test_every_imported_library_is_declared() -> None:
     # the pictures' library is optional, and one room alone may load it: see the contracts; so is that of campaigns
     optional = project["optional-dependencies"]
     named = sum(
-        (optional[extra] for extra in ("plots", "campaign", "netcdf", "mcap", "ulog")),
+        (optional[extra] for extra in ("plots", "campaign", "netcdf", "mcap", "novatel", "ulog")),
         project["dependencies"],
     )
     declared = {re.split(r"[<>=!~ ]", name)[0] for name in named}
@@ -268,7 +268,7 @@ def test_every_imported_library_is_declared() -> None:
             elif isinstance(node, ast.ImportFrom) and node.module:
                 imported.add(node.module.split(".")[0])
 
-    part_of = {"mcap_ros2": "mcap-ros2-support", "pydantic_core": "pydantic"}
+    part_of = {"mcap_ros2": "mcap-ros2-support", "novatel_edie": "novatel-edie", "pydantic_core": "pydantic"}
     assert {part_of.get(n, n) for n in imported} - set(sys.stdlib_module_names) - {"insgnss"} <= declared
 
 

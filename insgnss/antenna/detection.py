@@ -59,15 +59,23 @@ def marcum_q(order: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike) -> Float6
     return np.asarray(np.sum(weight * _special().gammaincc(m[..., None] + k, x[..., None]), axis=-1))
 
 
+def threshold(pfa: npt.ArrayLike, looks: npt.ArrayLike = 1) -> Float64:
+    """Return what noise alone exceeds with the probability Pfa: a sum of looks, each over its mean without signal.
+
+    Equation: Gamma(K, y) / Gamma(K) = Pfa                          [Marcum 1960; Richards 2014, chapter 6]
+    """
+    return np.asarray(_special().gammainccinv(np.asarray(looks, float), pfa))
+
+
 def detection_probability(snr: npt.ArrayLike, pfa: npt.ArrayLike, looks: npt.ArrayLike = 1) -> Float64:
     """Return the probability of detection of a steady signal of unknown phase, exactly; arguments broadcast.
 
-    Equation: threshold y with Gamma(K, y) / Gamma(K) = Pfa, Pd = Q_K(sqrt(2 K snr), sqrt(2 y))
+    Equation: Pd = Q_K(sqrt(2 K snr), sqrt(2 y)), y the ``threshold``
                                                                     [Marcum 1960; Richards 2014, chapter 6]
     """
     K = np.asarray(looks, float)
-    threshold = _special().gammainccinv(K, pfa)
-    return marcum_q(K, np.sqrt(2.0 * K * np.asarray(snr, float)), np.sqrt(2.0 * threshold))
+    edge = np.sqrt(2.0 * threshold(pfa, K))
+    return marcum_q(K, np.sqrt(2.0 * K * np.asarray(snr, float)), edge)
 
 
 def coherent_detection_probability(snr: npt.ArrayLike, pfa: npt.ArrayLike) -> Float64:
@@ -115,7 +123,7 @@ def exact_snr_db(pd: float, pfa: float, looks: npt.ArrayLike = 1) -> Float64:
     """
     _check_pair(pd, pfa)
     K = np.asarray(looks, float)
-    edge = np.sqrt(2.0 * _special().gammainccinv(K, pfa))
+    edge = np.sqrt(2.0 * threshold(pfa, K))
     low, high = np.zeros(K.shape), np.ones(K.shape)  # of K snr
     while np.any(short := marcum_q(K, np.sqrt(2.0 * high), edge) < pd):
         low, high = np.where(short, high, low), np.where(short, 2.0 * high, high)

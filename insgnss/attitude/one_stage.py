@@ -3,6 +3,10 @@
 Dneprov and Korogodin (2015), (5)-(9): X~ = F X^, X^ = X~ + D (dF/dX)^T, D^-1 = D~^-1 - d2F/dX2, with the expected
 second derivative of the log-likelihood in the place of the drawn one. No phase difference is ever formed, so
 there is no ambiguity to resolve; in exchange the first attitude must be right to half of the aperture.
+
+With gyros the attitude is carried on by their increments, and the state has their biases in the place of the rates:
+
+    C_nb <- C_nb exp([theta - b T] x),    psi' = -C_nb delta b,    b' = white noise
 """
 
 from __future__ import annotations
@@ -54,7 +58,7 @@ class AttitudeState:
 
     C_nb: Float64  # (3, 3)
     rpy: Float64  # (3,) [rad]; unwrapped where the filter works in Euler angles
-    rate: Float64  # (3,) of roll, pitch, yaw, or of the rotation vector in n [rad/s]
+    rate: Float64  # (3,) of roll, pitch, yaw, or of the rotation vector in n; with gyros their biases, body [rad/s]
     covariance: Float64  # (6, 6) of angles (or rotation vector in n) and rates
     agreement: float = math.nan  # mean cosine of the phases left over: near 1 in lock, lower on a false zero
 
@@ -67,6 +71,8 @@ class OneStage:
     "rotation" keeps the matrix and corrects it by a rotation vector in n, for all attitudes. ``source``: "likelihood"
     uses all antennas' correlators as their joint likelihood does, "pairs" the paper's products with the first antenna,
     summed as if their noises were independent: its covariance is too modest or too confident by what they share.
+    ``increment_noise`` makes it a filter with gyros, whose increments every step takes; ``rate_noise`` is then that of
+    their biases. Neglects: the turn of n itself, 7e-5 rad/s, which the biases take.
     """
 
     array: AntennaArray
@@ -76,8 +82,17 @@ class OneStage:
     rate_noise: Float64  # (3,) variance by which the rates change in one integration [(rad/s)^2]
     parameters: Parameters = "euler"
     source: Source = "likelihood"
+    increment_noise: float | None = None  # variance of an angle increment, each axis [rad^2]; None: no gyros
 
     def __post_init__(self) -> None:
+        if self.increment_noise is not None and not (
+            self.parameters == "rotation" and 0.0 <= self.increment_noise < math.inf
+        ):
+            raise ConfigError(
+                "gyros need parameters of a rotation, and a variance of 0 or more",
+                key="increment_noise",
+                advice='give parameters = "rotation" and the angular random walk squared times the integration time',
+            )
         require_positive("integrations last 1 to 20 ms", integration_s=self.integration_s)
         require_known(self.parameters, ("euler", "rotation"), "parameters", "set of parameters")
         require_known(self.source, ("likelihood", "pairs"), "source", "discriminator")
@@ -102,16 +117,49 @@ class OneStage:
         sd = np.r_[np.broadcast_to(sd_angle_rad, 3), np.broadcast_to(sd_rate_radps, 3)]
         return AttitudeState(attitude_matrices(angles), angles, np.zeros(3), np.diag(sd**2))
 
-    def predicted(self, state: AttitudeState) -> AttitudeState:
-        """Return the state one integration later  [(5), (8), (9)]."""
+    def predicted(self, state: AttitudeState, increment_b: npt.ArrayLike | None = None) -> AttitudeState:
+        """Return the state one integration later  [(5), (8), (9)].
+
+        Parameters
+        ----------
+        increment_b : (3,) of the gyros over the integration [rad]; None without gyros
+
+        Raises
+        ------
+        ConfigError : increments without gyros, gyros without increments, or increments that are no numbers
+        """
         T = self.integration_s
-        F = np.eye(6)
-        F[ANGLE, RATE] = T * np.eye(3)
-        if self.parameters == "rotation":
-            F[ANGLE, ANGLE] = rotation_matrix(T * state.rate)
+        F, turned = np.eye(6), self._turned(state, increment_b)
+        if turned is not None:
+            C = state.C_nb @ rotation_matrix(turned)
+            F[ANGLE, RATE] = -0.5 * T * (state.C_nb + C)
+            moved = replace(state, C_nb=C, rpy=to_euler(C))
+        else:
+            F[ANGLE, RATE] = T * np.eye(3)
+            if self.parameters == "rotation":
+                F[ANGLE, ANGLE] = rotation_matrix(T * state.rate)
+            moved = self._moved(state, T * state.rate)
         D = F @ state.covariance @ F.T
+        D[ANGLE, ANGLE] += (self.increment_noise or 0.0) * np.eye(3)
         D[RATE, RATE] += np.diag(self.rate_noise)
-        return replace(self._moved(state, T * state.rate), covariance=D)
+        return replace(moved, covariance=D)
+
+    def _turned(self, state: AttitudeState, increment_b: npt.ArrayLike | None) -> Float64 | None:
+        """Return the gyros' increment without their biases, (3,); None without gyros."""
+        if (increment_b is None) != (self.increment_noise is None):
+            raise ConfigError(
+                "increments and their noise go together",
+                key="increment_b",
+                advice="give each step (3,) increments, and increment_noise to the filter, or neither",
+            )
+        if increment_b is None:
+            return None
+        increment = np.asarray(increment_b, np.float64)
+        if increment.shape != (3,) or not np.isfinite(increment).all():
+            raise ConfigError(
+                f"increments {increment} are none", key="increment_b", advice="give three angles in radians"
+            )
+        return np.asarray(increment - self.integration_s * state.rate)
 
     def corrected(self, state: AttitudeState, Z: Complex) -> AttitudeState:
         """Return the state after the correlators (M, N) of one integration  [(8), (9)].
@@ -132,9 +180,11 @@ class OneStage:
             moved, rate=state.rate + dX[RATE], covariance=0.5 * (D + D.T), agreement=_agreement(Z, psi)
         )
 
-    def step(self, state: AttitudeState, Z: Complex) -> AttitudeState:
+    def step(
+        self, state: AttitudeState, Z: Complex, increment_b: npt.ArrayLike | None = None
+    ) -> AttitudeState:
         """Return the state after prediction and correction by one integration's correlators (M, N)."""
-        return self.corrected(self.predicted(state), Z)
+        return self.corrected(self.predicted(state, increment_b), Z)
 
     def _score(self, Z: Complex, psi: Float64, J: Float64) -> tuple[Float64, Float64]:
         """Return the expected information (3, 3) and the gradient (3,) of the log-likelihood by the angles."""

@@ -9,6 +9,7 @@ from typing import Annotated, Final
 
 import typer
 
+from insgnss.cli.acquire import acquire
 from insgnss.cli.allan import allan
 from insgnss.cli.campaign import campaign
 from insgnss.cli.check import check
@@ -18,10 +19,12 @@ from insgnss.cli.consistency import consistency
 from insgnss.cli.convert import convert
 from insgnss.cli.demo import demo
 from insgnss.cli.export import export
+from insgnss.cli.iq import iq
 from insgnss.cli.margin import margin
 from insgnss.cli.models import models
 from insgnss.cli.outage import outage
 from insgnss.cli.point import point
+from insgnss.cli.receiver import receiver
 from insgnss.cli.replay import replay
 from insgnss.cli.report import report
 from insgnss.cli.simulate import simulate
@@ -64,7 +67,10 @@ EXAMPLES: Final[dict[Callable[..., None], str]] = {
     simulate: "insgnss simulate at_rest --output out/rest --seed 1",
     allan: "insgnss allan out/rest/flight.toml --output out/allan",
     track: "insgnss track --cn0 38 --jerk 20 --frequency-bandwidth 5",
+    iq: "insgnss iq steep_turns --duration 3 --record out/steep_turns.iq",
+    acquire: "insgnss acquire out/steep_turns.iq --rate 4e6",
     margin: "insgnss margin --oscillator tcxo --imu tactical --output out/margin",
+    receiver: "insgnss receiver --variants two_stage,one_stage --cn0 40,25 --runs 4",
     campaign: "insgnss campaign imu_grades --output out/campaign",
     columns: "insgnss columns nav",
     models: "insgnss models imus",

@@ -21,6 +21,7 @@ _USE: Final = {
     "scenarios": "insgnss simulate {file}",
     "campaigns": "insgnss campaign {file}",
     "vehicles": 'beside the flight file: vehicle = "{name}.toml" in [attitude]',
+    "emitters": "insgnss receiver SCENARIO --emitters {file}",
 }
 
 

@@ -12,6 +12,7 @@ from insgnss.cli.console import result_console
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.filter_options import FilterName, Settings, chosen_filter
 from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.lists import names_in
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
@@ -75,7 +76,7 @@ def outage(
         from insgnss.studies.outage_windows import Removal
 
         chosen = chosen_filter(filter, settings)
-        removal = Removal(_names(satellites), _names(constellations), _names(kinds))
+        removal = Removal(names_in(satellites), names_in(constellations), names_in(kinds))
         with telling("starting") as tell:
             study = outage_study(
                 flight,
@@ -98,10 +99,6 @@ def outage(
     _print(study)
     where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
     typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _windows(

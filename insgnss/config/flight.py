@@ -7,7 +7,7 @@ against the declaration.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -358,11 +358,16 @@ class Attitude(StrictModel):
         return self
 
 
+NO_WEEK: Final = -1  # left out
+
+
 class FlightConfig(StrictModel):
     """A whole flight file. Relative paths are relative to the file itself."""
 
     name: str = ""
-    gps_week: Annotated[int, Field(ge=0, le=9999)]
+    gps_week: Annotated[int, Field(ge=0, le=9999)] = Field(
+        NO_WEEK, description="that seconds of the week count in; left out: the one in which the log begins"
+    )
     imu: Imu | None = Field(None, description="the point solution needs none")
     gnss: Gnss
     attitude: Attitude | None = None

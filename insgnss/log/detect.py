@@ -10,6 +10,7 @@ from insgnss.errors import InputError
 from insgnss.log.files import file_buffer
 from insgnss.log.messages.bits import crc24q
 from insgnss.log.novatel_frames import frames_in
+from insgnss.log.novatel_rewritten import ascii_bytes
 from insgnss.log.sbf_blocks import find_blocks
 
 Format = Literal[
@@ -115,9 +116,9 @@ def _sbf_bytes(data: bytes) -> int:
 
 
 def _novatel_bytes(path: Path, data: bytes) -> int:
-    """Return how many bytes lie in NovAtel binary messages with a sound check sum."""
+    """Return how many bytes lie in NovAtel messages, binary or ASCII, with a sound check sum."""
     frames = frames_in(path, data)
-    return len(data) - frames.foreign_bytes if frames.count else 0
+    return ascii_bytes(data) + (len(data) - frames.foreign_bytes if frames.count else 0)
 
 
 def _rtcm_bytes(data: bytes) -> int:
@@ -148,9 +149,7 @@ def _looks_like(data: bytes) -> str:
     if data[:1] == _RTCM_PREAMBLE:
         return "this begins like RTCM 3, but no frame of it has a sound check sum"
     if _NOVATEL_ASCII.match(data.lstrip()):
-        return (
-            "this is NovAtel ASCII: log the binary messages (RANGEB), or convert it with NovAtel's own tool"
-        )
+        return "this begins like NovAtel ASCII, but no message of it has a sound check sum"
     if data[:1] == b"#" or b"," in data[:200]:
         return "this looks like CSV: name it in a flight file with its columns instead"
     return "it is empty of what the formats begin with"

@@ -9,17 +9,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from insgnss.config.flight import FlightConfig, ImuGrade, Oscillator
+from insgnss.config.flight import NO_WEEK, FlightConfig, ImuGrade, Oscillator
 from insgnss.config.strict import load_toml
+from insgnss.constants import NS_PER_WEEK
+from insgnss.errors import ConfigError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
-from insgnss.log.gnss_log import GnssLogs, read_gnss_logs
+from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver
 from insgnss.log.imu_csv import inertial, read_imu
 from insgnss.log.overlap import check_overlap, outside_events
 from insgnss.log.reference import read_reference
@@ -68,7 +71,7 @@ class Flight(Shown):
 
     @classmethod
     def load(cls, path: str | Path) -> Flight:
-        """Read and check a flight file; no log is opened yet.
+        """Read and check a flight file; no log is opened yet, except for the week where ``gps_week`` is left out.
 
         Raises
         ------
@@ -81,12 +84,10 @@ class Flight(Shown):
         grade = _UNUSED_GRADE if config.imu is None else config.imu.grade
         clock = config.gnss.oscillator
         folder = (path.absolute().parent,)
-        return cls(
-            path,
-            config,
-            imu_grade(grade, folder) if isinstance(grade, str) else grade,
-            oscillator(clock, folder) if isinstance(clock, str) else clock,
-        )
+        grade = imu_grade(grade, folder) if isinstance(grade, str) else grade
+        if config.gps_week == NO_WEEK:
+            config = config.model_copy(update={"gps_week": _week_of_the_log(config, grade, path)})
+        return cls(path, config, grade, oscillator(clock, folder) if isinstance(clock, str) else clock)
 
     def _about(self) -> Iterator[str]:
         gnss = self.config.gnss
@@ -175,6 +176,24 @@ class FlightInMemory(Flight):
     def read(self) -> FlightLogs:
         """Return the logs."""
         return self.logs
+
+
+def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
+    """Return the GPS week in which a log begins whose times tell it.
+
+    Raises
+    ------
+    ConfigError : the times of all logs are seconds of a week that nothing tells
+    """
+    t_ns = np.zeros(0, np.int64)
+    if config.gnss.format != "csv" or not config.gnss.counts_in_gps_week:
+        t_ns = read_receiver(config.gnss, 0).gnss.t_ns
+    elif config.imu is not None and not config.imu.counts_in_gps_week:
+        t_ns = read_imu(config.imu, 0, grade)[0].t_ns
+    if not len(t_ns):
+        advice = "give gps_week, that the seconds of the logs count in"
+        raise ConfigError("missing key", file=path, key="gps_week", advice=advice)
+    return int(t_ns[0]) // NS_PER_WEEK
 
 
 def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:

@@ -10,16 +10,15 @@ from insgnss.tables import Event
 
 
 class Framed(Protocol):
-    """One file's bytes, and what was found wrong while its frames were searched."""
+    """One file, and what was found wrong while its frames were searched."""
 
     path: Path
-    data: bytes
     foreign_bytes: int  # between the frames
     bad_checksums: list[int]  # offsets
     cut_at: int | None  # offset of a frame that the end of the file cuts
 
 
-def framing_events(file: Framed, protocol: str, unit: str, foreign: str) -> list[Event]:
+def framing_events(file: Framed, protocol: str, unit: str, foreign: str, size: int) -> list[Event]:
     """Return the events of one file.
 
     Parameters
@@ -27,6 +26,7 @@ def framing_events(file: Framed, protocol: str, unit: str, foreign: str) -> list
     protocol : begins the kind of each event ("ubx")
     unit : what the protocol calls a frame ("frame", "message")
     foreign : what the bytes between the frames are, behind "of n bytes are"
+    size : of the file [bytes]
     """
     events = first_events(
         file.bad_checksums,
@@ -40,6 +40,6 @@ def framing_events(file: Framed, protocol: str, unit: str, foreign: str) -> list
         detail = f"{file.path}: byte {file.cut_at}: the file ends within a {unit}"
         events.append(Event(None, f"{protocol}_cut", detail))
     if file.foreign_bytes:
-        detail = f"{file.path}: {file.foreign_bytes} of {len(file.data)} bytes are {foreign}"
+        detail = f"{file.path}: {file.foreign_bytes} of {size} bytes are {foreign}"
         events.append(Event(None, f"{protocol}_foreign_bytes", detail))
     return events

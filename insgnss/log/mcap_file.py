@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +22,9 @@ from insgnss.tables import Event
 
 INSTALL: Final = "pip install 'insgnss[mcap]'"
 _RECORD_LIMIT: Final = 1 << 30
+_FIELD: Final = re.compile(
+    r"^[ \t]*(\w+/[\w/]+)[ \t]+(\w+)[ \t]*(?:#.*)?\r?$", re.MULTILINE
+)  # "pkg/Type name"
 
 
 @dataclass
@@ -27,7 +32,7 @@ class Topic:
     """One topic: the name of its messages' type, and the messages that were asked for."""
 
     name: str
-    kind: str  # "sensor_msgs/msg/Imu"
+    kind: str  # "sensor_msgs/msg/Imu"; of messages that hold one in a field, the field's
     decode: Callable[[bytes], Any] | None  # None where the messages' encoding is not ROS 2's
     count: int = 0
     messages: list[tuple[int, bytes]] = field(default_factory=list)  # log time [ns], content
@@ -47,8 +52,14 @@ class Topic:
         return [(t_ns, message) for t_ns, message in found if message is not None]
 
 
-def read_topics(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, Topic], list[Event]]:
+def read_topics(
+    path: Path, wanted: Collection[str], within: Collection[str] = ()
+) -> tuple[dict[str, Topic], list[Event]]:
     """Return the topics of a file (plain or gzipped), with the messages of the types that are wanted.
+
+    Parameters
+    ----------
+    within : types that are also wanted where a message of another type holds one in a field of its own, as drivers do
 
     Raises
     ------
@@ -61,7 +72,7 @@ def read_topics(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, To
         raise InputError("MCAP files need mcap and mcap-ros2-support, which are not installed", file=path,
                          advice=INSTALL) from error  # fmt: skip
     stream = io.BytesIO(file_buffer(path).to_pybytes())
-    gathered = _Gathered(wanted, DecoderFactory())
+    gathered = _Gathered(wanted, within, DecoderFactory())
     try:
         for record in StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_LIMIT).records:
             gathered.take(record)
@@ -77,10 +88,10 @@ def read_topics(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, To
 class _Gathered:
     """Collects topics and messages from records as they come."""
 
-    def __init__(self, wanted: Callable[[str], bool], factory: Any) -> None:
+    def __init__(self, wanted: Collection[str], within: Collection[str], factory: Any) -> None:
         self.topics: dict[str, Topic] = {}
         self.events: list[Event] = []
-        self._wanted, self._factory = wanted, factory
+        self._wanted, self._within, self._factory = wanted, within, factory
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Topic] = {}
         self._unknown: Counter[int] = Counter()
@@ -93,22 +104,28 @@ class _Gathered:
         elif kind == "Schema":
             self._schemas[record.id] = record
         elif kind == "Channel":
-            schema = self._schemas.get(record.schema_id)
-            decode = None
-            if schema is not None and self._wanted(schema.name):
-                try:
-                    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-                        decode = self._factory.decoder_for(record.message_encoding, schema)
-                except Exception as error:
-                    detail = f"{record.topic}: its type cannot be understood: {type(error).__name__}"
-                    self.events.append(Event(None, "mcap_damaged", detail))
-            topic = Topic(record.topic, "" if schema is None else schema.name, decode)
-            self._channels[record.id] = self.topics.setdefault(record.topic, topic)
+            self._channel(record)
         elif kind == "Message" and record.channel_id in self._channels:
             topic = self._channels[record.channel_id]
             topic.count += 1
             if topic.decode is not None:
                 topic.messages.append((record.log_time, record.data))
+
+    def _channel(self, record: Any) -> None:
+        schema = self._schemas.get(record.schema_id)
+        kind, part, decode = "" if schema is None else schema.name, "", None
+        if schema is not None and kind not in self._wanted:
+            part, kind = _only_field(schema, self._within) or ("", kind)
+        if schema is not None and kind in self._wanted:
+            try:
+                with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                    decode = self._factory.decoder_for(record.message_encoding, schema)
+            except Exception as error:
+                detail = f"{record.topic}: its type cannot be understood: {type(error).__name__}"
+                self.events.append(Event(None, "mcap_damaged", detail))
+        if decode is not None and part:
+            decode = partial(_part, decode, part)
+        self._channels[record.id] = self.topics.setdefault(record.topic, Topic(record.topic, kind, decode))
 
     def _chunk(self, chunk: Any) -> None:
         from mcap.stream_reader import breakup_chunk
@@ -122,6 +139,27 @@ class _Gathered:
             return
         for record in records:
             self.take(record)
+
+
+def _only_field(schema: Any, kinds: Collection[str]) -> tuple[str, str] | None:
+    """Return name and type of the one field of a type's definition that is of these kinds, None for none or several."""
+    own = schema.data.decode("utf-8", "replace").split("\n===")[0]
+    found = []
+    for kind, name in _FIELD.findall(own):
+        package, _, plain = kind.rpartition("/")
+        full = f"{package.removesuffix('/msg')}/msg/{plain}"
+        if full in kinds:
+            found.append((name, full))
+    return found[0] if len(found) == 1 else None
+
+
+def _part(decode: Callable[[bytes], Any], name: str, data: bytes) -> Any:
+    """Return a field of a message, with the message's stamp where it has none of its own."""
+    message = decode(data)
+    found = getattr(message, name)
+    if not (found.header.stamp.sec or found.header.stamp.nanosec) and hasattr(message, "header"):
+        found.header = message.header
+    return found
 
 
 def _unpacked(chunk: Any) -> bytes:

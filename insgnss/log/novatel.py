@@ -1,7 +1,8 @@
-"""NovAtel receivers' binary logs (OEM4 to OEM7, SPAN): raw measurements, ephemerides, inertial samples, solution.
+"""NovAtel receivers' logs (OEM4 to OEM7, SPAN): raw measurements, ephemerides, inertial samples, solution.
 
 Read are RANGE, RANGECMP, RANGECMP2; RAWEPHEM and the decoded ephemerides; RAWIMU, RAWIMUS, RAWIMUX, RAWIMUSX; INSPVAX,
-INSPVA, BESTPOS with BESTVEL. All other messages are counted by their numbers.
+INSPVA, BESTPOS with BESTVEL; with NovAtel's own library RANGECMP3 to RANGECMP5, and all of them in ASCII. All other
+messages are counted by their numbers.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ from typing import Final
 import numpy as np
 
 from insgnss.errors import InputError
-from insgnss.log.novatel_frames import NovatelFrames, find_frames
+from insgnss.log.novatel_frames import find_frames
 from insgnss.log.novatel_imu import EXTENDED, INSCONFIG, PLAIN, imu_table
 from insgnss.log.novatel_navigation import DECODED, IONUTC, RAW, broadcast
 from insgnss.log.novatel_ranges import COMPRESSED_FURTHER, RANGE, RANGECMP, RANGECMP2, measurements
+from insgnss.log.novatel_rewritten import rewritten
 from insgnss.log.novatel_solution import BESTPOS, BESTVEL, INSPVA, INSPVAX, solution
 from insgnss.log.receiver import ReceiverLog, no_measurements
 from insgnss.tables import Event
@@ -32,7 +34,7 @@ KNOWN: Final = frozenset(
 
 
 def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None = None) -> ReceiverLog:
-    """Read NovAtel binary logs (plain or gzipped) of one receiver, merged and in time order.
+    """Read NovAtel logs (plain or gzipped) of one receiver, merged and in time order.
 
     A file may hold inertial samples or the receiver's own solution alone; the table of measurements is empty then.
 
@@ -43,15 +45,17 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
 
     Raises
     ------
-    InputError : a file cannot be read or holds no NovAtel message, or none of what is read
+    InputError : a file cannot be read or holds no NovAtel message, or none of what is read, or needs NovAtel's own
+        library, which is not installed
     """
-    files = [find_frames(path) for path in paths]
+    turned = [rewritten(find_frames(path)) for path in paths]
+    files = [frames for frames, _ in turned]
     for frames in files:
         if not frames.count:
             raise InputError(
-                "no NovAtel binary message in the file",
+                "no NovAtel message in the file",
                 file=frames.path,
-                advice="log with the ending B: RANGEB, RAWIMUSXB",
+                advice="log RANGEB, RAWEPHEMB, RAWIMUSXB",
             )
     with np.errstate(
         invalid="ignore", over="ignore"
@@ -61,7 +65,7 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         own, is_inertial, left_out = solution(files)
         found = broadcast(files)
     events = [*(e for frames in files for e in frames.events(KNOWN)), *events, *told, *left_out]
-    events += _not_decompressed(files)
+    events += [event for _, told in turned for event in told]
     events += [
         Event(None, "navigation_damaged", f"{paths[0]}: {count} x {reason}")
         for reason, count in found.refused.items()
@@ -82,15 +86,3 @@ def read_novatel(paths: Sequence[Path], imu_scales: tuple[float, float] | None =
         imu_is_mean=True,
         solution_point="imu" if is_inertial else "antenna",
     )
-
-
-def _not_decompressed(files: list[NovatelFrames]) -> list[Event]:
-    """Return an event for epochs in forms whose compression is not undone here."""
-    events = []
-    for frames in files:
-        counts = {name: len(frames.of(kind)) for kind, name in COMPRESSED_FURTHER.items() if frames.of(kind)}
-        if counts:
-            listed = ", ".join(f"{count} {name}" for name, count in counts.items())
-            detail = f"{frames.path}: epochs not read: {listed}; log RANGEB, RANGECMPB or RANGECMP2B, or convert them"
-            events.append(Event(None, "novatel_compressed", f"{detail} to RANGEB with NovAtel's own tool"))
-    return events

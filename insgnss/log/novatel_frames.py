@@ -53,11 +53,13 @@ class NovatelFrames:
 
     path: Path
     data: bytes
+    size: int  # of the file [bytes]
     frames: dict[int, list[Frame]] = field(default_factory=dict)
     count: int = 0
     foreign_bytes: int = 0
     bad_checksums: list[int] = field(default_factory=list)  # offsets
     cut_at: int | None = None
+    gaps: list[tuple[int, int]] = field(default_factory=list)  # begin and end of what is no message
 
     def of(self, *kinds: int) -> list[Frame]:
         """Return the messages of these kinds, in the order of the file."""
@@ -66,8 +68,7 @@ class NovatelFrames:
 
     def events(self, known: frozenset[int]) -> list[Event]:
         """Return what was damaged, foreign or of a kind that is not read."""
-        foreign = "no NovAtel binary message (ASCII, NMEA, damage)"
-        events = framing_events(self, "novatel", "message", foreign)
+        events = framing_events(self, "novatel", "message", "no NovAtel message (NMEA, damage)", self.size)
         others = Counter({kind: len(found) for kind, found in self.frames.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind}" for kind, n in others.most_common())
@@ -94,7 +95,7 @@ def find_frames(path: Path) -> NovatelFrames:
 
 def frames_in(path: Path, data: bytes) -> NovatelFrames:
     """Return the messages in the bytes of the file ``path``; after a wrong check sum the search goes on within."""
-    found, view, end = NovatelFrames(path, data), memoryview(data), 0
+    found, view, end = NovatelFrames(path, data, len(data)), memoryview(data), 0
     at = data.find(SYNC)
     while at >= 0:
         whole = _whole_length(data, at)
@@ -112,10 +113,11 @@ def frames_in(path: Path, data: bytes) -> NovatelFrames:
             continue
         found.cut_at = None
         _keep(found, at, stop)
-        found.foreign_bytes += at - end
+        found.gaps += [(end, at)] if at > end else []
         end = at + whole
         at = data.find(SYNC, end)
-    found.foreign_bytes += len(data) - end
+    found.gaps += [(end, len(data))] if len(data) > end else []
+    found.foreign_bytes = sum(b - a for a, b in found.gaps)
     return found
 
 

@@ -21,6 +21,7 @@ from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.hatanaka import sound_start
 from insgnss.log.rinex_damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
+from insgnss.log.rinex_header import mended_header
 from insgnss.log.rinex_rows import UNREADABLE, ObservationValues, observation_rows
 from insgnss.log.rinex_states import IMPOSSIBLE_DATE, is_date
 from insgnss.log.rinex_text import split_epochs
@@ -65,6 +66,8 @@ def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list
     try:
         parsed = ParsedText([ParsedStretch(sidereon.parse_rinex_obs(text))])
     except sidereon.SidereonError as error:
+        text, mended = mended_header(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
+        events += mended
         blocks = split_epochs(text)
         if not blocks.epochs:
             raise InputError(f"no RINEX observation file: {error}", file=path) from error

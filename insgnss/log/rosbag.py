@@ -2,8 +2,8 @@
 
 Raw measurements are read from ublox_msgs/RxmRAWX with RxmSFRBX, ublox_ubx_msgs/UBXRxmRawx with UBXRxmSfrbx, and from
 bytes (std_msgs/UInt8MultiArray, rtcm_msgs/Message, mavros_msgs/RTCM) that are UBX or RTCM 3. All other topics are
-named. Stamps are the computer's UTC: how far they are from the receiver's time no bag says. Axes are ROS's, forward,
-left, up (REP-103).
+named. An Imu or NavSatFix may also be a field of a driver's own message. Stamps are the computer's UTC: how far they
+are from the receiver's time no bag says. Axes are ROS's, forward, left, up (REP-103), unless gravity shows z downwards.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.log.android_fixes import OWN_SOLUTION
 from insgnss.log.mcap_file import Topic, read_topics
 from insgnss.log.receiver import ReceiverLog, assembled
-from insgnss.log.rosbag_raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, raw_log
+from insgnss.log.rosbag_raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_stream, raw_log
 from insgnss.log.sensor_pairs import paired
 from insgnss.tables import Event, ImuTable, Int64, ReferenceTable
 
@@ -29,6 +29,8 @@ IMU: Final = "sensor_msgs/msg/Imu"
 FIX: Final = "sensor_msgs/msg/NavSatFix"
 _READ: Final = frozenset((IMU, FIX, *RAW_KINDS, *SUBFRAME_KINDS, *BYTES))
 _AXES: Final = ("+x", "-y", "-z")  # forward, left, up -> forward, right, down
+_AXES_DOWN: Final = ("+x", "+y", "+z")
+_UPSIDE_DOWN_MPS2: Final = 5.0  # half of gravity
 _EARLIEST_S: Final = 1_000_000_000  # Unix time of the year 2001: earlier stamps count from a start
 _LATEST_S: Final = 6_000_000_000
 _NO_FIX: Final = -1
@@ -48,7 +50,7 @@ def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> Receiver
     InputError : the libraries are not installed, the file is no MCAP file or holds nothing of use, or several topics
         would do and none is named
     """
-    found, events = read_topics(path, _READ.__contains__)
+    found, events = read_topics(path, _READ, (IMU, FIX))
     wanted = dict(topics or {})
     for part, name in wanted.items():
         if name not in found:
@@ -72,7 +74,7 @@ def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> Receiver
         events.append(Event(None, "mcap_not_used", f"topics not read: {_listed(others)}"))
     advice = f"record {IMU}, {FIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes"
     log = assembled(path, raw, imu, own, events, holder="bag", advice=advice)
-    return replace(log, imu_axes=_AXES)
+    return replace(log, imu_axes=_axes(imu, imu_topic, log.events))
 
 
 def _listed(topics: Any) -> str:
@@ -91,6 +93,8 @@ def _one(
     if part in wanted:
         return found[wanted[part]]
     fitting = [topic for topic in found.values() if topic.kind in kinds and topic.messages]
+    if len(fitting) > 1:
+        fitting = [topic for topic in fitting if topic.kind not in BYTES or is_stream(topic)]
     if len(fitting) > 1:
         raise InputError(
             f"{len(fitting)} topics could be the {part}: {_listed(fitting)}",
@@ -135,6 +139,15 @@ def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
         detail = f"{topic.name}: stamps of the computer's clock (UTC); how far it is from the receiver's no bag says"
         events.append(Event(int(imu.t_ns[0]), "imu_time_estimated", detail))
     return imu
+
+
+def _axes(imu: ImuTable | None, topic: Topic | None, events: list[Event]) -> tuple[str, str, str]:
+    """Return the sensor axes that point forward, right, down: by REP-103, unless gravity shows z downwards."""
+    if imu is None or topic is None or float(np.median(imu.f_b[:, 2])) > -_UPSIDE_DOWN_MPS2:
+        return _AXES
+    detail = f"{topic.name}: the specific force points along -z: taken for forward, right, down, not for REP-103's axes"
+    events.append(Event(int(imu.t_ns[0]), "imu_axes_downwards", detail))
+    return _AXES_DOWN
 
 
 def _fixes(topic: Topic, events: list[Event]) -> ReferenceTable | None:

@@ -26,7 +26,18 @@ BYTES: Final = {
     "rtcm_msgs/msg/Message": "message",
     "mavros_msgs/msg/RTCM": "data",
 }
+_RTCM_PREAMBLE: Final = b"\xd3\x00"  # with the six reserved bits of most messages
 _TRACKING: Final = ("pr_valid", "cp_valid", "half_cyc", "sub_half_cyc")  # bits of trkStat from the lowest on
+
+
+def is_stream(topic: Topic) -> bool:
+    """Say whether the bytes of a topic may be UBX or RTCM 3."""
+    stream = _stream(topic, [])
+    return SYNC in stream or _RTCM_PREAMBLE in stream
+
+
+def _stream(topic: Topic, events: list[Event]) -> bytes:
+    return b"".join(bytes(getattr(m, BYTES[topic.kind])) for _, m in topic.decoded(events))
 
 
 def raw_log(topic: Topic, subframes: Sequence[Topic], path: Path, events: list[Event]) -> ReceiverLog | None:
@@ -39,7 +50,7 @@ def raw_log(topic: Topic, subframes: Sequence[Topic], path: Path, events: list[E
     """
     try:
         if topic.kind in BYTES:
-            stream = b"".join(bytes(getattr(m, BYTES[topic.kind])) for _, m in topic.decoded(events))
+            stream = _stream(topic, events)
             if SYNC in stream[:4096]:
                 return read_ubx_bytes([(path, stream)])
             return read_rtcm_bytes(stream, str(path))

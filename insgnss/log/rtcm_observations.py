@@ -161,7 +161,9 @@ class Cells:
             has_range = one.pseudorange_modulus_ambiguity is not None
             range_m = one.pseudorange * 0.02 + (one.pseudorange_modulus_ambiguity or 0) * _MODULUS_M[system]
             phases = [(one.phase_range_minus_pseudorange, first[int(one.code_indicator)], one, 0.0)]
-            if two is not None and sv[0] != "S":
+            if two is not None and sv[0] != "S" and int(two.code_indicator) >= len(second):
+                self.unknown[f"{sv} signal {two.code_indicator} of the second band"] += 1
+            elif two is not None and sv[0] != "S":
                 is_given = two.pseudorange_difference != _NO_DIFFERENCE
                 difference_m = two.pseudorange_difference * 0.02 if is_given else np.nan
                 phases.append(

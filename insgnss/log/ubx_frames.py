@@ -48,7 +48,7 @@ class UbxFrames:
 
     def events(self, known: set[int]) -> list[Event]:
         """Return what was damaged, foreign or of a kind that is not read."""
-        events = framing_events(self, "ubx", "frame", "no UBX (NMEA, RTCM or damage)")
+        events = framing_events(self, "ubx", "frame", "no UBX (NMEA, RTCM or damage)", len(self.data))
         others = Counter({kind: len(found) for kind, found in self.payloads.items() if kind not in known})
         if others:
             listed = ", ".join(f"{n} of {kind >> 8:02X} {kind & 255:02X}" for kind, n in others.most_common())

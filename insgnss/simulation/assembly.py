@@ -80,7 +80,7 @@ def assemble(
     ConfigError, ModelError, NavigationDataError : an impossible or unknown setting, or a sky that is not of this time
     """
     start_ns = int(week_seconds_to_ns(config.gps_week, config.start_s))
-    trajectory, whole_s = _trajectory(config, inputs, start_ns)
+    trajectory, whole_s = trajectory_of(config, inputs, start_ns)
     wanted_s = min(filter(None, (duration_s, config.duration_s, whole_s)))
     if wanted_s > LONGEST_S:
         raise ConfigError(
@@ -128,8 +128,14 @@ def missing_messages(config: SimulationConfig) -> set[str]:
     return {sv for fault in config.fault if isinstance(fault, told.MissingMessage) for sv in fault.sv}
 
 
-def _trajectory(config: SimulationConfig, inputs: Inputs, start_ns: int) -> tuple[Trajectory, float]:
-    """Return the trajectory and how long it can be followed from the scenario's start."""
+def trajectory_of(config: SimulationConfig, inputs: Inputs, start_ns: int) -> tuple[Trajectory, float]:
+    """Return the trajectory and how long it can be followed from the scenario's start.
+
+    Raises
+    ------
+    ManoeuvreError : an entry of the list of manoeuvres cannot be flown
+    ConfigError : a reference that does not cover the start
+    """
     if inputs.reference is not None and config.follow is not None:
         trajectory = follow_reference(inputs.reference, config.follow.smoothing_s, start_ns)
         if trajectory.first_s > 0.0 or trajectory.last_s < 1.0:

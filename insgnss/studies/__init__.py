@@ -19,8 +19,14 @@
     grid = manoeuvre_study("sokolov_2015", imus=("tactical", "industrial"))
     grid.cases; grid.heat_map(); grid.save("out/")
 
+    study = receiver_study("manoeuvring_5g", imu="industrial", cn0=[40, 30, 25, 20])
+    study.summary, study.thresholds; study.figure(); study.save("out/")
+
     flight = MatchedFlight.of("tactical", "tcxo")
     covariance_analysis(flight).sd, monte_carlo(flight, 500).nees
+
+    study = sample_receiver(simulate("steep_turns"))     # samples of GPS L1 C/A through loops with and without aiding
+    study.summary, study.channels; study.save("out/")
 
     if __name__ == "__main__":                           # the workers are processes that import the script
         run_campaign("campaign.toml", "out/")
@@ -39,7 +45,12 @@ from insgnss.studies.masking import MaskingStudy, masking_study
 from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance_analysis, monte_carlo
 from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage_windows import Removal
+from insgnss.studies.receiver_comparison import ReceiverStudy, receiver_study
+from insgnss.studies.receiver_scene import ReceiverOptions
 from insgnss.studies.receiver_slips import SlipRuns, slip_runs
+from insgnss.studies.receiver_variants import VARIANTS as RECEIVERS
+from insgnss.studies.receiver_variants import Variant
+from insgnss.studies.sample_study import SampleStudy, record_samples, sample_receiver
 
 __all__ = [
     "Banked",
@@ -55,8 +66,13 @@ __all__ = [
     "OutageStudy",
     "Periodic",
     "Random",
+    "RECEIVERS",
+    "ReceiverOptions",
+    "ReceiverStudy",
     "Removal",
+    "SampleStudy",
     "SlipRuns",
+    "Variant",
     "consistency_study",
     "covariance_analysis",
     "data_set",
@@ -67,7 +83,10 @@ __all__ = [
     "masking_study",
     "monte_carlo",
     "outage_study",
+    "receiver_study",
+    "record_samples",
     "run_campaign",
+    "sample_receiver",
     "slip_runs",
     "summary",
 ]

@@ -32,7 +32,7 @@ from pydantic import Field
 
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
-from insgnss.library import find
+from insgnss.library import file_of
 from insgnss.saving import write_file
 from insgnss.shown import Shown
 from insgnss.studies import campaign_cluster
@@ -98,7 +98,7 @@ def load_campaign(path: str | Path) -> CampaignConfig:
     MissingFileError, ConfigError : there is no such file; it does not fit, or names no case function
     ModelError : the library has no campaign of this name
     """
-    path = path if str(path).endswith(".toml") else find("campaigns", str(path))
+    path = file_of("campaigns", path)
     config = load_toml(path, CampaignConfig)
     both = sorted(set(config.fixed) & set(config.grid))
     if both:

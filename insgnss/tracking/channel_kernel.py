@@ -71,14 +71,56 @@ def carrier_mean(a: float, phase: float, turn: float) -> complex:
     return complex(size * math.cos(phase), size * math.sin(phase))
 
 
+@inlined
+def correct_and_lead(
+    x: Float64,
+    Z: Complex,
+    gains: Gains,
+    slopes: Float64,
+    step_s: float,
+    aid_rate: float,
+    aid_acceleration: float,
+) -> None:
+    """Correct a channel's state by its discriminators and lead it on to the middle of the next integration.
+
+    Equation: x^ = x~ + L e; phase~_next = phase^ + T (rate^ + y) + T^2/2 (acceleration^ + y'), rate~_next = rate^ +
+              T (acceleration^ + y'), with the aiding y, y' at the border between           [(8) of Shatilov 2009]
+
+    Parameters
+    ----------
+    x : (7,) of the channel, led on
+    Z : (3,) early, prompt, late correlators
+    gains : of the loops
+    slopes : (3,) by which the outputs of the phase, frequency and delay discriminator are divided
+    step_s : T, from the middle of this integration to that of the next
+    aid_rate, aid_acceleration : y, y' [rad/s], [rad/s^2]
+    """
+    before = complex(x[BEFORE_I], x[BEFORE_Q])
+    e_phase = phase_output(gains.kinds[0], Z[1]) / slopes[0]
+    e_rate = 0.0
+    if before != 0.0:
+        e_rate = frequency_output(gains.kinds[1], before, Z[1]) / slopes[1]
+    e_delay = delay_output(gains.kinds[2], Z[0], Z[1], Z[2]) / slopes[2]
+    step_phase = gains.phase[0] * e_phase + gains.rate[0] * e_rate
+    x[RATE] += gains.phase[1] * e_phase + gains.rate[1] * e_rate
+    x[ACCELERATION] += gains.phase[2] * e_phase + gains.rate[2] * e_rate
+    x[DELAY_RATE] += gains.delay[1] * e_delay
+    acceleration = x[ACCELERATION] + aid_acceleration
+    led = step_s * (x[RATE] + aid_rate) + 0.5 * step_s * step_s * acceleration
+    x[PHASE] += step_phase + led
+    x[RATE] += step_s * acceleration
+    x[DELAY] += gains.delay[0] * e_delay + step_s * x[DELAY_RATE] + gains.chips_per_radian * led
+    # as the corrected replica would have seen it: the next pair then turns by T times the offset of the rate
+    turned = complex(math.cos(step_phase), -math.sin(step_phase)) * Z[1]
+    x[BEFORE_I], x[BEFORE_Q] = turned.real, turned.imag
+
+
 @kernel
 def run_channels(
     truth: Truth, aid: Aid, gains: Gains, noise: Float64, state: Float64, Z: Complex, out: Float64
 ) -> None:
     """Run all channels over a block of integrations.
 
-    Equation: x^ = x~ + L e; phase~_next = phase^ + T (rate^ + y) + T^2/2 (acceleration^ + y'), rate~_next = rate^ +
-              T (acceleration^ + y'), with the aiding y, y' at the border between           [(8) of Shatilov 2009]
     Neglects: the phase's curvature within an integration, T^2/12 of the acceleration's offset.
 
     Parameters
@@ -107,23 +149,8 @@ def run_channels(
                     i += gains.noise_factor[r, s] * noise[k, c, s]
                     q += gains.noise_factor[r, s] * noise[k, c, 3 + s]
                 Z[r] = matched * triangle_at(delay - gains.offsets[r]) + sigma * complex(i, q)
-            before = complex(x[BEFORE_I], x[BEFORE_Q])
             out[k, c, PHASE_ERROR], out[k, c, RATE_ERROR], out[k, c, DELAY_ERROR] = -phase, -turn / T, -delay
             out[k, c, PROMPT_I], out[k, c, PROMPT_Q] = Z[1].real, Z[1].imag
-            e_phase = phase_output(gains.kinds[0], Z[1]) / gains.slopes[0]
-            e_rate = 0.0
-            if before != 0.0:
-                e_rate = frequency_output(gains.kinds[1], before, Z[1]) / gains.slopes[1]
-            e_delay = delay_output(gains.kinds[2], Z[0], Z[1], Z[2]) / gains.slopes[2]
-            step_phase = gains.phase[0] * e_phase + gains.rate[0] * e_rate
-            x[RATE] += gains.phase[1] * e_phase + gains.rate[1] * e_rate
-            x[ACCELERATION] += gains.phase[2] * e_phase + gains.rate[2] * e_rate
-            x[DELAY_RATE] += gains.delay[1] * e_delay
-            acceleration = x[ACCELERATION] + aid.acceleration_radps2[k + 1, c]
-            led = T * (x[RATE] + aid.rate_radps[k + 1, c]) + 0.5 * T * T * acceleration
-            x[PHASE] += step_phase + led
-            x[RATE] += T * acceleration
-            x[DELAY] += gains.delay[0] * e_delay + T * x[DELAY_RATE] + gains.chips_per_radian * led
-            # as the corrected replica would have seen it: the next pair then turns by T times the offset of the rate
-            turned = complex(math.cos(step_phase), -math.sin(step_phase)) * Z[1]
-            x[BEFORE_I], x[BEFORE_Q] = turned.real, turned.imag
+            correct_and_lead(
+                x, Z, gains, gains.slopes, T, aid.rate_radps[k + 1, c], aid.acceleration_radps2[k + 1, c]
+            )

@@ -12,6 +12,7 @@ from insgnss.attitude.aperture import apertures
 from insgnss.attitude.array_observability import information, observability
 from insgnss.attitude.baselines import attitude_matrices, difference_covariance, phase_differences, triangle
 from insgnss.attitude.correlator_bank import draw_correlators, phase_variances, signal_ratios
+from insgnss.attitude.gyro_trial import Swing
 from insgnss.attitude.one_stage import ANGLE, OneStage, lock_range, recovery_curve
 from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector, to_euler
 from insgnss.errors import ConfigError, GeometryError
@@ -157,3 +158,70 @@ def test_information_of_weights_and_of_covariance_agree() -> None:
     W = np.linalg.inv(difference_covariance(phase_variances(A40)))
 
     assert np.allclose(information(J, W), information(J, likelihood_weights(A40)), rtol=1e-12)
+
+
+# MEMS gyros: 1 deg/sqrt(h), biases of 300 deg/h; turning in all combinations with up to 2 rad/s^2
+ARW, BIAS_SD = np.radians(1.0) / 60.0, np.radians(300.0) / 3600.0
+
+
+def flown_with_gyros(
+    cn0_dbhz: float, seed: int, steps: int = 400
+) -> tuple[list[np.ndarray], OneStage, list[np.ndarray]]:
+    """Return errors of attitude and biases at the end of 30 runs, the filter, and its last covariances."""
+    T = 0.01
+    a = signal_ratios(np.full((3, 8), cn0_dbhz), T)
+    one = model(parameters="rotation", a=a, increment_noise=ARW**2 * T)
+    swing, rng = Swing(2.0), np.random.default_rng(seed)
+    attitudes = attitude_matrices(swing.angles(T * np.arange(steps + 1)))
+    psi = [phase_differences(C, one.array, one.sky) for C in attitudes]
+    errors, covariances = [], []
+    for _ in range(30):
+        bias, sd = BIAS_SD * rng.standard_normal(3), np.radians(1.0)
+        state = one.start(to_euler(attitudes[0]), sd, BIAS_SD)
+        C = rotation_matrix(sd * rng.standard_normal(3)) @ state.C_nb
+        state = replace(state, C_nb=C, rpy=to_euler(C))
+        for k in range(steps):
+            turned = rotation_vector(attitudes[k].T @ attitudes[k + 1])
+            increment = turned + T * bias + ARW * np.sqrt(T) * rng.standard_normal(3)
+            state = one.step(state, draw_correlators(psi[k + 1], a, rng), increment)
+        errors.append(np.r_[rotation_vector(state.C_nb @ attitudes[-1].T), state.rate - bias])
+        covariances.append(state.covariance)
+    return errors, one, covariances
+
+
+@pytest.mark.parametrize(("cn0_dbhz", "seed"), [(45.0, 31), (35.0, 32), (25.0, 33)])
+def test_with_gyros_attitude_and_biases_are_consistent_in_rotation(cn0_dbhz: float, seed: int) -> None:
+    errors, _, covariances = flown_with_gyros(cn0_dbhz, seed)
+
+    assert_mean_chi_square(
+        np.array([e @ np.linalg.solve(P, e) for e, P in zip(errors, covariances, strict=True)]), 6
+    )
+
+
+def test_gyros_carry_through_rotation_what_white_rates_do_not() -> None:
+    errors, one, _ = flown_with_gyros(30.0, 34)
+    T, steps = one.integration_s, 400
+    swing, rng = Swing(2.0), np.random.default_rng(34)
+    attitudes = attitude_matrices(swing.angles(T * np.arange(steps + 1)))
+    alone = replace(one, increment_noise=None, rate_noise=np.full(3, (2.0 * T) ** 2))
+    state = alone.start(to_euler(attitudes[0]), np.radians(1.0), 1.0)
+    square = []
+    for C in attitudes[1:]:
+        state = alone.step(state, draw_correlators(phase_differences(C, one.array, one.sky), one.a, rng))
+        square.append(np.sum(rotation_vector(state.C_nb @ C.T) ** 2))
+    with_gyros = np.sqrt(np.mean([np.sum(e[:3] ** 2) for e in errors]))
+
+    assert with_gyros < 0.5 * np.sqrt(np.mean(square[200:]))
+
+
+def test_gyros_that_are_half_there_are_told() -> None:
+    with_gyros = model(parameters="rotation", increment_noise=1e-8)
+    state = with_gyros.start(RPY, 0.01, 0.01)
+    with pytest.raises(ConfigError, match="go together"):
+        with_gyros.predicted(state)
+    with pytest.raises(ConfigError, match="go together"):
+        model(parameters="rotation").predicted(state, np.zeros(3))
+    with pytest.raises(ConfigError, match="are none"):
+        with_gyros.predicted(state, [0.0, np.nan, 0.0])
+    with pytest.raises(ConfigError, match="parameters of a rotation"):
+        model(increment_noise=1e-8)

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from insgnss.antenna.obstruction import directions
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE
 from insgnss.interference import PhaseLoop, UnknownAcceleration, discriminator, receiver_models
+from insgnss.library import imu_grade
+from insgnss.simulation.closed_loop_sky import closed_loop_truth, inertial_truth, orbits_towards
+from insgnss.simulation.trajectory import Trajectory
 from insgnss.studies.manoeuvring_covariance import Drive, carry_along
+from insgnss.studies.receiver_runs import Setting, run_once
 from insgnss.studies.receiver_slips import NEVER, error_loop, run_errors
+from insgnss.studies.receiver_variants import STARTS, VARIANTS, UnknownMotion
+from insgnss.tracking.vector_loop import channels_of, observe_channels
 from tests.kernels import KernelCase
 
 
@@ -41,8 +48,49 @@ def covariance_along() -> list[np.ndarray]:
     return [P, found]
 
 
+def closed_loops() -> list[np.ndarray]:
+    """Return what runs of every receiver leave, with and without phase tracking and INS, and a signal that goes."""
+    hour = np.arange(0.0, 4.05, 0.05)
+    r_e = np.array([2.85e6, 2.2e6, 5.27e6]) + np.column_stack([hour, 30.0 * np.sin(hour), hour**2])
+    turns = Rotation.from_rotvec(np.outer(hour, [0.1, 0.2, -0.1]))
+    trajectory = Trajectory.from_knots(hour, r_e, turns)
+    sky = orbits_towards(r_e[0], [20.0, 110.0, 200.0, 290.0, 10.0], [22.0, 20.0, 35.0, 70.0, 50.0])
+    truth = closed_loop_truth(trajectory, sky, 0.01, 1.0, 60)
+    cn0 = np.full((60, 5), 42.0)
+    cn0[52:, 1] = np.nan
+    found: list[np.ndarray] = []
+    for tracking in ("coherent", "noncoherent"):
+        for with_ins in (True, False):
+            setting = Setting(
+                truth=truth,
+                inertial=inertial_truth(trajectory, truth, 0.01) if with_ins else None,
+                grade=imu_grade("tactical") if with_ins else None,
+                channels=channels_of(tracking, 0.01, 1.6e9, 1e6),
+                carrier_hz=1.6e9,
+                drift_density=1.0,
+                interval=5,
+                record_every=10,
+                settle=5,
+                start=STARTS[tracking],
+                unknown=UnknownMotion(5.0, 3.0),
+            )
+            for name in (
+                ("scalar", "two_stage", "optimal", "one_stage") if with_ins else ("scalar", "one_stage")
+            ):
+                run = run_once(setting, VARIANTS[name], cn0, np.random.default_rng(4))
+                found += [run.error, run.rms]
+    seen, offsets = np.zeros((2, 3)), np.array([[0.01, 0.1], [-0.01, 0.2]])
+    levels = np.array([2000, 2500])
+    observe_channels(
+        channels_of("coherent", 0.01, 1.6e9, 1e6), levels, levels, offsets, 0.1 * np.ones((2, 2)), seen
+    )
+    return [*found, seen]
+
+
 CASES = [
     # an error is a sum over all integrations, so rounding of sin and cos adds up
     KernelCase("tests.kernels.studies:error_states", rtol=1e-9),
     KernelCase("tests.kernels.studies:covariance_along", rtol=1e-12),
+    # positions of 6e6 m, whose rounding is 1e-9 of the errors
+    KernelCase("tests.kernels.studies:closed_loops", rtol=1e-4),
 ]

@@ -6,11 +6,13 @@ import numpy as np
 
 from insgnss.tables import Float64
 from insgnss.tracking.channels import ChannelDesign, Simulation, Start, scene
-from insgnss.tracking.codes import glonass_st
+from insgnss.tracking.codes import glonass_st, gps_ca
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, FREQUENCY_KINDS, PHASE_KINDS, outputs
 from insgnss.tracking.loop_filters import assisted_filter, digital_filter
 from insgnss.tracking.phase_extrapolation import RULES, accumulated_ranges
-from insgnss.tracking.signal import CarrierAndCode, Received, Sampling, correlate, receive
+from insgnss.tracking.sample_channel import LoopAiding, SampleChannels
+from insgnss.tracking.sample_kernels import add_signal
+from insgnss.tracking.signal import CarrierAndCode, Received, Samples, Sampling, correlate, receive
 from tests.kernels import KernelCase
 
 
@@ -56,7 +58,42 @@ def extrapolated_ranges() -> list[Float64]:
     return [accumulated_ranges(u, v_sat, v, a, 0.02, np.arange(6.0), rule) for rule in RULES]
 
 
+def _folded(signal: Received, sampling: Sampling, count: int) -> Samples:
+    """Return samples too few for the code: a folded signal is good enough for numbers to compare."""
+    in_phase, quadrature = np.zeros(count), np.zeros(count if sampling.is_complex else 0)
+    steps = signal.state.steps(signal.code, sampling)
+    add_signal(0.5, signal.code.chips, signal.signs, *steps, in_phase, quadrature)
+    return Samples(sampling, in_phase, quadrature)
+
+
+def sampled_channels() -> list[np.ndarray]:
+    """Return what two channels do with real and with complex samples, aided and not, one of them too late."""
+    step, found = 1e-3, []
+    design = ChannelDesign(
+        assisted_filter(2, 15.0, 5.0, step),
+        digital_filter(1, 5.0, step),
+        50.0,
+        "atan",
+        "atan",
+        "dot",
+        0.5,
+        -1e-4,
+    )
+    for sampling in (Sampling(0.3e6, 0.07e6), Sampling(0.2e6, 0.01e6, is_complex=True)):
+        signal = Received(gps_ca(5), 50.0, CarrierAndCode(300.0, 20.0, 0.3))
+        samples = _folded(signal, sampling, round(0.02 * sampling.rate_hz))
+        channels = SampleChannels(sampling, [gps_ca(5), gps_ca(6)], design, 1.0, 30)
+        for c, sample in enumerate((100, 4)):
+            channels.open_channel(c, sample, 300.0 / 1.023e6, 100.0)
+        aiding = LoopAiding(np.array([30.0, 0.0]), np.array([5.0, 0.0]), np.array([0.0, 0.0]))
+        channels.run(samples.in_phase, samples.quadrature, 0, round(0.015 * sampling.rate_hz), aiding)
+        channels.run(samples.in_phase, samples.quadrature, 10_000, 20_000, aiding)
+        found += [channels.state, np.nan_to_num(channels.records), channels.written]
+    return found
+
+
 CASES = [
+    KernelCase("tests.kernels.tracking:sampled_channels"),
     KernelCase("tests.kernels.tracking:discriminators"),
     KernelCase("tests.kernels.tracking:extrapolated_ranges"),
     KernelCase("tests.kernels.tracking:sampled_correlators", rtol=1e-11),

@@ -275,7 +275,7 @@ def test_damage_cuts_and_other_messages_are_told(tmp_path: Path) -> None:
 def test_a_log_of_nothing_that_is_read_says_what_to_log(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"RANGECMP4(.|\n)*RANGEB"):
         read(tmp_path, message(2050, bytes(20)))
-    with pytest.raises(InputError, match="no NovAtel binary message"):
+    with pytest.raises(InputError, match="no NovAtel message"):
         read(tmp_path, b"\xaa\x44\x12 nothing of the kind")
 
 
@@ -305,7 +305,7 @@ def test_scale_is_an_option_of_the_command(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, [*asked, "--imu-scale", "1e-6,1e-5"]).exit_code == 0
 
 
-def test_ascii_log_is_refused_by_name(tmp_path: Path) -> None:
+def test_ascii_without_a_sound_check_sum_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "log").write_text(
         "#BESTPOSA,COM1,0,70.5,FINESTEERING,1919,228459.000,00000020,b1f6,32768;SOL*aa\r\n" * 9
     )

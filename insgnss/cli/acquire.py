@@ -1,0 +1,73 @@
+"""``insgnss acquire``: which GPS satellites a recording of raw samples holds, with their delay, Doppler and C/N0."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insgnss.cli.console import result_console
+from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.progress import telling
+
+
+def acquire(
+    recording: Annotated[Path, typer.Argument(help="A file of raw samples without a header.")],
+    rate: Annotated[float, typer.Option("--rate", help="Samples per second.")],
+    intermediate: Annotated[
+        float, typer.Option("--intermediate", help="Frequency of the L1 carrier in the samples, Hz.")
+    ] = 0.0,
+    real: Annotated[
+        bool, typer.Option("--real", help="Real samples; complex ones are interleaved I, Q.")
+    ] = False,
+    sample_type: Annotated[str, typer.Option("--type", help="'int8' or 'int16'.")] = "int8",
+    order: Annotated[str, typer.Option("--order", help="'iq' or 'qi'.")] = "iq",
+    skip: Annotated[int, typer.Option("--skip", help="Bytes of a header.")] = 0,
+    start: Annotated[float, typer.Option("--start", help="Seconds into the recording.")] = 0.0,
+    look: Annotated[int, typer.Option("--look", min=1, max=20, help="Coherent milliseconds.")] = 2,
+    looks: Annotated[int, typer.Option("--looks", min=1, max=1000, help="How many are summed.")] = 20,
+    doppler: Annotated[float, typer.Option("--doppler", help="Largest Doppler, Hz.")] = 7000.0,
+    pfa: Annotated[float, typer.Option("--pfa", help="False alarms of one satellite's search.")] = 1e-3,
+    every: Annotated[
+        bool,
+        typer.Option(
+            "--all", help="Show the satellites too that were not found, or may be another's correlation."
+        ),
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Search a recording of GPS L1 for all satellites: a first look at any receiver's raw samples."""
+    began = time.perf_counter()
+    with own_errors_told():
+        from insgnss.log.iq_file import IqFile
+        from insgnss.studies.sample_search import acquire_recording
+        from insgnss.tracking.signal import Sampling
+
+        sampling = Sampling(rate, intermediate, not real)
+        with telling("searching"):
+            file = IqFile(recording, sampling, sample_type, order, skip)
+            table = acquire_recording(file, start, 1e-3 * look, looks, doppler, pfa)
+    shown = table if every else table[table["status"] == "found"]
+    if as_json:
+        print_json({"duration_s": file.duration_s, "satellites": records(shown)})
+        return
+    from rich.table import Table
+
+    printed = Table()
+    for name in ("satellite", "status", "C/N0 dBHz", "Doppler Hz", "delay chips", "over threshold"):
+        printed.add_column(name, justify="left" if name in ("satellite", "status") else "right")
+    for row in shown.to_dict("records"):
+        cells = (f"{row['cn0_dbhz']:.1f}", f"{row['doppler_hz']:.0f}", f"{row['delay_chips']:.2f}")
+        over = row["statistic"] / row["threshold"]
+        printed.add_row(str(row["sv"]), str(row["status"]), *cells, f"{over:.2f}")
+    result_console(100).print(printed)
+    found = int((table["status"] == "found").sum())
+    doubtful = int((table["status"] == "cross_correlation").sum())
+    typer.echo(
+        f"{file.duration_s:.3f} s of samples; {found} satellites found; {doubtful} more peaks may be cross-correlation "
+        "of the strong ones (--all); nothing was written"
+    )
+    typer.echo(f"{time.perf_counter() - began:.2f} s in all")

@@ -1,0 +1,130 @@
+"""``insgnss iq``: a scenario as samples of a radio front end, through receivers with and without inertial aiding."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.console import result_console
+from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.overwriting import Force
+from insgnss.cli.progress import telling
+from insgnss.saving import overwriting
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from insgnss.studies.sample_study import SampleStudy
+
+
+def iq(
+    scenario: Annotated[str, typer.Argument(help="A scenario file (.toml), or a name in models/scenarios.")],
+    loss: Annotated[
+        list[float] | None, typer.Option("--loss", help="dB taken from every C/N0; again for more runs.")
+    ] = None,
+    receiver: Annotated[
+        list[str] | None, typer.Option("--receiver", "-r", help="'aided' or 'unaided'; both without it.")
+    ] = None,
+    duration: Annotated[float, typer.Option("--duration", help="Seconds of the flight.")] = 60.0,
+    settings: Annotated[
+        Path | None, typer.Option("--settings", help="Sampling, acquisition and loops (TOML).")
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", help="Write the samples to this file and run no receiver.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all noise.")] = 1,
+    threads: Annotated[int, typer.Option("--threads", min=1, help="Receivers at the same time.")] = 2,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for tables and picture; none without it.")
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Make GPS L1 C/A samples of a flight; acquire, track and navigate with them, with and without aiding."""
+    began = time.perf_counter()
+    with own_errors_told(), overwriting(force, [Path(scenario)]):
+        # the numerical libraries are loaded only when the command runs
+        from insgnss.config.sample_receiver import SampleReceiver
+        from insgnss.config.strict import load_toml
+        from insgnss.simulate import simulate
+        from insgnss.studies.sample_study import RECEIVERS, record_samples, sample_receiver
+
+        use = SampleReceiver() if settings is None else load_toml(settings, SampleReceiver)
+        losses = tuple(loss or ((0.0,) if record is not None else (0.0, 10.0)))
+        with telling("simulating") as tell:
+            made = simulate(scenario, seed, duration_s=duration, progress=tell)
+            if record is not None:
+                tell("writing samples")
+                count = record_samples(made, record, losses[0], duration, use, seed)
+                results = {"samples": count, "rate_hz": use.rate_hz, "wrote": [str(record)]}
+                study = None
+            else:
+                study = sample_receiver(
+                    made,
+                    losses_db=losses,
+                    duration_s=duration,
+                    receivers=tuple(receiver or RECEIVERS),
+                    settings=use,
+                    seed=seed,
+                    threads=threads,
+                    progress=tell,
+                )
+                results = {"summary": records(study.summary)}
+                if output is not None:
+                    tell("writing")
+                    results["wrote"] = [str(study.save(output, figure=pictures))]
+    if as_json:
+        print_json(results)
+        return
+    _print(study, results, output)
+    typer.echo(f"{time.perf_counter() - began:.2f} s in all")
+
+
+def _print(study: SampleStudy | None, results: dict[str, object], output: Path | None) -> None:
+    """Print what was made."""
+    if study is None:
+        typer.echo(f"wrote {results['samples']} samples at {results['rate_hz']:g} Hz: {results['wrote']}")
+        return
+    result_console(110).print(_table(study))
+    typer.echo("nothing was written" if output is None else f"wrote {output}")
+
+
+def _table(study: SampleStudy) -> Table:
+    """Return the summary as a table of the terminal."""
+    from rich.table import Table
+
+    table = Table(title="errors from 5 s after the first fix on")
+    heads = (
+        "C/N0",
+        "receiver",
+        "on signal",
+        "at end",
+        "position rms",
+        "largest",
+        "error/sigma",
+        "velocity rms",
+    )
+    for name in heads:
+        table.add_column(name, justify="left" if name == "receiver" else "right")
+    for row in study.summary.to_dict("records"):
+        table.add_row(
+            f"{row['cn0_dbhz']:.1f}",
+            str(row["receiver"]),
+            f"{100.0 * row['share_on_signal']:.0f} %",
+            f"{row['on_signal_at_end']:.0f} of {row['channels']:.0f}",
+            _number(row["position_rms_m"], "m"),
+            _number(row["position_largest_m"], "m"),
+            _number(row["position_over_sigma"], ""),
+            _number(row["velocity_rms_mps"], "m/s"),
+        )
+    return table
+
+
+def _number(value: float, unit: str) -> str:
+    return "-" if not math.isfinite(value) else f"{value:.2f} {unit}".strip()

@@ -1,0 +1,158 @@
+"""``insgnss receiver``: which receiver holds lock until which C/N0 in a manoeuvre, and with what errors."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from insgnss.cli.console import result_console
+from insgnss.cli.ending import own_errors_told
+from insgnss.cli.json_output import AsJson, print_json, records
+from insgnss.cli.lists import names_in, numbers_in
+from insgnss.cli.overwriting import Force
+from insgnss.cli.progress import counting
+from insgnss.saving import overwriting
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+_NO_INS = "none"
+
+
+def receiver(
+    scenario: Annotated[
+        str, typer.Argument(help="A list of manoeuvres: a name in models/scenarios, or a file (TOML).")
+    ] = "manoeuvring_5g",
+    variants: Annotated[
+        str, typer.Option("--variants", help="Of scalar, aided, two_stage, optimal, one_stage; commas.")
+    ] = "scalar,aided,two_stage,optimal,one_stage",
+    tracking: Annotated[str, typer.Option("--tracking", help="coherent or noncoherent.")] = "coherent",
+    imu: Annotated[
+        str, typer.Option("--imu", help="An IMU grade in the library; none: no inertial system.")
+    ] = "industrial",
+    oscillator: Annotated[
+        str, typer.Option("--oscillator", help="A name in the library, or a density in rad^2/s^3.")
+    ] = "tcxo",
+    cn0: Annotated[str, typer.Option("--cn0", help="dBHz, with commas.")] = "45,40,35,30,25,20",
+    emitters: Annotated[
+        str | None,
+        typer.Option("--emitters", "-e", help="Fly past these: a name in models/emitters, or a file (TOML)."),
+    ] = None,
+    runs: Annotated[int, typer.Option("--runs", help="Of each receiver and C/N0.")] = 20,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of all noise.")] = 1,
+    duration: Annotated[float, typer.Option("--duration", help="Seconds of a run.")] = 80.0,
+    settle: Annotated[float, typer.Option("--settle", help="Seconds of it that do not count.")] = 40.0,
+    step: Annotated[float, typer.Option("--step", help="Seconds of an integration.")] = 5e-3,
+    interval: Annotated[
+        float, typer.Option("--interval", help="Seconds between two updates of a second stage.")
+    ] = 0.1,
+    latency: Annotated[
+        float, typer.Option("--latency", help="Seconds until an inertial sample is known.")
+    ] = 0.0,
+    least: Annotated[
+        float | None, typer.Option("--least", help="dBHz below which a channel is not used.")
+    ] = None,
+    estimate: Annotated[bool, typer.Option("--estimate", help="The receiver estimates its C/N0.")] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for tables and pictures; none is written without it."),
+    ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the pictures.")] = True,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fly receivers through a manoeuvre in closed loops; tell errors, thresholds and loss of lock."""
+    began = time.perf_counter()
+    with own_errors_told(), overwriting(force, []):
+        levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
+        from insgnss.studies.receiver_comparison import receiver_study
+        from insgnss.studies.receiver_scene import ReceiverOptions
+        from insgnss.studies.receiver_variants import VARIANTS
+
+        if imu == _NO_INS and variants == ",".join(VARIANTS):
+            names = ("scalar", "one_stage")
+        options = ReceiverOptions(
+            duration_s=duration,
+            settle_s=settle,
+            step_s=step,
+            interval_s=interval,
+            latency_s=latency,
+            least_cn0_dbhz=least,
+            estimates_cn0=estimate,
+        )
+        with counting() as bars:
+            bar = bars.add_task("receivers")
+            study = receiver_study(
+                scenario,
+                variants=names,
+                tracking=tracking,
+                imu=None if imu == _NO_INS else imu,
+                oscillator=_oscillator(oscillator),
+                cn0=levels,
+                runs=runs,
+                seed=seed,
+                options=options,
+                emitters=emitters,
+                report=lambda done, cases: bars.update(bar, completed=done, total=cases),
+            )
+        if output is not None:
+            study.save(output, pictures=pictures)
+    if as_json:
+        tables = {"summary": records(study.summary), "thresholds": records(study.thresholds)}
+        print_json({"asked": study.asked, **tables, "wrote": output})
+        return
+    console = result_console()
+    console.print(_summary(study.summary))
+    if emitters is None:
+        console.print(_thresholds(study.thresholds))
+    where = f"wrote {output}" if output is not None else "nothing was written (no --output)"
+    typer.echo(f"{where}; {time.perf_counter() - began:.2f} s in all")
+
+
+def _oscillator(text: str) -> str | dict[str, float]:
+    try:
+        return {"drift_density": float(text)}
+    except ValueError:
+        return text
+
+
+def _summary(table: pd.DataFrame) -> Table:
+    from rich.table import Table
+
+    shown = Table(title="after settling, runs that held lock")
+    columns = {
+        "C/N0, dBHz": "cn0_dbhz",
+        "lost": "lost",
+        "position, m": "position_m",
+        "velocity, m/s": "velocity_mps",
+        "attitude, deg": "attitude_deg",
+        "range rate of the replicas, m/s": "rate_mps",
+        "NEES": "nees",
+    }
+    for name in ("receiver", *columns):
+        shown.add_column(name, justify="left" if name == "receiver" else "right")
+    for row in table.to_dict("records"):
+        shown.add_row(str(row["variant"]), *(_number(row[column]) for column in columns.values()))
+    return shown
+
+
+def _thresholds(table: pd.DataFrame) -> Table:
+    from rich.table import Table
+
+    shown = Table(title="half of the runs lose lock")
+    for name in ("receiver", "C/N0, dBHz", "from", "to", "J/S, dB", "linear theory, dBHz"):
+        shown.add_column(name, justify="left" if name == "receiver" else "right")
+    for row in table.to_dict("records"):
+        numbers = ("cn0_dbhz", "low_dbhz", "high_dbhz", "js_db", "linear_cn0_dbhz")
+        shown.add_row(str(row["variant"]), *(_number(row[column]) for column in numbers))
+    return shown
+
+
+def _number(value: object) -> str:
+    number = float(str(value))
+    return "-" if math.isnan(number) else f"{number:.4g}"

@@ -1,0 +1,42 @@
+"""What a receiver's channels say of replicas that were set by a navigation state: range and range rate, as rows.
+
+    z_r = r + clock,         h_r = [-u in position, 1 in the clock]
+    z_v = r' + drift,        h_v = [g in position, -u in velocity, 1 in the drift]
+
+truth minus prediction, at an antenna where the IMU is; u towards the satellite, g the derivative of the range rate by
+the position. A carrier phase divided by k is such a range: all phases begin from one position, so that with the
+position X^P that they belong to (pseudo-coordinates), phi_i = k (-u_i . X^P + b)            [Shatilov 2007, chapter 2].
+With a state N_i of its own, the phase's range is that of the code plus N_i (the method of the additional variable): 1
+in N_i. Both observations of a channel may share their errors: C = [[a, b], [b, d]] goes in as two rows without
+correlation, z_r with a, then z_v - (b / a) z_r with d - b^2 / a.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.state import CLOCK, DR, DRIFT, DV
+from insgnss.geodesy.vectors import place_negative
+from insgnss.jit import inlined
+from insgnss.tables import Float64
+
+COLUMNS: Final = (DR, DR + 1, DR + 2, CLOCK, DV, DV + 1, DV + 2, DRIFT)
+RANGE_COLUMNS: Final = 4  # the first of them: a range has no other
+_POSITION, _CLOCK, _VELOCITY, _DRIFT = (COLUMNS.index(state) for state in (DR, CLOCK, DV, DRIFT))
+
+
+@inlined
+def offset_range_row(u: Float64, h: Float64) -> None:
+    """Write the row of a range, (>= 4,)."""
+    place_negative(h, _POSITION, u)
+    h[_CLOCK] = 1.0
+
+
+@inlined
+def offset_rate_row(u: Float64, g: Float64, of_range: float, h: Float64) -> None:
+    """Write the row of a range rate less ``of_range`` [1/s] times the range, (8,)."""
+    for i in range(3):
+        h[_POSITION + i] = g[i] + of_range * u[i]
+    h[_CLOCK] = -of_range
+    place_negative(h, _VELOCITY, u)
+    h[_DRIFT] = 1.0

@@ -1,0 +1,187 @@
+"""Recordings of a radio front end: raw integers, interleaved or real, read and written block by block.
+
+Such a file has no header: how its numbers stand in it, the sampling rate and the intermediate frequency are declared.
+Nothing can be checked against the file but its size; a declaration that no signal fits is refused.
+
+    recording = IqFile("gps.bin", Sampling(4e6, is_complex=True), "int8")
+    for samples in recording.blocks(1.0): ...
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
+from insgnss.saving import saving_file
+from insgnss.tracking.signal import Samples, Sampling
+
+SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}
+ORDERS: Final = ("iq", "qi")  # of the two components of a complex sample
+# Standard deviation that noise of variance 1 is written with: 16 of int8 leaves a clipping beyond 8 sigma, and a
+# rounding error of 1/12 against 256, 0.0014 dB
+NOISE_LSB: Final = {"int8": 16.0, "int16": 1024.0}
+_MOST_HZ: Final = 1e10
+
+
+@dataclass(frozen=True)
+class IqFile:
+    """A recording and what is declared of it.
+
+    Raises
+    ------
+    ConfigError : a sampling, type or order that does not exist
+    MissingFileError : no such file
+    InputError : the file is empty, or does not hold whole samples
+    """
+
+    path: Path
+    sampling: Sampling
+    sample_type: str = "int8"
+    order: str = "iq"
+    skip_bytes: int = 0  # of a header
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", Path(self.path))
+        _check_declared(self.sampling, self.sample_type, self.order, self.skip_bytes)
+        if not self.path.is_file():
+            raise MissingFileError("no such recording", file=self.path, advice="give a file of raw samples")
+        size = self.path.stat().st_size - self.skip_bytes
+        if size <= 0:
+            held = "is empty" if self.path.stat().st_size == 0 else f"ends before byte {self.skip_bytes}"
+            raise InputError(f"the recording {held}", file=self.path, advice="record again")
+        if size % self._bytes:
+            kind = "complex" if self.sampling.is_complex else "real"
+            raise InputError(
+                f"{size} bytes are no whole number of {kind} {self.sample_type} samples of {self._bytes} bytes",
+                file=self.path,
+                advice="check sample type, complex or real, and skip_bytes; cut a broken end off",
+            )
+
+    @property
+    def _bytes(self) -> int:
+        """Return the size of a sample."""
+        return np.dtype(SAMPLE_TYPES[self.sample_type]).itemsize * (2 if self.sampling.is_complex else 1)
+
+    @property
+    def count(self) -> int:
+        """Return the number of samples."""
+        return (self.path.stat().st_size - self.skip_bytes) // self._bytes
+
+    @property
+    def duration_s(self) -> float:
+        """Return the length of the recording."""
+        return self.count / self.sampling.rate_hz
+
+    def read(self, first: int, count: int) -> Samples:
+        """Return samples as numbers of the file, the two components apart.
+
+        Raises
+        ------
+        InputError : they are not in the file, or it cannot be read
+        """
+        if first < 0 or count < 1 or first + count > self.count:
+            raise InputError(
+                f"samples {first} to {first + count} are asked for, the recording holds {self.count}",
+                file=self.path,
+                advice=f"it lasts {self.duration_s:g} s at {self.sampling.rate_hz:g} Hz",
+            )
+        per = 2 if self.sampling.is_complex else 1
+        try:
+            raw = np.fromfile(
+                self.path,
+                SAMPLE_TYPES[self.sample_type],
+                count * per,
+                offset=self.skip_bytes + first * self._bytes,
+            )
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", file=self.path) from error
+        if per == 1:
+            return Samples(self.sampling, raw.astype(np.float64), np.zeros(0))
+        i = self.order.index("i")
+        return Samples(self.sampling, raw[i::2].astype(np.float64), raw[1 - i :: 2].astype(np.float64))
+
+    def blocks(self, block_s: float = 1.0) -> Iterator[Samples]:
+        """Yield the recording in blocks of a length, the last one shorter."""
+        size = max(1, round(block_s * self.sampling.rate_hz))
+        for first in range(0, self.count, size):
+            yield self.read(first, min(size, self.count - first))
+
+
+def rounded(block: Samples, sample_type: str) -> Samples:
+    """Return samples with noise of variance 1 as the integers that ``write_iq`` writes and ``IqFile`` reads back.
+
+    Raises
+    ------
+    ConfigError : a type that does not exist
+    """
+    if sample_type not in SAMPLE_TYPES:
+        _refuse_type(sample_type, ORDERS[0])
+    kind = np.dtype(SAMPLE_TYPES[sample_type])
+    limit = np.iinfo(kind)
+    in_phase, quadrature = (
+        np.clip(np.rint(NOISE_LSB[sample_type] * part), limit.min, limit.max)
+        for part in (block.in_phase, block.quadrature)
+    )
+    return Samples(block.sampling, in_phase, quadrature)
+
+
+def write_iq(
+    path: str | Path, blocks: Iterable[Samples], sample_type: str = "int8", order: str = "iq"
+) -> int:
+    """Write samples with noise of variance 1 as integers; return how many of their numbers stand at its limits.
+
+    Raises
+    ------
+    ConfigError : a type or order that does not exist
+    ResultError : the file cannot be written, or one of somebody else stands there
+    """
+    if sample_type not in SAMPLE_TYPES or order not in ORDERS:
+        _refuse_type(sample_type, order)
+    kind, place = np.dtype(SAMPLE_TYPES[sample_type]), Path(path)
+    limit, clipped = np.iinfo(kind), 0
+    try:
+        place.parent.stat()  # refuses a folder that is not there, which a save would make
+        with saving_file(place, "recording") as new, open(new, "wb") as file:
+            for block in blocks:
+                numbers = rounded(block, sample_type)
+                parts = [numbers.in_phase]
+                if block.sampling.is_complex:
+                    parts.insert(order.index("q"), numbers.quadrature)
+                file.write(np.stack(parts, axis=-1).astype(kind).tobytes())
+                clipped += sum(int(np.isin(part, (limit.min, limit.max)).sum()) for part in parts)
+    except OSError as error:
+        raise ResultError(
+            f"the recording cannot be written: {error.strerror}", file=path, advice="give another folder"
+        ) from error
+    return clipped
+
+
+def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes: int) -> None:
+    """Refuse what no recording can be."""
+    if sample_type not in SAMPLE_TYPES or order not in ORDERS:
+        _refuse_type(sample_type, order)
+    rate = sampling.rate_hz
+    if not (math.isfinite(rate) and 0.0 < rate <= _MOST_HZ):
+        advice = "give samples per second, as 4e6"
+        raise ConfigError(f"a sampling rate of {rate:g} Hz", key="rate_hz", advice=advice)
+    if not math.isfinite(sampling.intermediate_hz):
+        advice = "give the frequency that the carrier without Doppler has in the samples, in Hz"
+        raise ConfigError("an intermediate frequency that is no number", key="intermediate_hz", advice=advice)
+    if skip_bytes < 0:
+        raise ConfigError(f"{skip_bytes} bytes to skip", key="skip_bytes", advice="give 0 or more")
+
+
+def _refuse_type(sample_type: str, order: str) -> None:
+    """Raise the error of a type or order that does not exist."""
+    if sample_type not in SAMPLE_TYPES:
+        message, key, advice = f"unknown sample type '{sample_type}'", "sample_type", ", ".join(SAMPLE_TYPES)
+    else:
+        message, key, advice = f"unknown order '{order}'", "order", ", ".join(ORDERS)
+    raise ConfigError(message, key=key, advice=f"known: {advice}")

@@ -1,0 +1,211 @@
+"""One integration of m channels whose replicas somebody else steers: correlators, discriminators, observations.
+
+Offsets are truth minus replica in metres of range and metres per second, as a navigation filter has them:
+
+- coherent: phase offset ``-k dr``, the carrier's phase falls while the range grows; I and Q of the prompt replica
+- non-coherent: delay ``dr / chip``; a frequency discriminator over the two halves of the integration (same data bit),
+  ``u_f = Im(Z1* Z2)``, and a delay discriminator over the whole of it, ``|L|^2 - |E|^2``
+
+An observation is the discriminator's output over its slope, as range and range rate; its variance is that of the
+output at no offset. Slopes and variances depend on C/N0 and stand in a table with a row for each 0.02 dB
+(``observation_table``): no formula of a discriminator is repeated here. Where the told C/N0 is not the true one, the
+gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import C_MPS
+from insgnss.jit import inlined, kernel
+from insgnss.tables import Float64, Int64
+from insgnss.tracking.admissible import require_known, require_positive, signal_ratio
+from insgnss.tracking.channel_kernel import carrier_mean, triangle_at
+from insgnss.tracking.correlators import Correlators
+from insgnss.tracking.delay_discriminators import DelayDiscriminator
+from insgnss.tracking.discriminator_outputs import (
+    DELAY_KINDS,
+    FREQUENCY_KINDS,
+    PHASE_KINDS,
+    delay_output,
+    frequency_output,
+    phase_output,
+)
+from insgnss.tracking.frequency_discriminators import FrequencyDiscriminator
+from insgnss.tracking.phase_discriminators import PhaseDiscriminator
+
+TRACKINGS: Final = ("coherent", "noncoherent")
+LEAST_DBHZ, MOST_DBHZ, DB_STEP = -10.0, 70.0, 0.02  # of the table; a C/N0 beyond it counts as its end
+# columns of the table: signal ratio of the integration, metres (m/s) by output, variance of the observation
+RATIO, RANGE_BY_OUTPUT, RANGE_VARIANCE, RATE_BY_OUTPUT, RATE_VARIANCE = range(5)
+N_TABLE: Final = 5
+# what is seen of a channel in an integration
+SEEN_RANGE, SEEN_RATE, SEEN_POWER = range(3)
+N_NOISE: Final = (2, 12)  # normal numbers for each channel and integration, by tracking
+
+
+class Channels(NamedTuple):
+    """What all channels have in common over an integration."""
+
+    coherent: bool
+    step_s: float
+    radians_per_m: float
+    chip_m: float
+    kinds: Int64  # (3,) of the phase, frequency and delay discriminator
+    offsets: Float64  # (3,) delays of early, prompt, late [chips]
+    noise_factor: Float64  # (3, 3) of their noise
+    table: Float64  # (levels, 5) of C/N0 from the least on
+
+
+def levels_of(cn0_dbhz: npt.ArrayLike) -> Int64:
+    """Return the table's rows of C/N0 [dBHz]."""
+    level = np.rint((np.nan_to_num(np.asarray(cn0_dbhz, float), nan=LEAST_DBHZ) - LEAST_DBHZ) / DB_STEP)
+    return np.asarray(np.clip(level, 0, _levels() - 1), np.int64)
+
+
+def _levels() -> int:
+    return round((MOST_DBHZ - LEAST_DBHZ) / DB_STEP) + 1
+
+
+def noise_count(channels: Channels) -> int:
+    """Return how many normal numbers a channel takes for an integration."""
+    return N_NOISE[0] if channels.coherent else N_NOISE[1]
+
+
+def channels_of(
+    tracking: str,
+    step_s: float,
+    carrier_hz: float,
+    chip_hz: float,
+    *,
+    phase_kind: str = "iq",
+    spacing_chips: float = 1.0,
+    frequency_kind: str = "cross",
+    delay_kind: str = "power",
+) -> Channels:
+    """Return channels that integrate for ``step_s`` at a time.
+
+    Raises
+    ------
+    ConfigError : an unknown tracking or discriminator, or numbers that no signal has
+    """
+    require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
+    require_known(phase_kind, PHASE_KINDS, "phase_kind", "phase discriminator")
+    require_known(frequency_kind, FREQUENCY_KINDS[1:], "frequency_kind", "frequency discriminator")
+    require_known(delay_kind, DELAY_KINDS, "delay_kind", "delay discriminator")
+    require_positive("give hertz", carrier_hz=carrier_hz, chip_hz=chip_hz)
+    correlators = Correlators(spacing_chips)
+    k, chip_m, coherent = 2.0 * math.pi * carrier_hz / C_MPS, C_MPS / chip_hz, tracking == "coherent"
+    kinds = (
+        PHASE_KINDS.index(phase_kind),
+        FREQUENCY_KINDS.index(frequency_kind),
+        DELAY_KINDS.index(delay_kind),
+    )
+    channels = Channels(
+        coherent,
+        step_s,
+        k,
+        chip_m,
+        np.array(kinds, np.int64),
+        correlators.offsets,
+        correlators.noise_factor(),
+        np.zeros((0, N_TABLE)),
+    )
+    return channels._replace(table=observation_table(channels, correlators))
+
+
+def observation_table(channels: Channels, correlators: Correlators) -> Float64:
+    """Return the table of slopes and variances, (levels, 5); C/N0 from -10 to 70 dBHz.
+
+    Equation: y = u / (slope k), variance var(u) / (slope k)^2; k [rad/m] of the phase and the frequency, 1 / chip of
+    the delay
+    """
+    step, k = channels.step_s, channels.radians_per_m
+    cn0 = LEAST_DBHZ + DB_STEP * np.arange(_levels())
+    a = np.array([signal_ratio(x, step) for x in cn0])
+    table = np.zeros((len(a), N_TABLE))
+    table[:, RATIO] = a
+    if channels.coherent:
+        phase = PhaseDiscriminator(PHASE_KINDS[channels.kinds[0]])
+        slope = -k * np.array([phase.slope(x) for x in a])
+        variance = np.array([float(phase.variance(0.0, x)) for x in a])
+    else:
+        delay = DelayDiscriminator(DELAY_KINDS[channels.kinds[2]], correlators)
+        slope = np.array([delay.slope(x) for x in a]) / channels.chip_m
+        variance = np.array([float(delay.variance(0.0, x)) for x in a])
+        frequency = FrequencyDiscriminator(FREQUENCY_KINDS[channels.kinds[1]], 0.5 * step)
+        # the kernel's angles are not divided by the time between both halves
+        scale = 1.0 if FREQUENCY_KINDS[channels.kinds[1]] == "cross" else 0.5 * step
+        rate_slope = -k * scale * np.array([frequency.slope(0.5 * x) for x in a])
+        rate_variance = scale**2 * np.array([float(frequency.variance(0.0, 0.5 * x)) for x in a])
+        table[:, RATE_BY_OUTPUT] = 1.0 / rate_slope
+        table[:, RATE_VARIANCE] = rate_variance / rate_slope**2
+    table[:, RANGE_BY_OUTPUT] = 1.0 / slope
+    table[:, RANGE_VARIANCE] = variance / slope**2
+    return table
+
+
+@inlined
+def observe_channel(
+    channels: Channels, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
+) -> None:
+    """Write what one channel sees in an integration.
+
+    Parameters
+    ----------
+    arriving, told : the table's rows of the true C/N0 and of the one the receiver takes it for; below zero: no signal,
+        and a receiver that looks for none
+    offset : (2,) truth minus replica: range [m] and range rate [m/s] in the middle
+    noise : (2,) or (12,) independent normal numbers
+    seen : (3,) observed offsets, and the prompt replica's power, out
+    """
+    # the front end keeps the noise level: correlators are scaled as if the told C/N0 were the true one
+    scale = channels.table[max(told, 0), RATIO]
+    a = math.sqrt(scale * channels.table[arriving, RATIO]) if arriving >= 0 else 0.0
+    sigma = math.sqrt(scale)
+    turn = -channels.radians_per_m * offset[1] * channels.step_s
+    if channels.coherent:
+        Z = carrier_mean(a, -channels.radians_per_m * offset[0], turn)
+        Z += sigma * complex(noise[0], noise[1])
+        seen[SEEN_RANGE] = phase_output(channels.kinds[0], Z) * channels.table[told, RANGE_BY_OUTPUT]
+        seen[SEEN_RATE] = 0.0
+        seen[SEEN_POWER] = Z.real * Z.real + Z.imag * Z.imag
+    else:
+        delay = offset[0] / channels.chip_m
+        # early, prompt and late of both halves, whose middles stand a quarter before and after
+        half = math.sqrt(0.5) * sigma
+        early, late = complex(0.0, 0.0), complex(0.0, 0.0)
+        first, second = complex(0.0, 0.0), complex(0.0, 0.0)
+        for r in range(3):
+            size = triangle_at(delay - channels.offsets[r])
+            before = size * carrier_mean(0.5 * a, -0.25 * turn, 0.5 * turn)
+            after = size * carrier_mean(0.5 * a, 0.25 * turn, 0.5 * turn)
+            for s in range(3):
+                factor = half * channels.noise_factor[r, s]
+                before += factor * complex(noise[s], noise[3 + s])
+                after += factor * complex(noise[6 + s], noise[9 + s])
+            if r == 0:
+                early = before + after
+            elif r == 1:
+                first, second = before, after
+            else:
+                late = before + after
+        prompt = first + second
+        rate = frequency_output(channels.kinds[1], first, second)
+        seen[SEEN_RATE] = rate * channels.table[told, RATE_BY_OUTPUT]
+        split = delay_output(channels.kinds[2], early, prompt, late)
+        seen[SEEN_RANGE] = split * channels.table[told, RANGE_BY_OUTPUT]
+        seen[SEEN_POWER] = prompt.real * prompt.real + prompt.imag * prompt.imag
+
+
+@kernel
+def observe_channels(
+    channels: Channels, arriving: Int64, told: Int64, offsets: Float64, noise: Float64, seen: Float64
+) -> None:
+    """Write what n channels see, each in an integration of its own: ``observe_channel`` for arrays."""
+    for c in range(len(arriving)):
+        observe_channel(channels, arriving[c], told[c], offsets[c], noise[c], seen[c])

@@ -1,0 +1,65 @@
+"""What a channel says of its replica enters the filter with the rows of pseudoranges and range rates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insgnss.filter.measurements import pseudorange as of_pseudorange
+from insgnss.filter.measurements import range_rate as of_range_rate
+from insgnss.filter.measurements.pseudorange import range_row
+from insgnss.filter.measurements.range_rate import rate_row
+from insgnss.filter.parameters import PARAMETERS_DTYPE
+from insgnss.filter.rows.lines import ANTENNA_DTYPE
+from insgnss.filter.rows.replica_offset import COLUMNS, offset_range_row, offset_rate_row
+from insgnss.filter.state import OFFSETS, new_bank
+from insgnss.filter.update.replica_offsets import use_offsets
+
+U, G = np.array([0.36, -0.48, 0.8]), np.array([1e-4, -2e-4, 3e-5])
+NOTHING = np.zeros(3)
+
+
+def dense(columns: tuple[int, ...], h: np.ndarray) -> np.ndarray:
+    """Return a row over all states."""
+    row = np.zeros(OFFSETS)
+    np.add.at(row, np.array(columns), h[: len(columns)])
+    return row
+
+
+def test_rows_are_those_of_a_log_without_a_lever_arm() -> None:
+    h, mine = np.zeros(15), np.zeros(len(COLUMNS))
+    range_row(U, NOTHING, h)
+    offset_range_row(U, mine)
+    assert np.array_equal(dense(COLUMNS, mine), dense(of_pseudorange.COLUMNS, h))
+
+    h, mine = np.zeros(15), np.zeros(len(COLUMNS))
+    antenna, par, m = np.zeros(1, ANTENNA_DTYPE)[0], np.zeros(1, PARAMETERS_DTYPE)[0], new_bank(1, 0).state[0]
+    antenna.u[:], antenna.dr[:], m.C_eb[:] = U, G, np.eye(3)
+    rate_row(m, par, antenna, h)
+    offset_rate_row(U, G, 0.0, mine)
+    assert np.array_equal(dense(COLUMNS, mine), dense(of_range_rate.COLUMNS, h))
+
+
+def test_two_observations_that_share_their_errors_count_as_the_pair_they_are() -> None:
+    rng = np.random.default_rng(8)
+    root = rng.standard_normal((OFFSETS, OFFSETS))
+    P = root @ root.T
+    C, z = np.array([[4.0, 1.1], [1.1, 0.5]]), np.array([3.0, -0.7])
+    range_h, rate_h = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
+    offset_range_row(U, range_h)
+    offset_rate_row(U, G, 0.0, rate_h)
+    H = np.array([dense(COLUMNS, range_h), dense(COLUMNS, rate_h)])
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + C)
+    found, v = P.copy(), np.zeros((4, OFFSETS))
+    columns = np.array(COLUMNS, np.int64)
+    use_offsets(found, columns, U, G, (3.0, -0.7), (4.0, 1.1, 0.5), np.zeros(len(COLUMNS)), v)
+
+    assert v[0] == pytest.approx(K @ z, rel=1e-9)
+    assert found == pytest.approx(P - K @ H @ P, rel=1e-9, abs=1e-9)
+
+
+def test_observation_without_a_variance_is_left_out() -> None:
+    P, v = np.eye(OFFSETS), np.zeros((4, OFFSETS))
+    use_offsets(P, np.array(COLUMNS, np.int64), U, G, (1.0, 1.0), (0.0, 0.0, 0.0), np.zeros(len(COLUMNS)), v)
+
+    assert np.array_equal(P, np.eye(OFFSETS)) and not v[0].any()

@@ -1,0 +1,105 @@
+"""A receiver past emitters: C/N0 of the link, channels that go and come back where the filter expects them."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from insgnss.config.interference import Emitter, InterferenceConfig, LoopReceiver
+from insgnss.constants import C_MPS
+from insgnss.errors import ModelError
+from insgnss.flown_margin.loops import separation
+from insgnss.gnss.signals import signal_of
+from insgnss.interference.spectra import modulation_of
+from insgnss.simulation.local_level import geodetic
+from insgnss.studies import ReceiverOptions, receiver_study
+from insgnss.studies.jammed_sky import emitters_of, jammed_cn0_dbhz
+from insgnss.studies.receiver_comparison import ReceiverStudy
+from insgnss.studies.receiver_scene import Scene, scene_of
+
+OPTIONS = ReceiverOptions(duration_s=170.0, settle_s=30.0, step_s=10e-3, least_cn0_dbhz=20.0)
+
+
+@cache
+def scene() -> Scene:
+    return scene_of("jammed_approach", "noncoherent", "tactical", "tcxo", OPTIONS)
+
+
+@cache
+def flown() -> ReceiverStudy:
+    return receiver_study(
+        "jammed_approach",
+        variants=("optimal", "one_stage"),
+        tracking="noncoherent",
+        imu="tactical",
+        runs=6,
+        seed=3,
+        options=OPTIONS,
+        emitters="jammed_approach",
+    )
+
+
+def test_cn0_is_that_of_free_space() -> None:
+    truth = scene().setting.truth
+    emitter = Emitter(lat_deg=59.9, lon_deg=30.3, h_m=50.0, eirp_dbw=-10.0, bandwidth_hz=20e6)
+    config = InterferenceConfig(emitter=(emitter,), receiver=LoopReceiver(cn0_dbhz=44.0, signal_dbw=-158.0))
+    found = jammed_cn0_dbhz(truth, config, scene().start_s)
+    lat, lon, h = np.radians(59.9), np.radians(30.3), 50.0
+    e2, a = 6.69437999014e-3, 6378137.0
+    N = a / math.sqrt(1.0 - e2 * math.sin(lat) ** 2)
+    mast = np.array(
+        [
+            (N + h) * math.cos(lat) * math.cos(lon),
+            (N + h) * math.cos(lat) * math.sin(lon),
+            (N * (1.0 - e2) + h) * math.sin(lat),
+        ]
+    )
+    distance = np.linalg.norm(truth.r_e - mast, axis=1)
+    received = -10.0 + 20.0 * np.log10(C_MPS / (4.0 * math.pi * 1575.42e6 * distance))
+    signal = signal_of("G", "C1C")
+    assert signal is not None
+    kappa = separation(modulation_of(signal), 20e6, 1575.42e6, emitter)
+    expected = -10.0 * np.log10(10.0**-4.4 + 10.0 ** (0.1 * (received + 158.0)) * kappa)
+
+    assert found == pytest.approx(np.tile(expected[:, None], (1, found.shape[1])), abs=0.01)
+    assert geodetic(truth.r_e[:1])[0, 2] == pytest.approx(900.0, abs=1.0)
+
+
+def test_library_of_emitters_goes_from_45_dbhz_below_16_and_back() -> None:
+    found = jammed_cn0_dbhz(scene().setting.truth, emitters_of("jammed_approach"), scene().start_s)
+
+    assert found[0].min() == pytest.approx(45.0, abs=0.1)
+    assert found.min() < 16.0
+    with pytest.raises(ModelError, match="file of emitters"):
+        emitters_of("nothing")
+
+
+def test_channels_come_back_where_the_filter_expects_them() -> None:
+    searches: pd.DataFrame = flown().searches
+
+    assert set(searches["variant"]) == {"optimal", "one_stage"}
+    assert (searches["back_s"] - searches["lost_s"]).between(10.0, 60.0).all()
+    assert (searches["tracked_s"] >= searches["back_s"]).all()
+    delay, rate = (
+        (searches[off] / searches[sd]).to_numpy()
+        for off, sd in (("off_m", "sd_delay_m"), ("off_mps", "sd_rate_mps"))
+    )
+    assert np.abs(delay).max() < 4.5 and np.abs(rate).max() < 4.5
+    # all channels of a run have one clock and one path: six runs are six looks
+    assert (delay**2).mean() < 3.7 and (rate**2).mean() < 3.7  # chi^2 of six over six, 1e-3
+
+
+def test_filter_coasts_and_is_honest() -> None:
+    study = flown()
+    summary = study.summary.set_index("variant")
+
+    assert (summary["lost"] == 0.0).all()
+    assert (summary["nees"] < summary["nees_high"]).all()
+    epochs = study.epochs[study.epochs["variant"] == "one_stage"]
+    coasted = epochs[epochs["time_s"].between(125.0, 135.0)]["velocity_mps"].max()
+    after = epochs[epochs["time_s"] > 160.0]["velocity_mps"].max()
+    assert coasted > after
