@@ -19,7 +19,8 @@ from insgnss.filter.diagnosis.past import Past
 from insgnss.filter.diagnosis.recovery import Doubt, contradicted_kind, is_lost, open_doubt
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
-from insgnss.filter.diagnosis.suspects import judge, run_away
+from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
+from insgnss.filter.diagnosis.verdict_words import creeping_in_words
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
 from insgnss.filter.loop import current_sample
 from insgnss.filter.output.writing import Output
@@ -96,13 +97,14 @@ class Health:
             bank.head["doubted_ns"] = t_ns + self.past.respite_ns
             return Remedy(bank, [])  # a heading that is not known yet explains what a sensor would
         was = self.past.banks[:1]
-        if int(bank.state[0].crept_ns) == t_ns:
+        crept = int(bank.state[0].crept_ns) == t_ns
+        if crept:
             verdict, self.past = run_away(self.past, bank, self.setup, imu, parameters)
         else:
             verdict, self.past = judge(self.past, self.setup, imu, parameters)
         bank.head["doubted_ns"] = t_ns + self.past.respite_ns
         if verdict is None:
-            return Remedy(bank, [])
+            return Remedy(bank, self._told(creeping_in_words(t_ns, left_out(bank, t_ns))) if crept else [])
         event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return Remedy(bank, self._told(event))

@@ -110,10 +110,9 @@ def run_away(
 ) -> tuple[Verdict | None, Past]:
     """Return the filter that has left out from the start the satellites which ``bank`` has just found to creep."""
     past, span = past.judged()
-    until_s = bank.memory[0, :, LEFT_OUT_S]
     if span is None:
         return None, past
-    satellites = tuple(int(n) for n in np.unique(np.flatnonzero(until_s > span[1] * 1e-9) // N_BANDS))
+    satellites = left_out(bank, span[1])
     again = Hindsight(past.of_late(int(WITHOUT_S * NS_PER_S)), setup, imu, parameters, span)
     in_vain = replace(past, in_vain=past.in_vain + 1)
     if not again.came_through or not 0 < len(satellites) <= MOST_SATELLITES:
@@ -130,6 +129,12 @@ def run_away(
         return None, in_vain
     lasting = again.to_the_end(verdict)
     return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
+
+
+def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
+    """Return the satellites that are left out at a time because they run away from the others."""
+    until_s = bank.memory[0, :, LEFT_OUT_S]
+    return tuple(int(n) for n in np.unique(np.flatnonzero(until_s > t_ns * 1e-9) // N_BANDS))
 
 
 def judge(

@@ -26,7 +26,7 @@ from insgnss.tables import Event
 def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
     """Return the event of a verdict; ``was`` is the filter before the fault."""
     if verdict.suspect == SATELLITES:
-        names = ", ".join(sorted(satellite_name(slot) for slot in verdict.satellites))
+        names = _names(verdict.satellites)
         detail = (
             f"{names}: code and Doppler run away from those of all others; left out, the last minute anew"
         )
@@ -55,6 +55,16 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         )
         return Event(t_ns, "sensor_suspect", detail)
     return Event(t_ns, "sensor_suspect", _of_sensor(was, verdict))
+
+
+def creeping_in_words(t_ns: int, satellites: tuple[int, ...]) -> Event:
+    """Return the event of satellites that are left out from now on, though what they did before is not clear."""
+    detail = f"{_names(satellites)}: range rates run away from those of all others; left out while they do"
+    return Event(t_ns, "satellite_suspect", detail)
+
+
+def _names(satellites: tuple[int, ...]) -> str:
+    return ", ".join(sorted(satellite_name(slot) for slot in satellites))
 
 
 def _of_sensor(was: Bank, verdict: Verdict) -> str:

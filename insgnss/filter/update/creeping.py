@@ -232,6 +232,24 @@ def find_creeping(
 ) -> int:
     """Mark the smallest set of satellites without which the means agree; return how many there are.
 
+    Of range rates all satellites are asked anew, those that are left out, too: while three run away, two of them and a
+    sound one may leave the others in agreement for some seconds. Where more than a third disagree, only those that are
+    left in are asked.
+    """
+    found = 0
+    if kind == RANGE_RATE:
+        found = mark_creeping(memory, lines, observation, kind, now, gate2, True)
+    if found == 0:
+        found = mark_creeping(memory, lines, observation, kind, now, gate2, False)
+    return found
+
+
+@kernel
+def mark_creeping(
+    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float, anew: bool
+) -> int:
+    """Mark the smallest set of satellites, of all (``anew``) or of those left in, without which the means agree.
+
     Equation: as ``consistency.refuse_inconsistent``, of the means, their common part free.
     A range counts only while it moves away: one that comes back to the others was wrong before.
     It allocates its work space: only where a mean stands out it is called.
@@ -242,7 +260,7 @@ def find_creeping(
     for j in range(lines.shape[0]):
         mean = memory[observation[j].slot]
         _, variance = crept(mean, lines[j], kind, now)
-        if variance > 0.0 and not mean[LEFT_OUT_S] > now:
+        if variance > 0.0 and (anew or not mean[LEFT_OUT_S] > now):
             index[n] = j
             n += 1
             largest = max(largest, variance)
@@ -257,14 +275,16 @@ def find_creeping(
         removed += remove_smallest_set(T, active, gate2, most - removed)
     if farthest(T, active, 1)[1] > gate2:
         return 0
-    new = 0
+    found = 0
     for a in range(n):
         mean = memory[observation[index[a]].slot]
         away = kind == RANGE_RATE or abs(mean[FAST]) > abs(mean[SLOW])
         if active[a] == 0 and away:
-            new += 1
+            found += 1
             mean[LEFT_OUT_S] = now + _HELD_S[kind]
-    return new
+        elif active[a] == 1 and anew:
+            mean[LEFT_OUT_S] = -math.inf
+    return found
 
 
 @inlined
