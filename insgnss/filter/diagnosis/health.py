@@ -20,7 +20,7 @@ from insgnss.filter.diagnosis.recovery import Doubt, contradicted_kind, is_lost,
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
-from insgnss.filter.diagnosis.verdict_words import creeping_in_words
+from insgnss.filter.diagnosis.verdict_words import STUCK_RATES, creeping_in_words
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
 from insgnss.filter.loop import current_sample
 from insgnss.filter.output.writing import Output
@@ -93,6 +93,8 @@ class Health:
 
     def suspect(self, bank: Bank, imu: Imu, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
         """Look whose fault it is that the satellites contradict the prediction."""
+        if int(bank.state[0].stuck_since_ns) == t_ns:
+            return Remedy(bank, [Event(t_ns, "kind_refused", STUCK_RATES)])
         if bank.head[0].heading_open == 1:
             bank.head["doubted_ns"] = t_ns + self.past.respite_ns
             return Remedy(bank, [])  # a heading that is not known yet explains what a sensor would

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +22,10 @@ from insgnss.filter.diagnosis.supposed_faults import (
 from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
+
+STUCK_RATES: Final = (
+    "the receiver repeats the range rates of an earlier epoch; they are refused while it does"
+)
 
 
 def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:

@@ -41,8 +41,10 @@ from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 
 # columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
-# and since when [s]; until when the satellite's band is left out [s]; variance of the rates in that mean [m^2/s^2]
+# and since when [s]; until when the satellite's band is left out [s]; variance of the rates in that mean [m^2/s^2];
+# the range rate that may repeat, and the satellite's own when it began [m/s]
 FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S, RATE_VARIANCE = range(8)
+REPEATED, REPEATED_MOTION = 8, 9
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough
 _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
@@ -80,7 +82,7 @@ def follow_satellites(
 ) -> bool:
     """Carry the means of each satellite's band on, find those that creep, and refuse all kinds of these.
 
-    Return whether any is refused. ``memory`` is (slots, 8), see the names above.
+    Return whether any is refused. ``memory`` is (slots, N_MEMORY), see the names above.
     """
     if par.drift_gate <= 0.0:
         return False
@@ -96,7 +98,11 @@ def follow_satellites(
                 if takes_part(lines[j], kind):
                     carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
             if stands_out(memory, lines, observation, kind, now, fit, par.drift_gate**2):
-                if find_creeping(memory, lines, observation, kind, now, par.drift_gate**2) > 0:
+                anew, gate2 = kind == RANGE_RATE, par.drift_gate**2
+                found = find_creeping(memory, lines, observation, kind, now, gate2, anew)
+                if found == 0 and anew:
+                    found = find_creeping(memory, lines, observation, kind, now, gate2, False)
+                if found > 0:
                     refused = refuse_left_out(memory, lines, observation, now)
                     if kind == RANGE_RATE:
                         m.crept_ns = t_ns
@@ -228,28 +234,12 @@ def leave_out_rates(m: StateRecord, lines: Lines, t_ns: int) -> None:
 @apart
 @kernel
 def find_creeping(
-    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float
+    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float, anew: bool
 ) -> int:
     """Mark the smallest set of satellites without which the means agree; return how many there are.
 
-    Of range rates all satellites are asked anew, those that are left out, too: while three run away, two of them and a
-    sound one may leave the others in agreement for some seconds. Where more than a third disagree, only those that are
-    left in are asked.
-    """
-    found = 0
-    if kind == RANGE_RATE:
-        found = mark_creeping(memory, lines, observation, kind, now, gate2, True)
-    if found == 0:
-        found = mark_creeping(memory, lines, observation, kind, now, gate2, False)
-    return found
-
-
-@kernel
-def mark_creeping(
-    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float, anew: bool
-) -> int:
-    """Mark the smallest set of satellites, of all (``anew``) or of those left in, without which the means agree.
-
+    ``anew``: all are asked, those that are left out, too, and come back where the others are at fault. While three run
+    away, two of them and a sound one may leave the rest in agreement for some seconds.
     Equation: as ``consistency.refuse_inconsistent``, of the means, their common part free.
     A range counts only while it moves away: one that comes back to the others was wrong before.
     It allocates its work space: only where a mean stands out it is called.

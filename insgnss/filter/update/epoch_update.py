@@ -22,6 +22,7 @@ from insgnss.filter.update.gating import absorb_clock_step, common_step, count_r
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
+from insgnss.filter.update.repeated_rates import refuse_repeated
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
@@ -77,6 +78,7 @@ def update_epoch(
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
+    refuse_repeated(m, bank.memory[member], rows, epoch, lines)
     leave_out_rates(m, lines, t_ns)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)

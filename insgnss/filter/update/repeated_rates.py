@@ -1,0 +1,67 @@
+"""Range rates that a receiver repeats: the same number, epoch after epoch, is no measurement. Compiled.
+
+A satellite's own motion changes its range rate, by 0.01 to 0.2 m/s in a second. Where the number in the log stays the
+same to the last digit although that motion has changed it by more than its noise, it was not measured. No state is
+asked: a filter that follows such rates would take them for its own motion before long.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.apart import apart
+from insgnss.filter.measurements.range_rate import COLUMNS
+from insgnss.filter.rows.lines import Line, Lines
+from insgnss.filter.state import DV, StateRecord
+from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION
+from insgnss.gnss.observation_rows import RANGE_RATE, Rows
+from insgnss.jit import inlined
+from insgnss.status import STUCK, USED
+from insgnss.tables import Float64
+
+_VELOCITY: Final = COLUMNS.index(DV)
+# squared sigmas of the row, in the mean of all that repeat. What a resolution q rounds has a sigma of q / sqrt(12): a
+# number that is right repeats until the motion is q, three and a half sigmas
+_FAR2: Final = 16.0
+_KIND: Final = 5  # rows that repeat together are told as a fault of the kind
+_AGAIN_NS: Final = 60_000_000_000
+
+
+@inlined
+def satellite_rate(rows: Rows, i: int, line: Line) -> float:
+    """Return the part of a row's range rate that is the satellite's own motion [m/s]."""
+    h = line.h[RANGE_RATE]
+    v = rows.sat[i, 3:6]
+    return float(-(h[_VELOCITY] * v[0] + h[_VELOCITY + 1] * v[1] + h[_VELOCITY + 2] * v[2]))
+
+
+@apart
+def refuse_repeated(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lines: Lines) -> None:
+    """Refuse the range rates that stay the same while their satellites move; ``memory`` is (slots, N_MEMORY)."""
+    first, t_ns = rows.first[epoch], rows.epoch_ns[epoch]
+    repeated, far2 = 0, 0.0
+    for j in range(lines.shape[0]):
+        if lines[j].status[RANGE_RATE] != USED:
+            continue
+        seen = memory[rows.observation[first + j].slot]
+        value, motion = (
+            rows.observation[first + j].value[RANGE_RATE],
+            satellite_rate(rows, first + j, lines[j]),
+        )
+        if value == seen[REPEATED]:
+            repeated += 1
+            far2 += (motion - seen[REPEATED_MOTION]) ** 2 / lines[j].variance[RANGE_RATE]
+        else:
+            seen[REPEATED], seen[REPEATED_MOTION] = value, motion
+    if repeated == 0 or far2 <= _FAR2 * repeated:
+        return
+    for j in range(lines.shape[0]):
+        seen = memory[rows.observation[first + j].slot]
+        same = rows.observation[first + j].value[RANGE_RATE] == seen[REPEATED]
+        if lines[j].status[RANGE_RATE] == USED and same:
+            if satellite_rate(rows, first + j, lines[j]) != seen[REPEATED_MOTION]:
+                lines[j].status[RANGE_RATE] = STUCK
+    if repeated >= _KIND:
+        if t_ns - m.stuck_ns > _AGAIN_NS:
+            m.stuck_since_ns = t_ns
+        m.stuck_ns = t_ns
