@@ -42,9 +42,9 @@ from insgnss.tables import Float64, Int64
 
 # columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
 # and since when [s]; until when the satellite's band is left out [s]; variance of the rates in that mean [m^2/s^2];
-# the range rate that may repeat, and the satellite's own when it began [m/s]
+# the range rate that may repeat, and the satellite's own and the row's variance when it began [m/s], [m^2/s^2]
 FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S, RATE_VARIANCE = range(8)
-REPEATED, REPEATED_MOTION = 8, 9
+REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 8, 9, 10
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough
 _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is

@@ -13,7 +13,7 @@ from insgnss.apart import apart
 from insgnss.filter.measurements.range_rate import COLUMNS
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import DV, StateRecord
-from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION
+from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION, REPEATED_VARIANCE
 from insgnss.gnss.observation_rows import RANGE_RATE, Rows
 from insgnss.jit import inlined
 from insgnss.status import STUCK, USED
@@ -50,9 +50,10 @@ def refuse_repeated(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lin
         )
         if value == seen[REPEATED]:
             repeated += 1
-            far2 += (motion - seen[REPEATED_MOTION]) ** 2 / lines[j].variance[RANGE_RATE]
+            far2 += (motion - seen[REPEATED_MOTION]) ** 2 / seen[REPEATED_VARIANCE]
         else:
             seen[REPEATED], seen[REPEATED_MOTION] = value, motion
+            seen[REPEATED_VARIANCE] = lines[j].variance[RANGE_RATE]  # later ones take the fault for noise
     if repeated == 0 or far2 <= _FAR2 * repeated:
         return
     for j in range(lines.shape[0]):
