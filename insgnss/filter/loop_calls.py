@@ -30,7 +30,7 @@ from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow_explained
 from insgnss.filter.update.observe import observe
-from insgnss.filter.update.repeated_rates import refuse_repeated
+from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers

@@ -33,7 +33,7 @@ N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
 ABSENT_STATE: Final = -1
-N_MEMORY: Final = 11  # numbers kept of each band of a satellite
+N_MEMORY: Final = 10  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5

@@ -39,9 +39,10 @@ from insgnss.filter.state import (
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
+from insgnss.filter.update.epoch_update import Outcome, counted_again
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import MASK, OFF, deweight
-from insgnss.filter.update.repeated_rates import refuse_repeated
+from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -343,7 +344,8 @@ def crowd(noise: float) -> list[Any]:
         follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, par)
         adapt_noise(m, P, P, par, work, len(lines), t_ns, 1.0)
         follow_explained(m, P, par, lines, fit, t_ns)
-        found.append(lines["status"].copy())
+        again = counted_again(Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0), lines, par)
+        found += [lines["status"].copy(), np.array(again)]
     return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]
 
 

@@ -35,6 +35,7 @@ from insgnss.tables import Event
 
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
+_NOISY = 4.0  # times the assumed variance of range rates: one that stands out for a while is no news then
 _LEAST_RANGES = 6  # fewer cannot tell a clock that stepped from a sensor that failed
 
 
@@ -106,7 +107,8 @@ class Health:
             verdict, self.past = judge(self.past, self.setup, imu, parameters)
         bank.head["doubted_ns"] = t_ns + self.past.respite_ns
         if verdict is None:
-            return Remedy(bank, self._told(creeping_in_words(t_ns, left_out(bank, t_ns))) if crept else [])
+            news = crept and bank.state[0].noise_factor[RANGE_RATE] < _NOISY
+            return Remedy(bank, self._told(creeping_in_words(t_ns, left_out(bank, t_ns))) if news else [])
         event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return Remedy(bank, self._told(event))

@@ -58,10 +58,9 @@ from insgnss.filter.update.creeping import (
     RATE,
     RATE_S,
     RATE_SINCE_S,
-    RATE_VARIANCE,
-    RATES_OUT_NS,
 )
 from insgnss.filter.update.epoch_space import new_workspace
+from insgnss.filter.update.wrong_rates import RATES_OUT_NS
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, Rows, some_epochs
 
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
@@ -380,7 +379,6 @@ class Hindsight:
         for satellite, rate in zip(verdict.satellites, verdict.rates_mps, strict=True):
             of_it = verdict.bank.memory[0, satellite * N_BANDS : (satellite + 1) * N_BANDS]
             of_it[:, RATE] = rate
-            of_it[:, RATE_VARIANCE] = np.maximum(of_it[:, RATE_VARIANCE], 0.0)
             of_it[:, RATE_S] = self.now_ns * 1e-9
             of_it[:, RATE_SINCE_S] = self.now_ns * 1e-9 - KEPT_OUT_S
             of_it[:, LEFT_OUT_S] = self.now_ns * 1e-9 + KEPT_OUT_S

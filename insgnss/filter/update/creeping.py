@@ -41,10 +41,10 @@ from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 
 # columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
-# and since when [s]; until when the satellite's band is left out [s]; variance of the rates in that mean [m^2/s^2];
+# and since when [s]; until when the satellite's band is left out [s];
 # the range rate that may repeat, and the satellite's own and the row's variance when it began [m/s], [m^2/s^2]
-FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S, RATE_VARIANCE = range(8)
-REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 8, 9, 10
+FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
+REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough
 _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
@@ -66,8 +66,6 @@ _TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that no
 _LEAST_REDUNDANCY: Final = 0.1
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
 _LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
-RATES_OUT_NS: Final = 30_000_000_000  # for which a kind stays out once its rows fit again
-_FAR2: Final = 9.0
 
 
 @apart
@@ -151,12 +149,9 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
     since = now - mean[RATE_S]
     mean[RATE_S] = now
     if not 0.0 <= since <= _FORGOTTEN_S:
-        mean[RATE], mean[RATE_SINCE_S], mean[RATE_VARIANCE] = value, now, line.variance[kind]
+        mean[RATE], mean[RATE_SINCE_S] = value, now
     else:
-        kept = math.exp(-since / _RATE_S)
-        mean[RATE] += (1.0 - kept) * (value - mean[RATE])
-        # as those of the rates in the mean were, not as the next one's is
-        mean[RATE_VARIANCE] += (1.0 - kept * kept) * (line.variance[kind] - mean[RATE_VARIANCE])
+        mean[RATE] += (1.0 - math.exp(-since / _RATE_S)) * (value - mean[RATE])
 
 
 @inlined
@@ -168,7 +163,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
         return mean[FAST] - mean[SLOW], line.variance[kind]
     if not now - mean[RATE_SINCE_S] >= _RATE_S:
         return 0.0, 0.0
-    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * mean[RATE_VARIANCE] + RATE_FLOOR2
+    return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + RATE_FLOOR2
 
 
 @inlined
@@ -212,23 +207,6 @@ def stands_out(
                 elif rest * rest > gate2 * own:
                     mean[LEFT_OUT_S] = now + KEPT_OUT_S
     return beyond and count >= _LEAST_WITNESSES
-
-
-@inlined
-def leave_out_rates(m: StateRecord, lines: Lines, t_ns: int) -> None:
-    """Refuse an epoch's range rates if all have been found wrong; they stay out while many do not fit."""
-    if m.rates_out_ns <= t_ns:
-        return
-    told, far = 0, 0
-    for j in range(lines.shape[0]):
-        line = lines[j]
-        if line.status[RANGE_RATE] == USED:
-            variance = line.predicted[RANGE_RATE] + line.variance[RANGE_RATE]
-            told += 1
-            far += 0 if line.innovation[RANGE_RATE] ** 2 <= _FAR2 * variance else 1
-            line.status[RANGE_RATE] = DRIFTING
-    if 3 * far > told:
-        m.rates_out_ns = max(m.rates_out_ns, t_ns + RATES_OUT_NS)
 
 
 @apart

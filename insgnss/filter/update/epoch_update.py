@@ -15,15 +15,15 @@ from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
-from insgnss.filter.update.creeping import follow_satellites, leave_out_rates
+from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
-from insgnss.filter.update.repeated_rates import refuse_repeated
 from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.filter.update.wrong_rates import refuse_wrong_rates
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
@@ -78,8 +78,7 @@ def update_epoch(
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
-    refuse_repeated(m, bank.memory[member], rows, epoch, lines)
-    leave_out_rates(m, lines, t_ns)
+    refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)

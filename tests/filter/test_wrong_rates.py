@@ -10,7 +10,7 @@ import pytest
 from insgnss.constants import NS_PER_S
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.state import Bank
-from insgnss.filter.update.repeated_rates import refuse_repeated
+from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.gnss.observation_rows import N_BANDS, RANGE_RATE, Rows
 from insgnss.status import STUCK, USED
 from insgnss.tables import Float64
