@@ -54,6 +54,7 @@ NO_RANGE: Final = 38  # no pseudorange beside the carrier tells when the signal 
 NO_DIFFERENCE: Final = 39  # no other antenna has the signal, or it is the one that the others count from
 CYCLES_OPEN: Final = 40  # whole cycles of the difference between two antennas are not known for certain
 CYCLES_WRONG: Final = 41  # they are known to be wrong: the difference is off by whole cycles
+STUCK: Final = 42  # the receiver repeats a number that the satellite's motion has changed: no measurement
 
 NAMES: Final[dict[int, str]] = {
     USED: "used",
@@ -98,4 +99,5 @@ NAMES: Final[dict[int, str]] = {
     NO_DIFFERENCE: "no_difference",
     CYCLES_OPEN: "cycles_open",
     CYCLES_WRONG: "cycles_wrong",
+    STUCK: "stuck",
 }

@@ -45,6 +45,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "no_range": "no pseudorange beside the carrier tells when the signal was sent",
     "no_difference": "several antennas: no other one has the signal, or it is the one that the others count from",
     "cycles_open": "several antennas: the whole cycles of the difference are not known for certain",
+    "stuck": "the receiver repeats a range rate to the last digit while the satellite's own motion has changed it",
     "cycles_wrong": "several antennas: the difference is off by whole cycles",
     "no_channel": "GLONASS: neither messages, log nor flight file tell its frequency channel",
 }

@@ -188,12 +188,21 @@ def run_epochs(
             return PRUNE, epoch + 1
         if is_wide(bank, par.widest_heading_variance):
             return HEADING_WIDE, epoch + 1
-        if bank.state.shape[0] == 1 and t_ns >= head.doubted_ns and par.suspicion_limit > 0.0:
-            if bank.state[0].suspicion > par.suspicion_limit or bank.state[0].crept_ns == t_ns:
-                return SUSPICION, epoch + 1
+        if bank.state.shape[0] == 1 and is_suspect(bank.state[0], head.doubted_ns, t_ns, par.suspicion_limit):
+            return SUSPICION, epoch + 1
         if head.heading_open == 1 and heading_variance(bank) < par.heading_known_variance:
             return HEADING_KNOWN, epoch + 1
     return DONE, epochs[1]
+
+
+@inlined
+def is_suspect(m: StateRecord, doubted_ns: int, t_ns: int, limit: float) -> bool:
+    """Return whether to look for what has failed: what is not clear at once waits until ``doubted_ns``."""
+    if limit <= 0.0:
+        return False
+    if m.stuck_since_ns == t_ns:
+        return True
+    return bool(t_ns >= doubted_ns and (m.suspicion > limit or m.crept_ns == t_ns))
 
 
 @inlined

@@ -30,6 +30,7 @@ from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow_explained
 from insgnss.filter.update.observe import observe
+from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
@@ -62,7 +63,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         run_epochs: (bank, (_N, _N), rows, imu, parameters, _X, out, work),
         carry: (m, P, _N, _N, _N, imu, par, scratch),
         update_epoch: (bank, _N, par, rows, _N, imu, _N, work),
-        find_creeping: (memory, lines, rows.observation, _N, _X, _X),
+        find_creeping: (memory, lines, rows.observation, _N, _X, _X, True),
         follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
         advance: (bank, _N, imu, par, out, work),
         write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, _N, _N),
@@ -83,6 +84,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         write_ledger: (out.ledger, out.carrier, _N, lines),
         gate_rows: (lines, _N, _X),
         weigh_robustly: (lines, _N, par),
+        refuse_repeated: (m, memory, rows, _N, lines),
         refuse_reflections: (m, lines, rows.observation, _N, par),
         fit_freely: (lines, _N, s.fit),
         fit_all: (lines, _N, s.fit),

@@ -33,7 +33,7 @@ N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
 ABSENT_STATE: Final = -1
-N_MEMORY: Final = 7  # numbers kept of each band of a satellite
+N_MEMORY: Final = 10  # numbers kept of each band of a satellite
 
 # factors on the assumed noise: variances of pseudoranges, range rates, carrier differences; the clock's two densities
 N_FACTORS: Final = 5
@@ -87,6 +87,9 @@ STATE_DTYPE: Final = np.dtype(
             ),  # means of what the epochs say of the prediction, see ``integrity``
             ("explained_ns", np.int64),
             ("crept_ns", np.int64),  # when a satellite was last found by its range rate to run away
+            ("stuck_ns", np.int64),  # when many range rates were last repeats of what was there before
+            ("stuck_since_ns", np.int64),  # and since when
+            ("rates_out_ns", np.int64),  # until when no range rate is believed
             ("suspicion", np.float64),  # how far they are beyond chance, chi^2 of three
             ("mask_waits", np.int64),  # 1 while the heading is too uncertain for the visibility stage
             ("mask_uncertain", np.int64),  # satellites of the last epoch whose visibility was uncertain
@@ -197,7 +200,8 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     for i in range(3):
         target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]
     target.explained_ns, target.suspicion = source.explained_ns, source.suspicion
-    target.crept_ns = source.crept_ns
+    target.crept_ns, target.rates_out_ns = source.crept_ns, source.rates_out_ns
+    target.stuck_ns, target.stuck_since_ns = source.stuck_ns, source.stuck_since_ns
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns

@@ -39,8 +39,10 @@ from insgnss.filter.state import (
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
+from insgnss.filter.update.epoch_update import Outcome, counted_again
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import MASK, OFF, deweight
+from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -49,6 +51,7 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, prepare_rows
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64, GnssTable
+from tests.filter.scene import rows_of as scene_rows_of
 from tests.kernels import KernelCase
 from tests.layouts import layout_with
 
@@ -341,8 +344,29 @@ def crowd(noise: float) -> list[Any]:
         follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, par)
         adapt_noise(m, P, P, par, work, len(lines), t_ns, 1.0)
         follow_explained(m, P, par, lines, fit, t_ns)
-        found.append(lines["status"].copy())
+        again = counted_again(Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0), lines, par)
+        found += [lines["status"].copy(), np.array(again)]
     return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]
+
+
+def repeated_rates() -> list[Any]:
+    """Return what is refused of ten range rates of which some stay the same while their satellites accelerate."""
+    _, lines = wrong_rows()
+    made = new_bank(1, 0)
+    found = []
+    for second in range(8):
+        value = np.zeros((1, 10, 2))
+        value[0, :, 1] = np.where(np.arange(10) < 7, 3.0, 0.1 * second)
+        sat = np.zeros((10, 8))
+        sat[:, 3:6] = 0.2 * second
+        rows = scene_rows_of([START_NS + second * NS_PER_S], sat, value)
+        rows.observation["slot"] = np.arange(10) * N_BANDS
+        for line in lines:
+            line["status"][1], line["variance"][1] = USED, 0.01
+            line["h"][1, 3:6] = line["h"][0, :3]
+        refuse_repeated(made.state[0], made.memory[0], rows, 0, lines)
+        found.append(lines["status"][:, 1].copy())
+    return [*found, made.state["stuck_ns"], made.state["stuck_since_ns"], made.memory[0]]
 
 
 # The update adds and subtracts numbers of very different size (a clock variance of 1e7 m^2 after its jump), so a last
@@ -367,6 +391,7 @@ CASES = [
     KernelCase("insgnss.filter.update.consistency:refuse_inconsistent", (*wrong_rows(), 9.0, 3), rtol=1e-9),
     KernelCase("tests.kernels.filter:one_heading_with_unknown_motion", rtol=1e-10),
     KernelCase("tests.kernels.filter:screened_samples", rtol=1e-11),
+    KernelCase("tests.kernels.filter:repeated_rates"),
     KernelCase("tests.kernels.filter:crowd", (0.5,), rtol=1e-9, label="one runs away"),
     KernelCase("tests.kernels.filter:crowd", (40.0,), rtol=1e-9, label="all are noisy"),
     KernelCase("tests.kernels.filter:short_log", (False, True), rtol=1e-10, label="with carrier"),

@@ -179,7 +179,7 @@ def test_wrong_requests_are_told() -> None:
 @pytest.mark.slow
 def test_error_at_the_end_of_the_outage_is_what_the_covariance_says_over_many_flights() -> None:
     # (a) and (b) are not tested here; without this their false locks would trigger second looks for minutes
-    many = masking_study(runs=60, settings={"health.suspicion_sigma": 0.0})
+    many = masking_study(runs=24, settings={"health.suspicion_sigma": 0.0})
 
     for case in "cd":
         errors = of(many.errors, case)

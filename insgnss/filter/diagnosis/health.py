@@ -19,7 +19,8 @@ from insgnss.filter.diagnosis.past import Past
 from insgnss.filter.diagnosis.recovery import Doubt, contradicted_kind, is_lost, open_doubt
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
-from insgnss.filter.diagnosis.suspects import judge, run_away
+from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
+from insgnss.filter.diagnosis.verdict_words import STUCK_RATES, creeping_in_words
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
 from insgnss.filter.loop import current_sample
 from insgnss.filter.output.writing import Output
@@ -34,6 +35,7 @@ from insgnss.tables import Event
 
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
+_NOISY = 4.0  # times the assumed variance of range rates: one that stands out for a while is no news then
 _LEAST_RANGES = 6  # fewer cannot tell a clock that stepped from a sensor that failed
 
 
@@ -92,17 +94,21 @@ class Health:
 
     def suspect(self, bank: Bank, imu: Imu, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
         """Look whose fault it is that the satellites contradict the prediction."""
+        if int(bank.state[0].stuck_since_ns) == t_ns:
+            return Remedy(bank, [Event(t_ns, "kind_refused", STUCK_RATES)])
         if bank.head[0].heading_open == 1:
             bank.head["doubted_ns"] = t_ns + self.past.respite_ns
             return Remedy(bank, [])  # a heading that is not known yet explains what a sensor would
         was = self.past.banks[:1]
-        if int(bank.state[0].crept_ns) == t_ns:
+        crept = int(bank.state[0].crept_ns) == t_ns
+        if crept:
             verdict, self.past = run_away(self.past, bank, self.setup, imu, parameters)
         else:
             verdict, self.past = judge(self.past, self.setup, imu, parameters)
         bank.head["doubted_ns"] = t_ns + self.past.respite_ns
         if verdict is None:
-            return Remedy(bank, [])
+            news = crept and bank.state[0].noise_factor[RANGE_RATE] < _NOISY
+            return Remedy(bank, self._told(creeping_in_words(t_ns, left_out(bank, t_ns))) if news else [])
         event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return Remedy(bank, self._told(event))

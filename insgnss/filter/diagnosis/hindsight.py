@@ -16,7 +16,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.axes import of_axes
 from insgnss.filter.diagnosis.past import Past, Stretch
-from insgnss.filter.diagnosis.ramps import ramp_evidence, ramps
+from insgnss.filter.diagnosis.ramps import of_wrong_rates, ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
     ACCELEROMETER,
     ANY,
@@ -26,11 +26,15 @@ from insgnss.filter.diagnosis.supposed_faults import (
     IMU_TAGS,
     LAPSE,
     NOISE,
+    NOISE2,
+    RATES,
     SATELLITES,
     SENSORS,
     WIDEST,
     bias_of,
+    quiet,
     with_fault,
+    without,
 )
 from insgnss.filter.diagnosis.tag_shifts import at_other_tags, later, summit
 from insgnss.filter.diagnosis.witnesses import (
@@ -48,10 +52,16 @@ from insgnss.filter.own_update import run_beside
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, copy_bank
-from insgnss.filter.update.creeping import LEFT_OUT_S, RATE, RATE_S, RATE_SINCE_S
+from insgnss.filter.update.creeping import (
+    KEPT_OUT_S,
+    LEFT_OUT_S,
+    RATE,
+    RATE_S,
+    RATE_SINCE_S,
+)
 from insgnss.filter.update.epoch_space import new_workspace
-from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows, some_epochs
-from insgnss.status import DRIFTING, USED
+from insgnss.filter.update.wrong_rates import RATES_OUT_NS
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, Rows, some_epochs
 
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
 _ONSETS_S: Final = (
@@ -72,7 +82,6 @@ _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its ne
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
 _LARGEST: Final = 6.0 * WIDEST  # by so many a bias does not jump: the sensor itself has failed
-_HELD_S: Final = 120.0  # that long a satellite that was found stays out, unless it is shown innocent before
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 _GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
 _SMALLEST_SHIFT_NS: Final = 10_000_000  # noise alone estimates some milliseconds
@@ -136,9 +145,14 @@ class Hindsight:
         first, last = (bank.state["noise_factor"][0, :CARRIER] for bank in (self.before[0], self.before[-1]))
         return bool(np.any(last > _STORMY * first))
 
+    @property
+    def noisy_ranges(self) -> bool:
+        """Whether the pseudoranges' noise was far above what is assumed."""
+        return any(bank.state["noise_factor"][0, PSEUDORANGE] > _STORMY for bank in self.before)
+
     def suspects(self) -> Iterator[Verdict]:
         """Yield all that may have failed."""
-        for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE):
+        for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
             if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, self.setup)[2].sigma > 0.0:
                 yield from self.sensor(
                     suspect
@@ -164,9 +178,7 @@ class Hindsight:
                     continue
                 onset_ns = _now_ns(bank)
                 tried.add(onset_ns)
-                for each in _TOGETHER.get(suspect, (suspect,)):
-                    bank = with_fault(bank, self.setup, each, earlier=onset_ns == first_ns)
-                verdict = self.verdict(suspect, bank, self.stretches)
+                verdict = self.from_onset(suspect, bank, earlier=onset_ns == first_ns)
                 if verdict is not None:
                     fits = verdict.fits and self.plausible(verdict.bank)
                     found[onset_ns] = self.of_axes(verdict._replace(fits=fits, onset_ns=onset_ns))
@@ -176,6 +188,21 @@ class Hindsight:
             if found:
                 look(_halfway(max(found, key=lambda t: found[t][0].log_likelihood), sorted(tried)))
         return [verdict for verdicts in found.values() for verdict in verdicts]
+
+    def from_onset(self, suspect: str, bank: Bank, earlier: bool) -> Verdict | None:
+        """Return what comes of a fault that begins with ``bank``; of noise the mean over how much it has risen."""
+        each = []
+        for risen2 in NOISE2 if suspect == NOISE else (1.0,):
+            faulty = bank
+            for part in _TOGETHER.get(suspect, (suspect,)):
+                faulty = with_fault(faulty, self.setup, part, earlier, risen2)
+            verdict = self.verdict(suspect, faulty, self.stretches)
+            if verdict is not None:
+                each.append(verdict)
+        if not each:
+            return None
+        mean = float(np.logaddexp.reduce([verdict.log_likelihood for verdict in each])) - math.log(len(each))
+        return max(each, key=lambda verdict: verdict.log_likelihood)._replace(log_likelihood=mean)
 
     def of_axes(self, verdict: Verdict) -> list[Verdict]:
         """Return a verdict on a sensor for each set of axes that may have jumped, the likeliest first."""
@@ -256,7 +283,10 @@ class Hindsight:
         written = self.until(bank, self.end_ns + shift_ns, stretches)
         if written is None:
             return None
-        return Verdict(suspect, float(bank.head[0].log_likelihood), bank, fits(written, suspect in SENSORS))
+        total = float(bank.head[0].log_likelihood)
+        if suspect == RATES:
+            total += of_wrong_rates(written, self.parameters[0])
+        return Verdict(suspect, total, bank, fits(written, suspect in SENSORS))
 
     def without_satellites(self) -> Iterator[Verdict]:
         """Yield what comes of leaving out each satellite, and sets of two and three that run away from the others.
@@ -294,7 +324,7 @@ class Hindsight:
 
     def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[Written]] | None:
         """Return what comes of leaving satellites out, their rows charged as those of ramps, and what was written."""
-        stretches = tuple(e._replace(rows=_without(e.rows, satellites)) for e in self.stretches)
+        stretches = tuple(e._replace(rows=without(e.rows, satellites)) for e in self.stretches)
         bank = copy_bank(start)
         written = self.until(bank, self.end_ns, stretches)
         if written is None:
@@ -341,15 +371,17 @@ class Hindsight:
         """Return a verdict whose filter stands at the last epoch."""
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return verdict
-        stretches = tuple(e._replace(rows=_without(e.rows, verdict.satellites)) for e in self.stretches)
+        stretches = tuple(e._replace(rows=without(e.rows, verdict.satellites)) for e in self.stretches)
         if self.until(verdict.bank, self.now_ns, stretches) is None:
             return None
+        if verdict.suspect == RATES:
+            verdict.bank.state["rates_out_ns"] = self.now_ns + RATES_OUT_NS
         for satellite, rate in zip(verdict.satellites, verdict.rates_mps, strict=True):
             of_it = verdict.bank.memory[0, satellite * N_BANDS : (satellite + 1) * N_BANDS]
             of_it[:, RATE] = rate
             of_it[:, RATE_S] = self.now_ns * 1e-9
-            of_it[:, RATE_SINCE_S] = self.now_ns * 1e-9 - _HELD_S
-            of_it[:, LEFT_OUT_S] = self.now_ns * 1e-9 + _HELD_S
+            of_it[:, RATE_SINCE_S] = self.now_ns * 1e-9 - KEPT_OUT_S
+            of_it[:, LEFT_OUT_S] = self.now_ns * 1e-9 + KEPT_OUT_S
         return verdict
 
 
@@ -361,27 +393,3 @@ def _halfway(best_ns: int, tried_ns: list[int]) -> tuple[int, ...]:
     """Return the times halfway from the best onset to those tried before and after it."""
     at = tried_ns.index(best_ns)
     return tuple((best_ns + t) // 2 for t in tried_ns[max(at - 1, 0) : at + 2] if t != best_ns)
-
-
-def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the filter's numbers with nothing that stops the loop."""
-    calm = parameters.copy()
-    calm["suspicion_limit"] = 0.0
-    calm["lockout_epochs"] = math.inf
-    calm["strain_limit"] = math.inf
-    return calm
-
-
-def _without(rows: Rows, satellites: tuple[int, ...]) -> Rows:
-    """Return rows without those of some satellites."""
-    if not satellites:
-        return rows
-    gone = np.isin(rows.observation["slot"] // N_BANDS, satellites)
-    observation = rows.observation.copy()
-    status = observation["status"]
-    status[gone[:, None] & (status == USED)] = DRIFTING
-    carrier = rows.carrier
-    if len(carrier):
-        carrier = carrier.copy()
-        carrier["status"][gone & (carrier["status"] == USED)] = DRIFTING
-    return rows._replace(observation=observation, carrier=carrier)

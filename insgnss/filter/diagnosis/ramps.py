@@ -20,9 +20,11 @@ from insgnss.filter.diagnosis.witnesses import OfKind, Written, used_and_refused
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.update.epoch_update import spread_of
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, N_KINDS, PSEUDORANGE, RANGE_RATE
+from insgnss.status import DRIFTING
 from insgnss.tables import Float64
 
 _RATE_MPS: Final = 2.0  # sigma of the rates at which satellites run away
+_WRONG_MPS: Final = 10.0 ** np.arange(-1.0, 3.0, 0.5)  # by so much wrong range rates wander in a second
 _ONSETS: Final = 12
 _RIDGE: Final = (
     1e-6  # of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
@@ -66,6 +68,34 @@ def ramp_evidence(written: list[Written], satellite: int, par: Parameters) -> fl
         return -math.inf
     none = -0.5 * sum(float(np.sum(_cost(each, each.innovation, par))) for each in shown)
     return max(_of_one(shown, carrier_too, par).log_likelihood for carrier_too in (True, False)) - none
+
+
+def of_wrong_rates(written: list[Written], par: Parameters) -> float:
+    """Return the log-likelihood of range rates that are all wrong, in a filter that leaves them out.
+
+    Their errors e begin at once and wander on, as those of a Doppler that is held or of another motion do. Equation:
+    y = e + n, e <- e + w, var w = s^2 a second, for each satellite; the mean of exp(-sum (q + ln S) / 2) over s, with q
+    the innovation of that filter squared over its variance S
+    """
+    times_s = np.array([epoch.t_ns for epoch in written]) / NS_PER_S
+    step_s = np.diff(times_s, prepend=times_s[0] - 1.0) if len(written) else times_s
+    spread = spread_of(par, RANGE_RATE, float(np.median(step_s))) if len(written) else 1.0
+    slots = np.unique(np.concatenate([epoch.slot for epoch in written])) if written else np.zeros(0, np.int64)
+    e, P = np.zeros((len(_WRONG_MPS), len(slots))), np.zeros((len(_WRONG_MPS), len(slots)))
+    found = np.zeros(len(_WRONG_MPS))
+    for epoch, dt_s in zip(written, step_s, strict=True):
+        rates = epoch.of_kind(RANGE_RATE)
+        own = rates.status == DRIFTING
+        at = np.searchsorted(slots, epoch.slot[own])
+        P += _WRONG_MPS[:, None] ** 2 * dt_s
+        D, y = rates.predicted[own].astype(float), rates.innovation[own].astype(float)
+        S = P[:, at] + D + spread * (rates.variance[own] - D)
+        gain = P[:, at] / S
+        rest = y - e[:, at]
+        found -= 0.5 * np.sum(rest**2 / S + np.log(S), axis=1)
+        e[:, at] += gain * rest
+        P[:, at] *= 1.0 - gain
+    return float(np.logaddexp.reduce(found)) - math.log(len(_WRONG_MPS))
 
 
 def _cost(shown: _Shown, rest: Float64, par: Parameters) -> Float64:

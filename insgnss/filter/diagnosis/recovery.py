@@ -2,7 +2,8 @@
 
 A filter that is thought lost is not touched. Copies of it are set to a fix, with its attitude and with that in doubt,
 and take the same epochs. One of them takes the filter's place when its likelihood is far above the filter's, although
-it had to begin with a small prior weight, and when most rows of each kind fit it: decided by consistency, not by count.
+it had to begin with a small prior weight, and when most rows of each kind fit it, with no more noise than the filter's
+own: decided by consistency, not by count.
 What the fix does not tell is kept, noise levels and biases with their covariances. Where the filter itself still fits
 some rows, half a minute has to pass until then: a street's reflections last for a while, and a vehicle does not jump.
                                                                             [Bar-Shalom, Li & Kirubarajan 2001, 11]
@@ -45,6 +46,7 @@ _LOST: Final = 0.25  # share of the rows that still fit a filter which is lost
 _LATE: Final = 3  # epochs in a row that say so
 _LOST_RANGES: Final = 0.34  # the same of the pseudoranges alone, while the range rates still fit
 _FITTING_RANGES: Final = 0.9  # and how many must fit the copy then
+_WITNESSES: Final = 6  # pseudoranges, below which their noise says little
 _ENOUGH_RANGES: Final = 7  # that fit the copy instead: a street has no so many reflections that agree
 _LOST_RANGES_S: Final = 10.0
 _FITS: Final = 0.75  # share of the rows of each kind that must fit a copy
@@ -66,6 +68,7 @@ class Doubt:
     filter_fits: list[tuple[float, float]] = field(
         default_factory=list
     )  # share of its rows, of its pseudoranges
+    filter_ranges: int = 0  # that it used last
     ranges: dict[int, tuple[float, int]] = field(
         default_factory=dict
     )  # the share that fits a leader, and how many
@@ -101,6 +104,7 @@ class Doubt:
         copy_filter(filter_bank, self.bank)
         status = written.ledger["status"][rows.first[epoch] : rows.first[epoch + 1]]
         self.filter_fits.append((_share(status.ravel()), _share(status[:, PSEUDORANGE])))
+        self.filter_ranges = int(np.sum(status[:, PSEUDORANGE] == USED))
         ranges = out.ledger["status"][:, PSEUDORANGE]
         self.ranges[leader] = _share(ranges), int(np.sum(ranges == USED))
         self.fits.setdefault(leader, []).append(_fit(out.ledger["status"]))
@@ -131,7 +135,8 @@ class Doubt:
             return None
         # of a filter that is lost a copy is better even where it does not fit: the sensors may still fail
         lost = max(share for share, _ in self.filter_fits[-_LATE:]) < _LOST
-        if not (lost or (self._fits(members) and self._is_away(elapsed_s, members, filter_bank))):
+        away = self._fits(members) and self._is_away(elapsed_s, members, filter_bank)
+        if not (lost or (away and not self._is_noisier(members, filter_bank))):
             self.over = self.over or self._fails(members)
             return None
         self.over = True
@@ -162,13 +167,27 @@ class Doubt:
         nowhere = elapsed_s >= _LOST_RANGES_S and ranges_fit < _LOST_RANGES and enough
         return nowhere or self._confirmed(elapsed_s, members, filter_bank)
 
+    def _is_noisier(self, members: Int64, filter_bank: Bank) -> bool:
+        """Return whether the rows that fit a copy agree less than those which still fit the filter.
+
+        Both begin with the same noise level and learn it from what their own rows leave. Where a few pseudoranges jump
+        together and stay, some of the others fit a wrong place in the end, with more and more noise.
+        """
+        if self.filter_ranges < _WITNESSES:
+            return False
+        level = self.bank.state["noise_factor"][self._likeliest(members), PSEUDORANGE]
+        own = filter_bank.state["noise_factor"][int(filter_bank.head[0].leader), PSEUDORANGE]
+        return bool(level > own)
+
+    def _likeliest(self, members: Int64) -> int:
+        return int(members[np.argmax(self.bank.state["log_weight"][members])])
+
     def _confirmed(self, elapsed_s: float, members: Int64, filter_bank: Bank) -> bool:
         """Return whether a copy still contradicts the filter, half a minute after its fix did."""
         if elapsed_s < _CONFIRM_S:
             return False
         lead = int(filter_bank.head[0].leader)
-        i = int(members[np.argmax(self.bank.state["log_weight"][members])])
-        return contradiction2(filter_bank, lead, self.bank, i) > _CONTRADICTS2
+        return contradiction2(filter_bank, lead, self.bank, self._likeliest(members)) > _CONTRADICTS2
 
     def _taken(self, filter_bank: Bank, members: Int64) -> Bank:
         """Return a group of copies as a bank of its own, at the filter's time."""

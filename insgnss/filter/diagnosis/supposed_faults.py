@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
-from insgnss.gnss.observation_rows import CARRIER
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows
 from insgnss.inertial.sensor_model import BiasModel, sensor_model
+from insgnss.status import DRIFTING, USED
 
 ACCELEROMETER, GYRO, EITHER = "accelerometer", "gyro", "accelerometer or gyro"
 SATELLITES, IMU_TAGS, GNSS_TAGS = "satellites", "imu tags", "gnss tags"
+RATES = "range rates"  # of all satellites
 NOISE = "noise"  # the noise of all satellites has risen: no sensor or satellite has failed
 LAPSE = "lapse"  # of a sensor that lied for a moment and works again
 ANY = "any of these"
@@ -22,22 +25,28 @@ SENSORS: Final = (ACCELEROMETER, GYRO, EITHER, LAPSE)
 # of each axis of a sensor, each satellite and the time tags in the minute that is looked at: once in a hundred hours
 LOG_PRIOR: Final = math.log(1.0 / 6000.0)
 WIDEST: Final = 20.0  # sigmas of the grade's bias by which it may have jumped
-_NOISE2: Final = 9.0
+NOISE2: Final = (9.0, 100.0)  # by which its variance may have risen, all at once
+_FOR_GOOD_NS: Final = np.iinfo(np.int64).max
 _EARLIEST_S: Final = 90.0
 _LIE_MPS, _LIE_RAD = 10.0, math.radians(10.0)  # sigmas of what a lie leaves of velocity and attitude
 _LIE_S: Final = 3.0  # for which it lasted: so far only has the position gone with the velocity
 
 
-def with_fault(bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False) -> Bank:
+def with_fault(
+    bank: Bank, setup: FilterSetup, suspect: str, earlier: bool = False, risen2: float = 1.0
+) -> Bank:
     """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
 
-    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level. On a
-    straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude by
-    psi = -C b t, with t uniform up to 90 s.
+    After a lapse it is what the lie has left behind: attitude, velocity and position; of noise, its level, ``risen2``
+    times. On a straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude
+    by psi = -C b t, with t uniform up to 90 s.
     """
     found = copy_bank(bank)
     if suspect == NOISE:
-        found.state["noise_factor"][:, :CARRIER] *= _NOISE2
+        found.state["noise_factor"][:, :CARRIER] *= risen2
+        return found
+    if suspect == RATES:
+        found.state["rates_out_ns"] = _FOR_GOOD_NS
         return found
     if suspect == LAPSE:
         moved_s = 0.5 * _LIE_S
@@ -62,3 +71,27 @@ def bias_of(suspect: str, setup: FilterSetup) -> tuple[int, str, BiasModel]:
     """Return where a sensor's biases stand in the error state, their name in the state, and their model."""
     sensor = sensor_model(setup.grade)
     return (BA, "b_a", sensor.accel_bias) if suspect == ACCELEROMETER else (BG, "b_g", sensor.gyro_bias)
+
+
+def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the filter's numbers with nothing that stops the loop."""
+    calm = parameters.copy()
+    calm["suspicion_limit"] = 0.0
+    calm["lockout_epochs"] = math.inf
+    calm["strain_limit"] = math.inf
+    return calm
+
+
+def without(rows: Rows, satellites: tuple[int, ...]) -> Rows:
+    """Return rows without those of some satellites."""
+    if not satellites:
+        return rows
+    gone = np.isin(rows.observation["slot"] // N_BANDS, satellites)
+    observation = rows.observation.copy()
+    status = observation["status"]
+    status[gone[:, None] & (status == USED)] = DRIFTING
+    carrier = rows.carrier
+    if len(carrier):
+        carrier = carrier.copy()
+        carrier["status"][gone & (carrier["status"] == USED)] = DRIFTING
+    return rows._replace(observation=observation, carrier=carrier)

@@ -33,6 +33,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     LAPSE,
     LOG_PRIOR,
     NOISE,
+    RATES,
     SATELLITES,
     SENSORS,
 )
@@ -43,8 +44,10 @@ from insgnss.filter.state import Bank
 from insgnss.filter.update.creeping import LEFT_OUT_S
 from insgnss.gnss.observation_rows import N_BANDS
 
-# A state that is unknown explains anything, pseudoranges that jump together too: the lie must have been a large one
-_PRIOR_OF_A_LAPSE: Final = 10.0 * LOG_PRIOR
+# A state that is unknown explains anything, pseudoranges that jump together too, and so do range rates that may wander
+# as they like: the lie must have been a large one
+_PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
+_LARGE_LIES: Final = (LAPSE, RATES)
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
 _COARSE: Final = 3.0 * _SURE  # that much likelihood a ramp of one rate may lack of what a satellite has done
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
@@ -68,7 +71,8 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
             of[verdict.suspect, verdict.satellites, verdict.axes].append(verdict)
     ranked = []
     for (suspect, satellites, axes), verdicts in of.items():
-        prior = _PRIOR_OF_A_LAPSE if suspect == LAPSE else LOG_PRIOR * max(len(satellites), len(axes), 1)
+        large = suspect in _LARGE_LIES
+        prior = _PRIOR_OF_LARGE_LIES if large else LOG_PRIOR * max(len(satellites), len(axes), 1)
         best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
         ranked.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
     return sorted(ranked, key=lambda each: -each.log_odds)
@@ -106,19 +110,31 @@ def run_away(
 ) -> tuple[Verdict | None, Past]:
     """Return the filter that has left out from the start the satellites which ``bank`` has just found to creep."""
     past, span = past.judged()
-    until_s = bank.memory[0, :, LEFT_OUT_S]
     if span is None:
         return None, past
-    satellites = tuple(int(n) for n in np.unique(np.flatnonzero(until_s > span[1] * 1e-9) // N_BANDS))
+    satellites = left_out(bank, span[1])
     again = Hindsight(past.of_late(int(WITHOUT_S * NS_PER_S)), setup, imu, parameters, span)
     in_vain = replace(past, in_vain=past.in_vain + 1)
     if not again.came_through or not 0 < len(satellites) <= MOST_SATELLITES:
         return None, in_vain
     verdict, _ = again.leaving_out(again.before[0], satellites) or (None, [])
-    if verdict is None or not verdict.fits or explanations([verdict], again.as_it_was)[0].log_odds < _SURE:
+    if verdict is None or not verdict.fits:
+        return None, in_vain
+    told = explanations(
+        [verdict, *again.sensor(RATES)], again.as_it_was
+    )  # of rates all of which are wrong some creep
+    if told[0].suspect == RATES and told[0].log_odds > _WORTH_A_LOOK and not again.noisy_ranges:
+        return None, past.suspecting(_accused(told[0]))
+    if log_odds([each for each in told if each.suspect == SATELLITES], told) < _SURE:
         return None, in_vain
     lasting = again.to_the_end(verdict)
     return (None, in_vain) if lasting is None else (lasting, past.after_verdict(True))
+
+
+def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
+    """Return the satellites that are left out at a time because they run away from the others."""
+    until_s = bank.memory[0, :, LEFT_OUT_S]
+    return tuple(int(n) for n in np.unique(np.flatnonzero(until_s > t_ns * 1e-9) // N_BANDS))
 
 
 def judge(
@@ -138,7 +154,7 @@ def judge(
     if fitting and fitting[0].suspect == SATELLITES and fitting[0].log_odds > _SURE:
         told = fitting  # it is enough that the others agree; of a sensor that explains much in any case it is not
     first, before = told[0], past.suspected
-    excused = _is_excused(told, past, again.stormy)
+    excused = _is_excused(told, past, again)
     suspected = before if excused else _accused(first)
     past = past.suspecting(suspected if first.log_odds > _WORTH_A_LOOK else frozenset())
     if excused or not first.best.fits:
@@ -151,7 +167,7 @@ def judge(
         verdict = again.to_the_end(chosen.best)
         if verdict is None:
             return None, replace(past, in_vain=past.in_vain + 1)
-        return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES))
+        return verdict, past.after_verdict(chosen.suspect in (*SENSORS, SATELLITES, RATES))
     sensors = [each for each in told if each.suspect in SENSORS]
     if past.opened or first not in sensors or not suspected <= before or log_odds(sensors, told) < _SURE:
         return None, past
@@ -166,17 +182,19 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
-def _is_excused(told: list[Explanation], past: Past, stormy: bool) -> bool:
+def _is_excused(told: list[Explanation], past: Past, again: Hindsight) -> bool:
     """Return whether what explains most is not to be believed.
 
-    Rows that contradict each other are no sensor's fault, nor is what few satellites explain nearly as well: a
-    bias that is unknown explains much. Nor is what late tags have done to the filter a fault of sensor or satellite.
+    Rows that contradict each other are no sensor's fault, and no fault of the range rates alone where the pseudoranges
+    do so, too. Nor is a sensor at fault where few satellites explain nearly as much: a bias that is unknown explains
+    much. Nor is what late tags have done to the filter a fault of anything else.
     """
     first = told[0]
     least = max(_SURE, first.log_odds - _COARSE)
     few = any(each.suspect == SATELLITES and each.best.fits and each.log_odds > least for each in told)
-    noise = first.suspect == NOISE or (stormy and first.suspect in (*SENSORS, IMU_TAGS))
-    late = first.suspect in (*SENSORS, SATELLITES) and past.tags_were_off(_TAGS_LAST_NS)
+    noise = first.suspect == NOISE or (again.stormy and first.suspect in (*SENSORS, IMU_TAGS))
+    noise = noise or (again.noisy_ranges and first.suspect == RATES)
+    late = first.suspect in (*SENSORS, SATELLITES, RATES) and past.tags_were_off(_TAGS_LAST_NS)
     return noise or late or (few and first.suspect in SENSORS)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -15,17 +16,22 @@ from insgnss.filter.diagnosis.supposed_faults import (
     GYRO,
     IMU_TAGS,
     LAPSE,
+    RATES,
     SATELLITES,
 )
 from insgnss.filter.state import BA, BG, Bank
 from insgnss.gnss.observation_rows import satellite_name
 from insgnss.tables import Event
 
+STUCK_RATES: Final = (
+    "the receiver repeats the range rates of an earlier epoch; they are refused while it does"
+)
+
 
 def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
     """Return the event of a verdict; ``was`` is the filter before the fault."""
     if verdict.suspect == SATELLITES:
-        names = ", ".join(sorted(satellite_name(slot) for slot in verdict.satellites))
+        names = _names(verdict.satellites)
         detail = (
             f"{names}: code and Doppler run away from those of all others; left out, the last minute anew"
         )
@@ -39,6 +45,12 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
             " the sigmas do not know of it"
         )
         return Event(t_ns, "time_tag_suspect", detail)
+    if verdict.suspect == RATES:
+        detail = (
+            "the range rates of all satellites contradict the pseudoranges and the inertial sensors; they are left out,"
+            " the last minute anew"
+        )
+        return Event(t_ns, "kind_refused", detail)
     if verdict.suspect == LAPSE:
         detail = "an inertial sensor has lied for a moment: attitude, velocity and position are learnt anew"
         return Event(t_ns, "sensor_suspect", detail)
@@ -48,6 +60,16 @@ def in_words(t_ns: int, was: Bank, verdict: Verdict) -> Event:
         )
         return Event(t_ns, "sensor_suspect", detail)
     return Event(t_ns, "sensor_suspect", _of_sensor(was, verdict))
+
+
+def creeping_in_words(t_ns: int, satellites: tuple[int, ...]) -> Event:
+    """Return the event of satellites that are left out from now on, though what they did before is not clear."""
+    detail = f"{_names(satellites)}: range rates run away from those of all others; left out while they do"
+    return Event(t_ns, "satellite_suspect", detail)
+
+
+def _names(satellites: tuple[int, ...]) -> str:
+    return ", ".join(sorted(satellite_name(slot) for slot in satellites))
 
 
 def _of_sensor(was: Bank, verdict: Verdict) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.filter.diagnosis.hindsight import quiet
+from insgnss.filter.diagnosis.supposed_faults import quiet
 from insgnss.filter.headings.heading_bank import rotation, set_attitude, turn_member
 from insgnss.filter.headings.headings import turn_about, yaw_variance
 from insgnss.filter.loop import COVARIANCE_LOST

@@ -9,7 +9,8 @@ believes to be, so it can be followed for as long as one likes:
 
 On those means stands the same search for the smallest set that leaves the others in agreement as on an epoch's rows
 (``consistency``): of two or three that creep together the one that stands out most may be a sound one. A kind of which
-a third does not agree is not the satellites' fault; nothing is refused then.                  [Brenner 1996; Lee 1986]
+a third does not agree is not the satellites' fault; nothing is refused then. A satellite that is left out is no
+witness: those that are left in say whether it may come back.                                  [Brenner 1996; Lee 1986]
 """
 
 from __future__ import annotations
@@ -40,8 +41,10 @@ from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 
 # columns of ``memory``: of the ranges the fast and the slow mean [m] and when [s]; of the rates the mean [m/s], when
-# and since when [s]; until when the satellite's band is left out [s]
+# and since when [s]; until when the satellite's band is left out [s];
+# the range rate that may repeat, and the satellite's own and the row's variance when it began [m/s], [m^2/s^2]
 FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
+REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 
 _INTERVAL_NS: Final = 900_000_000  # once a second is often enough
 _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
@@ -56,12 +59,13 @@ _HELD_S: Final = (
     3.0,
     20.0,
 )  # that long a band stays out once it was found by range or rate: turns hide satellites
+KEPT_OUT_S: Final = 120.0  # that long one stays out of which nobody can say any more whether it is wrong
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
-_TELLING: Final = 0.5  # least share of a mean's variance that is its own, to call it innocent
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
 _TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that nobody knows yet
 _LEAST_REDUNDANCY: Final = 0.1
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
+_LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
 
 
 @apart
@@ -73,40 +77,57 @@ def follow_satellites(
     t_ns: int,
     fit: Float64,
     par: Parameters,
-) -> None:
+) -> bool:
     """Carry the means of each satellite's band on, find those that creep, and refuse all kinds of these.
 
-    ``memory`` is (slots, 7), see the names above.
+    Return whether any is refused. ``memory`` is (slots, N_MEMORY), see the names above.
     """
     if par.drift_gate <= 0.0:
-        return
+        return False
     now = t_ns * 1e-9
+    refused = refuse_left_out(
+        memory, lines, observation, now
+    )  # they do not take part in what all have in common
     if t_ns - m.explained_ns >= _INTERVAL_NS:
         for kind in range(2):
-            if fit_freely(lines, kind, fit) < _LEAST_WITNESSES:
+            if fit_freely(lines, kind, fit) < _LEAST_AGREEING:
                 continue
             for j in range(lines.shape[0]):
                 if takes_part(lines[j], kind):
                     carry_means(memory[observation[j].slot], lines[j], kind, now, fit)
             if stands_out(memory, lines, observation, kind, now, fit, par.drift_gate**2):
-                new = find_creeping(memory, lines, observation, kind, now, par.drift_gate**2)
-                if new > 0 and kind == RANGE_RATE:
-                    m.crept_ns = t_ns
+                anew, gate2 = kind == RANGE_RATE, par.drift_gate**2
+                found = find_creeping(memory, lines, observation, kind, now, gate2, anew)
+                if found == 0 and anew:
+                    found = find_creeping(memory, lines, observation, kind, now, gate2, False)
+                if found > 0:
+                    refused = refuse_left_out(memory, lines, observation, now)
+                    if kind == RANGE_RATE:
+                        m.crept_ns = t_ns
+    return refused
+
+
+@inlined
+def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, now: float) -> bool:
+    """Refuse the rows of all satellites that are left out; return whether there are any."""
+    found = False
     for j in range(lines.shape[0]):
         if memory[observation[j].slot, LEFT_OUT_S] > now:
+            found = True
             for kind in range(N_KINDS):
-                if lines[j].status[kind] == USED:
+                if lines[j].status[kind] == USED or lines[j].status[kind] == GATED:
                     lines[j].status[kind] = DRIFTING
+    return found
 
 
 @inlined
 def takes_part(line: Line, kind: int) -> bool:
     """Return whether a row tells of its satellite: not one of a clock that is not known yet, no range out of its gate.
 
-    A range rate may be out of its gate: that it is so all the time is what is looked for.
+    A range rate may be out of its gate, or left out: that it is so all the time is what is looked for.
     """
     if kind == RANGE_RATE:
-        return bool(line.status[kind] == USED or line.status[kind] == GATED)
+        return bool(line.status[kind] == USED or line.status[kind] == GATED or line.status[kind] == DRIFTING)
     return bool(line.status[kind] == USED and line.predicted[kind] <= _TOO_WIDE * line.variance[kind])
 
 
@@ -155,38 +176,48 @@ def stands_out(
     fit: Float64,
     gate2: float,
 ) -> bool:
-    """Return whether one of the means is beyond the gate from what all of them have in common.
+    """Return whether one of the means is beyond the gate from what all that are left in have in common.
 
-    A rate that was left out and agrees with the others again is let back.
+    A satellite that was left out is let back once its rate agrees with these, no sooner while it is in view.
     """
     clear(fit)
     count = 0
     for j in range(lines.shape[0]):
-        value, variance = crept(memory[observation[j].slot], lines[j], kind, now)
-        if variance > 0.0:
+        mean = memory[observation[j].slot]
+        value, variance = crept(mean, lines[j], kind, now)
+        if variance > 0.0 and not mean[LEFT_OUT_S] > now:
             add_row(lines[j], kind, value, variance, fit)
             count += 1
-    if count < _LEAST_WITNESSES or not solve(fit):
+    if count < _LEAST_AGREEING or not solve(fit):
         return False
     beyond = False
     for j in range(lines.shape[0]):
-        value, variance = crept(memory[observation[j].slot], lines[j], kind, now)
+        mean = memory[observation[j].slot]
+        value, variance = crept(mean, lines[j], kind, now)
         if variance > 0.0:
             rest = value - explained_by(lines[j], kind, fit)
-            own = max(variance - explained_variance(lines[j], kind, fit), _LEAST_REDUNDANCY * variance)
-            beyond = beyond or rest * rest > gate2 * own
-            if kind == RANGE_RATE and rest * rest < _INNOCENT * own and own > _TELLING * variance:
-                memory[observation[j].slot, LEFT_OUT_S] = -math.inf
-    return beyond
+            explained = explained_variance(lines[j], kind, fit)
+            if not mean[LEFT_OUT_S] > now:
+                own = max(variance - explained, _LEAST_REDUNDANCY * variance)
+                beyond = beyond or rest * rest > gate2 * own
+            elif kind == RANGE_RATE:
+                own = variance + explained
+                if rest * rest < _INNOCENT * own and explained < variance:
+                    mean[LEFT_OUT_S] = -math.inf
+                elif rest * rest > gate2 * own:
+                    mean[LEFT_OUT_S] = now + KEPT_OUT_S
+    return beyond and count >= _LEAST_WITNESSES
 
 
 @apart
 @kernel
 def find_creeping(
-    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float
+    memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float, anew: bool
 ) -> int:
-    """Mark the smallest set of satellites without which the means agree; return how many of them are new.
+    """Mark the smallest set of satellites without which the means agree; return how many there are.
 
+    ``anew``: all are asked, those that are left out, too, and come back where the others are at fault. While three run
+    away, two of them and a sound one may leave the rest in agreement for some seconds.
     Equation: as ``consistency.refuse_inconsistent``, of the means, their common part free.
     A range counts only while it moves away: one that comes back to the others was wrong before.
     It allocates its work space: only where a mean stands out it is called.
@@ -195,8 +226,9 @@ def find_creeping(
     n = 0
     largest = 0.0
     for j in range(lines.shape[0]):
-        _, variance = crept(memory[observation[j].slot], lines[j], kind, now)
-        if variance > 0.0:
+        mean = memory[observation[j].slot]
+        _, variance = crept(mean, lines[j], kind, now)
+        if variance > 0.0 and (anew or not mean[LEFT_OUT_S] > now):
             index[n] = j
             n += 1
             largest = max(largest, variance)
@@ -205,20 +237,22 @@ def find_creeping(
     active = np.ones(n, np.int64)
     for j in range(n):
         exchange(T, j)
-    most = n // 3
+    most = min(n // 3, n - _LEAST_AGREEING)
     removed = 0
     while removed < most and farthest(T, active, 1)[1] > gate2:
         removed += remove_smallest_set(T, active, gate2, most - removed)
     if farthest(T, active, 1)[1] > gate2:
         return 0
-    new = 0
+    found = 0
     for a in range(n):
         mean = memory[observation[index[a]].slot]
         away = kind == RANGE_RATE or abs(mean[FAST]) > abs(mean[SLOW])
         if active[a] == 0 and away:
-            new += 1 if not mean[LEFT_OUT_S] > now else 0
-            mean[LEFT_OUT_S] = max(mean[LEFT_OUT_S], now + _HELD_S[kind])
-    return new
+            found += 1
+            mean[LEFT_OUT_S] = now + _HELD_S[kind]
+        elif active[a] == 1 and anew:
+            mean[LEFT_OUT_S] = -math.inf
+    return found
 
 
 @inlined

@@ -18,11 +18,12 @@ from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
-from insgnss.filter.update.gating import absorb_clock_step, common_step, gate_between, gate_rows
+from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.filter.update.wrong_rates import refuse_wrong_rates
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.jit import inlined
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
@@ -77,6 +78,7 @@ def update_epoch(
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values = s.vectors[0], s.vectors[3]
+    refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
     done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
@@ -93,7 +95,8 @@ def update_epoch(
         if bank.state.shape[0] == 1:  # rows that contradict a wrong heading must not be widened for its sake
             weigh_robustly(lines, kind, par)
         done = noted(done, kind, used, refused, step, strain)
-    follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par)
+    if follow_satellites(m, bank.memory[member], lines, observation, t_ns, s.fit, par):
+        done = counted_again(done, lines, par)
     gate_carriers(P, lines, s.vectors, par, done)
     log_likelihood, information, excluded = use_epoch(
         P, lines, s.vectors, par, since_last, scratch.A, done.ranges_used // 3, response
@@ -107,9 +110,7 @@ def update_epoch(
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
-        for i in range(N_CLONE):  # what a smoother needs of the epoch before, now that it goes
-            for j in range(P.shape[0]):
-                s.vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
+        keep_clone_rows(P, par, s.vectors)
         clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
         if response.shape[0] > 0:
             clone_response(response, par.at_clone)
@@ -124,6 +125,14 @@ def update_epoch(
         done.strain,
         information,
     )
+
+
+@inlined
+def keep_clone_rows(P: Float64, par: Parameters, vectors: Float64) -> None:
+    """Write what a smoother needs of the epoch before, now that it goes."""
+    for i in range(N_CLONE):
+        for j in range(P.shape[0]):
+            vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
 
 
 @inlined
@@ -239,6 +248,17 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
     gate2 = par.kind[CARRIER].gate2
     gate_rows(lines, CARRIER, gate2)
     gate_between(P, lines, vectors, gate2)
+
+
+@inlined
+def counted_again(done: Outcome, lines: Lines, par: Parameters) -> Outcome:
+    """Return the outcome without satellites that are left out: what is known to be wrong says nothing of the filter."""
+    again = Outcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
+    for kind in range(2):
+        used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
+        step = done.clock_step if kind == PSEUDORANGE else done.drift_step
+        again = noted(again, kind, used, refused, step, strain)
+    return again
 
 
 @inlined
