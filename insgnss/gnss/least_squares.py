@@ -28,7 +28,6 @@ _MOST_STEPS: Final = 20  # Gauss-Newton needs 5 to 6 from the Earth's centre
 _CONVERGED: Final = 1e-5  # last step [m, m/s]; the next one would be smaller by 1e5
 _LOST: Final = 1e12  # a step beyond it leads nowhere
 _SINGULAR: Final = 1e-10  # a pivot this small beside its diagonal: dilution beyond 1e5
-_CHI_SQUARE_Z: Final = 3.719  # normal quantile of 1 - 1e-4: a false alarm of the whole fit costs one search
 
 
 class Ties(NamedTuple):
@@ -225,14 +224,6 @@ def covariance(L: Float64, P: Float64) -> None:
         fill(P[j], 0.0)
         P[j, j] = 1.0
         cholesky_solve(L, P[j])  # symmetric: a row serves as the column
-
-
-@kernel
-def chi_square_limit(freedom: int) -> float:
-    """Return the value that chi-square with ``freedom`` degrees exceeds once in 10 000 [Wilson, Hilferty 1931]."""
-    spread = 2.0 / (9.0 * freedom)
-    root = 1.0 - spread + _CHI_SQUARE_Z * math.sqrt(spread)
-    return freedom * root * root * root
 
 
 @kernel

@@ -50,7 +50,7 @@ _NEAR_FACTOR, _NEAR_SHARE = 1.2, 0.5
 _SECOND_FACTOR, _SECOND_SHARE, _SECOND_M = 1.01, 0.01, 1e4
 _LEAST_DETERMINANT: Final = 1e-9  # beside the cubed trace: dilution beyond 1e4
 # Where rows can be linearised: on the Earth or above it
-_LOWEST_M, _HIGHEST_M = 6.3e6, 1.0e8
+LOWEST_M, HIGHEST_M = 6.3e6, 1.0e8
 
 
 class Linear(NamedTuple):
@@ -110,7 +110,7 @@ def _linear(k: int, p: int) -> Linear:
 def _linearise(rows: FitRows, among: Bool, x: Float64, work: Workspace, linear: Linear) -> bool:
     """Write the rows linearised at ``x``; return whether that can be done there."""
     size = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    if not (size < _HIGHEST_M and (rows.kind == RANGE_RATE or size > _LOWEST_M)):
+    if not (size < HIGHEST_M and (rows.kind == RANGE_RATE or size > LOWEST_M)):
         return False
     copy(x, linear.at)
     for k in range(len(among)):
