@@ -27,6 +27,8 @@ HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scip
 }
 MAX_FILE_LINES = 400
 MAX_BODY_LINES = 60
+MAX_KERNEL_ARGUMENTS = 8
+KERNEL_DECORATORS = ("kernel", "borrowing", "inlined", "apart")
 # absolute paths of somebody's machine, unfinished work
 ABSOLUTE_PATH = re.compile(r"(?<![\w.~$}/:-])(/(home|root|Users|work|mnt|media)/\w|[A-Z]:\\\\?Users)")
 UNFINISHED = re.compile(r"\b(TO" r"DO|FIX" r"ME|XX" r"X)\b")
@@ -287,6 +289,17 @@ def test_no_number_stands_for_a_state() -> None:
                     found.append(f"{path.name}:{node.lineno}")
 
     assert found == []
+
+
+def test_no_kernel_has_more_than_eight_arguments() -> None:
+    kernels = [
+        (place, len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]))
+        for place, node, _ in functions()
+        if any(has_decorator(node, name) for name in KERNEL_DECORATORS)
+    ]
+
+    assert len(kernels) > 300
+    assert [f"{place}: {count} arguments" for place, count in kernels if count > MAX_KERNEL_ARGUMENTS] == []
 
 
 def matrix_name(node: ast.expr) -> str | None:

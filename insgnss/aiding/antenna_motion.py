@@ -19,7 +19,7 @@ of the slope; the slope is that of (D + dt) / 2 ago. At 200 Hz and 0.06 m/s/sqrt
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from insgnss.aiding.satellite_arcs import PIECE_NS, Arcs
 from insgnss.aiding.trace import Samples, Trace
@@ -153,16 +153,17 @@ def turn_about_axis(vectors: Float64, first: int, last: int, angle: float) -> No
         vectors[row, 0], vectors[row, 1] = cosine * x - sine * y, sine * x + cosine * y
 
 
+class Vehicle(NamedTuple):
+    """What the antenna's motion follows from."""
+
+    trace: Trace
+    imu: Samples
+    lever_b: Float64  # (3,) IMU to phase centre [m]
+    slope_samples: int  # n of the module's text
+
+
 @kernel
-def place_motion(
-    trace: Trace,
-    imu: Samples,
-    i: int,
-    lever_b: Float64,
-    slope_samples: int,
-    arcs: Arcs,
-    work: Float64,
-) -> tuple[int, float, float, float]:
+def place_motion(vehicle: Vehicle, i: int, arcs: Arcs, work: Float64) -> tuple[int, float, float, float]:
     """Write the antenna's motion at trace row ``i``, in the piece's axes.
 
     Returns the piece, the time in it [s], and the slopes' weights a and 1/D of the last and the first sample.
@@ -171,11 +172,12 @@ def place_motion(
     ----------
     work : (20, 3) output and scratch: the rows are named at the module's top
     """
-    a, per_d = instant_rates(imu, trace.sample[i], slope_samples, work)
+    trace = vehicle.trace
+    a, per_d = instant_rates(vehicle.imu, trace.sample[i], vehicle.slope_samples, work)
     for axis in range(3):
         work[RATE, axis] -= trace.b_g[i, axis]
         work[FORCE, axis] -= trace.b_a[i, axis]
-    lever_motion(lever_b, work)
+    lever_motion(vehicle.lever_b, work)
     antenna_motion(trace, i, work[_SPARE], work)
     since_ns = trace.t_ns[i] - arcs.start_ns
     piece = since_ns // PIECE_NS

@@ -177,7 +177,9 @@ def _transition(
     elif t >= memory["end_ns"]:
         after, reason = _from_attempt(sight, view.present[k, s], rules, memory)
     if reason != NONE:
-        reason = _enter(t, after, reason, view, k, s, rules, memory, spent)
+        reason = _enter(
+            t, after, reason, view.search_ns[k, s], view.within_aperture[k, s], rules, memory, spent
+        )
     return reason
 
 
@@ -249,9 +251,8 @@ def _enter(
     t: int,
     after: int,
     reason: int,
-    view: View,
-    k: int,
-    s: int,
+    search_ns: int,
+    within_aperture: bool,
     rules: Rules,
     memory: Record,
     spent: Record,
@@ -268,12 +269,12 @@ def _enter(
         memory["failures"] = 0
     if after == TRY:
         after = CONTROL_DETECTION
-        if not view.within_aperture[k, s]:
+        if not within_aperture:
             after, reason = SEARCH, APERTURE_EXCEEDED
         elif memory["failures"] >= rules.control_attempts:
             after, reason = SEARCH, CONTROL_FAILED
     if after == CONTROL_DETECTION or after == SEARCH:
-        memory["end_ns"] = t + view.search_ns[k, s]
+        memory["end_ns"] = t + search_ns
         memory["attempt_ns"] = 0
     if after == before:
         return NONE

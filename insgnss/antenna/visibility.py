@@ -60,6 +60,21 @@ class Look(NamedTuple):
     doubt: float  # probability that it is hidden, where that is uncertain; else 0
 
 
+class Looks(NamedTuple):
+    """What the stage tells of s satellites at n attitudes; the fields are those of ``Look``."""
+
+    decision: Int8  # (n, s)
+    reason: Int8
+    antenna: Int8
+    gain: Float64  # (n, s, 2) or (n, s, 3): gain [dBic], its sigma [dB] and, where there is room, the doubt
+
+
+def new_looks(n: int, s: int, *, with_doubt: bool = False) -> Looks:
+    """Return room for s satellites at n attitudes."""
+    decision, reason, antenna = (np.zeros((n, s), np.int8) for _ in range(3))
+    return Looks(decision, reason, antenna, np.zeros((n, s, 3 if with_doubt else 2)))
+
+
 @inlined
 def attitude_covariance(P: Float64, at: int, C_eb: Float64, P_b: Float64) -> None:
     """Write the covariance (3, 3) of the attitude error in body axes, C_be P_psi C_eb, into ``P_b`` [rad^2].
@@ -185,10 +200,7 @@ def look_at_all(
     u_n: Float64,
     antennas: Installation,
     limits: Limits,
-    decision: Int8,
-    reason: Int8,
-    antenna: Int8,
-    gain: Float64,
+    out: Looks,
 ) -> None:
     """Take the decisions for n attitudes, one after another, and s satellites.
 
@@ -199,9 +211,8 @@ def look_at_all(
     C_nb : (n, 3, 3)
     P_b : (n, 3, 3) covariance of the attitude error, body axes [rad^2]
     u_n : (n, s, 3) unit lines of sight, north-east-down
-    decision, reason, antenna : (n, s) outputs, as in ``Look``
-    gain : (n, s, 2) or (n, s, 3) output: gain [dBic], its sigma [dB] and, where there is room, the doubt
     """
+    decision, reason, antenna, gain = out
     n, s = u_n.shape[0], u_n.shape[1]
     u_b = np.empty(3)
     for t in range(n):

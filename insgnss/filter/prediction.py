@@ -46,7 +46,6 @@ RATES_DTYPE: Final = np.dtype(
             ("f_before", np.float64, (3,)),
             ("w_now", np.float64, (3,)),
             ("f_now", np.float64, (3,)),
-            ("dv_e", np.float64, (3,)),
             ("g_e", np.float64, (3,)),
         ],
     )
@@ -182,11 +181,11 @@ def step_state(
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     sum_couplings(m, par, w, f, half)
-    mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.dv_e, rates.g_e)
+    dv_e = mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.g_e)
     gain = 1.0 / max(FORCE_MEAN_TIME_S, dt)
     for i in range(3):
-        m.sum_dv[i] += rates.dv_e[i]
-        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) * gain
+        m.sum_dv[i] += dv_e[i]
+        m.f_smooth[i] += (dv_e[i] - m.f_smooth[i] * dt) * gain
         m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt * gain)
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]

@@ -134,11 +134,8 @@ def see_rows(
     lat, lon, h = ecef_to_geodetic(x)
     ecef_to_ned_matrix(lat, lon, room.C_ne)
     air: Air = room.air[0]
-    week_s, weather = (t_ns % NS_PER_WEEK) / NS_PER_S, settings.weather
-    place_air(
-        air, lat, lon, h, week_s, settings.troposphere_factor,
-        weather.pressure_hpa, weather.temperature_k, weather.humidity,
-    )  # fmt: skip
+    week_s = (t_ns % NS_PER_WEEK) / NS_PER_S
+    place_air(air, lat, lon, h, week_s, settings.troposphere_factor, settings.weather)
     u, seen = np.zeros(3), np.zeros(3)
     for j in range(k):
         i = room.at[j]

@@ -20,6 +20,7 @@ from insgnss.gnss.ionosphere import (
 )
 from insgnss.gnss.troposphere import (
     STANDARD_WEATHER,
+    Weather,
     mapped,
     mapping_coefficients,
     standard_atmosphere,
@@ -123,6 +124,15 @@ AIR_DTYPE: Final = np.dtype(
 Air: TypeAlias = Any  # one element of AIR_DTYPE: what all delays of an epoch share
 
 
+class AirModel(NamedTuple):
+    """Which corrections there are and what they start from (``filter.parameters`` has the same numbers)."""
+
+    klobuchar: Float64  # (8,), zeros without
+    ionosphere: Float64  # (n,) (f_L1 / f)^2 of each row's or satellite's carrier, zero for none
+    troposphere: float  # 1.0 or 0.0
+    weather: Weather
+
+
 @borrowing
 def place_air(
     air: Air,
@@ -131,9 +141,7 @@ def place_air(
     h: float,
     week_s: float,
     troposphere_factor: float,
-    pressure_0: float = STANDARD_WEATHER.pressure_hpa,
-    temperature_0: float = STANDARD_WEATHER.temperature_k,
-    humidity: float = STANDARD_WEATHER.humidity,
+    weather: Weather,
 ) -> None:
     """Write what the delays of all satellites share at an antenna.
 
@@ -143,11 +151,13 @@ def place_air(
     lat, lon, h : of the antenna [rad, rad, m]
     week_s : GPS seconds of the week
     troposphere_factor : one, or zero for no correction
-    pressure_0, temperature_0, humidity : ``troposphere.Weather`` at sea level [hPa, K, 0 to 1]
+    weather : at sea level
     """
     air.lat, air.lon, air.week_s = lat, lon, week_s
     air.above = ionosphere_above(h)
-    pressure, temperature, vapour = standard_atmosphere(h, pressure_0, temperature_0, humidity)
+    pressure, temperature, vapour = standard_atmosphere(
+        h, weather.pressure_hpa, weather.temperature_k, weather.humidity
+    )
     dry, wet = zenith_delays(lat, h, pressure, temperature, vapour)
     air.dry, air.wet = troposphere_factor * dry, troposphere_factor * wet
     air.wet_factor = 0.0
@@ -260,9 +270,7 @@ def klobuchar_pair(
 @kernel
 def path_delay(
     klobuchar: Float64,
-    lat: float,
-    lon: float,
-    h: float,
+    place: tuple[float, float, float],
     azimuth: float,
     elevation: float,
     week_s: float,
@@ -274,14 +282,15 @@ def path_delay(
     Parameters
     ----------
     klobuchar : (8,) alpha 0..3, beta 0..3
-    lat, lon, h : of the antenna [rad, rad, m]
+    place : latitude, longitude and height of the antenna [rad, rad, m]
     azimuth, elevation : of the satellite [rad]
     week_s : GPS seconds of the week
     ionosphere_factor : (f_L1 / f)^2 of the signal, zero for no correction
     troposphere_factor : one, or zero for no correction
     """
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], lat, lon, h, week_s, troposphere_factor)
+    lat, lon, h = place
+    place_air(air[0], lat, lon, h, week_s, troposphere_factor, STANDARD_WEATHER)
     level = math.cos(elevation)
     u_n = np.array([level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation)])
     return slant_delay(air[0], klobuchar, u_n, ionosphere_factor)

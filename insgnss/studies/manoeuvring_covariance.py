@@ -59,6 +59,7 @@ class Drive(NamedTuple):
     keep: Float64  # (17,) what a step leaves of each state of first order
     r_e: Float64  # (3,) place [m]
     rows: Float64  # (m, 4) of the phases: position and clock [rad/m]
+    columns: Int64  # (4,) where the entries of a row stand
 
 
 class ManoeuvringErrors(NamedTuple):
@@ -82,7 +83,6 @@ def carry_along(
     force_e: Float64,
     C_eb: Float64,
     variance: float,
-    columns: Int64,
     couplings: Couplings,
     P: Float64,
     scratch: tuple[Float64, Float64],
@@ -94,7 +94,6 @@ def carry_along(
     ----------
     force_e, C_eb : (n, 3) specific forces [m/s^2] and (n, 3, 3) attitudes of the steps
     variance : of one phase [rad^2]
-    columns : (4,) where the entries of a row stand
     couplings : (0,) of ``COUPLING_DTYPE``
     P : (17, 17) in and out
     scratch : (17, 17) and (3, 17)
@@ -112,9 +111,9 @@ def carry_along(
         found[k, 0] = P[DV, DV] + P[DV + 1, DV + 1] + P[DV + 2, DV + 2]
         found[k, 1] = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
         for c in range(len(drive.rows)):
-            found[k, 2 + c] = predicted_variance(P, drive.rows[c], columns)
+            found[k, 2 + c] = predicted_variance(P, drive.rows[c], drive.columns)
         for c in range(len(drive.rows)):
-            scalar_update(P, drive.rows[c], columns, 0.0, variance, scratch[1])
+            scalar_update(P, drive.rows[c], drive.columns, 0.0, variance, scratch[1])
 
 
 @dataclass(frozen=True)
@@ -163,7 +162,10 @@ class ManoeuvringReceiver:
         rows = np.column_stack([-k * u @ C_ne, np.full(len(u), k)])
         noise, keep, P0 = _sensors(grade, 0.5 * S / k**2, T)
         return cls(
-            Drive(T, noise, keep, r_e, np.ascontiguousarray(rows)), P0, np.ascontiguousarray(force), C_eb
+            Drive(T, noise, keep, r_e, np.ascontiguousarray(rows), _COLUMNS),
+            P0,
+            np.ascontiguousarray(force),
+            C_eb,
         )
 
     def errors(self, loop: PhaseLoop, cn0_dbhz: float, settle_s: float = 60.0) -> ManoeuvringErrors:
@@ -189,7 +191,6 @@ class ManoeuvringReceiver:
             self.force_e,
             self.C_eb,
             0.5 * noise / self.drive.step_s,
-            _COLUMNS,
             np.zeros(0, COUPLING_DTYPE),
             self.P0.copy(),
             scratch,

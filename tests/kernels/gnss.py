@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.range_model import AirModel
 from insgnss.gnss.satellite_state import satellite_states
+from insgnss.gnss.troposphere import Weather
 from insgnss.tables import EphemerisTable, GnssTable, NavigationData, StateVectorTable
 from tests.kernels import KernelCase
 
@@ -118,7 +120,9 @@ CASES = [
     KernelCase("insgnss.gnss.ionosphere:klobuchar_delay", (_KLOBUCHAR, 1.0, 0.5, 2.0, 0.6, 2e5)),
     KernelCase("insgnss.gnss.troposphere:mapping_factors", (1.0, 300.0, 0.6)),
     KernelCase("insgnss.gnss.troposphere:tropospheric_delay", (1.0, 300.0, 0.6)),
-    KernelCase("insgnss.gnss.range_model:path_delay", (_KLOBUCHAR, 1.0, 0.5, 300.0, 2.0, 0.6, 2e5, 1.6, 1.0)),
+    KernelCase(
+        "insgnss.gnss.range_model:path_delay", (_KLOBUCHAR, (1.0, 0.5, 300.0), 2.0, 0.6, 2e5, 1.6, 1.0)
+    ),
     KernelCase(
         "insgnss.gnss.differential:base_ranges",
         (
@@ -126,10 +130,8 @@ CASES = [
             _SAT,
             np.zeros(2),
             _R_E,
-            _KLOBUCHAR,
-            np.array([1.0, 1.8]),
+            AirModel(_KLOBUCHAR, np.array([1.0, 1.8]), 1.0, Weather(1013.25, 288.15, 0.7)),
             np.array([np.nan, 4.0]),
-            np.array([1.0, 1013.25, 288.15, 0.7]),
             np.zeros(2),
             np.zeros(2),
         ),

@@ -32,6 +32,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.observation_rows import Observation, Rows
 from insgnss.gnss.range_model import place_air, slant_changes
+from insgnss.gnss.troposphere import Weather
 from insgnss.jit import inlined
 
 LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rounding of a delay
@@ -52,13 +53,9 @@ def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> Non
         a.r_earlier[i] = a.r_a[i] - a.v_a[i] * a.look_back
     lat_0, lon_0, h_0 = ecef_to_geodetic(a.r_earlier)
     ecef_to_ned_matrix(lat_0, lon_0, a.C_earlier)
-    place_air(
-        s.air[0], lat, lon, h, week_s, par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity
-    )
-    place_air(
-        s.air[1], lat_0, lon_0, h_0, week_s - a.look_back,
-        par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity,
-    )  # fmt: skip
+    weather = Weather(par.pressure_0, par.temperature_0, par.humidity)
+    place_air(s.air[0], lat, lon, h, week_s, par.use_troposphere, weather)
+    place_air(s.air[1], lat_0, lon_0, h_0, week_s - a.look_back, par.use_troposphere, weather)
 
 
 @inlined
