@@ -275,16 +275,24 @@ def test_every_imported_library_is_declared() -> None:
 
 
 def test_no_number_stands_for_a_state() -> None:
-    """Where a state stands is a name of ``inertial/error_state.py`` or of the layout: P[PSI, PSI], never P[6, 6]."""
+    """Where a state stands is a name of ``inertial/error_state.py`` or of the layout: P[PSI, PSI], never P[6, 6].
+
+    Nor a sum with a number, P[3 + k, 3 + k]: of a point solution's unknowns the clocks begin at CLOCKS.
+    """
     matrices = {"P", "A", "B", "prior", "correction", "h"}
     found = []
     for path in SOURCES:
-        if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "filter", "aiding"):
+        if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "filter", "aiding", "gnss"):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Subscript) and matrix_name(node.value) in matrices:
                 parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-                numbers = [part.value for part in parts if isinstance(part, ast.Constant)]
+                places = [part.lower if isinstance(part, ast.Slice) else part for part in parts]
+                # a block's further components are counted from its name: P[DR + 2, DR + 2]
+                terms = [
+                    [p.left, p.right] if isinstance(p, ast.BinOp) else [p] for p in places if p is not None
+                ]
+                numbers = [term.value for pair in terms for term in pair if isinstance(term, ast.Constant)]
                 if any(isinstance(number, int) and number > 2 for number in numbers):
                     found.append(f"{path.name}:{node.lineno}")
 
@@ -300,6 +308,13 @@ def test_no_kernel_has_more_than_eight_arguments() -> None:
 
     assert len(kernels) > 300
     assert [f"{place}: {count} arguments" for place, count in kernels if count > MAX_KERNEL_ARGUMENTS] == []
+
+
+def test_every_record_says_its_fields() -> None:
+    """A record that is ``Any`` hides a field that is not there: a class of ``insgnss.records`` says what there is."""
+    hidden = re.compile(r"^\w+: TypeAlias = Any\b", re.MULTILINE)
+
+    assert [p.name for p in SOURCES if hidden.search(p.read_text(encoding="utf-8"))] == []
 
 
 def matrix_name(node: ast.expr) -> str | None:

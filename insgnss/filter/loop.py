@@ -61,7 +61,7 @@ def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, wo
     samples is made on a copy of the leader. Times of the trace up to a start are passed over: there was no filter.
     """
     count, traced = out.counts[0], out.trace.counts[0]
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     while True:
         goal_ns = stop_ns
         writes = count.time < out.times_ns.shape[0] and out.times_ns[count.time] < stop_ns
@@ -100,7 +100,7 @@ def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
 @inlined
 def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
     """Write a navigation row at ``t_ns`` from a copy of the leader."""
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     spare = work.spare
     copy_state(bank.state[head.leader], spare.state[0])
     copy_matrix(bank.P[head.leader], spare.P[0])
@@ -151,8 +151,8 @@ def run_epochs(
     parameters : (1,) of ``PARAMETERS_DTYPE``
     drop : logarithm of the weight below which a hypothesis is negligible
     """
-    par = parameters[0]
-    head = bank.head[0]
+    par: Parameters = parameters[0]
+    head: HeadRecord = bank.head[0]
     count = out.counts[0]
     for epoch in range(epochs[0], epochs[1]):
         t_ns = rows.epoch_ns[epoch]
@@ -217,7 +217,7 @@ def mostly(used: int, refused: int, few: bool) -> bool:
 @borrowing
 def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, work: Workspace) -> None:
     """Carry the bank to ``stop_ns``, writing output times on the way, that one too."""
-    par = parameters[0]
+    par: Parameters = parameters[0]
     advance(bank, stop_ns, imu, par, out, work)
     count = out.counts[0]
     if count.time < out.times_ns.shape[0] and out.times_ns[count.time] == stop_ns:

@@ -7,7 +7,7 @@ force and the attitude are summed; what that costs in accuracy is tested, not as
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from insgnss.filter.state import (
     OFFSETS,
     PSI,
     Bank,
+    HeadRecord,
     StateRecord,
 )
 from insgnss.geodesy.vectors import Vector
@@ -34,25 +35,25 @@ from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_cov
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
 from insgnss.jit import inlined
+from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
-RATES_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("w", np.float64, (3,)),  # effective rate of the interval [rad/s]
-            ("f", np.float64, (3,)),  # effective specific force [m/s^2]
-            ("w_before", np.float64, (3,)),
-            ("f_before", np.float64, (3,)),
-            ("w_now", np.float64, (3,)),
-            ("f_now", np.float64, (3,)),
-            ("g_e", np.float64, (3,)),
-        ],
-    )
-)
+
+class Rates(Record):
+    """Rates and forces of an interval, and scratch."""
+
+    w: Annotated[Float64, 3]  # effective rate of the interval [rad/s]
+    f: Annotated[Float64, 3]  # effective specific force [m/s^2]
+    w_before: Annotated[Float64, 3]
+    f_before: Annotated[Float64, 3]
+    w_now: Annotated[Float64, 3]
+    f_now: Annotated[Float64, 3]
+    g_e: Annotated[Float64, 3]
+
+
+RATES_DTYPE: Final = dtype_of(Rates)
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
-Rates: TypeAlias = Any  # one element of RATES_DTYPE
 
 
 class Imu(NamedTuple):
@@ -312,7 +313,7 @@ def carry(
 @inlined
 def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
     """Carry every hypothesis to ``stop_ns``."""
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     now_ns = head.now_ns
     k = head.next
     if stop_ns <= now_ns:

@@ -21,6 +21,7 @@ from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 
+CLOCKS: Final = 3  # where the clocks, or the drift, stand among the unknowns
 RANGE: Final = 0
 RANGE_RATE: Final = 1
 
@@ -101,7 +102,7 @@ def residual(rows: FitRows, k: int, x: Float64, work: Workspace) -> float:
         predicted = line_of_sight_range(rows.sat, k, x, work.u)
     else:
         _, predicted = line_of_sight(rows.sat, k, rows.r_e, x, work.u, work.g)
-    misfit: float = rows.measured[k] - predicted - x[3 + rows.group[k]]
+    misfit: float = rows.measured[k] - predicted - x[CLOCKS + rows.group[k]]
     return misfit
 
 
@@ -132,13 +133,13 @@ def normal_matrix(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> floa
         weight = 1.0 / (rows.sigma[k] * rows.sigma[k])
         misfit = residual(rows, k, x, work)
         total += weight * misfit * misfit
-        j = 3 + rows.group[k]
+        j = CLOCKS + rows.group[k]
         _add_row(work.N, work.u, j, weight)
         for a in range(3):
             work.b[a] -= weight * misfit * work.u[a]
         work.b[j] += weight * misfit
     total += _tie_clocks(rows.ties, x, work)
-    for j in range(3, len(work.b)):
+    for j in range(CLOCKS, len(work.b)):
         if work.N[j, j] == 0.0:
             work.N[j, j] = 1.0
     return total
@@ -149,7 +150,7 @@ def _tie_clocks(ties: Ties, x: Float64, work: Workspace) -> float:
     """Add the tied clocks' differences to the normal matrix; return their part of chi-square."""
     total = 0.0
     for g in range(len(ties.home)):
-        i, j = 3 + ties.home[g], 3 + g
+        i, j = CLOCKS + ties.home[g], CLOCKS + g
         if i < 3 or (work.N[i, i] == 0.0 and work.N[j, j] == 0.0):
             continue
         apart = x[j] - x[i]

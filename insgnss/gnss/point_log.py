@@ -31,6 +31,7 @@ from insgnss.gnss.integrity import (
     redundancy_room,
 )
 from insgnss.gnss.least_squares import (
+    CLOCKS,
     RANGE,
     RANGE_RATE,
     Bool,
@@ -203,7 +204,7 @@ def write_rows(
 ) -> None:
     """Write status, residual and sigma of one kind of the epoch's rows, which may have no solution."""
     use, x = found.use, found.x
-    solved, free = not math.isnan(x[0]), free_clocks(len(x) - 3)
+    solved, free = not math.isnan(x[0]), free_clocks(len(x) - CLOCKS)
     one = FitRows(kind, room.sat, room.fitted[kind], room.sigma[kind], room.group[kind], free, out.r_e[e])
     for j in range(len(use)):
         if not room.offered[kind, j]:
@@ -222,7 +223,7 @@ def write_rows(
         sigma = one.sigma[j]
         out.sigma[i, kind] = sigma
         out.residual[i, kind] = residual(one, j, x, fits.work)
-        own = spread(found.P, fits.work.u, 3 + one.group[j])
+        own = spread(found.P, fits.work.u, CLOCKS + one.group[j])
         variance = sigma * sigma + (-own if use[j] else own)
         if variance > 1e-6 * sigma * sigma:
             out.normalised[i, kind] = out.residual[i, kind] / math.sqrt(variance)
@@ -231,10 +232,10 @@ def write_rows(
 @kernel
 def _forget(use: Bool, group: Int64, x: Float64, P: Float64) -> None:
     """Make the clocks without a row, and their covariances, NaN."""
-    for g in range(3, len(x)):
+    for g in range(CLOCKS, len(x)):
         present = False
         for j in range(len(use)):
-            present = present or (use[j] and group[j] == g - 3)
+            present = present or (use[j] and group[j] == g - CLOCKS)
         if not present:
             x[g] = math.nan
             for i in range(len(x)):
@@ -245,7 +246,7 @@ def _forget(use: Bool, group: Int64, x: Float64, P: Float64) -> None:
 @kernel
 def _misfit(rows: FitRows, found: Solution, fits: Fits) -> float:
     """Return chi-square of the rows in the solution by their redundancy, NaN without any."""
-    freedom = count(found.use) - n_unknowns(rows_per_clock(rows, found.use, len(found.x) - 3))
+    freedom = count(found.use) - n_unknowns(rows_per_clock(rows, found.use, len(found.x) - CLOCKS))
     return normal_matrix(rows, found.use, found.x, fits.work) / freedom if freedom > 0 else math.nan
 
 
@@ -256,8 +257,8 @@ def _write(e: int, position: Solution, velocity: Solution, out: PointLog) -> Non
     for a in range(3):
         out.r_e[e, a] = position.x[a]
         out.v_e[e, a] = velocity.x[a]
-    for g in range(3, p):
-        out.clock_m[e, g - 3] = position.x[g]
+    for g in range(CLOCKS, p):
+        out.clock_m[e, g - CLOCKS] = position.x[g]
     out.drift_mps[e] = velocity.x[3]
     for a in range(p):
         for c in range(p):
@@ -292,7 +293,7 @@ def _solve_position(
         return verdict
     if verdict == OK or verdict == EXCLUDED:
         redundancy(one, use, x, P, fits.work, fits.room)
-        left = count(use) - n_unknowns(rows_per_clock(one, use, len(x) - 3))
+        left = count(use) - n_unknowns(rows_per_clock(one, use, len(x) - CLOCKS))
         out.level_m[e, 0], out.level_m[e, 1] = protection_levels(
             use, fits.room, P, room.C_ne, fits.limits[left], settings.missed_sigmas
         )

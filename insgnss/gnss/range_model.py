@@ -7,7 +7,7 @@ b the receiver's clock, o its inter-system offset, dt_s the satellite's clock wi
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from insgnss.gnss.troposphere import (
     zenith_delays,
 )
 from insgnss.jit import borrowing, inlined, kernel
+from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64
 
 
@@ -102,26 +103,21 @@ def correction_lines() -> list[str]:
     return lines
 
 
-AIR_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("lat", np.float64),  # of the antenna [rad]
-            ("lon", np.float64),
-            ("week_s", np.float64),  # GPS seconds of the week
-            ("above", np.float64),  # share of the ionosphere above the antenna
-            ("dry", np.float64),  # zenith delays of the troposphere [m]
-            ("wet", np.float64),
-            ("mapping", np.float64, (9,)),  # ``mapping_coefficients``
-            (
-                "wet_factor",
-                np.float64,
-            ),  # of the last row: d delay / d (zenith delay left over), by ``slant_delay``
-            ("dry_factor", np.float64),  # of the last row, by ``slant_changes``
-        ],
-    )
-)
-Air: TypeAlias = Any  # one element of AIR_DTYPE: what all delays of an epoch share
+class Air(Record):
+    """What all delays of an epoch share."""
+
+    lat: float  # of the antenna [rad]
+    lon: float
+    week_s: float  # GPS seconds of the week
+    above: float  # share of the ionosphere above the antenna
+    dry: float  # zenith delays of the troposphere [m]
+    wet: float
+    mapping: Annotated[Float64, 9]  # ``mapping_coefficients``
+    wet_factor: float  # of the last row: d delay / d (zenith delay left over), by ``slant_delay``
+    dry_factor: float  # of the last row, by ``slant_changes``
+
+
+AIR_DTYPE: Final = dtype_of(Air)
 
 
 class AirModel(NamedTuple):

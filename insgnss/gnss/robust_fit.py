@@ -20,6 +20,7 @@ import numpy as np
 from insgnss.apart import apart
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
 from insgnss.gnss.least_squares import (
+    CLOCKS,
     RANGE,
     RANGE_RATE,
     Bool,
@@ -101,7 +102,7 @@ def _linear(k: int, p: int) -> Linear:
         np.zeros(k),
         np.zeros(p),
         np.zeros(k),
-        np.zeros((p - 3, 5)),
+        np.zeros((p - CLOCKS, 5)),
         np.zeros(7),
     )
 
@@ -192,7 +193,7 @@ def _add_step(group: Int64, members: Int64, m: int, linear: Linear) -> None:
     for g in range(len(sums)):
         if sums[g, 0] > 0.0:
             along = sums[g, 1] * x + sums[g, 2] * y + sums[g, 3] * z
-            step[3 + g] += sums[g, 4] / sums[g, 0] + along
+            step[CLOCKS + g] += sums[g, 4] / sums[g, 0] + along
 
 
 @kernel
@@ -203,7 +204,7 @@ def _left(k: int, group: Int64, bent: bool, linear: Linear) -> float:
     """
     x, y, z = linear.step[0], linear.step[1], linear.step[2]
     along = linear.u[k, 0] * x + linear.u[k, 1] * y + linear.u[k, 2] * z
-    left: float = linear.r[k] + along - linear.step[3 + group[k]]
+    left: float = linear.r[k] + along - linear.step[CLOCKS + group[k]]
     if bent:
         left -= linear.bend[k] * (x * x + y * y + z * z - along * along)
     return left
@@ -235,7 +236,7 @@ def _is_worse(rows: FitRows, members: Int64, m: int, start: Float64, best: float
         step[0] = math.nan
         return False
     for j in range(len(step)):
-        step[j] = 0.0 if j < 3 or linear.sums[j - 3, 0] > 0.0 else start[j] - linear.at[j]
+        step[j] = 0.0 if j < CLOCKS or linear.sums[j - CLOCKS, 0] > 0.0 else start[j] - linear.at[j]
     for i in range(m):
         linear.left[members[i]] = linear.r[members[i]]
     _add_step(rows.group, members, m, linear)
@@ -298,7 +299,7 @@ def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, 
                 continue
             misfit = abs(residual(rows, k, x, work))
             variance = rows.sigma[k] * rows.sigma[k]
-            own = spread(P, work.u, 3 + rows.group[k])
+            own = spread(P, work.u, CLOCKS + rows.group[k])
             if use[k] and variance - own > 1e-6 * variance:
                 normal = misfit / math.sqrt(variance - own)
                 if normal > worst:
@@ -342,8 +343,8 @@ def search(
     work : scratch
     x, P, use : output
     """
-    tied, rows = rows, _without_ties(rows, len(x) - 3)
-    unknowns = n_unknowns(rows_per_clock(rows, candidates, len(x) - 3))
+    tied, rows = rows, _without_ties(rows, len(x) - CLOCKS)
+    unknowns = n_unknowns(rows_per_clock(rows, candidates, len(x) - CLOCKS))
     members = _places(candidates)
     trial, near = np.zeros(len(use), np.bool_), np.zeros(len(use), np.bool_)
     best, state = math.inf, len(members)  # any positive seed will do

@@ -54,7 +54,7 @@ def heading_variance(bank: Bank) -> float:
     lead = bank.state[bank.head[0].leader]
     total = 0.0
     for i in range(bank.state.shape[0]):
-        m = bank.state[i]
+        m: StateRecord = bank.state[i]
         total += math.exp(m.log_weight) * (yaw_variance(m, bank.P[i]) + turn_about(lead, m) ** 2)
     return total
 

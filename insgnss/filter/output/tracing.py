@@ -8,7 +8,7 @@ from insgnss.filter.output.writing import mixture_covariance
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Scratch, propagate_covariance
 from insgnss.filter.soundness import is_finite
-from insgnss.filter.state import Bank
+from insgnss.filter.state import Bank, HeadRecord
 from insgnss.jit import borrowing
 from insgnss.tables import Float64
 
@@ -33,7 +33,7 @@ def write_trace(
     ----------
     P_out : (n, n) scratch
     """
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     if not is_finite(bank.state[head.leader], bank.P[head.leader]):
         return
     write_state(room, t_ns, bank.state[head.leader])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import CARRIER, Rows
 from insgnss.jit import borrowing, inlined, kernel
+from insgnss.records import Record, dtype_of
 from insgnss.status import NO_IMU, USED
 from insgnss.tables import Event, Float64, Int64
 
@@ -91,34 +92,31 @@ LEDGER_DTYPE: Final = np.dtype(
         ),
     )
 )
-CARRIER_LEDGER_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        np.dtype(
-            [
-                ("innovation", np.float64),
-                ("variance", np.float32),
-                ("predicted", np.float32),
-                ("status", np.int8),
-            ],
-            align=True,
-        ),
-    )
-)
+
+
+class CarrierEntry(Record):
+    """One carrier difference in the ledger."""
+
+    innovation: float
+    variance: Annotated[float, np.float32]
+    predicted: Annotated[float, np.float32]
+    status: Annotated[int, np.int8]
+
+
+CARRIER_LEDGER_DTYPE: Final = dtype_of(CarrierEntry, align=True)
 EVENT_DTYPE: Final = np.dtype((np.record, [("t_ns", np.int64), ("kind", np.int64), ("a", np.float64)]))
-COUNT_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("nav", np.int64),  # navigation rows written
-            ("events", np.int64),  # events, those beyond the room for them too
-            ("time", np.int64),  # the first output time not written yet
-        ],
-    )
-)
+
+
+class CountRecord(Record):
+    """How far the output has been written."""
+
+    nav: int  # navigation rows written
+    events: int  # events, those beyond the room for them too
+    time: int  # the first output time not written yet
+
+
+COUNT_DTYPE: Final = dtype_of(CountRecord)
 Table: TypeAlias = npt.NDArray[Any]
-CountRecord: TypeAlias = Any  # one element of COUNT_DTYPE
-CarrierEntry: TypeAlias = Any  # one element of CARRIER_LEDGER_DTYPE
 
 
 class Output(NamedTuple):
@@ -227,7 +225,7 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
     does one whose numbers are not finite.
     """
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         entry = ledger[first + j]
         if math.isfinite(line.u_n[0] + line.u_n[1] + line.u_n[2] + line.u_b[0] + line.u_b[1] + line.u_b[2]):
             entry.gain = line.gain
@@ -328,7 +326,7 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
         for b in range(n):
             P[a, b] = 0.0
     for i in range(bank.state.shape[0]):
-        m = bank.state[i]
+        m: StateRecord = bank.state[i]
         weight = math.exp(m.log_weight)
         if not weight > 0.0:  # lost, perhaps: nothing times what is no number is none
             continue

@@ -26,7 +26,7 @@ from typing import Final
 
 from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Line
+from insgnss.filter.rows.lines import Antenna, Epoch, Line
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -45,7 +45,7 @@ def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> Non
 
     ``interval`` is what the carrier's differences span [s], zero where there are none.
     """
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     a.look_back = interval if interval > 0.0 else LOOK_BACK_S
     lat, lon, h = ecef_to_geodetic(a.r_a)
     ecef_to_ned_matrix(lat, lon, a.C_ne)
@@ -64,7 +64,7 @@ def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Li
 
     ``a.dr`` is minus the turn of the line of sight per second, ``a.u_earlier`` takes the line of sight of then.
     """
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     C, earlier = a.C_earlier, a.u_earlier
     x = a.u[0] + a.dr[0] * a.look_back
     y = a.u[1] + a.dr[1] * a.look_back

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.filter.parameters import Parameters
+from insgnss.filter.parameters import KindNumbers, Parameters
 from insgnss.gnss.integrity import EXCLUDED, OK, UNTESTED
-from insgnss.gnss.least_squares import Ties
+from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.point_log import solve_epochs
 from insgnss.gnss.point_rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
@@ -43,6 +43,15 @@ class Fix:
     def n_used(self) -> int:
         """Number of pseudoranges in the solution."""
         return int(self.used[PSEUDORANGE].sum())
+
+    def clock_variance(self, group: int) -> float:
+        """Return the variance of a group's clock [m^2]."""
+        return float(self.P[CLOCKS + group, CLOCKS + group])
+
+    @property
+    def drift_variance(self) -> float:
+        """Variance of the clock's drift [m^2/s^2]."""
+        return float(self.P_v[CLOCKS, CLOCKS])
 
 
 def fix_epoch(rows: Rows, epoch: int, par: Parameters, ties: Ties, max_gdop: float) -> Fix | None:
@@ -119,7 +128,7 @@ def point_settings(
     """
 
     def noise(kind: int) -> tuple[float, float, float, float]:
-        of = par.kind[kind]
+        of: KindNumbers = par.kind[kind]
         return float(of.floor2), float(of.elevation2), float(of.cn02), float(of.missing_thermal)
 
     return PointSettings(

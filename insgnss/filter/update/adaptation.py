@@ -13,7 +13,7 @@ from typing import Final
 
 from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Lines
+from insgnss.filter.rows.lines import Epoch, Line, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance, fit_all, fit_freely
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
@@ -48,7 +48,7 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     total = 0.0
     used = 0
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         # a row with more noise than its own tells nothing of the noise
         if line.status[kind] != USED or line.doubt > 0.0:
             continue
@@ -76,7 +76,7 @@ def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float
         n = 0
         refused = 0
         for j in range(lines.shape[0]):
-            line = lines[j]
+            line: Line = lines[j]
             if line.status[kind] != USED and line.status[kind] != GATED:
                 continue
             refused += 1 if line.status[kind] == GATED else 0

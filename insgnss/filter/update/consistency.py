@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.apart import apart
-from insgnss.filter.rows.lines import Lines
+from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE
 from insgnss.jit import borrowing, inlined, kernel
@@ -36,7 +36,7 @@ def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, sprea
     """
     beyond = False
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[PSEUDORANGE] != USED:
             continue
         h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]

@@ -16,7 +16,7 @@ from typing import Final
 
 from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Lines
+from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
 from insgnss.gnss.observation_rows import PSEUDORANGE, Observations
 from insgnss.status import REFLECTED, USED
@@ -38,7 +38,7 @@ def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
     if par.robust == 0:
         return
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[kind] != USED:
             continue
         nu2 = line.innovation[kind] ** 2 / (line.predicted[kind] + line.variance[kind])
@@ -61,7 +61,7 @@ def refuse_reflections(
         return
     strongest = 0.0
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         cn0 = observation[j].cn0
         if line.status[PSEUDORANGE] != USED or math.isnan(cn0):
             continue

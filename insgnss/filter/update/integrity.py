@@ -167,7 +167,7 @@ def explain(prior: Float64, lines: Lines, kind: int, fit: Float64) -> bool:
     used = 0
     clear(fit)
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[kind] == USED:
             add_row(line, kind, line.innovation[kind], line.variance[kind], fit)
             used += 1
@@ -221,7 +221,7 @@ def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
         clear(fit)
         count = 0
         for j in range(lines.shape[0]):
-            line = lines[j]
+            line: Line = lines[j]
             if line.status[kind] != USED and line.status[kind] != GATED:
                 continue
             y = line.innovation[kind]
@@ -242,7 +242,7 @@ def fit_all(lines: Lines, kind: int, fit: Float64) -> bool:
     """Write into ``fit`` the least-squares x of all rows of a kind, used or refused, none left out."""
     clear(fit)
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[kind] == USED or line.status[kind] == GATED:
             add_row(line, kind, line.innovation[kind], line.variance[kind], fit)
     return solve(fit)

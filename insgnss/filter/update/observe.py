@@ -67,7 +67,7 @@ def observe(
     s: Epoch,
 ) -> None:
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     place_antenna(m, par, w_ib_b, f_b, a)
     first = rows.first[epoch]
     with_carrier = rows.carrier.shape[0] > 0
@@ -77,8 +77,8 @@ def observe(
     place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
-        row = rows.observation[i]
-        line = s.lines[j]
+        row: Observation = rows.observation[i]
+        line: Line = s.lines[j]
         line.group = row.group
         for kind in range(2):
             line.status[kind] = row.status[kind]
@@ -99,7 +99,7 @@ def observe_row(
     m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, s: Epoch, line: Line
 ) -> None:
     """Write direction, masks, innovations, rows of H and measurement variances of one row."""
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     a.distance, a.range_rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
     u, C_ne, C = a.u, a.C_ne, m.C_eb
     for k in range(3):
