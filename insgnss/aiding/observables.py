@@ -24,7 +24,7 @@ import numpy.typing as npt
 from insgnss.aiding.antenna_motion import Vehicle, place_motion
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.constants import C_MPS
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _PER_C: Final = 1.0 / C_MPS
@@ -67,7 +67,7 @@ class Values(NamedTuple):
     jerk: Float32  # [m/s^3]
 
 
-@inlined
+@kernel(inline=True)
 def polynomial(c: Float64, x: float) -> tuple[float, float, float, float]:
     """Return a polynomial of fifth degree, (6,) coefficients, with three derivatives."""
     c2, c3, c4, c5 = c[2], c[3], c[4], c[5]
@@ -119,7 +119,7 @@ def expand_satellite(piece: Float64, since_s: float, motion: Float64, e: Float64
     e[_CLOCK2 * LANES + j] = 3.0 * c[3] * t + c[2]
 
 
-@inlined
+@kernel(inline=True)
 def towards(e: Float64, j: int, motion: Float64, line: Float64) -> float:
     """Return the range at the expansion's time; write u and W = V_s - V in the piece's axes, (2, 3)."""
     rho: float = e[_RANGE0 * LANES + j]

@@ -30,7 +30,7 @@ from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.aiding.trace import Covariances
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 PARTS: Final = ("velocity", "attitude", "accelerometer", "gyro", "clock", "satellite", "motion")
@@ -148,7 +148,7 @@ def block_variances(P: Float64, h: Float64, parts: Float64) -> tuple[float, floa
     return others, clock
 
 
-@inlined
+@kernel(inline=True)
 def sensor_noise(doubts: Doubts, work: Float64, of_rate: Float64, of_slope: Float64, slope: Slope) -> float:
     """Return the variance that the gyro's sample noise and scale factor make through two rows (of rate and slope).
 
@@ -239,7 +239,7 @@ def satellite_sigma(
     out[SD_JERK] = math.sqrt(jerk2)
 
 
-@inlined
+@kernel(inline=True)
 def close_parts(
     parts: Float64, others: float, with_clock: float, out: Float64, at: int
 ) -> tuple[float, float]:

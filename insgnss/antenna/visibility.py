@@ -18,7 +18,7 @@ import numpy as np
 
 from insgnss.antenna.gain_pattern import gain_at
 from insgnss.antenna.installation import Installation, clearance_at
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.status import MASKED_GAIN, MASKED_OBSTRUCTION, USED
 from insgnss.tables import Float64, Int8
 
@@ -75,7 +75,7 @@ def new_looks(n: int, s: int, *, with_doubt: bool = False) -> Looks:
     return Looks(decision, reason, antenna, np.zeros((n, s, 3 if with_doubt else 2)))
 
 
-@inlined
+@kernel(inline=True)
 def attitude_covariance(P: Float64, at: int, C_eb: Float64, P_b: Float64) -> None:
     """Write the covariance (3, 3) of the attitude error in body axes, C_be P_psi C_eb, into ``P_b`` [rad^2].
 
@@ -92,7 +92,7 @@ def attitude_covariance(P: Float64, at: int, C_eb: Float64, P_b: Float64) -> Non
             P_b[i, j] = total
 
 
-@inlined
+@kernel(inline=True)
 def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
     """Return d^T P d of d = (x, y, z): of the rotation about d where d has length one.
 
@@ -102,7 +102,7 @@ def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
     return float(first + y * (P_b[1, 1] * y + 2.0 * P_b[1, 2] * z) + z * P_b[2, 2] * z)
 
 
-@inlined
+@kernel(inline=True)
 def compare(excess: float, margin: float) -> int:
     """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between.
 
@@ -113,7 +113,7 @@ def compare(excess: float, margin: float) -> int:
     return 0 if excess >= -margin else -1
 
 
-@inlined
+@kernel(inline=True)
 def sigmas_above(excess: float, sigma: float) -> float:
     """Return by how many sigmas an excess is above zero; without uncertainty it is endless or nothing."""
     if sigma > 0.0:
@@ -121,7 +121,7 @@ def sigmas_above(excess: float, sigma: float) -> float:
     return math.inf if excess >= 0.0 else -math.inf
 
 
-@inlined
+@kernel(inline=True)
 def gain_of_antenna(
     antennas: Installation, k: int, x: float, y: float, z: float, P_b: Float64
 ) -> tuple[float, float]:
@@ -144,7 +144,7 @@ def gain_of_antenna(
     return gain, math.sqrt(max(variance, 0.0))
 
 
-@inlined
+@kernel(inline=True)
 def look_at(
     u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: Limits, before: int
 ) -> Look:

@@ -29,7 +29,6 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import NAV_COLUMNS, mark_without_imu
 from insgnss.filter.own_rows.ledger import OwnResults
 from insgnss.filter.own_update import carry_through
-from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import carry_bank
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_finite
@@ -212,7 +211,7 @@ class Engine:
         rows = self._rows(empty_epoch())
         out = one_row(self._setup, rows)
         work = self._navigator.workspace(rows)
-        par: Parameters = self._navigator.parameters[0]
+        par = self._navigator.parameters[0]
         write_between(self._live, newest, self._samples.view(), par, out, work)
         if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
             return NavState(newest, False, {})

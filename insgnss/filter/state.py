@@ -21,7 +21,7 @@ from insgnss.inertial.error_state import DRIFT as DRIFT
 from insgnss.inertial.error_state import DV as DV
 from insgnss.inertial.error_state import FURTHER
 from insgnss.inertial.error_state import PSI as PSI
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64, Int8, Int64
 
@@ -33,6 +33,7 @@ MAX_COUPLINGS: Final = 24  # room for sensor errors other than biases
 N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
+CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
 N_MEMORY: Final = 7  # numbers kept of each band of a satellite
 
@@ -154,7 +155,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
 
 
-@inlined
+@kernel(inline=True)
 def copy_state(source: StateRecord, target: StateRecord) -> None:
     """Copy one state, field by field: the compiler takes a record for its bytes, and copies them one at a time."""
     for i in range(3):

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 
-from insgnss.apart import apart
 from insgnss.gnss.least_squares import CLOCKS, Bool, FitRows, Workspace, cholesky, clock_of, covariance
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def dilution(
     rows: FitRows, use: Bool, x: Float64, C_ne: Float64, work: Workspace, Q: Float64, dop: Float64
 ) -> bool:

@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.apart import apart
 from insgnss.gnss.dilution import along
 from insgnss.gnss.least_squares import (
     CLOCKS,
@@ -67,8 +66,7 @@ def redundancy_room(k: int) -> Redundancy:
     return Redundancy(np.zeros((k, k)), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3)))
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def redundancy(rows: FitRows, use: Bool, x: Float64, P: Float64, work: Workspace, room: Redundancy) -> None:
     """Write the redundancy of a fit, ``x`` its solution and ``P`` its covariance.
 
@@ -170,8 +168,7 @@ def _drop_lonely(rows: FitRows, offered: Bool, use: Bool, n_clocks: int) -> None
             use[k] = False
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def swaps_fit(
     rows: FitRows, offered: Bool, use: Bool, x: Float64, margin: float, near: float, fits: Fits
 ) -> bool:
@@ -193,8 +190,7 @@ def swaps_fit(
     return False
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64, fits: Fits) -> int:
     """Exclude the one or two rows without which the others agree; return EXCLUDED, NOT_IDENTIFIED or -1 for neither.
 
@@ -222,8 +218,7 @@ def few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64,
     return -1
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def many_excluded(
     rows: FitRows, use: Bool, freedom: int, start: Float64, x: Float64, P: Float64, fits: Fits
 ) -> int:
@@ -240,8 +235,7 @@ def many_excluded(
     return NOT_IDENTIFIED if rival else EXCLUDED
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def agree(
     rows: FitRows, use: Bool, start: Float64, x: Float64, P: Float64, fits: Fits
 ) -> tuple[int, float, int]:
@@ -282,8 +276,7 @@ def agree(
     return verdict, total if solved else math.inf, freedom
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def protection_levels(
     use: Bool, room: Redundancy, P: Float64, C_ne: Float64, limit: float, missed_sigmas: float
 ) -> tuple[float, float]:

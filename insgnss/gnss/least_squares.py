@@ -14,7 +14,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.apart import apart
 from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
 from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
@@ -194,8 +193,7 @@ def cholesky_solve(L: Float64, b: Float64) -> None:
         b[i] /= L[i, i]
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def fit(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> float:
     """Solve for ``x`` (in and out) by Gauss-Newton over the rows in use; return chi-square, NaN when there is none.
 

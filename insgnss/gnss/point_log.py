@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.apart import apart
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -126,8 +125,7 @@ def _variance(stated: float, sine: float, thermal: float, noise: tuple[float, fl
     return max(stated * stated, modelled) if stated > 0.0 else modelled
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def see_rows(
     rows: PointRows, settings: PointSettings, t_ns: int, x: Float64, k: int, room: _Room, u_n: Float64
 ) -> None:
@@ -153,8 +151,7 @@ def see_rows(
         room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, rows.thermal[i], settings.rate_noise))
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def fit_position(
     rows: PointRows,
     settings: PointSettings,
@@ -190,8 +187,7 @@ def fit_position(
     return verdict, total, freedom
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def write_rows(
     rows: PointRows,
     settings: PointSettings,

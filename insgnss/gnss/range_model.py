@@ -26,7 +26,7 @@ from insgnss.gnss.troposphere import (
     standard_atmosphere,
     zenith_delays,
 )
-from insgnss.jit import borrowing, inlined, kernel
+from insgnss.jit import kernel
 from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64
 
@@ -129,7 +129,7 @@ class AirModel(NamedTuple):
     weather: Weather
 
 
-@borrowing
+@kernel
 def place_air(
     air: Air,
     lat: float,
@@ -160,7 +160,7 @@ def place_air(
     mapping_coefficients(lat, h, air.mapping)
 
 
-@borrowing
+@kernel
 def slant_delay(
     air: Air, klobuchar: Float64, u_n: Float64, ionosphere_factor: float, ionosphere_m: float = math.nan
 ) -> float:
@@ -197,7 +197,7 @@ def slant_delay(
     return delay
 
 
-@borrowing
+@kernel
 def slant_changes(
     air: Air,
     earlier: Air,
@@ -237,7 +237,7 @@ def slant_changes(
     return ionosphere, grown, troposphere, troposphere - before
 
 
-@inlined
+@kernel(inline=True)
 def klobuchar_pair(
     air: Air, earlier: Air, klobuchar: Float64, u_n: Float64, u_n_earlier: Float64
 ) -> tuple[float, float]:

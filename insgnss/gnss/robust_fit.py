@@ -17,7 +17,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.apart import apart
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
 from insgnss.gnss.least_squares import (
     CLOCKS,
@@ -279,8 +278,7 @@ def _draw(m: int, members: Int64, state: int) -> int:
     return state
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, use: Bool) -> float:
     """Take in or drop the row that deserves it most until nothing changes; return chi-square, NaN when singular.
 
@@ -327,8 +325,7 @@ def _without_ties(rows: FitRows, n_clocks: int) -> FitRows:
     return FitRows(rows.kind, rows.sat, rows.measured, sigma, group, free_clocks(n_clocks), rows.r_e)
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def search(
     rows: FitRows, candidates: Bool, start: Float64, work: Workspace, x: Float64, P: Float64, use: Bool
 ) -> float:

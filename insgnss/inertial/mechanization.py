@@ -7,7 +7,7 @@ import math
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_vector_quaternion
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 # the series' fractions, so that they need no division
@@ -16,7 +16,7 @@ _6TH, _24TH, _30TH, _42ND, _56TH, _72ND, _120TH = (
 )
 
 
-@inlined
+@kernel(inline=True)
 def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, float]:
     """Return a = (1 - cos phi)/phi^2 and b = (phi - sin phi)/phi^3 of the rotation vector's length phi [rad].
 
@@ -32,7 +32,7 @@ def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, 
     return (1.0 - math.cos(p)) / p2, (p - math.sin(p)) / (p2 * p)
 
 
-@inlined
+@kernel(inline=True)
 def turn_attitude(q_eb: Float64, C_eb: Float64, w: Float64, dt: float) -> None:
     """Turn ``q_eb`` (4,) and ``C_eb`` (3, 3) over ``dt`` [s] by the body's rate ``w`` = w_ib_b [rad/s] and the Earth's.
 
@@ -60,7 +60,7 @@ def turn_attitude(q_eb: Float64, C_eb: Float64, w: Float64, dt: float) -> None:
     quaternion_to_matrix(q_eb, C_eb)
 
 
-@borrowing
+@kernel
 def mechanize(
     q_eb: Float64,
     C_eb: Float64,

@@ -8,14 +8,14 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int8
 
 _LARGEST_PHASE: Final = 1e15  # [chips]; a double then tells an eighth of a chip
 _BLOCK: Final = 64  # a rotation repeated as often has lost 1e-14; a sine and cosine cost 20 of them
 
 
-@inlined
+@kernel(inline=True)
 def has_places(chip_phase: float, chip_step: float, n: int, length: int) -> bool:
     """Return whether ``n`` samples' code phases [chips] are numbers that tell a chip of a code of some length.
 

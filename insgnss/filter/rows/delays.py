@@ -33,13 +33,13 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.observation_rows import Observation, Rows
 from insgnss.gnss.range_model import place_air, slant_changes
 from insgnss.gnss.troposphere import Weather
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 
 LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rounding of a delay
 _AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model [IS-GPS-200N, 20.3.3.5.2.5]
 
 
-@inlined
+@kernel(inline=True)
 def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> None:
     """Write the air of the epoch, and that of a little earlier, where the antenna came from.
 
@@ -58,7 +58,7 @@ def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> Non
     place_air(s.air[1], lat_0, lon_0, h_0, week_s - a.look_back, par.use_troposphere, weather)
 
 
-@inlined
+@kernel(inline=True)
 def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Line) -> None:
     """Write ionosphere on L1 and troposphere of a row, their growth, and the shell's mapping.
 
@@ -82,13 +82,13 @@ def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Li
         a.shell_grown = a.shell - shell_mapping(-earlier[2])
 
 
-@inlined
+@kernel(inline=True)
 def shell_mapping(sine: float) -> float:
     """Return slant over zenith delay of a thin shell 350 km high: 1 / sqrt(1 - (R / (R + h) cos E)^2)."""
     return 1.0 / math.sqrt(1.0 - _AT_SHELL * _AT_SHELL * (1.0 - sine * sine))
 
 
-@inlined
+@kernel(inline=True)
 def zenith_columns(
     m: StateRecord, par: Parameters, line: Line, kind: int, count: int, wet: float, shell: float
 ) -> tuple[float, int]:

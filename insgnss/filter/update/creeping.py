@@ -19,7 +19,6 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
@@ -35,7 +34,7 @@ from insgnss.filter.update.integrity import (
     solve,
 )
 from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Observations
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 
@@ -64,7 +63,7 @@ _LEAST_REDUNDANCY: Final = 0.1
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
 
 
-@apart
+@kernel(apart=True)
 def follow_satellites(
     m: StateRecord,
     memory: Float64,
@@ -99,7 +98,7 @@ def follow_satellites(
                     lines[j].status[kind] = DRIFTING
 
 
-@inlined
+@kernel(inline=True)
 def takes_part(line: Line, kind: int) -> bool:
     """Return whether a row tells of its satellite: not one of a clock that is not known yet, no range out of its gate.
 
@@ -110,7 +109,7 @@ def takes_part(line: Line, kind: int) -> bool:
     return bool(line.status[kind] == USED and line.predicted[kind] <= _TOO_WIDE * line.variance[kind])
 
 
-@inlined
+@kernel(inline=True)
 def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) -> None:
     """Carry one row's means on by what ``fit`` leaves of it."""
     value = line.innovation[kind] - explained_by(line, kind, fit)
@@ -133,7 +132,7 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
         mean[RATE] += (1.0 - math.exp(-since / _RATE_S)) * (value - mean[RATE])
 
 
-@inlined
+@kernel(inline=True)
 def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, float]:
     """Return by how much a row has crept and the variance of that; a variance of zero where nothing can be said."""
     if not takes_part(line, kind):
@@ -145,7 +144,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
     return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + RATE_FLOOR2
 
 
-@inlined
+@kernel(inline=True)
 def stands_out(
     memory: Float64,
     lines: Lines,
@@ -180,8 +179,7 @@ def stands_out(
     return beyond
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def find_creeping(
     memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float
 ) -> int:
@@ -221,7 +219,7 @@ def find_creeping(
     return new
 
 
-@inlined
+@kernel(inline=True)
 def write_means(
     T: Float64,
     memory: Float64,
