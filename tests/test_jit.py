@@ -235,7 +235,7 @@ def test_kernel_that_makes_an_array_unseen_is_refused() -> None:
         twice = 2.0 * x
         return float(twice[0])
 
-    with pytest.raises(numba.core.errors.TypingError):
+    with pytest.raises(numba.core.errors.NumbaError, match="NRT required"):
         jit.kernel(doubled)(np.ones(3))
 
 

@@ -81,7 +81,7 @@ class ManoeuvringThreshold(NamedTuple):
 def carry_along(
     drive: Drive,
     force_e: Float64,
-    C_eb: Float64,
+    sums_C: Float64,
     variance: float,
     couplings: Couplings,
     P: Float64,
@@ -92,7 +92,7 @@ def carry_along(
 
     Parameters
     ----------
-    force_e, C_eb : (n, 3) specific forces [m/s^2] and (n, 3, 3) attitudes of the steps
+    force_e, sums_C : (n, 3) specific forces [m/s^2] and (n, 3, 3) attitudes of the steps, times their length [s]
     variance : of one phase [rad^2]
     couplings : (0,) of ``COUPLING_DTYPE``
     P : (17, 17) in and out
@@ -105,7 +105,7 @@ def carry_along(
         step = transition_step(dt, f[0] * dt, f[1] * dt, f[2] * dt, drive.r_e)
         for i in range(P.shape[0]):
             P[i, i] += drive.noise[i]
-        carry_covariance(step, C_eb[k] * dt, couplings, drive.keep, P, scratch[0])
+        carry_covariance(step, sums_C[k], couplings, drive.keep, P, scratch[0])
         for i in range(P.shape[0]):
             P[i, i] += drive.noise[i]
         found[k, 0] = P[DV, DV] + P[DV + 1, DV + 1] + P[DV + 2, DV + 2]
@@ -189,7 +189,7 @@ class ManoeuvringReceiver:
         carry_along(
             self.drive,
             self.force_e,
-            self.C_eb,
+            self.C_eb * self.drive.step_s,
             0.5 * noise / self.drive.step_s,
             np.zeros(0, COUPLING_DTYPE),
             self.P0.copy(),

@@ -45,7 +45,7 @@ def covariance_along() -> list[np.ndarray]:
     force, C_eb = 30.0 * rng.standard_normal((20, 3)), np.linalg.qr(rng.standard_normal((20, 3, 3)))[0]
     P, scratch, found = 1e-2 * np.eye(17), (np.empty((17, 17)), np.zeros((3, 17))), np.empty((20, 6))
     couplings = np.zeros(0, COUPLING_DTYPE)
-    carry_along(drive, force, np.ascontiguousarray(C_eb), 1e-2, couplings, P, scratch, found)
+    carry_along(drive, force, np.ascontiguousarray(5e-3 * C_eb), 1e-2, couplings, P, scratch, found)
     return [P, found]
 
 
