@@ -2,7 +2,7 @@
 
 The compiler runs on one core and takes most of the time of a first run. So the command that finds the cache empty
 starts processes that go through one list of kernels (``insgnss.kernel_list``), each taking what no other has taken, and
-waits for them; the next command compiles nothing. Kernels that do not link each other (``insgnss.apart``) can be
+waits for them; the next command compiles nothing. Kernels that do not link each other (``numba_parts.Apart``) can be
 compiled in any order. A second command that starts meanwhile has processes and a list of its own.
 """
 

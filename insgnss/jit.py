@@ -1,4 +1,4 @@
-"""The Numba decorators and the cache policy.
+"""The decorator of the kernels and the cache policy.
 
 Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
 Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
@@ -13,32 +13,47 @@ With an empty cache the compiler takes most of the time of a first run: ``insgns
 from __future__ import annotations
 
 import atexit
+import dis
 import hashlib
-import importlib
 import os
-import pickle
 import re
 import shutil
 import stat
 import sys
 import tempfile
 import time
-import uuid
+import typing
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar, cast, overload
 
 import numba
 import numpy as np
-from numba.core.caching import IndexDataCacheFile
+
+from insgnss.numba_parts import Apart, compiled, is_trusted
 
 UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
 _S_PER_DAY: Final = 86_400.0
 _WITH_BOUNDS: Final = ("checks bounds",) if numba.config.BOUNDSCHECK else ()
-_SEAL_BYTES: Final = hashlib.sha256().digest_size
 _OTHERS_MAY_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
+# what makes an array of its own, of NumPy or as an array's method
+_ALLOCATES: Final = frozenset(
+    (
+        "arange",
+        "array",
+        "asarray",
+        "ascontiguousarray",
+        "copy",
+        "empty",
+        "empty_like",
+        "eye",
+        "full",
+        "ones",
+        "zeros",
+    )
+)
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 
@@ -74,7 +89,7 @@ def trusted_cache(root: Path) -> Path:
     with suppress(OSError):  # Numba compiles without a folder that cannot be made
         root.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = root.stat()
-        if not _is_trusted(status):
+        if not is_trusted(status):
             warnings.warn(
                 f"compiled code in {root} is not used: the folder belongs to another user, and loading it would run"
                 " that user's code. Kernels are compiled again in each session; INSGNSS_CACHE names another folder",
@@ -89,11 +104,6 @@ def trusted_cache(root: Path) -> Path:
         if status.st_mode & _OTHERS_MAY_WRITE and ours and not everybodys:
             root.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_MAY_WRITE)
     return root
-
-
-def _is_trusted(status: os.stat_result) -> bool:
-    """Return whether a file belongs to this user or to the administrator; Windows does not tell."""
-    return not hasattr(os, "geteuid") or status.st_uid in (0, os.geteuid())
 
 
 def tend_caches(folder: Path) -> None:
@@ -120,141 +130,79 @@ CACHE_DIR: Final = trusted_cache(cache_root()) / source_hash()
 tend_caches(CACHE_DIR)
 
 
-def _import_without_blas() -> None:
-    """Import the part of Numba that looks for SciPy's linear algebra while that cannot be found.
-
-    Numba would use it for products of matrices, of which the kernels have none; importing it costs every process that
-    calls a kernel 0.15 s and 35 MB.
-    """
-    blas = "scipy.linalg.cython_blas"
-    if blas in sys.modules:
-        return
-    sys.modules[blas] = cast(Any, None)
-    try:
-        importlib.import_module("numba.np.arraymath")
-    finally:
-        del sys.modules[blas]
+@overload
+def kernel(function: _F, /) -> _F: ...
 
 
-_import_without_blas()
-_PROCESS = uuid.uuid4().hex[:12]
+@overload
+def kernel(*, inline: bool = False, apart: bool = False) -> Callable[[_F], _F]: ...
 
 
-def _compiled(function: _F, folder: str = "", **options: Any) -> _F:
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(CACHE_DIR / folder)
-    try:
-        dispatcher = numba.njit(
-            cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
-        )(function)
-    finally:
-        numba.config.CACHE_DIR = previous
-    _seal_files(dispatcher)
-    return cast(_F, dispatcher)
-
-
-class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """A kernel's files in the cache, each with its hash at the end; what is damaged or not ours counts as not there."""
-
-    def save(self, key: Any, data: Any) -> None:
-        with suppress(OSError):  # a full disk: the code is compiled again next time
-            super().save(key, data)
-
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, (self._version, self._source_stamp, overloads))
-
-    def _load_index(self) -> dict[Any, str]:
-        found = _unsealed(self._index_path)
-        version, stamp, overloads = (None, None, {}) if found is None else pickle.loads(found)
-        fresh = (version, stamp) == (self._version, self._source_stamp)
-        return cast(dict[Any, str], overloads) if fresh else {}
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), data)
-
-    def _load_data(self, name: str) -> Any:
-        found = _unsealed(self._data_path(name))
-        if found is None:
-            raise FileNotFoundError(name)  # upon which Numba compiles
-        return pickle.loads(found)
-
-    def _write(self, path: str, data: Any) -> None:
-        content = self._dump(data)
-        with self._open_for_write(path) as file:
-            file.write(content + hashlib.sha256(content).digest())
-
-
-def _unsealed(path: str) -> bytes | None:
-    """Return what a file of the cache holds before its hash; None where it is absent, damaged or another user's."""
-    try:
-        with open(path, "rb") as file:
-            sealed = file.read() if _is_trusted(os.fstat(file.fileno())) else b""
-    except OSError:
-        return None
-    content = sealed[:-_SEAL_BYTES]
-    return content if content and hashlib.sha256(content).digest() == sealed[-_SEAL_BYTES:] else None
-
-
-def _seal_files(dispatcher: Any) -> None:
-    """Seal the files of machine code that this process writes, and give them names of their own.
-
-    Numba numbers the files of a kernel's signatures. Two processes that compile two signatures of one kernel at the
-    same moment would take the same number, and one would later load the other's code. With names of their own the
-    worst is that one of the two is compiled again.
-    """
-    file: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    pattern = getattr(file, "_data_name_pattern", None)
-    if isinstance(file, IndexDataCacheFile):
-        file.__class__ = _SealedFile
-    if isinstance(pattern, str):
-        file._data_name_pattern = pattern.replace("{number:d}", _PROCESS + "-{number:d}")
-
-
-def kernel(function: _F) -> _F:
-    """Compile ``function`` with Numba on its first call and keep the machine code for the next process.
+def kernel(function: _F | None = None, /, *, inline: bool = False, apart: bool = False) -> Any:
+    """Compile a function with Numba on its first call and keep the machine code for the next process.
 
     No fast mathematics: the same input must give the same bits. ``error_model="numpy"`` lets a division by zero give
-    inf, which the gates refuse, instead of a branch at every division. Python's lock is left free meanwhile.
-    """
-    return _compiled(function, _nrt=True)  # said, as it would be taken over from a borrowing caller
+    inf, which the gates refuse, instead of a branch at every division. Python's lock is left free meanwhile. A kernel
+    that makes no array and returns none borrows those it is handed: no references are counted.
 
-
-def borrowing(function: _F) -> _F:
-    """Compile a kernel that only borrows its arrays: it allocates none and returns none, so no references are counted.
-
-    The count costs the loop over a log a sixth of its time and of its compilation: a work space handed over is dozens
-    of arrays. Numba refuses to compile a kernel that allocates all the same; one that returns an array is refused here.
+    Parameters
+    ----------
+    inline : weave it into its callers; for a short kernel of one or two. A kernel of its own costs a fifth of a second
+        to compile, because each becomes a module that every caller links and optimises again; woven in, a short one
+        costs nothing of that and runs a little faster. The time to find the types grows with the square of what is
+        woven together. Called from Python it is an ordinary kernel
+    apart : let its callers reach it by its address (``numba_parts.Apart``); for a kernel of some length that is called
+        seldom: a call costs a few nanoseconds. What it returns must be annotated with numbers or tuples of numbers
 
     Raises
     ------
-    TypeError : the function's return annotation is not made of numbers
+    TypeError : a kernel apart does not stand at the top of a module
     """
-    _check_returned(function)
-    return _compiled(function, _nrt=False)
+    if function is None:
+        return lambda decorated: _compiled(decorated, inline=inline, apart=apart)
+    return _compiled(function, inline=inline, apart=apart)
 
 
-def without_door(function: _F) -> _F:
-    """Compile a borrowing kernel that only kernels call.
+def _compiled(function: _F, *, inline: bool, apart: bool) -> _F:
+    if inline:
+        return cast(_F, compiled(function, CACHE_DIR, inline="always"))
+    if apart and "<locals>" in function.__qualname__:
+        raise TypeError(f"{function.__qualname__}: a kernel apart is found by its name in its module")
+    # said, as it would be taken over from a caller
+    made = compiled(function, CACHE_DIR, _nrt=not _borrows(function))
+    return cast(_F, Apart(made) if apart and not numba.config.DISABLE_JIT else made)
 
-    What takes a call of Python's apart is up to a third of the machine code of a kernel that is handed a work space.
-    It has a folder of its own in the cache, as the same function may have been compiled with it.
+
+def _borrows(function: Callable[..., Any]) -> bool:
+    """Return whether a function, and what it calls, hands it no array that it would have to give back.
+
+    The count of references costs the loop over a log a tenth of its time. A kernel that allocates unseen, by the
+    arithmetic of whole arrays, is refused: "NRT required". It is written as a loop.
     """
-    _check_returned(function)
-    return _compiled(function, folder="inner", _nrt=False, no_cpython_wrapper=True)
+    names = function.__globals__
+    for step in dis.get_instructions(function):
+        if step.opname in ("LOAD_ATTR", "LOAD_METHOD") and step.argval in _ALLOCATES:
+            return False
+        called: Any = names.get(step.argval) if step.opname == "LOAD_GLOBAL" else None
+        if hasattr(called, "py_func"):
+            woven = called.targetoptions.get("inline") == "always"
+            if not (_borrows(called.py_func) if woven else _returns_numbers(called.py_func)):
+                return False
+    return _returns_numbers(function)
 
 
-def _check_returned(function: Callable[..., Any]) -> None:
-    returned = str(function.__annotations__.get("return"))
-    if re.search(r"Float|Int\d|NDArray|Array|Table|Record|Bank", returned):
-        raise TypeError(f"{function.__qualname__} returns {returned}: a kernel that borrows returns numbers")
+def _returns_numbers(function: Callable[..., Any]) -> bool:
+    stated = function.__annotations__.get("return", Any)
+    try:
+        return _is_number(eval(stated, function.__globals__) if isinstance(stated, str) else stated)
+    except NameError:
+        return False
 
 
-def inlined(function: _F) -> _F:
-    """Compile a kernel that has one or two callers, woven into them.
-
-    A kernel of its own costs a fifth of a second to compile, because each becomes a module that every caller links and
-    optimises again; woven in, a short one costs nothing of that and runs a little faster. A long one belongs in a
-    kernel of its own: the time to find the types grows with the square of what is woven together. Called from Python it
-    is an ordinary kernel.
-    """
-    return _compiled(function, inline="always")
+def _is_number(kind: Any) -> bool:
+    """Return whether an annotation says a number, nothing, or a tuple of them."""
+    if kind in (bool, float, int, None, type(None)):
+        return True
+    if hasattr(kind, "_fields"):
+        return all(map(_is_number, typing.get_type_hints(kind).values()))
+    return typing.get_origin(kind) is tuple and all(map(_is_number, typing.get_args(kind)))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@inlined
+@kernel(inline=True)
 def median_of(values: Float64, n: int) -> float:
     """Return the median of the first ``n`` values, which are sorted in place."""
     for i in range(1, n):

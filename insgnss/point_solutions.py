@@ -27,14 +27,13 @@ from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import corrected_rows
 from insgnss.datum import annotate_all
 from insgnss.errors import ConfigError, ResultError
-from insgnss.filter.parameters import Parameters
 from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.fix import point_rows, point_settings
 from insgnss.first_run import compiled
-from insgnss.gnss.least_squares import Ties
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.plausible_messages import refused_messages
 from insgnss.gnss.point_log import solve_epochs
-from insgnss.gnss.point_rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
+from insgnss.gnss.point_rows import PointLog, PointRows, at_time_tags, new_point_log
 from insgnss.library import filter_config
 from insgnss.log.files import sha256
 from insgnss.log.flight import Flight, FlightLogs
@@ -216,10 +215,11 @@ def solve_rows(
     false_alarm, missed_detection : as in ``point``
     """
     par = setup.parameters()[0]
-    prepared = _point_rows(rows, par)
+    prepared = point_rows(rows, par, 0, len(rows.epoch_ns))
     limits = chi_square_limits(int(np.diff(rows.first).max(initial=0)) + 1, false_alarm)
     out = new_point_log(prepared, len(setup.clock_groups))
-    solve_epochs(prepared, _settings(par, setup.ties, missed_detection), limits, out)
+    missed_sigmas = NormalDist().inv_cdf(1.0 - missed_detection)
+    solve_epochs(prepared, point_settings(par, setup.ties, MAX_GDOP, missed_sigmas), limits, out)
     return prepared, limits, at_time_tags(out)
 
 
@@ -250,45 +250,6 @@ def read_logs(flight: Flight) -> FlightLogs:
     hashes = {str(path): sha256(path) for path in flight.files() if path not in flight.inertial_files()}
     return FlightLogs(
         imu, logs.gnss, logs.navigation, reference, events, hashes, logs.products, logs.antennas, logs.base
-    )
-
-
-def _point_rows(rows: Rows, par: Parameters) -> PointRows:
-    """Return the filter's rows as the point solution takes them."""
-    row = rows.observation
-    return PointRows(
-        epoch_ns=rows.epoch_ns,
-        first=rows.first,
-        sat=rows.sat,
-        value=np.ascontiguousarray(row["value"][:, :2]),
-        sigma=np.ascontiguousarray(row["sigma"][:, :2]),
-        status=np.ascontiguousarray(row["status"][:, :2]),
-        group=row["group"].astype(np.int64),
-        cn0=np.ascontiguousarray(row["cn0"]),
-        thermal=np.ascontiguousarray(row["thermal"]),
-        variance_scale=np.ascontiguousarray(row["variance_scale"]),
-        ionosphere_factor=row["ionosphere_factor"] * par["use_ionosphere"],
-        ionosphere_m=np.ascontiguousarray(row["ionosphere_m"]),
-        klobuchar=rows.klobuchar,
-    )
-
-
-def _settings(par: Parameters, ties: Ties, missed_detection: float) -> PointSettings:
-    """Return masks and noise of the filter's parameters."""
-
-    def noise(kind: int) -> tuple[float, float, float, float]:
-        of = par.kind[kind]
-        return float(of.floor2), float(of.elevation2), float(of.cn02), float(of.missing_thermal)
-
-    return PointSettings(
-        sine_mask=float(par["sine_mask"]),
-        cn0_mask=float(par["cn0_mask"]),
-        troposphere_factor=float(par["use_troposphere"]),
-        range_noise=noise(PSEUDORANGE),
-        rate_noise=noise(RANGE_RATE),
-        max_gdop=MAX_GDOP,
-        missed_sigmas=NormalDist().inv_cdf(1.0 - missed_detection),
-        ties=ties,
     )
 
 

@@ -9,6 +9,7 @@ import pandas as pd
 import pymap3d
 
 from insgnss.gnss import integrity
+from insgnss.gnss.least_squares import CLOCKS
 from insgnss.gnss.observation_rows import ABSENT
 from insgnss.gnss.point_rows import PointLog, PointRows
 from insgnss.gpstime import ns_to_week_seconds
@@ -43,7 +44,7 @@ def point_table(
     columns |= _covariances(C_ne @ out.P_v[:, :3, :3] @ C_ne.transpose(0, 2, 1), "v{}_mps", "cov_v{}_m2ps2")
     for i, group in enumerate(clock_groups):
         columns[f"clock_{group}_m"] = out.clock_m[:, i]
-        columns[f"sd_clock_{group}_m"] = np.sqrt(out.P[:, 3 + i, 3 + i])
+        columns[f"sd_clock_{group}_m"] = np.sqrt(out.P[:, CLOCKS + i, CLOCKS + i])
     columns |= {"clock_drift_mps": out.drift_mps, "sd_clock_drift_mps": np.sqrt(out.P_v[:, 3, 3])}
     columns |= {name: out.dop[:, i] for i, name in enumerate(_DOPS)}
     columns |= {"hpl_m": out.level_m[:, 0], "vpl_m": out.level_m[:, 1]}

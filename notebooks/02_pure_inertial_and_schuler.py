@@ -68,14 +68,14 @@ def stand(
     With ``hold_height`` the vertical channel is held by force, as a barometer would.
     """
     C_eb = np.ascontiguousarray(C_ne.T @ Rotation.from_rotvec(psi_n).as_matrix())
-    q_eb, r_e, v_e, dv_e, scratch = np.zeros(4), r0_e.copy(), C_ne.T @ dv_n, np.zeros(3), np.zeros(3)
+    q_eb, r_e, v_e, scratch = np.zeros(4), r0_e.copy(), C_ne.T @ dv_n, np.zeros(3)
     matrix_to_quaternion(C_eb, q_eb)
     w, f = w_ie_n + gyro_bias, f_n.copy()
     up_e = -C_ne[2]
     kept = []
     count = round(hours * 3600.0 / STEP_S)
     for k in range(1, count + 1):
-        mechanize(q_eb, C_eb, r_e, v_e, w, f, STEP_S, dv_e, scratch)
+        mechanize(q_eb, C_eb, r_e, v_e, w, f, STEP_S, scratch)
         if hold_height:
             r_e -= up_e * (up_e @ (r_e - r0_e))
             v_e -= up_e * (up_e @ v_e)

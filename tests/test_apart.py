@@ -11,8 +11,8 @@ import numba
 import numpy as np
 import pytest
 
-from insgnss.apart import Apart, apart
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
+from insgnss.numba_parts import Apart
 from insgnss.tables import Float64
 from tests.test_jit import PACKAGE, python
 
@@ -33,7 +33,7 @@ class Ends(NamedTuple):
     last: float
 
 
-@apart
+@kernel(apart=True)
 def summary(x: Float64, scale: float) -> Summary:
     """Return how many numbers there are and their scaled sum."""
     total = 0.0
@@ -44,38 +44,37 @@ def summary(x: Float64, scale: float) -> Summary:
     return Summary(x.shape[0], total)
 
 
-@apart
+@kernel(apart=True)
 def ends(x: Float64) -> Ends:
     """Return the first number and the last."""
     return Ends(x[0], x[x.shape[0] - 1])
 
 
-@apart
+@kernel(apart=True)
 def limits(x: Float64, strict: bool) -> tuple[float, bool]:
     """Return the first number, and what was asked."""
     return x[0], strict
 
 
-@apart
+@kernel(apart=True)
 def clear(x: Float64) -> None:
     """Set the first number to zero."""
     x[0] = 0.0
 
 
-@apart
-@borrowing
+@kernel(apart=True)
 def doubled(x: float) -> float:
     """Return twice the number."""
     return 2.0 * x
 
 
-@apart
+@kernel(apart=True)
 def wrongly_annotated(x: float) -> int:
     """Return something else than it says."""
     return x  # type: ignore[return-value]
 
 
-@borrowing
+@kernel
 def of_all(x: Float64, clears: bool) -> float:
     """Call all of them."""
     found = summary(x, 2)
@@ -86,49 +85,49 @@ def of_all(x: Float64, clears: bool) -> float:
     return found.n + found.total + of_ends.first - of_ends.last + first + strict + doubled(x[1])
 
 
-@borrowing
+@kernel
 def of_wrong(x: float) -> float:
     """Call the one that returns what it does not say."""
     return float(wrongly_annotated(x))
 
 
-@apart
+@kernel(apart=True)
 def seldom(x: float) -> float:
     """Return twice the number."""
     return 2.0 * x
 
 
-@apart
+@kernel(apart=True)
 def never(x: float) -> float:
     """Return twice the number."""
     return 2.0 * x
 
 
-@apart
+@kernel(apart=True)
 def late(x: float) -> float:
     """Return twice the number."""
     return 2.0 * x
 
 
-@borrowing
+@kernel
 def of_interrupted(x: float) -> float:
     """Call one whose compilation is interrupted at first."""
     return late(x)
 
 
-@borrowing
+@kernel
 def of_halted(x: float) -> float:
     """Call one whose compilation is halted at first."""
     return late(x)
 
 
-@borrowing
+@kernel
 def of_large(x: float) -> float:
     """Call one for large numbers."""
     return seldom(x) if x > 10.0 else x
 
 
-@borrowing
+@kernel
 def of_never(x: float) -> float:
     """Call one, if it is called."""
     return never(x)
@@ -179,7 +178,7 @@ def test_kernel_inside_a_function_is_refused() -> None:
         return x
 
     with pytest.raises(TypeError, match="found by its name"):
-        apart(local)
+        kernel(apart=True)(local)
 
 
 @compiled
@@ -200,7 +199,7 @@ def test_kernel_that_returns_something_else_than_it_says_is_told(capsys: pytest.
 def test_interrupted_compilation_is_an_interrupt_and_can_be_done_later(
     monkeypatch: pytest.MonkeyPatch, halt: type[BaseException], caller: Callable[[float], float]
 ) -> None:
-    def interrupted(kernel: Apart, argument_types: object) -> int:
+    def interrupted(one: Apart, argument_types: object) -> int:
         raise halt
 
     with monkeypatch.context() as patched:
@@ -213,7 +212,7 @@ def test_interrupted_compilation_is_an_interrupt_and_can_be_done_later(
 
 @compiled
 def test_arguments_by_name_are_refused() -> None:
-    @borrowing
+    @kernel
     def caller(x: float) -> float:
         return doubled(x=x)
 
@@ -226,15 +225,15 @@ def test_kernel_is_pickled_by_its_name() -> None:
 
 
 CALLEE = """
-from insgnss.apart import apart
-@apart
+from insgnss.jit import kernel
+@kernel(apart=True)
 def term(x: float) -> float:
     return 2.0 * x
 """
 CALLER = """
 from insgnss.callee import term
-from insgnss.jit import borrowing
-@borrowing
+from insgnss.jit import kernel
+@kernel
 def sum_of_terms(x: float) -> float:
     return term(x) + term(x + 1.0)
 """
@@ -251,7 +250,7 @@ def test_caller_from_the_cache_finds_the_kernel_there(tmp_path: Path) -> None:
     package.mkdir()
     for name, text in {"__init__": "", "callee": CALLEE, "caller": CALLER}.items():
         (package / f"{name}.py").write_text(text, encoding="utf-8")
-    for name in ("jit.py", "apart.py"):
+    for name in ("jit.py", "numba_parts.py"):
         (package / name).write_text((PACKAGE / name).read_text(encoding="utf-8"), encoding="utf-8")
 
     cache = {"INSGNSS_CACHE": str(tmp_path / "cache")}

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the comp
 LOADED = """
 import gc, sys
 from numba.core.registry import CPUDispatcher
-from insgnss.apart import Apart
+from insgnss.numba_parts import Apart
 from insgnss.doctor import examine
 from insgnss.log.flight import Flight
 from insgnss.log_replay import replay

@@ -27,6 +27,7 @@ HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scip
 }
 MAX_FILE_LINES = 400
 MAX_BODY_LINES = 60
+MAX_KERNEL_ARGUMENTS = 8
 # absolute paths of somebody's machine, unfinished work
 ABSOLUTE_PATH = re.compile(r"(?<![\w.~$}/:-])(/(home|root|Users|work|mnt|media)/\w|[A-Z]:\\\\?Users)")
 UNFINISHED = re.compile(r"\b(TO" r"DO|FIX" r"ME|XX" r"X)\b")
@@ -154,15 +155,23 @@ def test_every_test_function_asserts_something() -> None:
     assert silent == []
 
 
-def test_numba_is_used_through_the_two_modules_that_compile() -> None:
-    compiled = re.compile(
-        r"^from numba|\bnumba\.(n?jit|vectorize|guvectorize|cfunc|experimental)|^@n?jit", re.MULTILINE
+def test_one_module_knows_numba_s_inner_parts_and_one_decorator_compiles() -> None:
+    inner = re.compile(
+        r"^from (numba|llvmlite)|\bnumba\.(core|n?jit|vectorize|guvectorize|cfunc|experimental)|^@n?jit",
+        re.MULTILINE,
     )
     users = {
-        str(path.relative_to(ROOT)) for path in SOURCES if compiled.search(path.read_text(encoding="utf-8"))
+        str(path.relative_to(ROOT)) for path in SOURCES if inner.search(path.read_text(encoding="utf-8"))
+    }
+    decorators = {
+        ast.unparse(decorator)
+        for _, node, _ in functions()
+        for decorator in node.decorator_list
+        if has_decorator(node, "kernel")
     }
 
-    assert users == {"insgnss/apart.py", "insgnss/jit.py"}
+    assert users == {"insgnss/numba_parts.py"}
+    assert decorators == {"kernel", "kernel(inline=True)", "kernel(apart=True)"}
 
 
 def test_no_name_of_a_package_hides_its_module() -> None:
@@ -273,20 +282,43 @@ def test_every_imported_library_is_declared() -> None:
 
 
 def test_no_number_stands_for_a_state() -> None:
-    """Where a state stands is a name of ``inertial/error_state.py`` or of the layout: P[PSI, PSI], never P[6, 6]."""
+    """Where a state stands is a name of ``inertial/error_state.py`` or of the layout: P[PSI, PSI], never P[6, 6].
+
+    Nor a sum with a number, P[3 + k, 3 + k]: of a point solution's unknowns the clocks begin at CLOCKS.
+    """
     matrices = {"P", "A", "B", "prior", "correction", "h"}
     found = []
     for path in SOURCES:
-        if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "filter", "aiding"):
+        if path.relative_to(ROOT / "insgnss").parts[0] not in ("inertial", "filter", "aiding", "gnss"):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Subscript) and matrix_name(node.value) in matrices:
                 parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-                numbers = [part.value for part in parts if isinstance(part, ast.Constant)]
+                places = [part.lower if isinstance(part, ast.Slice) else part for part in parts]
+                first = [part.left if isinstance(part, ast.BinOp) else part for part in places]
+                numbers = [part.value for part in first if isinstance(part, ast.Constant)]
                 if any(isinstance(number, int) and number > 2 for number in numbers):
                     found.append(f"{path.name}:{node.lineno}")
 
     assert found == []
+
+
+def test_no_kernel_has_more_than_eight_arguments() -> None:
+    kernels = [
+        (place, len([*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]))
+        for place, node, _ in functions()
+        if has_decorator(node, "kernel")
+    ]
+
+    assert len(kernels) > 300
+    assert [f"{place}: {count} arguments" for place, count in kernels if count > MAX_KERNEL_ARGUMENTS] == []
+
+
+def test_every_record_says_its_fields() -> None:
+    """A record that is ``Any`` hides a field that is not there: a class of ``insgnss.records`` says what there is."""
+    hidden = re.compile(r"^\w+: TypeAlias = Any\b", re.MULTILINE)
+
+    assert [p.name for p in SOURCES if hidden.search(p.read_text(encoding="utf-8"))] == []
 
 
 def matrix_name(node: ast.expr) -> str | None:

@@ -123,7 +123,8 @@ def test_caller_is_compiled_anew_when_its_callee_in_another_file_changes(tmp_pat
     package = tmp_path / "insgnss"
     package.mkdir()
     (package / "__init__.py").write_text("", encoding="utf-8")
-    shutil.copy(PACKAGE / "jit.py", package)
+    for name in ("jit.py", "numba_parts.py"):
+        shutil.copy(PACKAGE / name, package)
     (package / "caller.py").write_text(
         "from insgnss.callee import term\nfrom insgnss.jit import kernel\n\n"
         "@kernel\ndef total(x):\n    return 100.0 + term(x)\n",
@@ -182,30 +183,60 @@ def tiny_package(tmp_path: Path) -> Path:
     package = tmp_path / "insgnss"
     package.mkdir()
     (package / "__init__.py").write_text("", encoding="utf-8")
-    shutil.copy(PACKAGE / "jit.py", package)
+    for name in ("jit.py", "numba_parts.py"):
+        shutil.copy(PACKAGE / name, package)
     kernel = "from insgnss.jit import kernel\n\n@kernel\ndef term(x):\n    return 2.0 * x\n"
     (package / "callee.py").write_text(kernel, encoding="utf-8")
     return tmp_path
 
 
-def test_borrowing_kernel_may_not_return_an_array() -> None:
-    def first_row(x: Float64) -> Float64:
-        row: Float64 = x[0]
-        return row
+@jit.kernel
+def _row(x: Float64) -> Float64:
+    first: Float64 = x[0]
+    return first
 
-    with pytest.raises(TypeError, match="returns numbers"):
-        jit.borrowing(first_row)
+
+@jit.kernel
+def _sum_of_row(x: Float64) -> float:
+    return float(_row(x)[0])
+
+
+@jit.kernel
+def _sum_of_copy(x: Float64) -> float:
+    return float(x.copy()[0, 0])
+
+
+@jit.kernel(inline=True)
+def _woven(x: Float64) -> float:
+    return _sum_of_row(x) + float(_row(x)[0])
+
+
+@jit.kernel
+def _sum_of_woven(x: Float64) -> float:
+    return _woven(x)
+
+
+@jit.kernel
+def _first(x: Float64) -> float:
+    return float(x[0, 0])
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the compiler is switched off")
-def test_borrowing_kernel_may_not_allocate() -> None:
+def test_kernel_borrows_its_arrays_unless_it_makes_or_is_handed_one() -> None:
+    counts = [k.targetoptions["_nrt"] for k in (_row, _sum_of_row, _sum_of_copy, _sum_of_woven)]  # type: ignore[attr-defined]
+
+    assert counts == [True] * 4
+    assert not _first.targetoptions["_nrt"]  # type: ignore[attr-defined]
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the compiler is switched off")
+def test_kernel_that_makes_an_array_unseen_is_refused() -> None:
     def doubled(x: Float64) -> float:
-        twice = np.empty(x.size)
-        twice[:] = 2.0 * x
+        twice = 2.0 * x
         return float(twice[0])
 
-    with pytest.raises(numba.core.errors.TypingError):
-        jit.borrowing(doubled)(np.ones(3))
+    with pytest.raises(numba.core.errors.NumbaError, match="NRT required"):
+        jit.kernel(doubled)(np.ones(3))
 
 
 # ------------------------------------------------------------------------------------------- damage and other users
@@ -247,7 +278,7 @@ def test_cache_of_another_user_is_told_and_replaced_by_a_folder_of_our_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("INSGNSS_CACHE", str(tmp_path))
-    monkeypatch.setattr(jit, "_is_trusted", lambda status: False)
+    monkeypatch.setattr(jit, "is_trusted", lambda status: False)
     with pytest.warns(UserWarning, match="belongs to another user"):
         private = jit.trusted_cache(tmp_path)
 

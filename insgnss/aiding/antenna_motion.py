@@ -19,13 +19,13 @@ of the slope; the slope is that of (D + dt) / 2 ago. At 200 Hz and 0.06 m/s/sqrt
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from insgnss.aiding.satellite_arcs import PIECE_NS, Arcs
 from insgnss.aiding.trace import Samples, Trace
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 _WIDEST_STEP_NS: Final = 100_000_000  # samples farther apart are a gap: no slope across it
@@ -39,7 +39,7 @@ ARM: Final = 8  # and three more
 _SPARE: Final = 12  # and five more; 18 and 19 hold a line of sight
 
 
-@inlined
+@kernel(inline=True)
 def instant_rates(imu: Samples, k: int, slope_samples: int, work: Float64) -> tuple[float, float]:
     """Write angular rate, specific force and their slopes at the end of sample ``k``, biases still in; return a, 1/D.
 
@@ -70,7 +70,7 @@ def instant_rates(imu: Samples, k: int, slope_samples: int, work: Float64) -> tu
     return half * per_d, per_d
 
 
-@inlined
+@kernel(inline=True)
 def cross(x: Float64, y: Float64, out: Float64) -> None:
     """Write x cross y."""
     out[0] = x[1] * y[2] - x[2] * y[1]
@@ -78,7 +78,7 @@ def cross(x: Float64, y: Float64, out: Float64) -> None:
     out[2] = x[0] * y[1] - x[1] * y[0]
 
 
-@inlined
+@kernel(inline=True)
 def cross_rows(work: Float64, x: int, y: int, out: int) -> None:
     """Write the cross product of two rows into a third: without cutting rows out, which costs more than the product."""
     a, b, c = work[x, 0], work[x, 1], work[x, 2]
@@ -86,7 +86,7 @@ def cross_rows(work: Float64, x: int, y: int, out: int) -> None:
     work[out, 0], work[out, 1], work[out, 2] = b * f - c * e, c * d - a * f, a * e - b * d
 
 
-@inlined
+@kernel(inline=True)
 def lever_motion(lever_b: Float64, work: Float64) -> None:
     """Write what force and lever arm give in body axes into rows ARM to ARM + 3.
 
@@ -108,7 +108,7 @@ def lever_motion(lever_b: Float64, work: Float64) -> None:
         work[ARM + 3, i] = moved + work[_SPARE + 4, i]
 
 
-@inlined
+@kernel(inline=True)
 def antenna_motion(trace: Trace, i: int, g: Float64, work: Float64) -> None:
     """Write position and its three inertial derivatives of the phase centre, in ECEF axes of the instant.
 
@@ -141,7 +141,7 @@ def antenna_motion(trace: Trace, i: int, g: Float64, work: Float64) -> None:
     work[3, 2] -= pull * (vz - along * z)
 
 
-@inlined
+@kernel(inline=True)
 def turn_about_axis(vectors: Float64, first: int, last: int, angle: float) -> None:
     """Turn rows of vectors (n, 3) about the Earth's axis by ``angle`` [rad], below 0.01 as within a piece, in place."""
     square = angle * angle
@@ -153,16 +153,17 @@ def turn_about_axis(vectors: Float64, first: int, last: int, angle: float) -> No
         vectors[row, 0], vectors[row, 1] = cosine * x - sine * y, sine * x + cosine * y
 
 
+class Vehicle(NamedTuple):
+    """What the antenna's motion follows from."""
+
+    trace: Trace
+    imu: Samples
+    lever_b: Float64  # (3,) IMU to phase centre [m]
+    slope_samples: int  # n of the module's text
+
+
 @kernel
-def place_motion(
-    trace: Trace,
-    imu: Samples,
-    i: int,
-    lever_b: Float64,
-    slope_samples: int,
-    arcs: Arcs,
-    work: Float64,
-) -> tuple[int, float, float, float]:
+def place_motion(vehicle: Vehicle, i: int, arcs: Arcs, work: Float64) -> tuple[int, float, float, float]:
     """Write the antenna's motion at trace row ``i``, in the piece's axes.
 
     Returns the piece, the time in it [s], and the slopes' weights a and 1/D of the last and the first sample.
@@ -171,11 +172,12 @@ def place_motion(
     ----------
     work : (20, 3) output and scratch: the rows are named at the module's top
     """
-    a, per_d = instant_rates(imu, trace.sample[i], slope_samples, work)
+    trace = vehicle.trace
+    a, per_d = instant_rates(vehicle.imu, trace.sample[i], vehicle.slope_samples, work)
     for axis in range(3):
         work[RATE, axis] -= trace.b_g[i, axis]
         work[FORCE, axis] -= trace.b_a[i, axis]
-    lever_motion(lever_b, work)
+    lever_motion(vehicle.lever_b, work)
     antenna_motion(trace, i, work[_SPARE], work)
     since_ns = trace.t_ns[i] - arcs.start_ns
     piece = since_ns // PIECE_NS

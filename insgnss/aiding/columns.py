@@ -16,6 +16,7 @@ from insgnss.aiding.uncertainty import (
     SD_JERK,
     SD_RANGE,
     SD_RATE,
+    Doubts,
 )
 from insgnss.constants import C_MPS
 from insgnss.jit import kernel
@@ -41,6 +42,14 @@ class Columns(NamedTuple):
     sd_code_delay_rate_s_per_s: Float32
 
 
+class Times(NamedTuple):
+    """When the values of n times are used, and what they start from."""
+
+    used_s: Float64  # (n,) [s of the week]
+    since_s: Float64  # (n,) from the time of the span's sigma [s]
+    receiver_drift: Float64  # (n,) [m/s], zero where the receiver's clock is out
+
+
 def new_columns(n: int) -> Columns:
     """Return columns of ``n`` entries, to be filled."""
     doubles: list[Float64] = [np.empty(n) for _ in range(5)]
@@ -54,13 +63,9 @@ def fill_columns(
     spans: Spans,
     values: Values,
     sigma: npt.NDArray[np.float32],
-    used_s: Float64,
-    receiver_drift: Float64,
+    times: Times,
     per_cycle: Float64,
-    lag: float,
-    since_s: Float64,
-    rate_density: float,
-    drift_density: float,
+    doubts: Doubts,
     out: Columns,
 ) -> None:
     """Write all columns, at the time of use.
@@ -73,25 +78,25 @@ def fill_columns(
     ----------
     spans, values : as ``observables.fill_values`` leaves them
     sigma : (q, N_SIGMA) of each span's satellites
-    used_s : (n,) times of use [s of the week]
-    receiver_drift : (n,) [m/s], zero where the receiver's clock is out
     per_cycle : (s,) 1 / wavelength of each satellite [1/m]
-    lag : latency [s]
-    since_s : (n,) from the time of the span's sigma to each time [s]
-    rate_density, drift_density : q_a of a range rate, and q_drift of the receiver's clock [m^2/s^3]
     """
+    lag, rate_density = doubts.latency_s, doubts.accel_density
+    drift_density = doubts.receiver_clock * doubts.drift_density
     row = 0
     for span in range(len(spans.first_time) - 1):
         first, end = spans.first_satellite[span], spans.first_satellite[span + 1]
         for i in range(spans.first_time[span], spans.first_time[span + 1]):
-            of_rate, of_doppler = rate_density * since_s[i], (rate_density + drift_density) * since_s[i]
+            of_rate, of_doppler = (
+                rate_density * times.since_s[i],
+                (rate_density + drift_density) * times.since_s[i],
+            )
             for j in range(first, end):
                 satellite = spans.satellite[j]
-                cycles, drift = per_cycle[satellite], receiver_drift[i] - spans.drift_mps[j]
+                cycles, drift = per_cycle[satellite], times.receiver_drift[i] - spans.drift_mps[j]
                 now, acceleration = values.range_rate[row], values.acceleration[row]
                 rate = now + lag * acceleration
                 code = rate + drift
-                out.time_s[row], out.sv[row] = used_s[i], satellite
+                out.time_s[row], out.sv[row] = times.used_s[i], satellite
                 out.range_rate_mps[row] = rate
                 out.doppler_hz[row] = -code * cycles
                 out.doppler_rate_hz_per_s[row] = -acceleration * cycles

@@ -5,8 +5,6 @@ Held over a span: the troposphere of a satellite at 5 deg changes by up to 0.03 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from insgnss.aiding.antenna_motion import turn_about_axis
@@ -16,20 +14,9 @@ from insgnss.aiding.trace import Trace
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.range_model import AIR_DTYPE, place_air, slant_delay
+from insgnss.gnss.range_model import AIR_DTYPE, AirModel, place_air, slant_delay
 from insgnss.jit import kernel
 from insgnss.tables import Float64
-
-
-class AirModel(NamedTuple):
-    """Which corrections there are and what they start from (``filter.parameters`` has the same numbers)."""
-
-    klobuchar: Float64  # (8,), zeros without
-    ionosphere: Float64  # (s,) (f_L1 / f)^2 of each satellite's carrier, zero for none
-    troposphere: float  # 1.0 or 0.0
-    pressure_0: float  # air at sea level [hPa]
-    temperature_0: float  # [K]
-    humidity: float
 
 
 @kernel
@@ -47,10 +34,7 @@ def fill_delays(trace: Trace, arcs: Arcs, spans: Spans, lever_b: Float64, air_mo
         lat, lon, h = ecef_to_geodetic(r_a)
         ecef_to_ned_matrix(lat, lon, C_ne)
         week_s = (trace.t_ns[i] % NS_PER_WEEK) / NS_PER_S
-        place_air(
-            air[0], lat, lon, h, week_s, air_model.troposphere, air_model.pressure_0,
-            air_model.temperature_0, air_model.humidity,
-        )  # fmt: skip
+        place_air(air[0], lat, lon, h, week_s, air_model.troposphere, air_model.weather)
         since_ns = trace.t_ns[i] - arcs.start_ns
         p = since_ns // PIECE_NS
         since_s = (since_ns - p * PIECE_NS) / NS_PER_S

@@ -21,11 +21,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.aiding.antenna_motion import place_motion
+from insgnss.aiding.antenna_motion import Vehicle, place_motion
 from insgnss.aiding.satellite_arcs import Arcs
-from insgnss.aiding.trace import Samples, Trace
 from insgnss.constants import C_MPS
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _PER_C: Final = 1.0 / C_MPS
@@ -68,7 +67,7 @@ class Values(NamedTuple):
     jerk: Float32  # [m/s^3]
 
 
-@inlined
+@kernel(inline=True)
 def polynomial(c: Float64, x: float) -> tuple[float, float, float, float]:
     """Return a polynomial of fifth degree, (6,) coefficients, with three derivatives."""
     c2, c3, c4, c5 = c[2], c[3], c[4], c[5]
@@ -120,7 +119,7 @@ def expand_satellite(piece: Float64, since_s: float, motion: Float64, e: Float64
     e[_CLOCK2 * LANES + j] = 3.0 * c[3] * t + c[2]
 
 
-@inlined
+@kernel(inline=True)
 def towards(e: Float64, j: int, motion: Float64, line: Float64) -> float:
     """Return the range at the expansion's time; write u and W = V_s - V in the piece's axes, (2, 3)."""
     rho: float = e[_RANGE0 * LANES + j]
@@ -195,44 +194,30 @@ def observe_satellites(e: Float64, count: int, dt: float, motion: Float64) -> No
 
 
 @kernel
-def fill_values(
-    trace: Trace,
-    imu: Samples,
-    arcs: Arcs,
-    spans: Spans,
-    lever_b: Float64,
-    slope_samples: int,
-    receiver_clock: float,
-    work: Float64,
-    e: Float64,
-    out: Values,
-) -> None:
+def fill_values(vehicle: Vehicle, arcs: Arcs, spans: Spans, receiver_clock: float, out: Values) -> None:
     """Write the values of all satellites of each span at its times.
 
     They are expanded at the span's first time: a value depends on nothing that comes after it.
 
     Parameters
     ----------
-    trace, imu, arcs, spans : the filter's states, the inertial samples, the satellites, and which are wanted when
-    lever_b : (3,) IMU to phase centre [m]
-    slope_samples : n of the module's text
+    vehicle, arcs, spans : the antenna's motion, the satellites, and which are wanted when
     receiver_clock : 1.0 with the receiver's clock, 0.0 without
-    work : (20, 3) scratch
-    e : (N_LANE_ROWS * LANES,) scratch
     out : as many entries as times and satellites say
     """
+    work, e = np.zeros((20, 3)), np.zeros(N_LANE_ROWS * LANES)
     motion = work[0:4]
     row = 0
     for span in range(len(spans.first_time) - 1):
         first = spans.first_satellite[span]
         count = spans.first_satellite[span + 1] - first
         begin = spans.first_time[span]
-        p, begin_s, _, _ = place_motion(trace, imu, begin, lever_b, slope_samples, arcs, work)
+        p, begin_s, _, _ = place_motion(vehicle, begin, arcs, work)
         for j in range(count):
             expand_satellite(arcs.pieces[spans.satellite[first + j], p], begin_s, motion, e, j)
         for i in range(spans.first_time[span], spans.first_time[span + 1]):
-            _, since_s, _, _ = place_motion(trace, imu, i, lever_b, slope_samples, arcs, work)
-            bias = receiver_clock * trace.clock[i, 0]
+            _, since_s, _, _ = place_motion(vehicle, i, arcs, work)
+            bias = receiver_clock * vehicle.trace.clock[i, 0]
             observe_satellites(e, count, since_s - begin_s, motion)
             for j in range(count):
                 out.range_rate[row + j] = e[RANGE_RATE * LANES + j]

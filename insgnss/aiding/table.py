@@ -35,9 +35,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.aiding.columns import fill_columns, new_columns
-from insgnss.aiding.delays import AirModel, fill_delays
-from insgnss.aiding.observables import LANES, N_LANE_ROWS, Spans, Values, fill_values
+from insgnss.aiding.antenna_motion import Vehicle
+from insgnss.aiding.columns import Times, fill_columns, new_columns
+from insgnss.aiding.delays import fill_delays
+from insgnss.aiding.observables import LANES, Spans, Values, fill_values
 from insgnss.aiding.satellite_arcs import PIECE_NS, SatelliteArcs, elevations
 from insgnss.aiding.trace import Covariances, Samples, Trace
 from insgnss.aiding.uncertainty import (
@@ -52,7 +53,7 @@ from insgnss.aiding.uncertainty import (
 )
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import NS_PER_S, WGS84_E2
-from insgnss.filter.state import OFFSETS
+from insgnss.gnss.range_model import AirModel
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.gnss.troposphere import STANDARD_WEATHER, Weather
 from insgnss.gpstime import ns_to_week_seconds
@@ -135,9 +136,7 @@ class AidingSetup:
             klobuchar=np.zeros(8) if self.klobuchar is None else np.ascontiguousarray(self.klobuchar),
             ionosphere=np.nan_to_num(np.array(factor, np.float64)) if on else np.zeros(len(sv_names)),
             troposphere=float(self.troposphere),
-            pressure_0=self.weather.pressure_hpa,
-            temperature_0=self.weather.temperature_k,
-            humidity=self.weather.humidity,
+            weather=self.weather,
         )
 
 
@@ -214,11 +213,8 @@ class AidingTable:
         if self.latency_s == 0.0:  # the same numbers: no room of their own
             made = made._replace(range_rate_mps=v.range_rate, pseudorange_m=v.pseudorange)
         per_cycle = 1.0 / self.wavelength_m
-        drift, doubts = self.receiver_drift_mps, self.doubts
-        fill_columns(
-            self.spans, v, self.sigma, self._used_s(self.t_ns, week), drift, per_cycle, self.latency_s,
-            self.since_s, doubts.accel_density, doubts.receiver_clock * doubts.drift_density, made,
-        )  # fmt: skip
+        times = Times(self._used_s(self.t_ns, week), self.since_s, self.receiver_drift_mps)
+        fill_columns(self.spans, v, self.sigma, times, per_cycle, self.doubts, made)
         table: dict[str, npt.NDArray[Any]] = made._asdict()
         table |= {"range_acceleration_mps2": v.acceleration, "range_jerk_mps3": v.jerk}
         table["age_s"] = np.full(self.n_rows, self.latency_s, np.float32)
@@ -296,18 +292,12 @@ def aiding_arrays(
     rows = int(np.sum(np.diff(spans.first_time) * np.diff(spans.first_satellite)))
     doubles, singles = np.empty((2, rows)), np.empty((2, rows), np.float32)
     values = Values(doubles[0], doubles[1], singles[0], singles[1])
-    slope, doubts = setup.config.slope_samples, setup.doubts()
-    e = np.zeros(N_LANE_ROWS * LANES)
-    fill_values(
-        trace, imu, arcs, spans, lever_b, slope, doubts.receiver_clock, np.zeros((20, 3)), e, values
-    )  # fmt: skip
+    doubts, vehicle = setup.doubts(), Vehicle(trace, imu, lever_b, setup.config.slope_samples)
+    fill_values(vehicle, arcs, spans, doubts.receiver_clock, values)
     sigma = np.full((len(spans.satellite), N_SIGMA), np.nan)
     first_ns = trace.t_ns[spans.first_time[:-1]]
     newest = np.searchsorted(covariances.t_ns, first_ns, side="right").astype(np.int64) - 1
-    fill_sigma(
-        trace, imu, covariances, newest, arcs, spans, groups, lever_b, slope, doubts,
-        np.zeros((28, 3)), np.zeros((4, OFFSETS)), e, sigma,
-    )  # fmt: skip
+    fill_sigma(vehicle, covariances, newest, arcs, spans, groups, doubts, sigma)
     sigma[groups[spans.satellite] < 0, SD_RANGE] = np.nan
     return spans, values, sigma
 

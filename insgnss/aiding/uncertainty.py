@@ -20,17 +20,17 @@ between covariance and use (|f| arw sqrt(dt), 3e-4 m/s^2 for 0.1 deg/sqrt h and 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from insgnss.aiding.antenna_motion import ARM, FORCE, RATE, cross, place_motion, turn_about_axis
-from insgnss.aiding.observables import Spans, expand_satellite, towards
+from insgnss.aiding.antenna_motion import ARM, FORCE, RATE, Vehicle, cross, place_motion, turn_about_axis
+from insgnss.aiding.observables import LANES, N_LANE_ROWS, Spans, expand_satellite, towards
 from insgnss.aiding.satellite_arcs import Arcs
-from insgnss.aiding.trace import Covariances, Samples, Trace
+from insgnss.aiding.trace import Covariances
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 PARTS: Final = ("velocity", "attitude", "accelerometer", "gyro", "clock", "satellite", "motion")
@@ -68,6 +68,9 @@ class Doubts(NamedTuple):
     satellite_range: float  # [m]
     satellite_rate: float  # [m/s]
     satellite_acceleration: float  # [m/s^2]
+
+
+Slope: TypeAlias = tuple[float, float, float]  # a, 1/D (``instant_rates``) and the sample's length [s]
 
 
 @kernel
@@ -145,14 +148,13 @@ def block_variances(P: Float64, h: Float64, parts: Float64) -> tuple[float, floa
     return others, clock
 
 
-@inlined
-def sensor_noise(
-    doubts: Doubts, work: Float64, of_rate: Float64, of_slope: Float64, a: float, per_d: float, dt: float
-) -> float:
+@kernel(inline=True)
+def sensor_noise(doubts: Doubts, work: Float64, of_rate: Float64, of_slope: Float64, slope: Slope) -> float:
     """Return the variance that the gyro's sample noise and scale factor make through two rows (of rate and slope).
 
     Equation: samples last and first of the slope carry (1 + a) of_rate + of_slope / D and -a of_rate - of_slope / D.
     """
+    a, per_d, dt = slope
     white, scale = 0.0, 0.0
     for i in range(3):
         last = (1.0 + a) * of_rate[i] + per_d * of_slope[i]
@@ -167,13 +169,10 @@ def satellite_sigma(
     P: Float64,
     doubts: Doubts,
     age_s: float,
-    a: float,
-    per_d: float,
-    dt: float,
+    slope: Slope,
     group: int,
     work: Float64,
     h: Float64,
-    s: Float64,
     out: Float64,
 ) -> None:
     """Write one row of sigma from the rows of H in ``h``; the module's text says what is in it.
@@ -181,15 +180,13 @@ def satellite_sigma(
     Parameters
     ----------
     P : (q, q) covariance, ``age_s`` old
-    a, per_d : of the slopes (``instant_rates``)
-    dt : length of the inertial sample [s]
+    slope : of the inertial sample
     group : clock group of the satellite, 0 for the receiver's own
-    work : as ``place_motion`` leaves it
+    work : (28, 3) as ``place_motion`` leaves it; the last eight rows are scratch
     h : (4, n) rows of range, rate, acceleration; the last is scratch
-    s : (8, 3) scratch
     out : (N_SIGMA,) output
     """
-    clock = doubts.receiver_clock
+    s, (a, per_d, dt), clock = work[20:28], slope, doubts.receiver_clock
     latency, use_s = doubts.latency_s, age_s + doubts.latency_s
     f2 = work[FORCE, 0] ** 2 + work[FORCE, 1] ** 2 + work[FORCE, 2] ** 2
     beyond = doubts.accel_scale * (math.sqrt(f2) - STANDARD_GRAVITY_MPS2)
@@ -223,7 +220,7 @@ def satellite_sigma(
         s[6, i] = h[1, BG + i] + latency * h[2, BG + i]
         s[7, i] = latency * h[1, BG + i]
     parts[_ACCELEROMETER] += doubts.accel_density * age_s + latency * latency * force
-    parts[_GYRO] += sensor_noise(doubts, work, s[6], s[7], a, per_d, dt)
+    parts[_GYRO] += sensor_noise(doubts, work, s[6], s[7], slope)
     parts[_CLOCK] += clock * doubts.drift_density * use_s
     parts[_SATELLITE] = doubts.satellite_rate**2 + (latency * doubts.satellite_acceleration) ** 2
     parts[_MOTION] = (0.5 * doubts.jerk_sigma * latency * latency) ** 2
@@ -232,7 +229,7 @@ def satellite_sigma(
     parts = out[ACCELERATION_PARTS : ACCELERATION_PARTS + N_PARTS]
     others, with_clock = block_variances(P, h[2], parts)
     parts[_ACCELEROMETER] += force
-    parts[_GYRO] += sensor_noise(doubts, work, h[2, BG : BG + 3], h[1, BG : BG + 3], a, per_d, dt)
+    parts[_GYRO] += sensor_noise(doubts, work, h[2, BG : BG + 3], h[1, BG : BG + 3], slope)
     parts[_CLOCK] = clock * doubts.drift_density / doubts.clock_averaging_s
     parts[_SATELLITE] = doubts.satellite_acceleration**2
     parts[_MOTION] = (doubts.jerk_sigma * latency) ** 2
@@ -242,7 +239,7 @@ def satellite_sigma(
     out[SD_JERK] = math.sqrt(jerk2)
 
 
-@inlined
+@kernel(inline=True)
 def close_parts(
     parts: Float64, others: float, with_clock: float, out: Float64, at: int
 ) -> tuple[float, float]:
@@ -260,19 +257,13 @@ def close_parts(
 
 @kernel
 def fill_sigma(
-    trace: Trace,
-    imu: Samples,
+    vehicle: Vehicle,
     covariances: Covariances,
     newest: Int64,
     arcs: Arcs,
     spans: Spans,
     groups: Int64,
-    lever_b: Float64,
-    slope_samples: int,
     doubts: Doubts,
-    work: Float64,
-    h: Float64,
-    e: Float64,
     out: Float64,
 ) -> None:
     """Write a row of sigma for each satellite of each span, at the span's first time.
@@ -281,16 +272,17 @@ def fill_sigma(
     ----------
     newest : (m,) row of ``covariances`` for each span, -1 for none (its sigma stay NaN)
     groups : (s,) clock group of each satellite of the arcs
-    work, h, e : (28, 3), (4, 17) and (N_LANE_ROWS * LANES,) scratch
     out : (q, N_SIGMA) output
     """
-    line, s = work[18:20], work[20:28]
+    trace, imu = vehicle.trace, vehicle.imu
+    work, h, e = np.zeros((28, 3)), np.zeros((4, OFFSETS)), np.zeros(N_LANE_ROWS * LANES)
+    line = work[18:20]
     for span in range(len(spans.first_time) - 1):
         m = newest[span]
         if m < 0:
             continue
         i = spans.first_time[span]
-        p, since_s, a, per_d = place_motion(trace, imu, i, lever_b, slope_samples, arcs, work)
+        p, since_s, a, per_d = place_motion(vehicle, i, arcs, work)
         k = trace.sample[i]
         dt = (imu.t_ns[k] - imu.t_ns[k - 1]) * 1e-9 if k > 0 else 1.0
         age_s = (trace.t_ns[i] - covariances.t_ns[m]) * 1e-9
@@ -299,7 +291,6 @@ def fill_sigma(
             expand_satellite(arcs.pieces[satellite, p], since_s, work[0:4], e, 0)
             rho = towards(e, 0, work[0:4], line)
             turn_about_axis(line, 0, 2, -WGS84_OMEGA_RADPS * since_s)
-            motion_rows(rho, line, trace.C_eb[i], work, h, s[0:6])
-            satellite_sigma(
-                covariances.P[m], doubts, age_s, a, per_d, dt, groups[satellite], work, h, s, out[j]
-            )
+            motion_rows(rho, line, trace.C_eb[i], work, h, work[20:26])
+            slope, group = (a, per_d, dt), groups[satellite]
+            satellite_sigma(covariances.P[m], doubts, age_s, slope, group, work, h, out[j])

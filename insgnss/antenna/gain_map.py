@@ -6,7 +6,7 @@ import numpy as np
 
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.obstruction import directions
-from insgnss.antenna.visibility import Limits, look_at_all
+from insgnss.antenna.visibility import Limits, look_at_all, new_looks
 from insgnss.status import MASKED_OBSTRUCTION
 from insgnss.tables import Float64
 
@@ -26,10 +26,8 @@ def gain_map(antennas: Installation, limits: Limits, azimuth_deg: Float64, down_
     (n, m)
     """
     u_n = directions(azimuth_deg[None, :], 90.0 - down_deg[:, None]).reshape(1, -1, 3)
-    shape = u_n.shape[:2]
-    decision, reason, antenna = (np.zeros(shape, np.int8) for _ in range(3))
-    gain = np.zeros((*shape, 2))
+    looks = new_looks(*u_n.shape[:2])
     level, known = np.eye(3)[None], np.zeros((1, 3, 3))
-    look_at_all(level, known, u_n, antennas, limits, decision, reason, antenna, gain)
-    shown = np.where(reason[0] == MASKED_OBSTRUCTION, np.nan, gain[0, :, 0])
+    look_at_all(level, known, u_n, antennas, limits, looks)
+    shown = np.where(looks.reason[0] == MASKED_OBSTRUCTION, np.nan, looks.gain[0, :, 0])
     return np.asarray(shown.reshape(len(down_deg), len(azimuth_deg)))

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _LEAST_LEVEL: Final = 1e-9  # sine of the angle to a pole below which azimuth says nothing [rad]
@@ -83,7 +83,7 @@ def _even(nodes_deg: Float64, span_deg: float) -> Float64:
     return np.asarray(nodes_deg[0] + span_deg * np.arange(count + 1) / count)
 
 
-@inlined
+@kernel(inline=True)
 def gain_at(pattern: Pattern, k: int, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return gain [dBic] and its gradient on the unit sphere [dB/rad] of antenna ``k`` towards (x, y, z) in a.
 

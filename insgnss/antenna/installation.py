@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.antenna.gain_pattern import Pattern
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int8
 
 N_ELEVATIONS: Final = 180  # cells of 1 deg of the raster of what is hidden
@@ -41,7 +41,7 @@ def no_antenna() -> Installation:
     )
 
 
-@inlined
+@kernel(inline=True)
 def clearance_at(clearance_deg: Int8, k: int, x: float, y: float, z: float) -> float:
     """Return the angle from (x, y, z), body axes, to the edge of antenna ``k``'s free sky [rad], negative if hidden.
 

@@ -48,7 +48,7 @@ from insgnss.antenna.tracking_state import (
     View,
 )
 from insgnss.antenna.visibility import HIDDEN, UNCERTAIN_HIDDEN, UNDECIDED, VISIBLE
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Int8, Int64
 
 
@@ -77,7 +77,7 @@ def advance(
             own["last_ns"] = t_ns[k]
 
 
-@inlined
+@kernel(inline=True)
 def _sight(view: View, k: int, s: int, rules: Rules, memory: Record) -> int:
     """Return UNDECIDED, HIDDEN, UNCERTAIN_HIDDEN or VISIBLE: the stage's decision, and the threshold on C/N0.
 
@@ -98,7 +98,7 @@ def _sight(view: View, k: int, s: int, rules: Rules, memory: Record) -> int:
     return sight
 
 
-@inlined
+@kernel(inline=True)
 def _set_clocks(t: int, sight: int, present: int, memory: Record) -> None:
     """Start, keep or stop the clocks of the conditions that must hold for a guard time."""
     if sight != VISIBLE:
@@ -115,13 +115,13 @@ def _set_clocks(t: int, sight: int, present: int, memory: Record) -> None:
         memory["missing_since_ns"] = t
 
 
-@inlined
+@kernel(inline=True)
 def _held(t: int, since: int, guard: int) -> bool:
     """Return whether a condition has held for its guard time."""
     return since != NEVER and t - since >= guard
 
 
-@inlined
+@kernel(inline=True)
 def _charge(t: int, memory: Record, spent: Record) -> None:
     """Add the time since the epoch before to the state it was spent in; a detection may end before the epoch."""
     if memory["last_ns"] != NEVER:
@@ -137,7 +137,7 @@ def _charge(t: int, memory: Record, spent: Record) -> None:
                 spent["control"] += busy
 
 
-@inlined
+@kernel(inline=True)
 def _charge_unsupervised(
     t: int, sight: int, present: int, rules: Rules, memory: Record, spent: Record
 ) -> None:
@@ -156,7 +156,7 @@ def _charge_unsupervised(
         memory["unsupervised_ns"] = rules.half_sweep_ns
 
 
-@inlined
+@kernel(inline=True)
 def _transition(
     t: int, sight: int, view: View, k: int, s: int, rules: Rules, memory: Record, spent: Record
 ) -> int:
@@ -177,11 +177,13 @@ def _transition(
     elif t >= memory["end_ns"]:
         after, reason = _from_attempt(sight, view.present[k, s], rules, memory)
     if reason != NONE:
-        reason = _enter(t, after, reason, view, k, s, rules, memory, spent)
+        reason = _enter(
+            t, after, reason, view.search_ns[k, s], view.within_aperture[k, s], rules, memory, spent
+        )
     return reason
 
 
-@inlined
+@kernel(inline=True)
 def _from_absent(sight: int, present: int) -> tuple[int, int]:
     """Take a satellite in: as it is, if the receiver's word or the antenna settle it, else by a detection."""
     after, reason = HOLD, HIDDEN_AT_START
@@ -192,7 +194,7 @@ def _from_absent(sight: int, present: int) -> tuple[int, int]:
     return after, reason
 
 
-@inlined
+@kernel(inline=True)
 def _from_track(
     t: int, sight: int, view: View, k: int, s: int, rules: Rules, memory: Record
 ) -> tuple[int, int]:
@@ -210,7 +212,7 @@ def _from_track(
     return after, reason
 
 
-@inlined
+@kernel(inline=True)
 def _from_waiting(t: int, rules: Rules, memory: Record) -> tuple[int, int]:
     """Try a held satellite when it is visible again, one that was given up then too, and now and again."""
     after, reason = TRY, NONE
@@ -225,7 +227,7 @@ def _from_waiting(t: int, rules: Rules, memory: Record) -> tuple[int, int]:
     return after, reason
 
 
-@inlined
+@kernel(inline=True)
 def _from_attempt(sight: int, present: int, rules: Rules, memory: Record) -> tuple[int, int]:
     """Judge a detection or sweep at its end; where the receiver says nothing, a visible signal is found."""
     searching = memory["state"] == SEARCH
@@ -244,14 +246,13 @@ def _from_attempt(sight: int, present: int, rules: Rules, memory: Record) -> tup
     return after, reason
 
 
-@inlined
+@kernel(inline=True)
 def _enter(
     t: int,
     after: int,
     reason: int,
-    view: View,
-    k: int,
-    s: int,
+    search_ns: int,
+    within_aperture: bool,
     rules: Rules,
     memory: Record,
     spent: Record,
@@ -268,12 +269,12 @@ def _enter(
         memory["failures"] = 0
     if after == TRY:
         after = CONTROL_DETECTION
-        if not view.within_aperture[k, s]:
+        if not within_aperture:
             after, reason = SEARCH, APERTURE_EXCEEDED
         elif memory["failures"] >= rules.control_attempts:
             after, reason = SEARCH, CONTROL_FAILED
     if after == CONTROL_DETECTION or after == SEARCH:
-        memory["end_ns"] = t + view.search_ns[k, s]
+        memory["end_ns"] = t + search_ns
         memory["attempt_ns"] = 0
     if after == before:
         return NONE

@@ -18,7 +18,7 @@ import numpy as np
 
 from insgnss.antenna.gain_pattern import gain_at
 from insgnss.antenna.installation import Installation, clearance_at
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.status import MASKED_GAIN, MASKED_OBSTRUCTION, USED
 from insgnss.tables import Float64, Int8
 
@@ -60,7 +60,22 @@ class Look(NamedTuple):
     doubt: float  # probability that it is hidden, where that is uncertain; else 0
 
 
-@inlined
+class Looks(NamedTuple):
+    """What the stage tells of s satellites at n attitudes; the fields are those of ``Look``."""
+
+    decision: Int8  # (n, s)
+    reason: Int8
+    antenna: Int8
+    gain: Float64  # (n, s, 2) or (n, s, 3): gain [dBic], its sigma [dB] and, where there is room, the doubt
+
+
+def new_looks(n: int, s: int, *, with_doubt: bool = False) -> Looks:
+    """Return room for s satellites at n attitudes."""
+    decision, reason, antenna = (np.zeros((n, s), np.int8) for _ in range(3))
+    return Looks(decision, reason, antenna, np.zeros((n, s, 3 if with_doubt else 2)))
+
+
+@kernel(inline=True)
 def attitude_covariance(P: Float64, at: int, C_eb: Float64, P_b: Float64) -> None:
     """Write the covariance (3, 3) of the attitude error in body axes, C_be P_psi C_eb, into ``P_b`` [rad^2].
 
@@ -77,7 +92,7 @@ def attitude_covariance(P: Float64, at: int, C_eb: Float64, P_b: Float64) -> Non
             P_b[i, j] = total
 
 
-@inlined
+@kernel(inline=True)
 def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
     """Return d^T P d of d = (x, y, z): of the rotation about d where d has length one.
 
@@ -87,7 +102,7 @@ def variance_along(P_b: Float64, x: float, y: float, z: float) -> float:
     return float(first + y * (P_b[1, 1] * y + 2.0 * P_b[1, 2] * z) + z * P_b[2, 2] * z)
 
 
-@inlined
+@kernel(inline=True)
 def compare(excess: float, margin: float) -> int:
     """Return 1 where ``excess`` reaches the margin, -1 where it falls short of zero by more than it, 0 between.
 
@@ -98,7 +113,7 @@ def compare(excess: float, margin: float) -> int:
     return 0 if excess >= -margin else -1
 
 
-@inlined
+@kernel(inline=True)
 def sigmas_above(excess: float, sigma: float) -> float:
     """Return by how many sigmas an excess is above zero; without uncertainty it is endless or nothing."""
     if sigma > 0.0:
@@ -106,7 +121,7 @@ def sigmas_above(excess: float, sigma: float) -> float:
     return math.inf if excess >= 0.0 else -math.inf
 
 
-@inlined
+@kernel(inline=True)
 def gain_of_antenna(
     antennas: Installation, k: int, x: float, y: float, z: float, P_b: Float64
 ) -> tuple[float, float]:
@@ -129,7 +144,7 @@ def gain_of_antenna(
     return gain, math.sqrt(max(variance, 0.0))
 
 
-@inlined
+@kernel(inline=True)
 def look_at(
     u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: Limits, before: int
 ) -> Look:
@@ -185,10 +200,7 @@ def look_at_all(
     u_n: Float64,
     antennas: Installation,
     limits: Limits,
-    decision: Int8,
-    reason: Int8,
-    antenna: Int8,
-    gain: Float64,
+    out: Looks,
 ) -> None:
     """Take the decisions for n attitudes, one after another, and s satellites.
 
@@ -199,9 +211,8 @@ def look_at_all(
     C_nb : (n, 3, 3)
     P_b : (n, 3, 3) covariance of the attitude error, body axes [rad^2]
     u_n : (n, s, 3) unit lines of sight, north-east-down
-    decision, reason, antenna : (n, s) outputs, as in ``Look``
-    gain : (n, s, 2) or (n, s, 3) output: gain [dBic], its sigma [dB] and, where there is room, the doubt
     """
+    decision, reason, antenna, gain = out
     n, s = u_n.shape[0], u_n.shape[1]
     u_b = np.empty(3)
     for t in range(n):

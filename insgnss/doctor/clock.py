@@ -8,11 +8,10 @@ import numpy as np
 
 from insgnss.constants import C_MPS
 from insgnss.doctor.track import Track
-from insgnss.log.doctor_rates import jumps_that_agree, leaps_finding
+from insgnss.log.doctor_rates import clock_jumps, leaps_finding
 from insgnss.log.report import Finding
 from insgnss.tables import Float64
 
-JUMP_M: Final = 150.0  # as of the pseudoranges: half a microsecond within an epoch
 MIN_EPOCHS: Final = 10
 STEERED_M: Final = 300.0  # a clock that stays within a microsecond is held there by the receiver
 PPM_MPS: Final = 1e-6 * C_MPS
@@ -29,21 +28,21 @@ def clock_findings(track: Track) -> list[Finding]:
     drift = track.drift_mps
     by_rates = bool(np.isfinite(drift).all())
     mean = 0.5 * (drift[1:] + drift[:-1]) if by_rates else np.full(len(change), np.median(change / step_s))
-    jumped = np.abs(change - mean * step_s) > JUMP_M
-    size_m = (change - mean * step_s)[jumped]
-    agree = jumps_that_agree(size_m)
-    jumps = int(agree.sum())
+    beyond_m = change - mean * step_s
+    jumped, leaped = clock_jumps(beyond_m)
+    jumps = len(jumped)
     smooth = float(np.median(mean))
     span = f"{track.clock_m.min() / C_MPS * 1e3:+.4g} to {track.clock_m.max() / C_MPS * 1e3:+.4g} ms"
     kind = _kind(track.clock_m, jumps, smooth, float(track.t_s[-1] - track.t_s[0]))
     text = f"receiver clock {kind}: offset {span}, drift {smooth:+.4g} m/s ({smooth / PPM_MPS:+.3g} ppm)"
     if jumps:
-        size = float(np.median(np.abs(size_m[agree]))) / C_MPS * 1e3
+        size = float(np.median(np.abs(beyond_m[jumped]))) / C_MPS * 1e3
         text += f", {jumps} jump(s) of {size:.3g} ms"
     findings = [Finding("ok", "gnss", text)]
-    if jumps < len(size_m):
-        findings.append(leaps_finding(size_m[~agree]))
-    return findings + (_agreement(change[~jumped], step_s[~jumped], mean[~jumped]) if by_rates else [])
+    if len(leaped):
+        findings.append(leaps_finding(beyond_m[leaped]))
+    smooth_at = np.delete(np.arange(len(change)), np.append(jumped, leaped))
+    return findings + (_agreement(change[smooth_at], step_s[smooth_at], mean[smooth_at]) if by_rates else [])
 
 
 def _kind(clock_m: Float64, jumps: int, drift_mps: float, span_s: float) -> str:

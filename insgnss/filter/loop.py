@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.headings.headings import heading_variance, is_wide, needs_pruning, weigh_headings
 from insgnss.filter.headings.sideslip import note_sideslip
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
@@ -35,7 +34,7 @@ from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_state
 from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.epoch_update import Outcome, update_epoch
 from insgnss.gnss.observation_rows import Rows
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 
 # why the loop stopped
 DONE: Final = 0  # all epochs processed
@@ -53,7 +52,7 @@ _UNCERTAIN_APART_S = (
 SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 
-@apart
+@kernel(apart=True)
 def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
     """Carry the whole bank to ``stop_ns`` by way of the trace's times, writing the output times before it on the way.
 
@@ -61,7 +60,7 @@ def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, wo
     samples is made on a copy of the leader. Times of the trace up to a start are passed over: there was no filter.
     """
     count, traced = out.counts[0], out.trace.counts[0]
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     while True:
         goal_ns = stop_ns
         writes = count.time < out.times_ns.shape[0] and out.times_ns[count.time] < stop_ns
@@ -86,7 +85,7 @@ def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, wo
             return
 
 
-@inlined
+@kernel(inline=True)
 def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
     """Return the time of the last sample up to ``t_ns``, the bank's own where none lies between."""
     k = head.next
@@ -97,10 +96,10 @@ def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
     return whole_ns
 
 
-@inlined
+@kernel(inline=True)
 def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
     """Write a navigation row at ``t_ns`` from a copy of the leader."""
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     spare = work.spare
     copy_state(bank.state[head.leader], spare.state[0])
     copy_matrix(bank.P[head.leader], spare.P[0])
@@ -111,8 +110,7 @@ def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output,
     write_row(bank, spare, nothing_used, t_ns, nothing_used, out, work)
 
 
-@apart
-@borrowing
+@kernel(apart=True)
 def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Output, work: Workspace) -> None:
     """Write a row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
     n_hypotheses = bank.state.shape[0]
@@ -123,7 +121,7 @@ def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Out
     write_nav(out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, n_used, n_hypotheses)
 
 
-@inlined
+@kernel(inline=True)
 def current_sample(bank: Bank, imu: Imu) -> int:
     """Return the index of the inertial sample whose rate holds at the bank's time."""
     k: int = bank.head[0].next
@@ -132,7 +130,7 @@ def current_sample(bank: Bank, imu: Imu) -> int:
     return k
 
 
-@borrowing
+@kernel
 def run_epochs(
     bank: Bank,
     epochs: tuple[int, int],
@@ -151,8 +149,8 @@ def run_epochs(
     parameters : (1,) of ``PARAMETERS_DTYPE``
     drop : logarithm of the weight below which a hypothesis is negligible
     """
-    par = parameters[0]
-    head = bank.head[0]
+    par: Parameters = parameters[0]
+    head: HeadRecord = bank.head[0]
     count = out.counts[0]
     for epoch in range(epochs[0], epochs[1]):
         t_ns = rows.epoch_ns[epoch]
@@ -195,7 +193,7 @@ def run_epochs(
     return DONE, epochs[1]
 
 
-@inlined
+@kernel(inline=True)
 def is_suspect(m: StateRecord, doubted_ns: int, t_ns: int, limit: float) -> bool:
     """Return whether to look for what has failed: what is not clear at once waits until ``doubted_ns``."""
     if limit <= 0.0:
@@ -205,7 +203,7 @@ def is_suspect(m: StateRecord, doubted_ns: int, t_ns: int, limit: float) -> bool
     return bool(t_ns >= doubted_ns and (m.suspicion > limit or m.crept_ns == t_ns))
 
 
-@inlined
+@kernel(inline=True)
 def widen_velocity(bank: Bank, unknown: float, par: Parameters) -> None:
     """Add to the velocity's variance what an unknown rate adds between the antenna, which was measured, and the IMU.
 
@@ -217,16 +215,16 @@ def widen_velocity(bank: Bank, unknown: float, par: Parameters) -> None:
             bank.P[member, i, i] += unknown / (2.0 * MOTION_TIME_S) * lever2
 
 
-@inlined
+@kernel(inline=True)
 def mostly(used: int, refused: int, few: bool) -> bool:
     """Return whether most rows of a kind, and at least three unless an epoch has few, were refused by the gate."""
     return refused > used and (few or refused >= 3)
 
 
-@borrowing
+@kernel
 def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, work: Workspace) -> None:
     """Carry the bank to ``stop_ns``, writing output times on the way, that one too."""
-    par = parameters[0]
+    par: Parameters = parameters[0]
     advance(bank, stop_ns, imu, par, out, work)
     count = out.counts[0]
     if count.time < out.times_ns.shape[0] and out.times_ns[count.time] == stop_ns:
@@ -234,7 +232,7 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
         write_between(bank, stop_ns, imu, par, out, work)
 
 
-@inlined
+@kernel(inline=True)
 def update_bank(
     bank: Bank,
     epoch: int,
@@ -283,7 +281,7 @@ def update_bank(
     return done
 
 
-@inlined
+@kernel(inline=True)
 def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) -> None:
     """Write an event when the visibility stage begins to wait for the heading, and when it begins to mask.
 
@@ -303,7 +301,7 @@ def note_masking(head: HeadRecord, lead: StateRecord, out: Output, t_ns: int) ->
         head.uncertain = 0
 
 
-@inlined
+@kernel(inline=True)
 def note_outage(head: HeadRecord, out: Output, t_ns: int, used: int) -> None:
     """Write an event when the measurements stop, refused or not written at all, and when they are back."""
     quiet = head.epoch_ns != 0 and (t_ns - head.epoch_ns) * 1e-9 > SILENCE_S

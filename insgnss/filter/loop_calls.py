@@ -17,7 +17,6 @@ from insgnss.filter.loop import advance, run_epochs, write_row
 from insgnss.filter.output.writing import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.prediction import Imu, carry, carry_bank, predict_covariance, propagate_covariance
-from insgnss.filter.rows.row_noise import model_variance, row_variance
 from insgnss.filter.state import new_bank
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
@@ -35,7 +34,6 @@ from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
-from insgnss.gnss.range_model import slant_delay
 
 _N: Final = 0  # stands for any whole number
 _X: Final = 0.0  # for any other
@@ -98,9 +96,6 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         matrix_to_quaternion: (P, values),
         euler_to_matrix: (_X, _X, _X, P),
         geodetic_to_ecef: (_X, _X, _X, values),
-        row_variance: (_SINGLE, _X, _SINGLE, par.kind[0]),
-        model_variance: (_X, _SINGLE, par.kind[0]),
-        slant_delay: (s.air[0], rows.klobuchar, values, _X, _SINGLE),
     }
 
 

@@ -43,7 +43,7 @@ from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.ledger_marks import mark_rows
 from insgnss.filter.start.starter import Starter
 from insgnss.filter.start.trial import Trial, banks_of, refusal
-from insgnss.filter.state import Bank, copy_bank
+from insgnss.filter.state import Bank, HeadRecord, copy_bank
 from insgnss.filter.update.epoch_space import Workspace, new_workspace
 from insgnss.filter.update.masking import became_of_uncertain, still_uncertain
 from insgnss.gnss.observation_rows import Rows
@@ -362,7 +362,7 @@ class Navigator:
         """Tell at ``t_ns`` that the measurements have ended, where no further epoch has come to tell it."""
         if self.bank is None or self.started_ns is None:
             return
-        head = self.bank.head[0]
+        head: HeadRecord = self.bank.head[0]
         last_ns = max(int(head.epoch_ns), self.started_ns)
         if head.silent_ns == 0 and t_ns - last_ns > SILENCE_S * NS_PER_S:
             head.silent_ns = last_ns

@@ -32,7 +32,7 @@ from insgnss.filter.prediction import Imu, Scratch, carry_bank, predict_covarian
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, Antenna
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.state import DR, DV, N_CLONE, PSI, Bank, StateRecord
+from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.observe import place_antenna
@@ -194,7 +194,7 @@ def _feed_back(m: StateRecord, correction: Float64, at_clone: int) -> None:
     close_loop(m, correction, len(correction) - (N_CLONE if at_clone >= 0 else 0))
     if at_clone >= 0:
         m.r_clone += correction[at_clone : at_clone + 3]
-        m.clock_clone += correction[at_clone + 3]
+        m.clock_clone += correction[at_clone + CLONE_CLOCK]
 
 
 def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bool, par: Parameters) -> None:

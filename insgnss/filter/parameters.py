@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Annotated, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,109 +20,90 @@ from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.gnss.troposphere import Weather, weather_at_sea_level
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
+from insgnss.records import Record, dtype_of
+from insgnss.tables import Float64, Int64
 
 _KELVIN = 273.15
 _LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 _WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
 _OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``Rows`` holds their delays
 
-KIND_DTYPE = np.dtype(
-    (
-        np.record,
-        [  # m^2, of range rates m^2/s^2
-            ("floor2", np.float64),
-            ("elevation2", np.float64),
-            ("cn02", np.float64),
-            ("missing_thermal", np.float64),
-            (
-                "correlation",
-                np.float64,
-            ),  # correlation time of the errors [s]; zero for carrier differences
-            ("gate2", np.float64),  # squared gate [-]
-            (
-                "least_step",
-                np.float64,
-            ),  # smallest clock step accepted from few rows: bias [m], drift [m/s]
-        ],
-    )
-)
-KindNumbers: TypeAlias = Any  # one element of KIND_DTYPE
-PARAMETERS_DTYPE = np.dtype(
-    (
-        np.record,
-        [
-            ("gyro_density", np.float64),  # [rad^2/s]
-            ("accel_density", np.float64),  # [m^2/s^3]
-            ("gyro_scale_density", np.float64),  # times rate^2 gives [rad^2/s]
-            (
-                "accel_scale_density",
-                np.float64,
-            ),  # times ``unusual_force2`` gives [m^2/s^3]
-            ("gyro_bias_density", np.float64),
-            ("gyro_bias_time", np.float64),
-            ("accel_bias_density", np.float64),
-            ("accel_bias_time", np.float64),
-            ("clock_bias_density", np.float64),  # [m^2/s]
-            ("clock_drift_density", np.float64),  # [m^2/s^3]
-            (
-                "optional_density",
-                np.float64,
-                (MAX_OPTIONAL,),
-            ),  # of each optional state [its unit^2 / s], zero of the clone
-            ("n_optional", np.int64),  # optional states with a value of their own
-            (
-                "optional_rate",
-                np.float64,
-                (MAX_OPTIONAL,),
-            ),  # inverse correlation time of each [1/s], zero: none
-            ("n_couplings", np.int64),  # further errors of the sensors ...
-            ("coupling_at", np.int64, (MAX_COUPLINGS,)),  # ... which state, ...
-            (
-                "coupling_into",
-                np.int64,
-                (MAX_COUPLINGS,),
-            ),  # ... DV of the accelerometers or PSI of the gyros, ...
-            ("coupling_axis", np.int64, (MAX_COUPLINGS,)),  # ... of which axis, ...
-            ("coupling_times", np.int64, (MAX_COUPLINGS,)),  # ... in proportion to what: ``layout.FACTORS``
-            ("at_channel_bias", np.int64),  # where these stand in the error state, -1 where there is none
-            ("at_zenith_delay", np.int64),
-            ("at_ionosphere", np.int64),
-            ("at_clone", np.int64),
-            ("covariance_step", np.float64),  # [s]
-            ("motion_gate2", np.float64),  # squared sigmas from which a horizontal force is motion; 0: any is
-            ("sine_mask", np.float64),  # sine of the elevation mask
-            ("cn0_mask", np.float64),  # [dBHz]
-            ("use_ionosphere", np.float64),  # 1 or 0
-            ("visibility", np.int64),  # OFF, MASK or LOOK of ``masking``
-            ("use_troposphere", np.float64),  # 1 or 0
-            ("pressure_0", np.float64),  # air at sea level [hPa]
-            ("temperature_0", np.float64),  # [K]
-            ("humidity", np.float64),  # relative
-            ("kind", KIND_DTYPE, (N_KINDS,)),  # of pseudoranges, range rates, carrier differences
-            ("robust", np.int64),  # 0 the gate alone, HUBER or STUDENT of ``faults``
-            ("huber_k", np.float64),
-            ("student_freedom", np.float64),
-            ("residual_gate2", np.float64),  # squared, of a residual after the update; 0: not tested
-            ("drift_gate", np.float64),  # sigmas between fast and slow mean; 0: not tested
-            ("reflected_below_db", np.float64),  # [dB]; 0: not tested
-            ("lockout_epochs", np.float64),
-            ("strain_limit", np.float64),
-            ("strain_time", np.float64),  # [s]
-            ("suspicion_limit", np.float64),  # chi^2 of three; 0: the prediction is never suspected
-            ("heading_known_variance", np.float64),  # [rad^2]
-            (
-                "widest_heading_variance",
-                np.float64,
-            ),  # [rad^2] of one hypothesis; above it several take its place
-            ("adapt_gain", np.float64),  # 0: off
-            ("adapt_least", np.float64),
-            ("adapt_most", np.float64),
-            ("adapt_least_at_rest", np.float64),
-            ("lever_b", np.float64, (3,)),  # IMU to antenna, body [m]
-        ],
-    )
-)
-Parameters: TypeAlias = Any  # one element of PARAMETERS_DTYPE: SI units and radians, two-sided densities
+
+class KindNumbers(Record):
+    """The numbers of one kind of measurement; squares in m^2, of range rates in m^2/s^2."""
+
+    floor2: float
+    elevation2: float
+    cn02: float
+    missing_thermal: float
+    correlation: float  # correlation time of the errors [s]; zero for carrier differences
+    gate2: float  # squared gate [-]
+    least_step: float  # smallest clock step accepted from few rows: bias [m], drift [m/s]
+
+
+KIND_DTYPE: Final = dtype_of(KindNumbers)
+
+
+class Parameters(Record):
+    """The numbers of the compiled filter: SI units and radians, two-sided densities."""
+
+    gyro_density: float  # [rad^2/s]
+    accel_density: float  # [m^2/s^3]
+    gyro_scale_density: float  # times rate^2 gives [rad^2/s]
+    accel_scale_density: float  # times ``unusual_force2`` gives [m^2/s^3]
+    gyro_bias_density: float
+    gyro_bias_time: float
+    accel_bias_density: float
+    accel_bias_time: float
+    clock_bias_density: float  # [m^2/s]
+    clock_drift_density: float  # [m^2/s^3]
+    optional_density: Annotated[
+        Float64, MAX_OPTIONAL
+    ]  # of each optional state [its unit^2 / s], zero of the clone
+    n_optional: int  # optional states with a value of their own
+    optional_rate: Annotated[Float64, MAX_OPTIONAL]  # inverse correlation time of each [1/s], zero: none
+    n_couplings: int  # further errors of the sensors ...
+    coupling_at: Annotated[Int64, MAX_COUPLINGS]  # ... which state, ...
+    coupling_into: Annotated[Int64, MAX_COUPLINGS]  # ... DV of the accelerometers or PSI of the gyros, ...
+    coupling_axis: Annotated[Int64, MAX_COUPLINGS]  # ... of which axis, ...
+    coupling_times: Annotated[Int64, MAX_COUPLINGS]  # ... in proportion to what: ``layout.FACTORS``
+    at_channel_bias: int  # where these stand in the error state, -1 where there is none
+    at_zenith_delay: int
+    at_ionosphere: int
+    at_clone: int
+    covariance_step: float  # [s]
+    motion_gate2: float  # squared sigmas from which a horizontal force is motion; 0: any is
+    sine_mask: float  # sine of the elevation mask
+    cn0_mask: float  # [dBHz]
+    use_ionosphere: float  # 1 or 0
+    visibility: int  # OFF, MASK or LOOK of ``masking``
+    use_troposphere: float  # 1 or 0
+    pressure_0: float  # air at sea level [hPa]
+    temperature_0: float  # [K]
+    humidity: float  # relative
+    kind: Annotated[
+        npt.NDArray[Any], KIND_DTYPE, N_KINDS
+    ]  # of pseudoranges, range rates, carrier differences
+    robust: int  # 0 the gate alone, HUBER or STUDENT of ``faults``
+    huber_k: float
+    student_freedom: float
+    residual_gate2: float  # squared, of a residual after the update; 0: not tested
+    drift_gate: float  # sigmas between fast and slow mean; 0: not tested
+    reflected_below_db: float  # [dB]; 0: not tested
+    lockout_epochs: float
+    strain_limit: float
+    strain_time: float  # [s]
+    suspicion_limit: float  # chi^2 of three; 0: the prediction is never suspected
+    heading_known_variance: float  # [rad^2]
+    widest_heading_variance: float  # [rad^2] of one hypothesis; above it several take its place
+    adapt_gain: float  # 0: off
+    adapt_least: float
+    adapt_most: float
+    adapt_least_at_rest: float
+    lever_b: Annotated[Float64, 3]  # IMU to antenna, body [m]
+
+
+PARAMETERS_DTYPE: Final = dtype_of(Parameters)
 
 
 def _noise(noise: Noise) -> tuple[float, float, float, float]:

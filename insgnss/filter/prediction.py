@@ -7,12 +7,11 @@ force and the attitude are summed; what that costs in accuracy is tested, not as
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.apart import apart
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import (
@@ -27,33 +26,33 @@ from insgnss.filter.state import (
     OFFSETS,
     PSI,
     Bank,
+    HeadRecord,
     StateRecord,
 )
 from insgnss.geodesy.vectors import Vector
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import inlined
+from insgnss.jit import kernel
+from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
-RATES_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("w", np.float64, (3,)),  # effective rate of the interval [rad/s]
-            ("f", np.float64, (3,)),  # effective specific force [m/s^2]
-            ("w_before", np.float64, (3,)),
-            ("f_before", np.float64, (3,)),
-            ("w_now", np.float64, (3,)),
-            ("f_now", np.float64, (3,)),
-            ("dv_e", np.float64, (3,)),
-            ("g_e", np.float64, (3,)),
-        ],
-    )
-)
+
+class Rates(Record):
+    """Rates and forces of an interval, and scratch."""
+
+    w: Annotated[Float64, 3]  # effective rate of the interval [rad/s]
+    f: Annotated[Float64, 3]  # effective specific force [m/s^2]
+    w_before: Annotated[Float64, 3]
+    f_before: Annotated[Float64, 3]
+    w_now: Annotated[Float64, 3]
+    f_now: Annotated[Float64, 3]
+    g_e: Annotated[Float64, 3]
+
+
+RATES_DTYPE: Final = dtype_of(Rates)
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
-Rates: TypeAlias = Any  # one element of RATES_DTYPE
 
 
 class Imu(NamedTuple):
@@ -87,7 +86,7 @@ def new_scratch(n: int) -> Scratch:
     return Scratch(np.zeros(1, RATES_DTYPE), np.zeros((n, n)), np.zeros((n, n)), np.ones(n), couplings)
 
 
-@inlined
+@kernel(inline=True)
 def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
     """Carry the covariance over everything summed since the last call, let the biases decay, and clear the sums."""
     follow_velocity(m, P, m.sum_dt)
@@ -101,7 +100,7 @@ def predict_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scr
     clear_sums(m, par)
 
 
-@apart
+@kernel(apart=True)
 def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: Scratch) -> None:
     """Propagate the covariance ``P`` over the sums in ``m``; write the decay factor of each state into ``keep``.
 
@@ -125,7 +124,7 @@ def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: S
     add_half_noise(m, P, par, dt, accel_q)
 
 
-@inlined
+@kernel(inline=True)
 def place_decays(par: Parameters, dt: float, keep: Float64) -> None:
     """Write the decay factors exp(-dt / time) of a step of ``dt`` [s]."""
     of_a, of_g = math.exp(-dt / par.accel_bias_time), math.exp(-dt / par.gyro_bias_time)
@@ -137,7 +136,7 @@ def place_decays(par: Parameters, dt: float, keep: Float64) -> None:
             keep[OFFSETS + i] = math.exp(-dt * par.optional_rate[i])
 
 
-@inlined
+@kernel(inline=True)
 def clear_sums(m: StateRecord, par: Parameters) -> None:
     """Set the sums of the covariance's step to zero."""
     m.sum_dt = 0.0
@@ -152,7 +151,7 @@ def clear_sums(m: StateRecord, par: Parameters) -> None:
             m.sum_coupling[k, i] = 0.0
 
 
-@inlined
+@kernel(inline=True)
 def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float, accel_q: float) -> None:
     """Add half of the step's process noise to the diagonal of the covariance; ``accel_q`` is the velocity's."""
     half = 0.5 * dt
@@ -167,7 +166,7 @@ def add_half_noise(m: StateRecord, P: Float64, par: Parameters, dt: float, accel
         P[OFFSETS + i, OFFSETS + i] += half * par.optional_density[i]
 
 
-@inlined
+@kernel(inline=True)
 def step_state(
     m: StateRecord, par: Parameters, dt: float, gyro_unknown: float, accel_unknown: float, rates: Rates
 ) -> None:
@@ -182,11 +181,11 @@ def step_state(
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     sum_couplings(m, par, w, f, half)
-    mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.dv_e, rates.g_e)
+    dv_e = mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.g_e)
     gain = 1.0 / max(FORCE_MEAN_TIME_S, dt)
     for i in range(3):
-        m.sum_dv[i] += rates.dv_e[i]
-        m.f_smooth[i] += (rates.dv_e[i] - m.f_smooth[i] * dt) * gain
+        m.sum_dv[i] += dv_e[i]
+        m.f_smooth[i] += (dv_e[i] - m.f_smooth[i] * dt) * gain
         m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt * gain)
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
@@ -200,7 +199,7 @@ def step_state(
     m.sum_dt += dt
 
 
-@inlined
+@kernel(inline=True)
 def sum_couplings(m: StateRecord, par: Parameters, w: Float64, f: Float64, dt: float) -> None:
     """Add ``dt`` [s] of C_eb e_i m_k to the sum of each further error of the sensors."""
     for k in range(par.n_couplings):
@@ -209,7 +208,7 @@ def sum_couplings(m: StateRecord, par: Parameters, w: Float64, f: Float64, dt: f
             m.sum_coupling[k, i] += value * m.C_eb[i, par.coupling_axis[k]]
 
 
-@inlined
+@kernel(inline=True)
 def factor_of(which: int, f: Vector | Float64, w: Vector | Float64) -> float:
     """Return what an error of a sensor is proportional to: ``layout.FACTORS`` of specific force and rate."""
     if which == 0:
@@ -217,7 +216,7 @@ def factor_of(which: int, f: Vector | Float64, w: Vector | Float64) -> float:
     return float(f[which - 1] if which <= 3 else w[which - 4])
 
 
-@inlined
+@kernel(inline=True)
 def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> None:
     """Take the further errors of the sensors off a rate ``w`` and a specific force ``f``, biases removed before.
 
@@ -235,7 +234,7 @@ def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> 
                 f[axis] -= error
 
 
-@inlined
+@kernel(inline=True)
 def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
     """Return the square of the specific force's departure from its slow mean, in body axes [m^2/s^4]; keep the mean.
 
@@ -252,7 +251,7 @@ def unusual_force2(m: StateRecord, f: Float64, dt: float) -> float:
     return 0.0 if new else total
 
 
-@inlined
+@kernel(inline=True)
 def load_rates(
     m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, t_ns: Int64, k: int, s: Rates
 ) -> None:
@@ -270,7 +269,7 @@ def load_rates(
     effective_rates(s.w_now, s.f_now, s.w_before, s.f_before, dt, dt_before, s.w, s.f)
 
 
-@apart
+@kernel(apart=True)
 def carry(
     m: StateRecord,
     P: Float64,
@@ -310,10 +309,10 @@ def carry(
     return k
 
 
-@inlined
+@kernel(inline=True)
 def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
     """Carry every hypothesis to ``stop_ns``."""
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     now_ns = head.now_ns
     k = head.next
     if stop_ns <= now_ns:

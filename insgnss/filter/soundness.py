@@ -11,7 +11,7 @@ import math
 from typing import Final
 
 from insgnss.filter.state import MAX_OPTIONAL, N_FACTORS, StateRecord
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 # (1e15)^2 in each state's own unit: no knowledge at all. A float32 of the ledger holds it
@@ -21,7 +21,7 @@ _FASTEST_MPS: Final = 1e6  # fifty times a spacecraft's
 _FARTHEST_CLOCK_M: Final = 1e15  # a month of bias; the square of an innovation is then a number still
 
 
-@borrowing
+@kernel
 def is_finite(m: StateRecord, P: Float64) -> bool:
     """Return whether every number of a hypothesis and of a covariance ``P`` is finite."""
     total = m.cn0_level + m.clock_clone + m.sum_dt + m.sum_gyro_q + m.sum_accel_q + m.v_mean_variance
@@ -56,7 +56,7 @@ def is_finite(m: StateRecord, P: Float64) -> bool:
     return math.isfinite(total + (a + b) + (c + d))
 
 
-@borrowing
+@kernel
 def is_sound(m: StateRecord, P: Float64) -> bool:
     """Return whether a hypothesis is one of a vehicle near the Earth: finite, and no variance negative or endless.
 

@@ -6,7 +6,7 @@ one covariance per hypothesis. Copying the three arrays of a bank copies the fil
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,8 @@ from insgnss.inertial.error_state import DRIFT as DRIFT
 from insgnss.inertial.error_state import DV as DV
 from insgnss.inertial.error_state import FURTHER
 from insgnss.inertial.error_state import PSI as PSI
-from insgnss.jit import inlined
+from insgnss.jit import kernel
+from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64, Int8, Int64
 
 # optional states, where the settings and the log ask for them (``Layout`` says where each stands); first of all the
@@ -32,6 +33,7 @@ MAX_COUPLINGS: Final = 24  # room for sensor errors other than biases
 N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
+CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
 N_MEMORY: Final = 10  # numbers kept of each band of a satellite
 
@@ -47,101 +49,90 @@ STATE_NAMES: Final = (
     "clock_drift",
 )
 
-STATE_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("q_eb", np.float64, (4,)),  # attitude, body to ECEF
-            ("C_eb", np.float64, (3, 3)),  # the same as a matrix
-            ("r_e", np.float64, (3,)),  # position of the IMU, ECEF [m]
-            ("v_e", np.float64, (3,)),  # [m/s]
-            ("b_a", np.float64, (3,)),  # accelerometer bias [m/s^2]
-            ("b_g", np.float64, (3,)),  # gyro bias [rad/s]
-            ("clock", np.float64, (2,)),  # receiver clock bias [m] and drift [m/s]
-            ("optional", np.float64, (MAX_OPTIONAL,)),  # values of the optional states, from OFFSETS on
-            # the epoch before, as the carrier's differences need it
-            ("r_clone", np.float64, (3,)),  # antenna position at its reception, ECEF [m]
-            ("clock_clone", np.float64),  # [m]
-            ("l_clone", np.float64, (3,)),  # its lever arm, ECEF [m]
-            ("air_clone", np.float64, (2,)),  # zenith delays, dry and wet [m]
-            ("clone_ns", np.int64),  # its time tag; 0: there is none
-            ("v_mean", np.float64, (3,)),  # velocity of the last seconds, ECEF [m/s]
-            ("v_mean_variance", np.float64),  # mean variance of its errors, of a horizontal axis; 0: none yet
-            # sums since the covariance was last carried on
-            ("sum_dt", np.float64),  # time [s]
-            ("f_smooth", np.float64, (3,)),  # specific force of the last moments, ECEF [m/s^2]
-            ("w_smooth", np.float64, (3,)),  # rate of the last moments, body [rad/s]
-            ("f_mean", np.float64, (3,)),  # and its slow mean, body [m/s^2]; zero: there is none yet
-            ("sum_dv", np.float64, (3,)),  # velocity increment of the specific force, ECEF [m/s]
-            ("sum_C", np.float64, (3, 3)),  # integral of C_eb [s]
-            ("sum_gyro_q", np.float64),  # attitude variance to add [rad^2]
-            ("sum_accel_q", np.float64),  # velocity variance to add [m^2/s^2]
-            ("sum_coupling", np.float64, (MAX_COUPLINGS, 3)),  # integrals of C_eb e_i m_k, see ``Coupling``
-            ("noise_factor", np.float64, (N_FACTORS,)),  # found noise levels
-            ("adapted_ns", np.int64),  # when they were last moved
-            ("adapted_count", np.int64),
-            (
-                "explained",
-                np.float64,
-                (2, 3),
-            ),  # means of what the epochs say of the prediction, see ``integrity``
-            ("explained_ns", np.int64),
-            ("crept_ns", np.int64),  # when a satellite was last found by its range rate to run away
-            ("stuck_ns", np.int64),  # when many range rates were last repeats of what was there before
-            ("stuck_since_ns", np.int64),  # and since when
-            ("rates_out_ns", np.int64),  # until when no range rate is believed
-            ("suspicion", np.float64),  # how far they are beyond chance, chi^2 of three
-            ("mask_waits", np.int64),  # 1 while the heading is too uncertain for the visibility stage
-            ("mask_uncertain", np.int64),  # satellites of the last epoch whose visibility was uncertain
-            (
-                "cn0_level",
-                np.float64,
-            ),  # strongest signal of late, as it would be at the zenith [dBHz]; 0: none yet
-            ("cn0_level_ns", np.int64),
-            ("log_weight", np.float64),  # natural logarithm of the hypothesis' probability
-            # how far the motion that was shown has moved the state, and what of it the updates have left
-            ("motion_response", np.float64, (OFFSETS + MAX_OPTIONAL,)),
-            ("log_likelihood", np.float64),  # of the epoch's rows
-            ("motion_information", np.float64),  # what the response could add to it at most
-        ],
-    )
-)
-HEAD_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("now_ns", np.int64),  # time of the state
-            ("next", np.int64),  # index of the inertial sample whose interval the state stands in
-            ("leader", np.int64),  # the hypothesis of the largest weight
-            ("epoch_ns", np.int64),  # time of the last epoch; 0 before the first
-            ("epoch_step_ns", np.int64),  # from the epoch before to it
-            ("renewed_ns", np.int64),  # when the state was last set at a stroke: start, reset, clock step
-            ("locked_out", np.int64),  # consecutive epochs with most rows of a kind refused
-            ("silent_ns", np.int64),  # time since when no measurement was used; 0 when there are some
-            (
-                "strained_ns",
-                np.int64,
-            ),  # time since when the innovations are far too large; 0 when they are not
-            ("log_likelihood", np.float64),  # of the epochs, where one heading is left; for ``suspects``
-            ("doubted_ns", np.int64),  # the filter's own prediction is not suspected before
-            ("masking", np.int64),  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
-            ("uncertain", np.int64),  # satellites over epochs, whose visibility was uncertain, not told yet
-            ("uncertain_ns", np.int64),  # when that began ...
-            ("uncertain_last_ns", np.int64),  # ... and when it was so last
-            ("heading_open", np.int64),  # 1 until the heading has been told to be known
-            ("more_than_headings", np.int64),  # 1 where the hypotheses differ in more than what motion shows
-            ("slip", np.float64),  # angle from course to heading when last known (``sideslip``) [rad]
-            ("slip_variance", np.float64),  # [rad^2]
-            ("slip_ns", np.int64),  # when that was; 0: never
-            ("slip_walk", np.float64),  # density of its changes [rad^2/s]
-            ("slip_s", np.float64),  # time over which they were seen [s]
-        ],
-    )
-)
 
-StateRecord: TypeAlias = Any  # one element of STATE_DTYPE
+class StateRecord(Record):
+    """The state of one hypothesis, and what it remembers."""
+
+    q_eb: Annotated[Float64, 4]  # attitude, body to ECEF
+    C_eb: Annotated[Float64, 3, 3]  # the same as a matrix
+    r_e: Annotated[Float64, 3]  # position of the IMU, ECEF [m]
+    v_e: Annotated[Float64, 3]  # [m/s]
+    b_a: Annotated[Float64, 3]  # accelerometer bias [m/s^2]
+    b_g: Annotated[Float64, 3]  # gyro bias [rad/s]
+    clock: Annotated[Float64, 2]  # receiver clock bias [m] and drift [m/s]
+    optional: Annotated[Float64, MAX_OPTIONAL]  # values of the optional states, from OFFSETS on
+    # the epoch before, as the carrier's differences need it
+    r_clone: Annotated[Float64, 3]  # antenna position at its reception, ECEF [m]
+    clock_clone: float  # [m]
+    l_clone: Annotated[Float64, 3]  # its lever arm, ECEF [m]
+    air_clone: Annotated[Float64, 2]  # zenith delays, dry and wet [m]
+    clone_ns: int  # its time tag; 0: there is none
+    v_mean: Annotated[Float64, 3]  # velocity of the last seconds, ECEF [m/s]
+    v_mean_variance: float  # mean variance of its errors, of a horizontal axis; 0: none yet
+    # sums since the covariance was last carried on
+    sum_dt: float  # time [s]
+    f_smooth: Annotated[Float64, 3]  # specific force of the last moments, ECEF [m/s^2]
+    w_smooth: Annotated[Float64, 3]  # rate of the last moments, body [rad/s]
+    f_mean: Annotated[Float64, 3]  # and its slow mean, body [m/s^2]; zero: there is none yet
+    sum_dv: Annotated[Float64, 3]  # velocity increment of the specific force, ECEF [m/s]
+    sum_C: Annotated[Float64, 3, 3]  # integral of C_eb [s]
+    sum_gyro_q: float  # attitude variance to add [rad^2]
+    sum_accel_q: float  # velocity variance to add [m^2/s^2]
+    sum_coupling: Annotated[Float64, MAX_COUPLINGS, 3]  # integrals of C_eb e_i m_k, see ``Coupling``
+    noise_factor: Annotated[Float64, N_FACTORS]  # found noise levels
+    adapted_ns: int  # when they were last moved
+    adapted_count: int
+    explained: Annotated[Float64, 2, 3]  # means of what the epochs say of the prediction, see ``integrity``
+    explained_ns: int
+    crept_ns: int  # when a satellite was last found by its range rate to run away
+    stuck_ns: int  # when many range rates were last repeats of what was there before
+    stuck_since_ns: int  # and since when
+    rates_out_ns: int  # until when no range rate is believed
+    suspicion: float  # how far they are beyond chance, chi^2 of three
+    mask_waits: int  # 1 while the heading is too uncertain for the visibility stage
+    mask_uncertain: int  # satellites of the last epoch whose visibility was uncertain
+    cn0_level: float  # strongest signal of late, as it would be at the zenith [dBHz]; 0: none yet
+    cn0_level_ns: int
+    log_weight: float  # natural logarithm of the hypothesis' probability
+    # how far the motion that was shown has moved the state, and what of it the updates have left
+    motion_response: Annotated[Float64, OFFSETS + MAX_OPTIONAL]
+    log_likelihood: float  # of the epoch's rows
+    motion_information: float  # what the response could add to it at most
+
+
+STATE_DTYPE: Final = dtype_of(StateRecord)
+
+
+class HeadRecord(Record):
+    """What the hypotheses of a bank have in common."""
+
+    now_ns: int  # time of the state
+    next: int  # index of the inertial sample whose interval the state stands in
+    leader: int  # the hypothesis of the largest weight
+    epoch_ns: int  # time of the last epoch; 0 before the first
+    epoch_step_ns: int  # from the epoch before to it
+    renewed_ns: int  # when the state was last set at a stroke: start, reset, clock step
+    locked_out: int  # consecutive epochs with most rows of a kind refused
+    silent_ns: int  # time since when no measurement was used; 0 when there are some
+    strained_ns: int  # time since when the innovations are far too large; 0 when they are not
+    log_likelihood: float  # of the epochs, where one heading is left; for ``suspects``
+    doubted_ns: int  # the filter's own prediction is not suspected before
+    masking: int  # visibility stage: 0 nothing told yet, 1 it waits, 2 it masks
+    uncertain: int  # satellites over epochs, whose visibility was uncertain, not told yet
+    uncertain_ns: int  # when that began ...
+    uncertain_last_ns: int  # ... and when it was so last
+    heading_open: int  # 1 until the heading has been told to be known
+    more_than_headings: int  # 1 where the hypotheses differ in more than what motion shows
+    slip: float  # angle from course to heading when last known (``sideslip``) [rad]
+    slip_variance: float  # [rad^2]
+    slip_ns: int  # when that was; 0: never
+    slip_walk: float  # density of its changes [rad^2/s]
+    slip_s: float  # time over which they were seen [s]
+
+
+HEAD_DTYPE: Final = dtype_of(HeadRecord)
+
 StateArray: TypeAlias = npt.NDArray[Any]
-HeadRecord: TypeAlias = Any  # one element of HEAD_DTYPE
 
 
 class Bank(NamedTuple):
@@ -167,7 +158,7 @@ def new_bank(n_hypotheses: int, n_optional: int) -> Bank:
     return Bank(state, np.zeros((n_hypotheses, n, n)), np.zeros(1, HEAD_DTYPE), seen, memory)
 
 
-@inlined
+@kernel(inline=True)
 def copy_state(source: StateRecord, target: StateRecord) -> None:
     """Copy one state, field by field: the compiler takes a record for its bytes, and copies them one at a time."""
     for i in range(3):

@@ -9,7 +9,7 @@ import numpy as np
 import pymap3d
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import Limits, look_at_all
+from insgnss.antenna.visibility import Limits, look_at_all, new_looks
 from insgnss.config.interference import Emitter, LoopReceiver
 from insgnss.constants import C_MPS, WGS84_A_M
 from insgnss.flown_margin.path import FlownPath
@@ -68,18 +68,14 @@ def emitter_gain(C_nb: Float64, u_n: Float64, antennas: Installation, airframe_l
 
     Of an emitter hidden from all of them it is the best gain less ``airframe_loss_db``. Without antennas it is 0 dBic.
     """
-    shape = u_n.shape[:2]
     if not len(antennas.lever_b):
-        return np.zeros(shape)
-    decision, reason, antenna = (np.zeros(shape, np.int8) for _ in range(3))
-    gain = np.zeros((*shape, 2))
+        return np.zeros(u_n.shape[:2])
+    looks = new_looks(*u_n.shape[:2])
     every_gain = Limits(-1e9, 0.0, 0.0, math.inf)
     C = np.ascontiguousarray(C_nb)
-    look_at_all(
-        C, np.zeros_like(C), np.ascontiguousarray(u_n), antennas, every_gain, decision, reason, antenna, gain
-    )
-    found = np.nan_to_num(gain[..., 0], nan=0.0)
-    return np.asarray(np.where(reason == MASKED_OBSTRUCTION, found - airframe_loss_db, found))
+    look_at_all(C, np.zeros_like(C), np.ascontiguousarray(u_n), antennas, every_gain, looks)
+    found = np.nan_to_num(looks.gain[..., 0], nan=0.0)
+    return np.asarray(np.where(looks.reason == MASKED_OBSTRUCTION, found - airframe_loss_db, found))
 
 
 def _switched_on(

@@ -8,14 +8,14 @@ from __future__ import annotations
 import math
 
 from insgnss.constants import WGS84_A_M, WGS84_B_M, WGS84_E2
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 _SECOND_E2 = WGS84_E2 / (1.0 - WGS84_E2)
 _BOWRING_STEPS = 3  # one step is good to 1e-9 rad at 10 km, three to rounding at 20 000 km
 
 
-@borrowing
+@kernel
 def radii(lat: float) -> tuple[float, float]:
     """Return the radii of curvature of meridian and prime vertical (M, N) [m] at geodetic latitude ``lat`` [rad]."""
     w2 = 1.0 - WGS84_E2 * math.sin(lat) ** 2
@@ -23,7 +23,7 @@ def radii(lat: float) -> tuple[float, float]:
     return n * (1.0 - WGS84_E2) / w2, n
 
 
-@borrowing
+@kernel
 def geodetic_to_ecef(lat: float, lon: float, h: float, r_e: Float64) -> None:
     """Write the ECEF position [m] of geodetic ``lat``, ``lon`` [rad] and ``h`` [m] into ``r_e`` (3,)."""
     n = radii(lat)[1]
@@ -33,7 +33,7 @@ def geodetic_to_ecef(lat: float, lon: float, h: float, r_e: Float64) -> None:
     r_e[2] = (n * (1.0 - WGS84_E2) + h) * math.sin(lat)
 
 
-@borrowing
+@kernel
 def ecef_to_geodetic(r_e: Float64) -> tuple[float, float, float]:
     """Return geodetic latitude, longitude [rad] and height [m] of the ECEF position ``r_e`` (3,) [m].
 

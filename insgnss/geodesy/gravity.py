@@ -19,7 +19,7 @@ from insgnss.constants import (
     WGS84_OMEGA_RADPS,
     WGS84_SOMIGLIANA_K,
 )
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 # zonals of the normal field: J_2n = (-1)^(n+1) 3 e^2n / ((2n+1)(2n+3)) (1 - n + 5 n J2 / e^2)
@@ -28,7 +28,7 @@ _J4 = -3.0 * WGS84_E2**2 / 35.0 * (-1.0 + 10.0 * WGS84_J2 / WGS84_E2)
 _J6 = 3.0 * WGS84_E2**3 / 63.0 * (-2.0 + 15.0 * WGS84_J2 / WGS84_E2)
 
 
-@borrowing
+@kernel
 def somigliana(lat: float, h: float) -> float:
     """Return normal gravity [m/s^2] at geodetic latitude ``lat`` [rad] and height ``h`` [m].
 
@@ -43,7 +43,7 @@ def somigliana(lat: float, h: float) -> float:
     return on_ellipsoid * (1.0 - 2.0 * (1.0 + WGS84_F + WGS84_M - 2.0 * WGS84_F * s2) * x + 3.0 * x * x)
 
 
-@borrowing
+@kernel
 def normal_gravity_ecef(r_e: Float64, g_e: Float64) -> None:
     """Write normal gravity (gravitation and centrifugal acceleration) at ``r_e`` (3,) [m] into ``g_e`` (3,) [m/s^2].
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from insgnss.constants import WGS84_A_M, WGS84_E2
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@borrowing
+@kernel
 def up_direction(r_e: Float64) -> tuple[float, float, float]:
     """Return the unit vector up, against gravity, at an ECEF position (3,) [m]: that of the ellipsoid's normal.
 
@@ -24,7 +24,7 @@ def up_direction(r_e: Float64) -> tuple[float, float, float]:
     return x / length, y / length, z / length
 
 
-@borrowing
+@kernel
 def ecef_to_ned_matrix(lat: float, lon: float, C_ne: Float64) -> None:
     """Write C_ne (3, 3), rows north, east, down in ECEF axes, at geodetic ``lat``, ``lon`` [rad].
 

@@ -10,14 +10,14 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 # the series' fractions: a compiler may not turn a division into a product, which takes a quarter of its time
 _6TH, _12TH, _20TH, _30TH, _42ND, _56TH, _72ND = (1.0 / n for n in (6.0, 12.0, 20.0, 30.0, 42.0, 56.0, 72.0))
 
 
-@borrowing
+@kernel
 def quaternion_to_matrix(q: Float64, C: Float64) -> None:
     """Write the rotation matrix of unit quaternion ``q`` (4,) into ``C`` (3, 3)."""
     a = q[0]
@@ -35,7 +35,7 @@ def quaternion_to_matrix(q: Float64, C: Float64) -> None:
     C[2, 2] = a * a - b * b - c * c + d * d
 
 
-@borrowing
+@kernel
 def matrix_to_quaternion(C: Float64, q: Float64) -> None:
     """Write the unit quaternion of rotation matrix ``C`` (3, 3) into ``q`` (4,), scalar not negative.
 
@@ -73,7 +73,7 @@ def matrix_to_quaternion(C: Float64, q: Float64) -> None:
             q[i] = -q[i]
 
 
-@borrowing
+@kernel
 def euler_to_matrix(roll: float, pitch: float, yaw: float, C: Float64) -> None:
     """Write C_nb (3, 3) of roll, pitch, yaw [rad]: yaw about down, then pitch about right, then roll about forward."""
     sr, cr = math.sin(roll), math.cos(roll)
@@ -90,7 +90,7 @@ def euler_to_matrix(roll: float, pitch: float, yaw: float, C: Float64) -> None:
     C[2, 2] = cr * cp
 
 
-@borrowing
+@kernel
 def matrix_to_euler(C: Float64) -> tuple[float, float, float]:
     """Return roll, pitch, yaw [rad] of C_nb (3, 3).
 
@@ -104,7 +104,7 @@ def matrix_to_euler(C: Float64) -> tuple[float, float, float]:
     return roll, math.atan2(-C[2, 0], level), yaw
 
 
-@borrowing
+@kernel
 def turn_left(q: Float64, x: float, y: float, z: float) -> None:
     """Turn ``q`` (4,) by the rotation vector (x, y, z) [rad] of its target frame: q <- dq (x) q, of length one."""
     a0, a1, a2, a3 = rotation_vector_quaternion(x, y, z)
@@ -117,7 +117,7 @@ def turn_left(q: Float64, x: float, y: float, z: float) -> None:
     q[0], q[1], q[2], q[3] = r0 * s, r1 * s, r2 * s, r3 * s
 
 
-@borrowing
+@kernel
 def rotation_vector_quaternion(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return the quaternion of the rotation vector (x, y, z) [rad]: (cos(phi/2), sin(phi/2)/phi (x, y, z)).
 

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 Vector: TypeAlias = tuple[float, float, float]
 
 
-@inlined
+@kernel(inline=True)
 def cross(a: Vector | Float64, b: Vector | Float64) -> Vector:
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@inlined
+@kernel(inline=True)
 def plus(a: Vector | Float64, b: Vector | Float64) -> Vector:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@inlined
+@kernel(inline=True)
 def rotate(C: Float64, a: Vector | Float64) -> Vector:
     """Return C a of a rotation matrix (3, 3)."""
     return (
@@ -32,7 +32,7 @@ def rotate(C: Float64, a: Vector | Float64) -> Vector:
     )
 
 
-@inlined
+@kernel(inline=True)
 def rotate_back(C: Float64, a: Vector | Float64) -> Vector:
     """Return C^T a of a rotation matrix (3, 3)."""
     return (
@@ -42,13 +42,13 @@ def rotate_back(C: Float64, a: Vector | Float64) -> Vector:
     )
 
 
-@inlined
+@kernel(inline=True)
 def place(target: Float64, at: int, a: Vector | Float64) -> None:
     """Write a vector into ``target`` from ``at`` on."""
     target[at], target[at + 1], target[at + 2] = a[0], a[1], a[2]
 
 
-@inlined
+@kernel(inline=True)
 def place_negative(target: Float64, at: int, a: Vector | Float64) -> None:
     """Write a vector, turned round, into ``target`` from ``at`` on."""
     target[at], target[at + 1], target[at + 2] = -a[0], -a[1], -a[2]

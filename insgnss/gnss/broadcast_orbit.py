@@ -8,7 +8,7 @@ the analytic derivatives of the same expressions. The frame is Earth-fixed at th
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, TypeAlias
 
 from insgnss.constants import BEIDOU_GEO_TILT_DEG
 from insgnss.gnss.ephemeris_rows import (
@@ -68,6 +68,9 @@ def eccentric_anomaly(mean: float, e: float, start: float) -> tuple[float, float
     return anomaly, math.sin(anomaly), math.cos(anomaly)
 
 
+PlaneMotion: TypeAlias = tuple[float, float, float, float, float, float]  # x, y and their two derivatives
+
+
 @kernel
 def _harmonic(
     cs: float, cc: float, s2: float, c2: float, rate: float, rate_change: float
@@ -79,10 +82,9 @@ def _harmonic(
 
 
 @kernel
-def _turn(
-    sine: float, cosine: float, rate: float, x: float, y: float, vx: float, vy: float, ax: float, ay: float
-) -> tuple[float, float, float, float, float, float]:
-    """Return a plane vector and its two derivatives, turned by an angle that grows at a constant rate."""
+def _turn(sine: float, cosine: float, rate: float, motion: PlaneMotion) -> PlaneMotion:
+    """Return a motion in a plane, turned by an angle that grows at a constant rate."""
+    x, y, vx, vy, ax, ay = motion
     # v + rate x r ; a + 2 rate x v + rate x (rate x r), in the frame that turns
     ux, uy = vx - rate * y, vy + rate * x
     bx, by = ax - rate * (2.0 * vy + rate * x), ay + rate * (2.0 * vx - rate * y)
@@ -166,14 +168,16 @@ def orbit_state(rows: Float64, k: int, t: float, sin_E: float, cos_E: float, out
     p2 = ay * cos_i - z * i2 - i1 * (2.0 * vy * sin_i + p * i1)
     z2 = ay * sin_i + p * i2 + i1 * (2.0 * vy * cos_i - z * i1)
     node = rows[k, NODE] + rows[k, NODE_RATE] * t
-    x, p, vx, p1, ax, p2 = _turn(math.sin(node), math.cos(node), rows[k, NODE_RATE], x, p, vx, p1, ax, p2)
+    level = x, p, vx, p1, ax, p2
+    x, p, vx, p1, ax, p2 = _turn(math.sin(node), math.cos(node), rows[k, NODE_RATE], level)
     if rows[k, EARTH_RATE] != 0.0:
         p, z = _COS_TILT * p + _SIN_TILT * z, _COS_TILT * z - _SIN_TILT * p
         p1, z1 = _COS_TILT * p1 + _SIN_TILT * z1, _COS_TILT * z1 - _SIN_TILT * p1
         p2, z2 = _COS_TILT * p2 + _SIN_TILT * z2, _COS_TILT * z2 - _SIN_TILT * p2
         turned = -rows[k, EARTH_RATE] * t
         rate = -rows[k, EARTH_RATE]
-        x, p, vx, p1, ax, p2 = _turn(math.sin(turned), math.cos(turned), rate, x, p, vx, p1, ax, p2)
+        level = x, p, vx, p1, ax, p2
+        x, p, vx, p1, ax, p2 = _turn(math.sin(turned), math.cos(turned), rate, level)
     out[j, 0], out[j, 1], out[j, 2] = x, p, z
     out[j, 3], out[j, 4], out[j, 5] = vx, p1, z1
     out[j, 6], out[j, 7], out[j, 8] = ax, p2, z2

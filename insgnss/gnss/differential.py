@@ -30,7 +30,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.gnss.range_model import AIR_DTYPE, place_air, slant_delay
+from insgnss.gnss.range_model import AIR_DTYPE, AirModel, place_air, slant_delay
 from insgnss.gnss.satellite_state import SatelliteStates
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.gnss.troposphere import STANDARD_WEATHER, Weather
@@ -96,10 +96,13 @@ def differential_corrections(
         np.ascontiguousarray(states.sat),
         states.clock_m,
         np.asarray(base_position_e, dtype=np.float64),
-        np.zeros(8) if klobuchar is None else np.asarray(klobuchar, dtype=np.float64),
-        factor,
+        AirModel(
+            np.zeros(8) if klobuchar is None else np.asarray(klobuchar, dtype=np.float64),
+            factor,
+            float(troposphere),
+            Weather(*(float(value) for value in weather)),
+        ),
         given,
-        np.array([float(troposphere), *weather]),
         model,
         sine,
     )
@@ -229,10 +232,8 @@ def base_ranges(
     sat: Float64,
     clock_m: Float64,
     r_e: Float64,
-    klobuchar: Float64,
-    factor: Float64,
+    air_model: AirModel,
     ionosphere_m: Float64,
-    troposphere: Float64,
     model: Float64,
     sine: Float64,
 ) -> None:
@@ -246,10 +247,8 @@ def base_ranges(
     sat : (n, >= 3) satellites, ECEF at transmission [m]
     clock_m : (n,) their clocks [m]
     r_e : (3,) the antenna, ECEF [m]
-    klobuchar : (8,) alpha, beta
-    factor : (n,) (f_L1 / f)^2, zero for no ionosphere
+    air_model : with the ionosphere's factor of each row
     ionosphere_m : (n,) delay on L1 by another model, NaN for Klobuchar's
-    troposphere : (4,) one or zero, then ``Weather`` at sea level
     model, sine : (n,) outputs: pseudorange [m] and sine of the elevation, NaN without a satellite
     """
     lat, lon, h = ecef_to_geodetic(r_e)
@@ -259,11 +258,10 @@ def base_ranges(
     for i in range(len(t_ns)):
         if i == 0 or t_ns[i] != t_ns[i - 1]:
             week_s = (t_ns[i] % NS_PER_WEEK) / NS_PER_S
-            place_air(
-                air[0], lat, lon, h, week_s, troposphere[0], troposphere[1], troposphere[2], troposphere[3]
-            )
+            place_air(air[0], lat, lon, h, week_s, air_model.troposphere, air_model.weather)
         distance = line_of_sight_range(sat, i, r_e, u)
         for k in range(3):
             u_n[k] = C_ne[k, 0] * u[0] + C_ne[k, 1] * u[1] + C_ne[k, 2] * u[2]
         sine[i] = -u_n[2]
-        model[i] = distance - clock_m[i] + slant_delay(air[0], klobuchar, u_n, factor[i], ionosphere_m[i])
+        delay = slant_delay(air[0], air_model.klobuchar, u_n, air_model.ionosphere[i], ionosphere_m[i])
+        model[i] = distance - clock_m[i] + delay

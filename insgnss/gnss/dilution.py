@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 
-from insgnss.apart import apart
-from insgnss.gnss.least_squares import Bool, FitRows, Workspace, cholesky, clock_of, covariance
+from insgnss.gnss.least_squares import CLOCKS, Bool, FitRows, Workspace, cholesky, clock_of, covariance
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def dilution(
     rows: FitRows, use: Bool, x: Float64, C_ne: Float64, work: Workspace, Q: Float64, dop: Float64
 ) -> bool:
@@ -26,10 +24,10 @@ def dilution(
     Parameters
     ----------
     rows, use : the pseudoranges of one epoch and which of them are in the solution
-    x : (3 + groups,) position, ECEF [m], then clocks (not needed)
+    x : (CLOCKS + groups,) position, ECEF [m], then clocks (not needed)
     C_ne : (3, 3) turns ECEF components into north-east-down ones
     work : scratch
-    Q : (3 + groups, 3 + groups) output: (H^T H)^-1, ECEF
+    Q : (CLOCKS + groups, CLOCKS + groups) output: (H^T H)^-1, ECEF
     dop : (5,) output
     """
     p, clock = len(Q), len(Q)
@@ -39,14 +37,14 @@ def dilution(
     for k in range(len(use)):
         if use[k]:
             line_of_sight_range(rows.sat, k, x, work.u)
-            j = 3 + clock_of(rows, k)
+            j = CLOCKS + clock_of(rows, k)
             clock = min(clock, j)
             for a in range(3):
                 for c in range(a + 1):
                     work.N[a, c] += work.u[a] * work.u[c]
                 work.N[j, a] -= work.u[a]
             work.N[j, j] += 1.0
-    for j in range(3, p):
+    for j in range(CLOCKS, p):
         if work.N[j, j] == 0.0:
             work.N[j, j] = 1.0
     if clock == p or not cholesky(work.N):

@@ -21,7 +21,7 @@ from insgnss.constants import (
     GLONASS_OMEGA_RADPS,
     NS_PER_S,
 )
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64, StateVectorTable
 
 PIECE_S: Final = 60.0
@@ -151,7 +151,7 @@ def _between(r0: Float64, v0: Float64, a0: Float64, r1: Float64, v1: Float64, a1
     return np.stack([r0, v0, 0.5 * a0, c3, c4, c5], axis=1)
 
 
-@inlined
+@kernel(inline=True)
 def arc_state(arcs: StateVectorArcs, m: int, t: float, out: Float64, j: int) -> None:
     """Write position [m], velocity [m/s] and acceleration [m/s^2] in ECEF of message ``m`` into ``out[j, 0:9]``.
 

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.apart import apart
 from insgnss.gnss.dilution import along
 from insgnss.gnss.least_squares import (
+    CLOCKS,
     Bool,
     FitRows,
     Workspace,
@@ -66,8 +66,7 @@ def redundancy_room(k: int) -> Redundancy:
     return Redundancy(np.zeros((k, k)), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3)))
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def redundancy(rows: FitRows, use: Bool, x: Float64, P: Float64, work: Workspace, room: Redundancy) -> None:
     """Write the redundancy of a fit, ``x`` its solution and ``P`` its covariance.
 
@@ -79,7 +78,7 @@ def redundancy(rows: FitRows, use: Bool, x: Float64, P: Float64, work: Workspace
         if not use[k]:
             continue
         room.r[k] = residual(rows, k, x, work) / rows.sigma[k]
-        j = 3 + rows.group[k]
+        j = CLOCKS + rows.group[k]
         for a in range(3):
             room.U[k, a] = work.u[a]
             value = P[a, j]
@@ -89,9 +88,11 @@ def redundancy(rows: FitRows, use: Bool, x: Float64, P: Float64, work: Workspace
         for i in range(k + 1):
             if use[i]:
                 # (P h_k) at the clock of row i, then h_i^T P h_k
-                value = P[3 + rows.group[i], j] / rows.sigma[k]
+                value = P[CLOCKS + rows.group[i], j] / rows.sigma[k]
                 for a in range(3):
-                    value -= P[3 + rows.group[i], a] * work.u[a] / rows.sigma[k] + room.U[i, a] * room.A[k, a]
+                    value -= (
+                        P[CLOCKS + rows.group[i], a] * work.u[a] / rows.sigma[k] + room.U[i, a] * room.A[k, a]
+                    )
                 room.S[k, i] = -value / rows.sigma[i]
                 room.S[i, k] = room.S[k, i]
         room.S[k, k] += 1.0
@@ -167,8 +168,7 @@ def _drop_lonely(rows: FitRows, offered: Bool, use: Bool, n_clocks: int) -> None
             use[k] = False
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def swaps_fit(
     rows: FitRows, offered: Bool, use: Bool, x: Float64, margin: float, near: float, fits: Fits
 ) -> bool:
@@ -190,8 +190,7 @@ def swaps_fit(
     return False
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64, fits: Fits) -> int:
     """Exclude the one or two rows without which the others agree; return EXCLUDED, NOT_IDENTIFIED or -1 for neither.
 
@@ -212,15 +211,14 @@ def few_excluded(rows: FitRows, use: Bool, freedom: int, x: Float64, P: Float64,
             copy(y, x)
             covariance(fits.work.N, P)
             rival = _has_rival(fits.room, offered, a, b, fits.limits[1], _position_sigma(P))
-            _drop_lonely(rows, offered, use, len(x) - 3)
+            _drop_lonely(rows, offered, use, len(x) - CLOCKS)
             return NOT_IDENTIFIED if rival else EXCLUDED
         for k in range(len(use)):
             use[k] = offered[k]
     return -1
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def many_excluded(
     rows: FitRows, use: Bool, freedom: int, start: Float64, x: Float64, P: Float64, fits: Fits
 ) -> int:
@@ -229,16 +227,15 @@ def many_excluded(
     total = search(rows, offered, start, fits.work, x, P, use)
     if math.isnan(total):
         return BAD_GEOMETRY
-    lost, left = n - count(use), count(use) - n_unknowns(rows_per_clock(rows, use, len(x) - 3))
+    lost, left = n - count(use), count(use) - n_unknowns(rows_per_clock(rows, use, len(x) - CLOCKS))
     if lost == 0 or 2 * lost > freedom or left < 1 or total > fits.limits[left]:
         return NOT_IDENTIFIED
     rival = swaps_fit(rows, offered, use, x, fits.limits[1], _position_sigma(P), fits)
-    _drop_lonely(rows, offered, use, len(x) - 3)
+    _drop_lonely(rows, offered, use, len(x) - CLOCKS)
     return NOT_IDENTIFIED if rival else EXCLUDED
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def agree(
     rows: FitRows, use: Bool, start: Float64, x: Float64, P: Float64, fits: Fits
 ) -> tuple[int, float, int]:
@@ -251,11 +248,11 @@ def agree(
     ----------
     rows : the observations of one epoch, all of one kind
     use : (k,) in: rows offered; out: rows in the solution
-    start : (3 + groups,) first guess
+    start : (CLOCKS + groups,) first guess
     x, P : output: solution and its covariance as the sigmas say, not scaled by the residuals
     fits : limits and scratch
     """
-    n, unknowns = count(use), n_unknowns(rows_per_clock(rows, use, len(x) - 3))
+    n, unknowns = count(use), n_unknowns(rows_per_clock(rows, use, len(x) - CLOCKS))
     freedom = n - unknowns
     if n < max(unknowns, 4):
         return TOO_FEW, math.nan, 0
@@ -279,8 +276,7 @@ def agree(
     return verdict, total if solved else math.inf, freedom
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def protection_levels(
     use: Bool, room: Redundancy, P: Float64, C_ne: Float64, limit: float, missed_sigmas: float
 ) -> tuple[float, float]:

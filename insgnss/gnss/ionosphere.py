@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import C_MPS, S_PER_DAY
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 _NIGHT_DELAY_S: Final = 5.0e-9
@@ -33,7 +33,7 @@ _PEAK_HEIGHT_M: Final = 350_000.0  # the model's layer; IS-GPS-200N, 20.3.3.5.2.
 _SCALE_HEIGHT_M: Final = 80_000.0  # of the ionised gas above the peak, about 70 to 100 km (Chapman layer)
 
 
-@borrowing
+@kernel
 def klobuchar_delay(
     coefficients: Float64, lat: float, lon: float, azimuth: float, elevation: float, week_s: float
 ) -> float:
@@ -41,7 +41,7 @@ def klobuchar_delay(
     return klobuchar_towards(coefficients, lat, lon, math.cos(azimuth), math.sin(azimuth), elevation, week_s)
 
 
-@borrowing
+@kernel
 def klobuchar_towards(
     coefficients: Float64,
     lat: float,
@@ -69,7 +69,7 @@ def klobuchar_towards(
     return klobuchar_delay_of(slant, amplitude, x, abs(x) < DAY_ENDS)
 
 
-@inlined
+@kernel(inline=True)
 def klobuchar_wave(
     coefficients: Float64,
     lat: float,
@@ -97,7 +97,7 @@ def klobuchar_wave(
     return 1.0 + 16.0 * low * low * low, amplitude, x
 
 
-@inlined
+@kernel(inline=True)
 def klobuchar_delay_of(slant: float, amplitude: float, x: float, day: bool) -> float:
     """Return the delay [m] of a ``klobuchar_wave``, by day or by night.
 
@@ -109,7 +109,7 @@ def klobuchar_delay_of(slant: float, amplitude: float, x: float, day: bool) -> f
     return C_MPS * slant * vertical
 
 
-@borrowing
+@kernel
 def ionosphere_above(h: float) -> float:
     """Return the share of the vertical electron content that lies above height ``h`` [m]; 1 on the ground.
 

@@ -14,13 +14,13 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.apart import apart
 from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
 from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 
+CLOCKS: Final = 3  # where the clocks, or the drift, stand among the unknowns
 RANGE: Final = 0
 RANGE_RATE: Final = 1
 
@@ -28,7 +28,6 @@ _MOST_STEPS: Final = 20  # Gauss-Newton needs 5 to 6 from the Earth's centre
 _CONVERGED: Final = 1e-5  # last step [m, m/s]; the next one would be smaller by 1e5
 _LOST: Final = 1e12  # a step beyond it leads nowhere
 _SINGULAR: Final = 1e-10  # a pivot this small beside its diagonal: dilution beyond 1e5
-_CHI_SQUARE_Z: Final = 3.719  # normal quantile of 1 - 1e-4: a false alarm of the whole fit costs one search
 
 
 class Ties(NamedTuple):
@@ -102,7 +101,7 @@ def residual(rows: FitRows, k: int, x: Float64, work: Workspace) -> float:
         predicted = line_of_sight_range(rows.sat, k, x, work.u)
     else:
         _, predicted = line_of_sight(rows.sat, k, rows.r_e, x, work.u, work.g)
-    misfit: float = rows.measured[k] - predicted - x[3 + rows.group[k]]
+    misfit: float = rows.measured[k] - predicted - x[CLOCKS + rows.group[k]]
     return misfit
 
 
@@ -133,13 +132,13 @@ def normal_matrix(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> floa
         weight = 1.0 / (rows.sigma[k] * rows.sigma[k])
         misfit = residual(rows, k, x, work)
         total += weight * misfit * misfit
-        j = 3 + rows.group[k]
+        j = CLOCKS + rows.group[k]
         _add_row(work.N, work.u, j, weight)
         for a in range(3):
             work.b[a] -= weight * misfit * work.u[a]
         work.b[j] += weight * misfit
     total += _tie_clocks(rows.ties, x, work)
-    for j in range(3, len(work.b)):
+    for j in range(CLOCKS, len(work.b)):
         if work.N[j, j] == 0.0:
             work.N[j, j] = 1.0
     return total
@@ -150,7 +149,7 @@ def _tie_clocks(ties: Ties, x: Float64, work: Workspace) -> float:
     """Add the tied clocks' differences to the normal matrix; return their part of chi-square."""
     total = 0.0
     for g in range(len(ties.home)):
-        i, j = 3 + ties.home[g], 3 + g
+        i, j = CLOCKS + ties.home[g], CLOCKS + g
         if i < 3 or (work.N[i, i] == 0.0 and work.N[j, j] == 0.0):
             continue
         apart = x[j] - x[i]
@@ -194,8 +193,7 @@ def cholesky_solve(L: Float64, b: Float64) -> None:
         b[i] /= L[i, i]
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def fit(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> float:
     """Solve for ``x`` (in and out) by Gauss-Newton over the rows in use; return chi-square, NaN when there is none.
 
@@ -225,14 +223,6 @@ def covariance(L: Float64, P: Float64) -> None:
         fill(P[j], 0.0)
         P[j, j] = 1.0
         cholesky_solve(L, P[j])  # symmetric: a row serves as the column
-
-
-@kernel
-def chi_square_limit(freedom: int) -> float:
-    """Return the value that chi-square with ``freedom`` degrees exceeds once in 10 000 [Wilson, Hilferty 1931]."""
-    spread = 2.0 / (9.0 * freedom)
-    root = 1.0 - spread + _CHI_SQUARE_Z * math.sqrt(spread)
-    return freedom * root * root * root
 
 
 @kernel

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@borrowing
+@kernel
 def _turned_satellite(sat: Float64, k: int, r_e: Float64, u: Float64) -> tuple[float, float, float]:
     """Write the unit vector into ``u``; return range [m], sin(omega tau) and 1 - cos(omega tau)."""
     x, y, z = sat[k, 0], sat[k, 1], sat[k, 2]
@@ -34,7 +34,7 @@ def _turned_satellite(sat: Float64, k: int, r_e: Float64, u: Float64) -> tuple[f
     return distance, sine, versine
 
 
-@borrowing
+@kernel
 def line_of_sight_range(sat: Float64, k: int, r_e: Float64, u: Float64) -> float:
     """Return the geometric range [m] to satellite row ``k``; write the unit vector receiver to satellite.
 
@@ -52,7 +52,7 @@ def line_of_sight_range(sat: Float64, k: int, r_e: Float64, u: Float64) -> float
     return distance
 
 
-@borrowing
+@kernel
 def line_of_sight(
     sat: Float64, k: int, r_e: Float64, v_e: Float64, u: Float64, g: Float64
 ) -> tuple[float, float]:
@@ -97,7 +97,7 @@ def line_of_sight(
     return distance, along / (1.0 + doppler)
 
 
-@borrowing
+@kernel
 def azimuth_elevation(u: Float64, C_en: Float64) -> tuple[float, float]:
     """Return azimuth (from north, clockwise, -pi..pi) and elevation (-pi/2..pi/2) of a line of sight [rad].
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 _REFERENCE_CN0_DBHZ: Final = 45.0
@@ -19,7 +19,7 @@ def thermal_factor(cn0_dbhz: Float64 | float) -> Float64:
     return np.asarray(10.0 ** (0.1 * (_REFERENCE_CN0_DBHZ - np.asarray(cn0_dbhz, dtype=np.float64))))
 
 
-@borrowing
+@kernel
 def measurement_variance(
     sine: float, thermal: float, floor2: float, elevation2: float, cn02: float, missing_thermal: float
 ) -> float:
@@ -39,7 +39,7 @@ def measurement_variance(
     return floor2 + elevation2 / (s * s) + cn02 * factor
 
 
-@borrowing
+@kernel
 def stated_variance(sigma: float, floor2: float) -> float:
     """Return the variance of a sigma that the log states itself, never below the floor."""
     return max(sigma * sigma, floor2)

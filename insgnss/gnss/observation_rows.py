@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +28,7 @@ from insgnss.gnss.satellite_state import (
 )
 from insgnss.gnss.signals import L1_HZ, SIGNALS, carrier_hz, signal_of
 from insgnss.jit import kernel
+from insgnss.records import Record, dtype_of
 from insgnss.status import (
     BAD_SIGMA,
     BAD_VALUE,
@@ -58,35 +59,33 @@ _MOST_CN0_DBHZ: Final = 100.0  # no antenna and no simulator gives more: beyond,
 
 
 Int8: TypeAlias = npt.NDArray[np.int8]
-OBSERVATION_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        np.dtype(
-            [
-                ("value", np.float64, (2,)),  # pseudorange [m], range rate [m/s]
-                ("sigma", np.float32, (2,)),  # stated by the log, NaN elsewhere
-                ("cn0", np.float32),  # [dBHz], NaN where not logged
-                ("thermal", np.float32),  # thermal variance relative to 45 dBHz
-                ("ionosphere_factor", np.float64),  # (f_L1 / f)^2 of the pseudorange
-                ("phase_factor", np.float64),  # of carrier and Doppler, which no combination touches
-                ("ionosphere_m", np.float32),  # delay on L1 at the antenna, NaN where the filter computes it
-                ("ionosphere_rate", np.float32),  # its growth [m/s], zero where the filter computes it
-                ("variance_scale", np.float32),  # of the pseudorange's variance
-                ("sv", np.int16),  # index into the log's satellite names
-                (
-                    "slot",
-                    np.int16,
-                ),  # number of the satellite's band in any log, below N_SLOTS; over N_BANDS its own
-                ("group", np.int8),  # clock: 0 the reference, 1.. the others
-                ("channel", np.int8),  # GLONASS frequency channel, 0 for all others
-                ("status", np.int8, (2,)),  # per kind: USED when the filter may try it, ABSENT, or why not
-                ("no_satellite", np.int8),  # 1: no satellite state, nothing can be predicted
-            ],
-            align=True,
-        ),
-    )
-)
-Observation: TypeAlias = Any  # one element of OBSERVATION_DTYPE
+
+
+class Observation(Record):
+    """One row of the log: a satellite and signal at an epoch."""
+
+    value: Annotated[Float64, 2]  # pseudorange [m], range rate [m/s]
+    sigma: Annotated[npt.NDArray[np.float32], 2]  # stated by the log, NaN elsewhere
+    cn0: Annotated[float, np.float32]  # [dBHz], NaN where not logged
+    thermal: Annotated[float, np.float32]  # thermal variance relative to 45 dBHz
+    ionosphere_factor: float  # (f_L1 / f)^2 of the pseudorange
+    phase_factor: float  # of carrier and Doppler, which no combination touches
+    ionosphere_m: Annotated[float, np.float32]  # delay on L1 at the antenna, NaN where the filter computes it
+    ionosphere_rate: Annotated[float, np.float32]  # its growth [m/s], zero where the filter computes it
+    variance_scale: Annotated[float, np.float32]  # of the pseudorange's variance
+    sv: Annotated[int, np.int16]  # index into the log's satellite names
+    slot: Annotated[
+        int, np.int16
+    ]  # number of the satellite's band in any log, below N_SLOTS; over N_BANDS its own
+    group: Annotated[int, np.int8]  # clock: 0 the reference, 1.. the others
+    channel: Annotated[int, np.int8]  # GLONASS frequency channel, 0 for all others
+    status: Annotated[
+        npt.NDArray[np.int8], 2
+    ]  # per kind: USED when the filter may try it, ABSENT, or why not
+    no_satellite: Annotated[int, np.int8]  # 1: no satellite state, nothing can be predicted
+
+
+OBSERVATION_DTYPE: Final = dtype_of(Observation, align=True)
 Observations: TypeAlias = npt.NDArray[Any]  # (n,) of OBSERVATION_DTYPE
 
 

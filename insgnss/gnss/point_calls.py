@@ -22,12 +22,13 @@ from insgnss.gnss.integrity import (
     redundancy_room,
     swaps_fit,
 )
-from insgnss.gnss.least_squares import RANGE, FitRows, chi_square_limit, fit, free_clocks, workspace
+from insgnss.gnss.least_squares import RANGE, FitRows, fit, free_clocks, workspace
 from insgnss.gnss.observation_rows import mark_repeats
-from insgnss.gnss.point_log import fit_position, new_room, see_rows, solve_epochs, write_rows
+from insgnss.gnss.point_log import Solution, fit_position, new_room, see_rows, solve_epochs, write_rows
 from insgnss.gnss.point_rows import PointRows, PointSettings, new_point_log
 from insgnss.gnss.robust_fit import polish, search
 from insgnss.gnss.satellite_state import broadcast_states, flight_times, no_states, signal_facts
+from insgnss.gnss.troposphere import STANDARD_WEATHER
 from insgnss.tables import EphemerisTable, GnssTable
 
 _N = 0  # stands for any whole number
@@ -45,16 +46,16 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     )
     rows = _no_rows()
     places = np.zeros(0, np.int64)
-    settings = PointSettings(_X, _X, _X, (_X,) * 4, (_X,) * 4, _X, _X, ties)
+    settings = PointSettings(_X, _X, _X, STANDARD_WEATHER, (_X,) * 4, (_X,) * 4, _X, _X, ties)
     out, room, limits = new_point_log(rows, 1), new_room(0), np.zeros(1)
     fits = Fits(limits, workspace(4), redundancy_room(0))
-    one = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x)
+    one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), Solution(use, x, P)
     return {
         solve_epochs: (rows, settings, limits, out),
         search: (one, use, x, fits.work, x, P, use),
         broadcast_states: _no_satellites(),
-        write_rows: (rows, settings, _N, _N, use, x, P, room, fits, ties, out),
-        fit_position: (rows, settings, _N, _N, room, fits, use, x, P, u_n),
+        write_rows: (rows, settings, _N, _N, found, room, fits, out),
+        fit_position: (rows, settings, _N, _N, room, fits, found, u_n),
         polish: (one, use, x, P, fits.work, use),
         fit: (one, use, x, fits.work),
         agree: (one, use, x, x, P, fits),
@@ -65,7 +66,6 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         dilution: (one, use, x, P, fits.work, P, x),
         redundancy: (one, use, x, P, fits.work, fits.room),
         protection_levels: (use, fits.room, P, P, _X, _X),
-        chi_square_limit: (_N,),
         mark_repeats: (places, places, places, places, _N, places),
         flight_times: (places, x, x),
     }

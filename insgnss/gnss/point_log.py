@@ -12,7 +12,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.apart import apart
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -31,16 +30,17 @@ from insgnss.gnss.integrity import (
     redundancy_room,
 )
 from insgnss.gnss.least_squares import (
+    CLOCKS,
     RANGE,
     RANGE_RATE,
     Bool,
     FitRows,
-    Ties,
     copy,
     count,
     fill,
     free_clocks,
     n_unknowns,
+    normal_matrix,
     residual,
     rows_per_clock,
     workspace,
@@ -49,16 +49,22 @@ from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.noise_model import measurement_variance
 from insgnss.gnss.point_rows import PointLog, PointRows, PointSettings
 from insgnss.gnss.range_model import AIR_DTYPE, Air, place_air, slant_delay
-from insgnss.gnss.robust_fit import spread
+from insgnss.gnss.robust_fit import HIGHEST_M, LOWEST_M, spread
 from insgnss.jit import kernel
 from insgnss.status import INCONSISTENT, MASKED_CN0, MASKED_ELEVATION, NO_SOLUTION, USED
 from insgnss.tables import Float64, Int64
 
 _UNCORRECTED_SIGMA_M: Final = 15.0  # of the first fit, which knows no elevation and no atmosphere
-# a first fit inside the Earth or far beyond the satellites is none
-_CLOSEST_RADIUS_M, _FARTHEST_RADIUS_M = 6.3e6, 1.0e8
 _STILL_M: Final = 1.0  # the corrections of a place a metre away differ by less than 2 mm
 _MOST_PASSES: Final = 5  # two or three do; more only where a satellite stands on the mask
+
+
+class Solution(NamedTuple):
+    """What the rows of one kind of an epoch say: position and clocks, or velocity and drift."""
+
+    use: Bool  # (k,) rows in the solution
+    x: Float64  # (3 + groups,) NaN where there is nothing
+    P: Float64  # (3 + groups, 3 + groups) as the sigmas say
 
 
 class _Room(NamedTuple):
@@ -119,8 +125,7 @@ def _variance(stated: float, sine: float, thermal: float, noise: tuple[float, fl
     return max(stated * stated, modelled) if stated > 0.0 else modelled
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def see_rows(
     rows: PointRows, settings: PointSettings, t_ns: int, x: Float64, k: int, room: _Room, u_n: Float64
 ) -> None:
@@ -128,7 +133,8 @@ def see_rows(
     lat, lon, h = ecef_to_geodetic(x)
     ecef_to_ned_matrix(lat, lon, room.C_ne)
     air: Air = room.air[0]
-    place_air(air, lat, lon, h, (t_ns % NS_PER_WEEK) / NS_PER_S, settings.troposphere_factor)
+    week_s = (t_ns % NS_PER_WEEK) / NS_PER_S
+    place_air(air, lat, lon, h, week_s, settings.troposphere_factor, settings.weather)
     u, seen = np.zeros(3), np.zeros(3)
     for j in range(k):
         i = room.at[j]
@@ -145,8 +151,7 @@ def see_rows(
         room.sigma[1, j] = math.sqrt(_variance(rows.sigma[i, 1], sine, rows.thermal[i], settings.rate_noise))
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def fit_position(
     rows: PointRows,
     settings: PointSettings,
@@ -154,12 +159,11 @@ def fit_position(
     k: int,
     room: _Room,
     fits: Fits,
-    use: Bool,
-    x: Float64,
-    P: Float64,
+    found: Solution,
     u_n: Float64,
 ) -> tuple[int, float, int]:
-    """Return verdict, statistic and redundant rows of an epoch's position; ``x``, ``P`` and ``use`` are the output."""
+    """Return verdict, statistic and redundant rows of an epoch's position; ``found`` is the output."""
+    use, x = found.use, found.x
     start = np.zeros(len(x))
     fit_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, start)
     verdict, total, freedom = TOO_FEW, math.nan, 0
@@ -170,11 +174,11 @@ def fit_position(
             use[j] = room.offered[0, j] and (step == 0 or room.visible[j])
             if step == 0:
                 room.sigma[0, j] = _UNCORRECTED_SIGMA_M
-        verdict, total, freedom = agree(fit_rows, use, start, x, P, fits)
+        verdict, total, freedom = agree(fit_rows, use, start, x, found.P, fits)
         if verdict == TOO_FEW or verdict == BAD_GEOMETRY:
             break
         radius = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-        if not _CLOSEST_RADIUS_M < radius < _FARTHEST_RADIUS_M:
+        if not LOWEST_M < radius < HIGHEST_M:
             return (BAD_GEOMETRY if verdict == UNTESTED else NOT_IDENTIFIED), math.nan, -1
         moved = (x[0] - start[0]) ** 2 + (x[1] - start[1]) ** 2 + (x[2] - start[2]) ** 2
         copy(x, start)
@@ -183,24 +187,21 @@ def fit_position(
     return verdict, total, freedom
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def write_rows(
     rows: PointRows,
     settings: PointSettings,
     e: int,
     kind: int,
-    use: Bool,
-    x: Float64,
-    P: Float64,
+    found: Solution,
     room: _Room,
     fits: Fits,
-    ties: Ties,
     out: PointLog,
 ) -> None:
-    """Write status, residual and sigma of one kind of the epoch's rows; ``x`` is NaN where there is no solution."""
-    solved = not math.isnan(x[0])
-    one = FitRows(kind, room.sat, room.fitted[kind], room.sigma[kind], room.group[kind], ties, out.r_e[e])
+    """Write status, residual and sigma of one kind of the epoch's rows, which may have no solution."""
+    use, x = found.use, found.x
+    solved, free = not math.isnan(x[0]), free_clocks(len(x) - CLOCKS)
+    one = FitRows(kind, room.sat, room.fitted[kind], room.sigma[kind], room.group[kind], free, out.r_e[e])
     for j in range(len(use)):
         if not room.offered[kind, j]:
             continue
@@ -218,7 +219,7 @@ def write_rows(
         sigma = one.sigma[j]
         out.sigma[i, kind] = sigma
         out.residual[i, kind] = residual(one, j, x, fits.work)
-        own = spread(P, fits.work.u, 3 + one.group[j])
+        own = spread(found.P, fits.work.u, CLOCKS + one.group[j])
         variance = sigma * sigma + (-own if use[j] else own)
         if variance > 1e-6 * sigma * sigma:
             out.normalised[i, kind] = out.residual[i, kind] / math.sqrt(variance)
@@ -227,10 +228,10 @@ def write_rows(
 @kernel
 def _forget(use: Bool, group: Int64, x: Float64, P: Float64) -> None:
     """Make the clocks without a row, and their covariances, NaN."""
-    for g in range(3, len(x)):
+    for g in range(CLOCKS, len(x)):
         present = False
         for j in range(len(use)):
-            present = present or (use[j] and group[j] == g - 3)
+            present = present or (use[j] and group[j] == g - CLOCKS)
         if not present:
             x[g] = math.nan
             for i in range(len(x)):
@@ -239,21 +240,83 @@ def _forget(use: Bool, group: Int64, x: Float64, P: Float64) -> None:
 
 
 @kernel
-def _write(e: int, x: Float64, P: Float64, v: Float64, P_v: Float64, out: PointLog) -> None:
+def _misfit(rows: FitRows, found: Solution, fits: Fits) -> float:
+    """Return chi-square of the rows in the solution by their redundancy, NaN without any."""
+    freedom = count(found.use) - n_unknowns(rows_per_clock(rows, found.use, len(found.x) - CLOCKS))
+    return normal_matrix(rows, found.use, found.x, fits.work) / freedom if freedom > 0 else math.nan
+
+
+@kernel
+def _write(e: int, position: Solution, velocity: Solution, out: PointLog) -> None:
     """Write position and velocity at reception, clocks and covariances of an epoch."""
-    p = len(x)
+    p = len(position.x)
     for a in range(3):
-        out.r_e[e, a] = x[a]
-        out.v_e[e, a] = v[a]
-    for g in range(3, p):
-        out.clock_m[e, g - 3] = x[g]
-    out.drift_mps[e] = v[3]
+        out.r_e[e, a] = position.x[a]
+        out.v_e[e, a] = velocity.x[a]
+    for g in range(CLOCKS, p):
+        out.clock_m[e, g - CLOCKS] = position.x[g]
+    out.drift_mps[e] = velocity.x[3]
     for a in range(p):
         for c in range(p):
-            out.P[e, a, c] = P[a, c]
+            out.P[e, a, c] = position.P[a, c]
     for a in range(4):
         for c in range(4):
-            out.P_v[e, a, c] = P_v[a, c] + 0.0 * v[0]
+            out.P_v[e, a, c] = velocity.P[a, c] + 0.0 * velocity.x[0]
+
+
+@kernel
+def _solve_position(
+    rows: PointRows,
+    settings: PointSettings,
+    e: int,
+    k: int,
+    room: _Room,
+    fits: Fits,
+    found: Solution,
+    out: PointLog,
+) -> int:
+    """Solve an epoch for position and clocks; write test, dilution and protection levels, and return the verdict."""
+    use, x, P = found.use, found.x, found.P
+    verdict, out.statistic[e, 0], freedom = fit_position(rows, settings, e, k, room, fits, found, out.u_n)
+    out.freedom[e, 0] = max(freedom, 0)
+    one = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, x)
+    if verdict != TOO_FEW and verdict != BAD_GEOMETRY and freedom >= 0:
+        known = dilution(one, use, x, room.C_ne, fits.work, np.zeros(P.shape), out.dop[e])
+        if not (known and out.dop[e, 0] <= settings.max_gdop):
+            verdict = BAD_GEOMETRY
+    if verdict == TOO_FEW or verdict == BAD_GEOMETRY or freedom < 0:
+        fill(x, math.nan)
+        return verdict
+    if verdict == OK or verdict == EXCLUDED:
+        redundancy(one, use, x, P, fits.work, fits.room)
+        left = count(use) - n_unknowns(rows_per_clock(one, use, len(x) - CLOCKS))
+        out.level_m[e, 0], out.level_m[e, 1] = protection_levels(
+            use, fits.room, P, room.C_ne, fits.limits[left], settings.missed_sigmas
+        )
+    out.misfit[e, 0] = _misfit(one, found, fits)
+    _forget(use, room.group[0], x, P)
+    return verdict
+
+
+@kernel
+def _solve_velocity(
+    settings: PointSettings, e: int, r_e: Float64, room: _Room, fits: Fits, found: Solution, out: PointLog
+) -> int:
+    """Solve an epoch for velocity and drift at a position, write the test, and return the verdict."""
+    use, x = found.use, found.x
+    for j in range(len(use)):
+        use[j] = room.offered[1, j] and room.visible[j]
+    one = FitRows(RANGE_RATE, room.sat, room.raw[1], room.sigma[1], room.group[1], free_clocks(1), r_e)
+    verdict, out.statistic[e, 1], out.freedom[e, 1] = agree(one, use, np.zeros(4), x, found.P, fits)
+    if verdict != TOO_FEW and verdict != BAD_GEOMETRY:
+        dop = np.zeros(5)
+        known = dilution(one, use, r_e, room.C_ne, fits.work, np.zeros((4, 4)), dop)
+        if not (known and dop[0] <= settings.max_gdop):
+            verdict = BAD_GEOMETRY
+        out.misfit[e, 1] = _misfit(one, found, fits)
+    if verdict == TOO_FEW or verdict == BAD_GEOMETRY:
+        fill(x, math.nan)
+    return verdict
 
 
 @kernel
@@ -269,43 +332,13 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
     p, most = out.P.shape[1], len(limits)
     room, fits = new_room(most), Fits(limits, workspace(p), redundancy_room(most))
     rate_fits = Fits(limits, workspace(4), fits.room)
-    Q, one_drift = np.zeros((p, p)), free_clocks(1)
     for e in range(len(rows.epoch_ns)):
         k = _gather(rows, e, room)
-        x, P = np.full(p, math.nan), np.zeros((p, p))
-        v, P_v = np.full(4, math.nan), np.full((4, 4), math.nan)
-        use, use_rate = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
-        verdict, total, freedom = fit_position(rows, settings, e, k, room, fits, use, x, P, out.u_n)
-        range_rows = FitRows(RANGE, room.sat, room.fitted[0], room.sigma[0], room.group[0], settings.ties, x)
-        if verdict != TOO_FEW and verdict != BAD_GEOMETRY and freedom >= 0:
-            if not dilution(range_rows, use, x, room.C_ne, fits.work, Q, out.dop[e]):
-                verdict = BAD_GEOMETRY
-            elif not out.dop[e, 0] <= settings.max_gdop:
-                verdict = BAD_GEOMETRY
-        rate_verdict = TOO_FEW
-        if verdict == TOO_FEW or verdict == BAD_GEOMETRY or freedom < 0:
-            fill(x, math.nan)
-        else:
-            if verdict == OK or verdict == EXCLUDED:
-                redundancy(range_rows, use, x, P, fits.work, fits.room)
-                left = count(use) - n_unknowns(rows_per_clock(range_rows, use, p - 3))
-                out.level_m[e, 0], out.level_m[e, 1] = protection_levels(
-                    use, fits.room, P, room.C_ne, limits[left], settings.missed_sigmas
-                )
-            _forget(use, room.group[0], x, P)
-            for j in range(k):
-                use_rate[j] = room.offered[1, j] and room.visible[j]
-            rate_rows = FitRows(RANGE_RATE, room.sat, room.raw[1], room.sigma[1], room.group[1], one_drift, x)
-            rate_verdict, out.statistic[e, 1], out.freedom[e, 1] = agree(
-                rate_rows, use_rate, np.zeros(4), v, P_v, rate_fits
-            )
-            if rate_verdict == TOO_FEW or rate_verdict == BAD_GEOMETRY:
-                fill(v, math.nan)
-            _write(e, x, P, v, P_v, out)
-        out.verdict[e, 0], out.verdict[e, 1] = verdict, rate_verdict
-        out.statistic[e, 0], out.freedom[e, 0] = total, max(freedom, 0)
-        for kind in range(2):
-            if kind == 0:
-                write_rows(rows, settings, e, kind, use, x, P, room, fits, settings.ties, out)
-            else:
-                write_rows(rows, settings, e, kind, use_rate, v, P_v, room, rate_fits, one_drift, out)
+        position = Solution(np.zeros(k, np.bool_), np.full(p, math.nan), np.zeros((p, p)))
+        velocity = Solution(np.zeros(k, np.bool_), np.full(4, math.nan), np.full((4, 4), math.nan))
+        out.verdict[e, 0] = _solve_position(rows, settings, e, k, room, fits, position, out)
+        if not math.isnan(position.x[0]):
+            out.verdict[e, 1] = _solve_velocity(settings, e, position.x, room, rate_fits, velocity, out)
+            _write(e, position, velocity, out)
+        write_rows(rows, settings, e, 0, position, room, fits, out)
+        write_rows(rows, settings, e, 1, velocity, room, rate_fits, out)

@@ -10,6 +10,7 @@ import numpy as np
 from insgnss.constants import C_MPS
 from insgnss.gnss.integrity import NOT_IDENTIFIED, TOO_FEW
 from insgnss.gnss.least_squares import Ties
+from insgnss.gnss.troposphere import Weather
 from insgnss.tables import Float64, Int8, Int64
 
 
@@ -37,6 +38,7 @@ class PointSettings(NamedTuple):
     sine_mask: float
     cn0_mask: float  # [dBHz]
     troposphere_factor: float  # 1 or 0
+    weather: Weather
     range_noise: tuple[
         float, float, float, float
     ]  # floor2, elevation2, cn02 [m^2], thermal factor where missing
@@ -60,6 +62,7 @@ class PointLog(NamedTuple):
     verdict: Int8  # (m, 2) of ``integrity``
     statistic: Float64  # (m, 2) chi-square of all rows offered
     freedom: Int64  # (m, 2) redundant rows among them
+    misfit: Float64  # (m, 2) chi-square of the rows in the solution by their redundancy, NaN without any
     n_used: Int64  # (m, 2)
     status: Int8  # (n, 2)
     residual: Float64  # (n, 2) measured minus predicted by the solution
@@ -87,6 +90,7 @@ def new_point_log(rows: PointRows, n_groups: int) -> PointLog:
         verdict=np.full((m, 2), TOO_FEW, np.int8),
         statistic=empty(m, 2),
         freedom=np.zeros((m, 2), np.int64),
+        misfit=empty(m, 2),
         n_used=np.zeros((m, 2), np.int64),
         status=rows.status.copy(),
         residual=empty(n, 2),

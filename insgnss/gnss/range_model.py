@@ -7,7 +7,7 @@ b the receiver's clock, o its inter-system offset, dt_s the satellite's clock wi
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 
@@ -20,12 +20,14 @@ from insgnss.gnss.ionosphere import (
 )
 from insgnss.gnss.troposphere import (
     STANDARD_WEATHER,
+    Weather,
     mapped,
     mapping_coefficients,
     standard_atmosphere,
     zenith_delays,
 )
-from insgnss.jit import borrowing, inlined, kernel
+from insgnss.jit import kernel
+from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64
 
 
@@ -101,29 +103,33 @@ def correction_lines() -> list[str]:
     return lines
 
 
-AIR_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("lat", np.float64),  # of the antenna [rad]
-            ("lon", np.float64),
-            ("week_s", np.float64),  # GPS seconds of the week
-            ("above", np.float64),  # share of the ionosphere above the antenna
-            ("dry", np.float64),  # zenith delays of the troposphere [m]
-            ("wet", np.float64),
-            ("mapping", np.float64, (9,)),  # ``mapping_coefficients``
-            (
-                "wet_factor",
-                np.float64,
-            ),  # of the last row: d delay / d (zenith delay left over), by ``slant_delay``
-            ("dry_factor", np.float64),  # of the last row, by ``slant_changes``
-        ],
-    )
-)
-Air: TypeAlias = Any  # one element of AIR_DTYPE: what all delays of an epoch share
+class Air(Record):
+    """What all delays of an epoch share."""
+
+    lat: float  # of the antenna [rad]
+    lon: float
+    week_s: float  # GPS seconds of the week
+    above: float  # share of the ionosphere above the antenna
+    dry: float  # zenith delays of the troposphere [m]
+    wet: float
+    mapping: Annotated[Float64, 9]  # ``mapping_coefficients``
+    wet_factor: float  # of the last row: d delay / d (zenith delay left over), by ``slant_delay``
+    dry_factor: float  # of the last row, by ``slant_changes``
 
 
-@borrowing
+AIR_DTYPE: Final = dtype_of(Air)
+
+
+class AirModel(NamedTuple):
+    """Which corrections there are and what they start from (``filter.parameters`` has the same numbers)."""
+
+    klobuchar: Float64  # (8,), zeros without
+    ionosphere: Float64  # (n,) (f_L1 / f)^2 of each row's or satellite's carrier, zero for none
+    troposphere: float  # 1.0 or 0.0
+    weather: Weather
+
+
+@kernel
 def place_air(
     air: Air,
     lat: float,
@@ -131,9 +137,7 @@ def place_air(
     h: float,
     week_s: float,
     troposphere_factor: float,
-    pressure_0: float = STANDARD_WEATHER.pressure_hpa,
-    temperature_0: float = STANDARD_WEATHER.temperature_k,
-    humidity: float = STANDARD_WEATHER.humidity,
+    weather: Weather,
 ) -> None:
     """Write what the delays of all satellites share at an antenna.
 
@@ -143,18 +147,20 @@ def place_air(
     lat, lon, h : of the antenna [rad, rad, m]
     week_s : GPS seconds of the week
     troposphere_factor : one, or zero for no correction
-    pressure_0, temperature_0, humidity : ``troposphere.Weather`` at sea level [hPa, K, 0 to 1]
+    weather : at sea level
     """
     air.lat, air.lon, air.week_s = lat, lon, week_s
     air.above = ionosphere_above(h)
-    pressure, temperature, vapour = standard_atmosphere(h, pressure_0, temperature_0, humidity)
+    pressure, temperature, vapour = standard_atmosphere(
+        h, weather.pressure_hpa, weather.temperature_k, weather.humidity
+    )
     dry, wet = zenith_delays(lat, h, pressure, temperature, vapour)
     air.dry, air.wet = troposphere_factor * dry, troposphere_factor * wet
     air.wet_factor = 0.0
     mapping_coefficients(lat, h, air.mapping)
 
 
-@borrowing
+@kernel
 def slant_delay(
     air: Air, klobuchar: Float64, u_n: Float64, ionosphere_factor: float, ionosphere_m: float = math.nan
 ) -> float:
@@ -191,7 +197,7 @@ def slant_delay(
     return delay
 
 
-@borrowing
+@kernel
 def slant_changes(
     air: Air,
     earlier: Air,
@@ -231,7 +237,7 @@ def slant_changes(
     return ionosphere, grown, troposphere, troposphere - before
 
 
-@inlined
+@kernel(inline=True)
 def klobuchar_pair(
     air: Air, earlier: Air, klobuchar: Float64, u_n: Float64, u_n_earlier: Float64
 ) -> tuple[float, float]:
@@ -260,9 +266,7 @@ def klobuchar_pair(
 @kernel
 def path_delay(
     klobuchar: Float64,
-    lat: float,
-    lon: float,
-    h: float,
+    place: tuple[float, float, float],
     azimuth: float,
     elevation: float,
     week_s: float,
@@ -274,14 +278,15 @@ def path_delay(
     Parameters
     ----------
     klobuchar : (8,) alpha 0..3, beta 0..3
-    lat, lon, h : of the antenna [rad, rad, m]
+    place : latitude, longitude and height of the antenna [rad, rad, m]
     azimuth, elevation : of the satellite [rad]
     week_s : GPS seconds of the week
     ionosphere_factor : (f_L1 / f)^2 of the signal, zero for no correction
     troposphere_factor : one, or zero for no correction
     """
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], lat, lon, h, week_s, troposphere_factor)
+    lat, lon, h = place
+    place_air(air[0], lat, lon, h, week_s, troposphere_factor, STANDARD_WEATHER)
     level = math.cos(elevation)
     u_n = np.array([level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation)])
     return slant_delay(air[0], klobuchar, u_n, ionosphere_factor)

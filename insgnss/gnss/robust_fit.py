@@ -17,9 +17,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.apart import apart
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
 from insgnss.gnss.least_squares import (
+    CLOCKS,
     RANGE,
     RANGE_RATE,
     Bool,
@@ -50,7 +50,7 @@ _NEAR_FACTOR, _NEAR_SHARE = 1.2, 0.5
 _SECOND_FACTOR, _SECOND_SHARE, _SECOND_M = 1.01, 0.01, 1e4
 _LEAST_DETERMINANT: Final = 1e-9  # beside the cubed trace: dilution beyond 1e4
 # Where rows can be linearised: on the Earth or above it
-_LOWEST_M, _HIGHEST_M = 6.3e6, 1.0e8
+LOWEST_M, HIGHEST_M = 6.3e6, 1.0e8
 
 
 class Linear(NamedTuple):
@@ -101,7 +101,7 @@ def _linear(k: int, p: int) -> Linear:
         np.zeros(k),
         np.zeros(p),
         np.zeros(k),
-        np.zeros((p - 3, 5)),
+        np.zeros((p - CLOCKS, 5)),
         np.zeros(7),
     )
 
@@ -110,7 +110,7 @@ def _linear(k: int, p: int) -> Linear:
 def _linearise(rows: FitRows, among: Bool, x: Float64, work: Workspace, linear: Linear) -> bool:
     """Write the rows linearised at ``x``; return whether that can be done there."""
     size = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    if not (size < _HIGHEST_M and (rows.kind == RANGE_RATE or size > _LOWEST_M)):
+    if not (size < HIGHEST_M and (rows.kind == RANGE_RATE or size > LOWEST_M)):
         return False
     copy(x, linear.at)
     for k in range(len(among)):
@@ -192,7 +192,7 @@ def _add_step(group: Int64, members: Int64, m: int, linear: Linear) -> None:
     for g in range(len(sums)):
         if sums[g, 0] > 0.0:
             along = sums[g, 1] * x + sums[g, 2] * y + sums[g, 3] * z
-            step[3 + g] += sums[g, 4] / sums[g, 0] + along
+            step[CLOCKS + g] += sums[g, 4] / sums[g, 0] + along
 
 
 @kernel
@@ -203,7 +203,7 @@ def _left(k: int, group: Int64, bent: bool, linear: Linear) -> float:
     """
     x, y, z = linear.step[0], linear.step[1], linear.step[2]
     along = linear.u[k, 0] * x + linear.u[k, 1] * y + linear.u[k, 2] * z
-    left: float = linear.r[k] + along - linear.step[3 + group[k]]
+    left: float = linear.r[k] + along - linear.step[CLOCKS + group[k]]
     if bent:
         left -= linear.bend[k] * (x * x + y * y + z * z - along * along)
     return left
@@ -235,7 +235,7 @@ def _is_worse(rows: FitRows, members: Int64, m: int, start: Float64, best: float
         step[0] = math.nan
         return False
     for j in range(len(step)):
-        step[j] = 0.0 if j < 3 or linear.sums[j - 3, 0] > 0.0 else start[j] - linear.at[j]
+        step[j] = 0.0 if j < CLOCKS or linear.sums[j - CLOCKS, 0] > 0.0 else start[j] - linear.at[j]
     for i in range(m):
         linear.left[members[i]] = linear.r[members[i]]
     _add_step(rows.group, members, m, linear)
@@ -278,8 +278,7 @@ def _draw(m: int, members: Int64, state: int) -> int:
     return state
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, use: Bool) -> float:
     """Take in or drop the row that deserves it most until nothing changes; return chi-square, NaN when singular.
 
@@ -298,7 +297,7 @@ def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, 
                 continue
             misfit = abs(residual(rows, k, x, work))
             variance = rows.sigma[k] * rows.sigma[k]
-            own = spread(P, work.u, 3 + rows.group[k])
+            own = spread(P, work.u, CLOCKS + rows.group[k])
             if use[k] and variance - own > 1e-6 * variance:
                 normal = misfit / math.sqrt(variance - own)
                 if normal > worst:
@@ -326,8 +325,7 @@ def _without_ties(rows: FitRows, n_clocks: int) -> FitRows:
     return FitRows(rows.kind, rows.sat, rows.measured, sigma, group, free_clocks(n_clocks), rows.r_e)
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def search(
     rows: FitRows, candidates: Bool, start: Float64, work: Workspace, x: Float64, P: Float64, use: Bool
 ) -> float:
@@ -342,8 +340,8 @@ def search(
     work : scratch
     x, P, use : output
     """
-    tied, rows = rows, _without_ties(rows, len(x) - 3)
-    unknowns = n_unknowns(rows_per_clock(rows, candidates, len(x) - 3))
+    tied, rows = rows, _without_ties(rows, len(x) - CLOCKS)
+    unknowns = n_unknowns(rows_per_clock(rows, candidates, len(x) - CLOCKS))
     members = _places(candidates)
     trial, near = np.zeros(len(use), np.bool_), np.zeros(len(use), np.bool_)
     best, state = math.inf, len(members)  # any positive seed will do

@@ -28,7 +28,7 @@ from insgnss.gnss.glonass_orbit import StateVectorArcs, arc_state
 from insgnss.gnss.plausible_messages import is_inter_signal, is_satellite
 from insgnss.gnss.satellite_clock import group_delay, satellite_clock
 from insgnss.gnss.signals import inter_signal_index, signal_of, wavelength_m
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.median import median_of
 from insgnss.status import BAD_VALUE, NO_CHANNEL, NO_EPHEMERIS, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64, NavigationData
@@ -273,7 +273,7 @@ def _broadcast_state(
     return t, clock, drift
 
 
-@inlined
+@kernel(inline=True)
 def _integrated_state(
     arcs: StateVectorArcs, m: int, t_tag: float, tau: float, out: Float64, i: int
 ) -> tuple[float, float, float]:

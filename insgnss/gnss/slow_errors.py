@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import WGS84_A_M
-from insgnss.gnss.least_squares import Ties
+from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.tables import Float64, Int64
 
 WORST_PDOP: Final = 6.0  # an epoch of a worse one says nothing: the filter carries earlier ones through it
@@ -80,13 +80,13 @@ def _position_gains(
     k = 3 + len(ties.home)
     H = np.zeros((len(at), k))
     H[:, :3] = -rows.u_n
-    H[np.arange(len(at)), 3 + rows.group] = 1.0
+    H[np.arange(len(at)), CLOCKS + rows.group] = 1.0
     weighted = H / rows.r[:, None]
     normal = np.empty((len(starts), k, k))
     for i in range(k):
         normal[:, i] = np.add.reduceat(weighted[:, i, None] * H, starts)
     for group in np.flatnonzero(ties.home >= 0):
-        i, j = 3 + ties.home[group], 3 + group
+        i, j = CLOCKS + ties.home[group], CLOCKS + group
         weight = np.where(normal[:, i, i] * normal[:, j, j] > 0.0, ties.weight, 0.0)
         normal[:, [i, j], [i, j]] += weight[:, None]
         normal[:, [i, j], [j, i]] -= weight[:, None]

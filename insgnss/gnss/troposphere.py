@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.errors import ConfigError
-from insgnss.jit import borrowing, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 # Standard atmosphere (ICAO doc 7488; ISO 2533)
@@ -113,7 +113,7 @@ def weather_at_sea_level(
     return weather
 
 
-@borrowing
+@kernel
 def standard_atmosphere(
     h: float, pressure_0: float = _P0_HPA, temperature_0: float = _T0_K, humidity: float = _HUMIDITY
 ) -> tuple[float, float, float]:
@@ -137,7 +137,7 @@ def standard_atmosphere(
     return pressure, temperature, humidity * saturation * thinning
 
 
-@borrowing
+@kernel
 def zenith_delays(
     lat: float, h: float, pressure: float, temperature: float, vapour: float
 ) -> tuple[float, float]:
@@ -155,13 +155,13 @@ def zenith_delays(
     return 0.0022768 * pressure / gravity, 0.0022768 * (1255.0 / temperature + 0.05) * vapour
 
 
-@borrowing
+@kernel
 def _at_zenith(a: float, b: float, c: float) -> float:
     """Return the numerator of Herring's continued fraction, which makes it one at the zenith."""
     return 1.0 + a / (1.0 + b / (1.0 + c))
 
 
-@borrowing
+@kernel
 def mapping_coefficients(lat: float, h: float, m: Float64) -> None:
     """Write what the mapping needs of a place into ``m`` (9,): a, b, c hydrostatic, a, b, c wet, both numerators, km.
 
@@ -179,7 +179,7 @@ def mapping_coefficients(lat: float, h: float, m: Float64) -> None:
     m[8] = 1e-3 * min(max(h, _LOWEST_H_M), _HIGHEST_MAPPING_H_M)
 
 
-@borrowing
+@kernel
 def mapped(m: Float64, sine: float) -> tuple[float, float]:
     """Return slant delay over zenith delay, hydrostatic and wet, at the sine of an elevation; ``m`` of the place.
 
@@ -211,7 +211,7 @@ def mapping_factors(lat: float, h: float, elevation: float) -> tuple[float, floa
     return mapped(m, math.sin(elevation))
 
 
-@borrowing
+@kernel
 def tropospheric_delay(lat: float, h: float, elevation: float) -> float:
     """Return the delay through the standard atmosphere [m]: 2.4 m at the zenith at sea level, 0 above the air.
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
 from insgnss.inertial.error_state import BA, BG, CLOCK, DR, DRIFT, DV, FURTHER, N_MOTION, PSI
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 COUPLING_DTYPE: Final = np.dtype(
@@ -54,7 +54,7 @@ class Step(NamedTuple):
     g22: float
 
 
-@inlined
+@kernel(inline=True)
 def transition_step(dt: float, f0: float, f1: float, f2: float, r_e: Float64) -> Step:
     """Return the numbers of a step of ``dt`` [s] in which the specific force adds (f0, f1, f2) [m/s] in ECEF.
 
@@ -82,7 +82,7 @@ def transition_step(dt: float, f0: float, f1: float, f2: float, r_e: Float64) ->
     )
 
 
-@borrowing
+@kernel
 def apply_transition(
     s: Step, C_dt: Float64, couplings: Couplings, keep: Float64, A: Float64, B: Float64
 ) -> None:
@@ -105,7 +105,7 @@ def apply_transition(
         B[CLOCK, c] += s.dt * A[DRIFT, c]
 
 
-@inlined
+@kernel(inline=True)
 def move(s: Step, C_dt: Float64, couplings: Couplings, A: Float64, B: Float64) -> None:
     """Write position, velocity and attitude of ``B = Phi A``; it goes along rows, which lie in one piece in memory.
 
@@ -152,19 +152,19 @@ def move(s: Step, C_dt: Float64, couplings: Couplings, A: Float64, B: Float64) -
             B[DR + i, c] = A[DR + i, c] + half * (A[DV + i, c] + B[DV + i, c])
 
 
-@inlined
+@kernel(inline=True)
 def rotated(C_dt: Float64, i: int, A: Float64, at: int, c: int) -> float:
     """Return component ``i`` of C dt b, b the three rows of column ``c`` of ``A`` from row ``at`` on."""
     return float(C_dt[i, 0] * A[at, c] + C_dt[i, 1] * A[at + 1, c] + C_dt[i, 2] * A[at + 2, c])
 
 
-@inlined
+@kernel(inline=True)
 def mean(A: Float64, B: Float64, i: int, c: int) -> float:
     """Return the mean of one element of both."""
     return float(0.5 * (A[i, c] + B[i, c]))
 
 
-@borrowing
+@kernel
 def carry_covariance(
     s: Step, C_dt: Float64, couplings: Couplings, keep: Float64, P: Float64, B: Float64
 ) -> None:
@@ -191,7 +191,7 @@ def carry_covariance(
             P[i, c] = P[c, i]
 
 
-@inlined
+@kernel(inline=True)
 def decay_row(dt: float, of_a: float, of_g: float, keep: Float64, own: float, a: Float64, b: Float64) -> None:
     """Write the states of first order of ``b = own Phi a``, of one column (n,); the clock's drift acts over ``dt``."""
     for i in range(BA, BA + 3):
@@ -204,7 +204,7 @@ def decay_row(dt: float, of_a: float, of_g: float, keep: Float64, own: float, a:
         b[i] = own * keep[i] * a[i]
 
 
-@inlined
+@kernel(inline=True)
 def move_row(s: Step, C_dt: Float64, couplings: Couplings, a: Float64, b: Float64) -> None:
     """Write position, velocity and attitude of ``b = Phi a``, of one column (n,): the equations of ``move``."""
     half, coriolis = 0.5 * s.dt, 2.0 * s.w

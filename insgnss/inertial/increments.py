@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@inlined
+@kernel(inline=True)
 def effective_rates(
     w: Float64,
     f: Float64,

@@ -7,7 +7,7 @@ import math
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_vector_quaternion
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 # the series' fractions, so that they need no division
@@ -16,7 +16,7 @@ _6TH, _24TH, _30TH, _42ND, _56TH, _72ND, _120TH = (
 )
 
 
-@inlined
+@kernel(inline=True)
 def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, float]:
     """Return a = (1 - cos phi)/phi^2 and b = (phi - sin phi)/phi^3 of the rotation vector's length phi [rad].
 
@@ -32,7 +32,7 @@ def rotation_integral(phi_x: float, phi_y: float, phi_z: float) -> tuple[float, 
     return (1.0 - math.cos(p)) / p2, (p - math.sin(p)) / (p2 * p)
 
 
-@inlined
+@kernel(inline=True)
 def turn_attitude(q_eb: Float64, C_eb: Float64, w: Float64, dt: float) -> None:
     """Turn ``q_eb`` (4,) and ``C_eb`` (3, 3) over ``dt`` [s] by the body's rate ``w`` = w_ib_b [rad/s] and the Earth's.
 
@@ -60,7 +60,7 @@ def turn_attitude(q_eb: Float64, C_eb: Float64, w: Float64, dt: float) -> None:
     quaternion_to_matrix(q_eb, C_eb)
 
 
-@borrowing
+@kernel
 def mechanize(
     q_eb: Float64,
     C_eb: Float64,
@@ -69,10 +69,11 @@ def mechanize(
     w: Float64,
     f: Float64,
     dt: float,
-    dv_e: Float64,
     g_e: Float64,
-) -> None:
+) -> tuple[float, float, float]:
     """Carry attitude, velocity and position over ``dt`` with constant effective body rates.
+
+    Returns the velocity increment of the specific force in ECEF axes [m/s].
 
     Equation: v' = C_eb f_b + g(r_e) - 2 w_ie x v_e,  r' = v_e  [Groves 2013, 5.2]; gravity and Coriolis at
               mid-interval, position by the mean velocity
@@ -85,7 +86,6 @@ def mechanize(
     r_e, v_e : (3,) position [m] and velocity [m/s] in ECEF, changed in place
     w, f : (3,) effective rate w_ib_b [rad/s] and specific force [m/s^2] of the interval
     dt : length of the interval [s]
-    dv_e : (3,) output, velocity increment of the specific force in ECEF axes [m/s]
     g_e : (3,) scratch
     """
     px, py, pz = w[0] * dt, w[1] * dt, w[2] * dt
@@ -101,9 +101,8 @@ def mechanize(
     ez = C_eb[2, 0] * ux + C_eb[2, 1] * uy + C_eb[2, 2] * uz
     # the Earth turns under the increment: (I - w_ie dt / 2 x)
     half_turn = 0.5 * WGS84_OMEGA_RADPS * dt
-    dv_e[0] = ex + half_turn * ey
-    dv_e[1] = ey - half_turn * ex
-    dv_e[2] = ez
+    dv_x = ex + half_turn * ey
+    dv_y = ey - half_turn * ex
     turn_attitude(q_eb, C_eb, w, dt)
 
     vx, vy, vz = v_e[0], v_e[1], v_e[2]
@@ -114,11 +113,12 @@ def mechanize(
     normal_gravity_ecef(r_e, g_e)
     # mid-interval velocity for Coriolis, itself turned by it: without that a drift of 2 w^2 v dt remains
     turn = 2.0 * half_turn
-    mx = vx + 0.5 * (dv_e[0] + g_e[0] * dt) + turn * vy
-    my = vy + 0.5 * (dv_e[1] + g_e[1] * dt) - turn * vx
-    v_e[0] = vx + dv_e[0] + (g_e[0] + 2.0 * WGS84_OMEGA_RADPS * my) * dt
-    v_e[1] = vy + dv_e[1] + (g_e[1] - 2.0 * WGS84_OMEGA_RADPS * mx) * dt
-    v_e[2] = vz + dv_e[2] + g_e[2] * dt
+    mx = vx + 0.5 * (dv_x + g_e[0] * dt) + turn * vy
+    my = vy + 0.5 * (dv_y + g_e[1] * dt) - turn * vx
+    v_e[0] = vx + dv_x + (g_e[0] + 2.0 * WGS84_OMEGA_RADPS * my) * dt
+    v_e[1] = vy + dv_y + (g_e[1] - 2.0 * WGS84_OMEGA_RADPS * mx) * dt
+    v_e[2] = vz + ez + g_e[2] * dt
     r_e[0] += half * v_e[0]  # half a step with the old velocity, half with the new one
     r_e[1] += half * v_e[1]
     r_e[2] += half * v_e[2]
+    return dv_x, dv_y, ez

@@ -30,7 +30,7 @@ from insgnss.interference.discriminators import (
     true_slope,
 )
 from insgnss.interference.optimal_loop import check_bandwidth_time, discrete_gains
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 # From a lifetime of 2000 / B down to one of 70 / B: the lines through them reach what table 1 asks for
@@ -57,7 +57,7 @@ class SlipLoop(NamedTuple):
     limit: float  # |e| beyond it is a slip [rad]
 
 
-@inlined
+@kernel(inline=True)
 def phase_output(kind: int, i: float, q: float) -> float:
     """Return a discriminator's output for one pair of sums."""
     if kind == 0:

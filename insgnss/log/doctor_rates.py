@@ -24,7 +24,7 @@ MIN_PAIRS: Final = 10
 MIN_RATE_MPS: Final = 30.0
 SLOPE_TOLERANCE: Final = 0.15
 # A common step of half a microsecond: no receiver clock wanders so far within an epoch
-CLOCK_JUMP_M: Final = 150.0
+CLOCK_JUMP_M: Final = 150.0  # half a microsecond within an epoch
 # Jumps of one receiver are of one size, or a whole multiple of it where epochs are missing, to this share
 JUMP_TOLERANCE: Final = 0.05
 _SURE: Final = "sure: the ratio is that of the median of all satellites"
@@ -142,21 +142,24 @@ def jump_findings(pairs: RatePairs, t_ns: Int64, week: int) -> list[Finding]:
     if not len(pairs.epoch):
         return []
     step_m, at = _common((pairs.from_code - pairs.from_rate) * pairs.dt_s, pairs.epoch)
-    jumps = np.flatnonzero(np.abs(step_m) > CLOCK_JUMP_M)
-    if not len(jumps):
-        return []
-    agree = jumps_that_agree(step_m[jumps])
+    real, leaps = clock_jumps(step_m)
     findings = []
-    if agree.any():
-        real = jumps[agree]
+    if len(real):
         first = float(ns_to_week_seconds(t_ns[at[real[0]]], week))
         size = float(np.median(np.abs(step_m[real]))) / C_MPS * 1e3
         text = f"the receiver's clock jumps {len(real)} time(s), typically by {size:.3g} ms, first at {first:.3f} s"
         findings.append(Finding("ok" if len(real) < 0.5 * len(at) else "warning", "gnss", text))
-    if not agree.all():
-        first = float(ns_to_week_seconds(t_ns[at[jumps[~agree][0]]], week))
-        findings.append(leaps_finding(step_m[jumps[~agree]], f", first at {first:.3f} s"))
+    if len(leaps):
+        first = float(ns_to_week_seconds(t_ns[at[leaps[0]]], week))
+        findings.append(leaps_finding(step_m[leaps], f", first at {first:.3f} s"))
     return findings
+
+
+def clock_jumps(step_m: Float64) -> tuple[Int64, Int64]:
+    """Return where a receiver's clock jumps, and where it leaps and does not, of (n,) steps beyond its drift [m]."""
+    beyond = np.flatnonzero(np.abs(step_m) > CLOCK_JUMP_M)
+    agree = jumps_that_agree(step_m[beyond])
+    return beyond[agree], beyond[~agree]
 
 
 def jumps_that_agree(size_m: Float64) -> Bool:

@@ -52,10 +52,10 @@ def delays_along(
 ) -> None:
     """Write the delay [m] of each of (m, k) lines of sight from the places ``geodetic`` (m, 3) into ``delay``."""
     for k in range(azimuth.shape[0]):
-        lat, lon, h = geodetic[k]
+        place = geodetic[k, 0], geodetic[k, 1], geodetic[k, 2]
         for j in range(azimuth.shape[1]):
             delay[k, j] = path_delay(
-                klobuchar, lat, lon, h, azimuth[k, j], elevation[k, j], week_s[k], ionosphere_factor, 1.0
+                klobuchar, place, azimuth[k, j], elevation[k, j], week_s[k], ionosphere_factor, 1.0
             )
 
 

@@ -28,7 +28,7 @@ from insgnss.simulation.oscillator import ClockTruth, simulate_clock
 from insgnss.simulation.simulated_log import Scenario
 from insgnss.tables import Float64, Int8, Int64
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ, GPS_PRNS, RangingCode, gps_ca
-from insgnss.tracking.sample_kernels import add_signal
+from insgnss.tracking.sample_kernels import Steps, add_signal
 from insgnss.tracking.signal import Samples, Sampling
 
 BORDER_S: Final = 1e-3
@@ -196,10 +196,7 @@ def add_sky(
                     amplitude[k, c],
                     chips[c],
                     signs[:, c],
-                    code[k, c, 0],
-                    code[k, c, 1],
-                    cycles[k, c, 0],
-                    cycles[k, c, 1],
+                    Steps(code[k, c, 0], code[k, c, 1], cycles[k, c, 0], cycles[k, c, 1]),
                     in_phase[span],
                     quadrature[span] if quadrature.size > 0 else quadrature,
                 )

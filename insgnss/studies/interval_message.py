@@ -13,12 +13,12 @@ Neglects: the oscillator's and the inertial system's noise within the interval.
 
 from __future__ import annotations
 
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 from insgnss.tracking.vector_loop import SEEN_RANGE, SEEN_RATE
 
 
-@inlined
+@kernel(inline=True)
 def carry_message(s: Float64, dt: float) -> None:
     """Carry the sums over an integration: L <- A^-T L A^-1, b <- A^-T b; s = [L00, L01, L11, b0, b1]."""
     s[2] += dt * (dt * s[0] - 2.0 * s[1])
@@ -26,7 +26,7 @@ def carry_message(s: Float64, dt: float) -> None:
     s[4] -= dt * s[3]
 
 
-@inlined
+@kernel(inline=True)
 def add_observation(
     s: Float64, replica: Float64, path: Float64, seen: Float64, variances: tuple[float, float]
 ) -> None:
@@ -40,7 +40,7 @@ def add_observation(
         s[4] += weight * (seen[SEEN_RATE] + (replica[1] - path[1]))
 
 
-@inlined
+@kernel(inline=True)
 def solve_message(s: Float64) -> tuple[tuple[float, float], tuple[float, float, float]]:
     """Return range and rate offset, and their covariance; variances of 0 where the interval does not tell both."""
     determinant = s[0] * s[2] - s[1] * s[1]

@@ -59,6 +59,7 @@ class Drive(NamedTuple):
     keep: Float64  # (17,) what a step leaves of each state of first order
     r_e: Float64  # (3,) place [m]
     rows: Float64  # (m, 4) of the phases: position and clock [rad/m]
+    columns: Int64  # (4,) where the entries of a row stand
 
 
 class ManoeuvringErrors(NamedTuple):
@@ -80,9 +81,8 @@ class ManoeuvringThreshold(NamedTuple):
 def carry_along(
     drive: Drive,
     force_e: Float64,
-    C_eb: Float64,
+    sums_C: Float64,
     variance: float,
-    columns: Int64,
     couplings: Couplings,
     P: Float64,
     scratch: tuple[Float64, Float64],
@@ -92,9 +92,8 @@ def carry_along(
 
     Parameters
     ----------
-    force_e, C_eb : (n, 3) specific forces [m/s^2] and (n, 3, 3) attitudes of the steps
+    force_e, sums_C : (n, 3) specific forces [m/s^2] and (n, 3, 3) attitudes of the steps, times their length [s]
     variance : of one phase [rad^2]
-    columns : (4,) where the entries of a row stand
     couplings : (0,) of ``COUPLING_DTYPE``
     P : (17, 17) in and out
     scratch : (17, 17) and (3, 17)
@@ -106,15 +105,15 @@ def carry_along(
         step = transition_step(dt, f[0] * dt, f[1] * dt, f[2] * dt, drive.r_e)
         for i in range(P.shape[0]):
             P[i, i] += drive.noise[i]
-        carry_covariance(step, C_eb[k] * dt, couplings, drive.keep, P, scratch[0])
+        carry_covariance(step, sums_C[k], couplings, drive.keep, P, scratch[0])
         for i in range(P.shape[0]):
             P[i, i] += drive.noise[i]
         found[k, 0] = P[DV, DV] + P[DV + 1, DV + 1] + P[DV + 2, DV + 2]
         found[k, 1] = P[PSI, PSI] + P[PSI + 1, PSI + 1] + P[PSI + 2, PSI + 2]
         for c in range(len(drive.rows)):
-            found[k, 2 + c] = predicted_variance(P, drive.rows[c], columns)
+            found[k, 2 + c] = predicted_variance(P, drive.rows[c], drive.columns)
         for c in range(len(drive.rows)):
-            scalar_update(P, drive.rows[c], columns, 0.0, variance, scratch[1])
+            scalar_update(P, drive.rows[c], drive.columns, 0.0, variance, scratch[1])
 
 
 @dataclass(frozen=True)
@@ -163,7 +162,10 @@ class ManoeuvringReceiver:
         rows = np.column_stack([-k * u @ C_ne, np.full(len(u), k)])
         noise, keep, P0 = _sensors(grade, 0.5 * S / k**2, T)
         return cls(
-            Drive(T, noise, keep, r_e, np.ascontiguousarray(rows)), P0, np.ascontiguousarray(force), C_eb
+            Drive(T, noise, keep, r_e, np.ascontiguousarray(rows), _COLUMNS),
+            P0,
+            np.ascontiguousarray(force),
+            C_eb,
         )
 
     def errors(self, loop: PhaseLoop, cn0_dbhz: float, settle_s: float = 60.0) -> ManoeuvringErrors:
@@ -187,9 +189,8 @@ class ManoeuvringReceiver:
         carry_along(
             self.drive,
             self.force_e,
-            self.C_eb,
+            self.C_eb * self.drive.step_s,
             0.5 * noise / self.drive.step_s,
-            _COLUMNS,
             np.zeros(0, COUPLING_DTYPE),
             self.P0.copy(),
             scratch,

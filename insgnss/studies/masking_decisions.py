@@ -30,7 +30,15 @@ from scipy import stats
 
 from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import DEWEIGHT, IS_UNCERTAIN, IS_VISIBLE, Limits, look_at_all
+from insgnss.antenna.visibility import (
+    DEWEIGHT,
+    IS_UNCERTAIN,
+    IS_VISIBLE,
+    Limits,
+    Looks,
+    look_at_all,
+    new_looks,
+)
 from insgnss.config.filter import Visibility
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.geodesy.rotations import euler_to_matrix
@@ -140,16 +148,12 @@ def _look(
 ) -> tuple[Int8, Float64]:
     """Return decisions (n, s) and gains (n, s, 3), every attitude on its own."""
     u_n = _directions(scenario)
-    shape = (len(C_nb), len(u_n))
-    decision, reason, antenna = (np.zeros(shape, np.int8) for _ in range(3))
-    gain = np.zeros((*shape, 3))
+    looks = new_looks(len(C_nb), len(u_n), with_doubt=True)
     for k in range(len(C_nb)):
         one = slice(k, k + 1)
-        look_at_all(
-            *(C_nb[one], P_b[one], u_n[None], antennas, limits),
-            *(decision[one], reason[one], antenna[one], gain[one]),
-        )
-    return decision, gain
+        of_one = Looks(looks.decision[one], looks.reason[one], looks.antenna[one], looks.gain[one])
+        look_at_all(C_nb[one], P_b[one], u_n[None], antennas, limits, of_one)
+    return looks.decision, looks.gain
 
 
 def _attitude(bank: float, heading: float) -> Float64:

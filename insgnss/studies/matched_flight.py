@@ -187,7 +187,7 @@ class MatchedFlight(Shown):
         white = np.zeros(N_STATES) if rng is None else rng.standard_normal(N_STATES)
         e = np.linalg.cholesky(self.P0) @ white
         bank = new_bank(1, 0)
-        m = bank.state[0]
+        m: StateRecord = bank.state[0]
         m.r_e[:] = truth.r_e[0] + e[DR : DR + 3]
         m.v_e[:] = truth.v_e[0] + e[DV : DV + 3]
         m.C_eb[:] = Rotation.from_rotvec(e[PSI : PSI + 3]).as_matrix() @ truth.C_eb[0]

@@ -29,7 +29,7 @@ from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.inertial.error_state import N_MOTION
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.studies.interval_message import add_observation, carry_message, solve_message
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.vector_loop import (
@@ -204,7 +204,7 @@ def run_receiver(
         room.done[0] = step + 1
 
 
-@inlined
+@kernel(inline=True)
 def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float) -> None:
     """Carry the filter on by one integration."""
     m, rates = f.state[0], f.scratch.rates[0]
@@ -215,7 +215,7 @@ def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float) -> 
     predict_covariance(m, f.P, f.par[0], f.scratch)
 
 
-@inlined
+@kernel(inline=True)
 def predict_offsets(m: StateRecord, satellites: Float64, room: ChannelRoom) -> None:
     """Write what the filter expects of every channel."""
     for c in range(satellites.shape[0]):
@@ -224,7 +224,7 @@ def predict_offsets(m: StateRecord, satellites: Float64, room: ChannelRoom) -> N
         room.predicted[c, 1] = rate + m.clock[1]
 
 
-@inlined
+@kernel(inline=True)
 def led_wrongly(C: Float64, ahead_b: Float64, u: Float64) -> tuple[float, float]:
     """Return range and range rate by which a replica is wrong as the newest inertial sample was led on."""
     back = rotate_back(C, u)
@@ -233,7 +233,7 @@ def led_wrongly(C: Float64, ahead_b: Float64, u: Float64) -> tuple[float, float]
     return -range_m, -rate_mps
 
 
-@inlined
+@kernel(inline=True)
 def lead_channels(receiver: Receiver, dt: float, with_filter: bool, room: ChannelRoom) -> None:
     """Carry the channels on, by their own rates and by how the filter's predictions have changed.
 
@@ -266,7 +266,7 @@ def lead_channels(receiver: Receiver, dt: float, with_filter: bool, room: Channe
                 P[j, i] = total
 
 
-@inlined
+@kernel(inline=True)
 def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -> None:
     """Correct a channel by what it has seen."""
     n = room.x.shape[1]
@@ -280,7 +280,7 @@ def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -
         room.x[c, i] += room.v[0, i]
 
 
-@inlined
+@kernel(inline=True)
 def take_channels(receiver: Receiver, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
     """Update the filter with what its channels say; the intervals' sums begin anew."""
     for c in range(room.x.shape[0]):
@@ -296,7 +296,7 @@ def take_channels(receiver: Receiver, level: Int64, f: FilterRoom, room: Channel
             use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
 
 
-@inlined
+@kernel(inline=True)
 def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
     """Set a channel to the filter's prediction, with its covariance h P h^T; an acceleration stays as it is."""
     x, P = room.x[c], room.P[c]
@@ -305,7 +305,7 @@ def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
     P[0, 0], P[0, 1], P[1, 0], P[1, 1] = D[0], D[1], D[1], D[2]
 
 
-@inlined
+@kernel(inline=True)
 def count_offset(receiver: Receiver, offset: Float64, c: int, step: int, found: Found) -> None:
     """Count a channel's offset, and find out whether it is lost."""
     if found.lost_at[c] != HELD:
@@ -324,7 +324,7 @@ def count_offset(receiver: Receiver, offset: Float64, c: int, step: int, found: 
         found.squares[c, 1] += offset[1] * offset[1]
 
 
-@inlined
+@kernel(inline=True)
 def record(
     receiver: Receiver,
     arriving: Arriving,

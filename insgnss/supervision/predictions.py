@@ -37,6 +37,7 @@ from insgnss.antenna.visibility import (
     UNDECIDED,
     VISIBLE,
     look_at_all,
+    new_looks,
 )
 from insgnss.config.filter import Visibility
 from insgnss.config.search import Grid, Search
@@ -212,14 +213,13 @@ def _decisions(setup: SupervisionSetup, u_n: Float64, C_nb: Float64, P_b: Float6
 
     Where the filter hides what is uncertain (``visibility.uncertain``), that counts as hidden here too.
     """
-    shape = u_n.shape[:2]
     known = np.isfinite(u_n[..., 0])
     antennas = no_antenna() if setup.antennas is None else setup.antennas
-    decision, reason, antenna = (np.zeros(shape, np.int8) for _ in range(3))
-    gain = np.zeros((*shape, 2))
+    looks = new_looks(*u_n.shape[:2])
+    decision, gain = looks.decision, looks.gain
     if len(antennas.lever_b):
         limits = limits_of(setup.visibility)
-        look_at_all(C_nb, P_b, u_n, antennas, limits, decision, reason, antenna, gain)
+        look_at_all(C_nb, P_b, u_n, antennas, limits, looks)
         if limits.uncertain == HIDE:
             # a receiver that goes on measuring a hidden satellite is no witness against its being hidden
             decision[decision == UNCERTAIN_HIDDEN] = HIDDEN

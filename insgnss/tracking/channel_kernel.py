@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int8, Int64
 from insgnss.tracking.correlators import Complex
 from insgnss.tracking.discriminator_outputs import delay_output, frequency_output, phase_output
@@ -52,13 +52,13 @@ class Gains(NamedTuple):
     )
 
 
-@inlined
+@kernel(inline=True)
 def triangle_at(offset_chips: float) -> float:
     """Return the correlation of an endless random code at an offset [chips]."""
     return max(0.0, 1.0 - abs(offset_chips))
 
 
-@inlined
+@kernel(inline=True)
 def carrier_mean(a: float, phase: float, turn: float) -> complex:
     """Return the mean of a correlator whose code matches; ``phase`` is that in the middle of the integration.
 
@@ -71,7 +71,7 @@ def carrier_mean(a: float, phase: float, turn: float) -> complex:
     return complex(size * math.cos(phase), size * math.sin(phase))
 
 
-@inlined
+@kernel(inline=True)
 def correct_and_lead(
     x: Float64,
     Z: Complex,

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 from insgnss.tracking.correlators import Complex
 
@@ -20,7 +20,7 @@ FREQUENCY_KINDS: Final = ("none", "cross", "atan", "atan2")
 _DELAY, _PHASE = 0, 1
 
 
-@inlined
+@kernel(inline=True)
 def delay_output(kind: int, early: complex, prompt: complex, late: complex) -> float:
     """Return a delay discriminator's output.
 
@@ -39,7 +39,7 @@ def delay_output(kind: int, early: complex, prompt: complex, late: complex) -> f
     return prompt.real * split.real + prompt.imag * split.imag
 
 
-@inlined
+@kernel(inline=True)
 def phase_output(kind: int, prompt: complex) -> float:
     """Return a phase discriminator's output.
 
@@ -57,7 +57,7 @@ def phase_output(kind: int, prompt: complex) -> float:
     return math.atan2(q, i)
 
 
-@inlined
+@kernel(inline=True)
 def frequency_output(kind: int, before: complex, prompt: complex) -> float:
     """Return a frequency discriminator's output, of two integrations that follow each other.
 

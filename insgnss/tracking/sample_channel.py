@@ -35,7 +35,7 @@ from insgnss.tracking.channel_kernel import (
 from insgnss.tracking.channels import ChannelDesign
 from insgnss.tracking.codes import RangingCode
 from insgnss.tracking.correlators import Complex
-from insgnss.tracking.sample_kernels import correlate_samples
+from insgnss.tracking.sample_kernels import Steps, correlate_samples
 from insgnss.tracking.signal import Sampling
 
 # State of a channel beyond that of its loops: for which sample they hold, and where the next integration begins
@@ -68,19 +68,31 @@ class SampleScale(NamedTuple):
     border_chips: float  # length of an integration
 
 
+class SampleBuffer(NamedTuple):
+    """Samples of a recording."""
+
+    in_phase: Float64  # (n,)
+    quadrature: Float64  # (n,), (0,) for real samples
+    first: int  # number of the first one
+
+
+class SampleLoops(NamedTuple):
+    """What the channels are."""
+
+    chips: Int8  # (m, length) one period of each channel's code
+    scale: SampleScale
+    gains: Gains
+    pull_in: Gains  # of a channel that was opened lately
+    amplitude: Float64  # (m,) factor of the sums: A / sigma_n^2 for the C/N0 that the slopes are for
+    slopes: Float64  # (m, 3) of the discriminators
+
+
 @kernel
 def track_samples(
-    in_phase: Float64,
-    quadrature: Float64,
-    first: int,
+    buffer: SampleBuffer,
     until: int,
-    chips: Int8,
-    scale: SampleScale,
-    gains: Gains,
-    pull_in: Gains,
+    loops: SampleLoops,
     aiding: LoopAiding,
-    amplitude: Float64,
-    slopes: Float64,
     state: Float64,
     out: Float64,
     written: Int64,
@@ -93,17 +105,15 @@ def track_samples(
 
     Parameters
     ----------
-    in_phase, quadrature : samples from number ``first`` on; quadrature (0,) for real ones
-    first, until : numbers of samples
-    chips : (m, length) one period of each channel's code
-    scale, gains, aiding : of the channels
-    pull_in : gains of a channel that was opened lately
-    amplitude : (m,) factor of the sums: A / sigma_n^2 for the C/N0 that the slopes are for
-    slopes : (m, 3) of the discriminators
+    buffer : the samples
+    until : number of a sample
+    loops, aiding : of the channels
     state : (m, 11) of the channels, led on; a channel whose START is negative is closed
     out : (rows, m, 9) records; a channel stops where they are full
     written : (m,) number of rows, led on
     """
+    in_phase, quadrature, first = buffer
+    scale, gains = loops.scale, loops.gains
     sums, Z = np.empty((3, 2)), np.empty(3, np.complex128)
     per_sample = scale.chip_hz / scale.rate_hz
     for c in range(state.shape[0]):
@@ -132,16 +142,18 @@ def track_samples(
             correlate_samples(
                 in_phase[start - first : start - first + count],
                 quadrature[start - first : start - first + count] if quadrature.size > 0 else quadrature,
-                chips[c],
+                loops.chips[c],
                 gains.offsets,
-                per_sample * start - (x[DELAY] + slip * (start - middle)),
-                step,
-                turned + cycle_step * (start - middle),
-                cycle_step,
+                Steps(
+                    per_sample * start - (x[DELAY] + slip * (start - middle)),
+                    step,
+                    turned + cycle_step * (start - middle),
+                    cycle_step,
+                ),
                 sums,
             )
             for r in range(3):
-                Z[r] = amplitude[c] * complex(sums[r, 0], sums[r, 1])
+                Z[r] = loops.amplitude[c] * complex(sums[r, 0], sums[r, 1])
             row = out[written[c], c]
             row[MIDDLE], row[COUNT], row[PROMPT_I], row[PROMPT_Q] = middle, count, Z[1].real, Z[1].imag
             row[PHASE_RAD], row[RATE_RADPS] = x[PHASE], rate
@@ -151,8 +163,8 @@ def track_samples(
             # the aiding at the border to the next integration
             since_s = (start + count - aiding.at_sample[c]) / scale.rate_hz
             aid_rate = aiding.rate_radps[c] + aiding.acceleration_radps2[c] * since_s
-            used = pull_in if start < x[PULLED_IN] else gains
-            correct_and_lead(x, Z, used, slopes[c], gains.step_s, aid_rate, 0.0)
+            used = loops.pull_in if start < x[PULLED_IN] else gains
+            correct_and_lead(x, Z, used, loops.slopes[c], gains.step_s, aid_rate, 0.0)
             x[AT] = middle + gains.step_s * scale.rate_hz
             x[START], x[BORDER] = start + count, next_border
 
@@ -202,18 +214,23 @@ class SampleChannels:
             message = f"an integration of {design.step_s * 1e3:g} ms does not fit the code and its data"
             raise ConfigError(message, key="integration_s", advice=advice)
         self.sampling, self.design, self._wide = sampling, design, pull_in or design
-        self._chips = np.stack([each.chips for each in codes])
-        self._gains, self._pull_in = design.gains(), self._wide.gains()
+        m = len(codes)
         self._scale = SampleScale(
             sampling.rate_hz, sampling.intermediate_hz, code.rate_hz, round(periods) * float(code.length)
         )
+        self._loops = SampleLoops(
+            chips=np.stack([each.chips for each in codes]),
+            scale=self._scale,
+            gains=design.gains(),
+            pull_in=self._wide.gains(),
+            amplitude=np.zeros(m),
+            slopes=np.zeros((m, 3)),
+        )
         self._variance = noise_variance
-        m = len(codes)
         self.state = np.zeros((m, N_SAMPLE_STATE))
         self.state[:, START] = -1.0
         self.records = np.full((rows, m, N_RECORD), np.nan)
         self.written = np.zeros(m, np.int64)
-        self._amplitude, self._slopes = np.zeros(m), np.zeros((m, 3))
         for c in range(m):
             self.set_cn0(c, design.cn0_dbhz)
 
@@ -224,8 +241,8 @@ class SampleChannels:
 
     def set_cn0(self, channel: int, cn0_dbhz: float) -> None:
         """Let a channel's discriminators be scaled for a C/N0, as the receiver has estimated it."""
-        self._slopes[channel] = replace(self._wide, cn0_dbhz=cn0_dbhz).gains().slopes
-        self._amplitude[channel] = self.sampling.amplitude(cn0_dbhz) / math.sqrt(self._variance)
+        self._loops.slopes[channel] = replace(self._wide, cn0_dbhz=cn0_dbhz).gains().slopes
+        self._loops.amplitude[channel] = self.sampling.amplitude(cn0_dbhz) / math.sqrt(self._variance)
 
     def open_channel(
         self,
@@ -259,22 +276,8 @@ class SampleChannels:
 
     def run(self, in_phase: Float64, quadrature: Float64, first: int, until: int, aiding: LoopAiding) -> None:
         """Run the open channels over the integrations that begin before sample ``until``; see ``track_samples``."""
-        track_samples(
-            in_phase,
-            quadrature,
-            first,
-            until,
-            self._chips,
-            self._scale,
-            self._gains,
-            self._pull_in,
-            aiding,
-            self._amplitude,
-            self._slopes,
-            self.state,
-            self.records,
-            self.written,
-        )
+        buffer = SampleBuffer(in_phase, quadrature, first)
+        track_samples(buffer, until, self._loops, aiding, self.state, self.records, self.written)
 
     def reading(self, channel: int, sample: float) -> ReplicaReading | None:
         """Return what the replica shows at a sample of its last integration, before that corrects the loops.

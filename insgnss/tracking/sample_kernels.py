@@ -6,16 +6,16 @@ Phases are anchored anew every 64 samples and turned by a constant rotation betw
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int8
 
 _LARGEST_PHASE: Final = 1e15  # [chips]; a double then tells an eighth of a chip
 _BLOCK: Final = 64  # a rotation repeated as often has lost 1e-14; a sine and cosine cost 20 of them
 
 
-@inlined
+@kernel(inline=True)
 def has_places(chip_phase: float, chip_step: float, n: int, length: int) -> bool:
     """Return whether ``n`` samples' code phases [chips] are numbers that tell a chip of a code of some length.
 
@@ -24,17 +24,18 @@ def has_places(chip_phase: float, chip_step: float, n: int, length: int) -> bool
     return 0.0 <= chip_step <= length and abs(chip_phase) + chip_step * n < _LARGEST_PHASE
 
 
+class Steps(NamedTuple):
+    """Phases of the first sample, and from sample to sample."""
+
+    chip_phase: float  # of the code [chips]
+    chip_step: float
+    cycle_phase: float  # of the carrier [cycles]
+    cycle_step: float
+
+
 @kernel
 def add_signal(
-    amplitude: float,
-    chips: Int8,
-    signs: Int8,
-    chip_phase: float,
-    chip_step: float,
-    cycle_phase: float,
-    cycle_step: float,
-    in_phase: Float64,
-    quadrature: Float64,
+    amplitude: float, chips: Int8, signs: Int8, steps: Steps, in_phase: Float64, quadrature: Float64
 ) -> None:
     """Add A d h cos(theta), and A d h sin(theta) where a quadrature is wanted, to a buffer.
 
@@ -45,11 +46,10 @@ def add_signal(
     amplitude : A
     chips : (length,) one period of the code
     signs : (n_periods,) of the data in each period of the code, the first one that of period 0; the last one holds on
-    chip_phase, chip_step : code phase of the first sample, and from sample to sample [chips]
-    cycle_phase, cycle_step : the same of the carrier [cycles]
     in_phase : (n,) added to
     quadrature : (n,) added to, or (0,) for real samples
     """
+    chip_phase, chip_step, cycle_phase, cycle_step = steps
     n, length, is_complex = in_phase.size, chips.size, quadrature.size > 0
     if not has_places(chip_phase, chip_step, n, length) or signs.size == 0:
         return
@@ -79,10 +79,7 @@ def correlate_samples(
     quadrature: Float64,
     chips: Int8,
     offsets: Float64,
-    chip_phase: float,
-    chip_step: float,
-    cycle_phase: float,
-    cycle_step: float,
+    steps: Steps,
     out: Float64,
 ) -> None:
     """Sum a buffer times the replicas: Z = sum x h exp(-j theta), real and imaginary part.
@@ -94,9 +91,10 @@ def correlate_samples(
     in_phase, quadrature : (n,) samples; quadrature (0,) for real ones
     chips : (length,) one period of the code
     offsets : (r,) delays of the replicas against the prompt one [chips], each shorter than a period
-    chip_phase, chip_step, cycle_phase, cycle_step : of the prompt replica, as in ``add_signal``
+    steps : of the prompt replica
     out : (r, 2) sums
     """
+    chip_phase, chip_step, cycle_phase, cycle_step = steps
     n, length, is_complex = in_phase.size, chips.size, quadrature.size > 0
     turn_c, turn_s = math.cos(2.0 * math.pi * cycle_step), math.sin(2.0 * math.pi * cycle_step)
     out[:] = 0.0

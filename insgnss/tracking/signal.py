@@ -19,7 +19,7 @@ from insgnss.tables import Float64, Int8
 from insgnss.tracking.admissible import linear_cn0_hz, require_positive
 from insgnss.tracking.codes import RangingCode
 from insgnss.tracking.correlators import Complex, replica_offsets
-from insgnss.tracking.sample_kernels import add_signal, correlate_samples
+from insgnss.tracking.sample_kernels import Steps, add_signal, correlate_samples
 
 # The image at twice the carrier, folded to f, leaves 1 / (pi f T) of the amplitude in an integration at most: 1 %
 _LEAST_FOLDED_PERIODS: Final = 32.0
@@ -108,11 +108,12 @@ class CarrierAndCode:
         math.inf
     )  # the code's Doppler is that of the carrier in their ratio; inf: no code Doppler
 
-    def steps(self, code: RangingCode, sampling: Sampling) -> tuple[float, float, float, float]:
+    def steps(self, code: RangingCode, sampling: Sampling) -> Steps:
         """Return code phase and step [chips], carrier phase and step [cycles], as the kernels want them."""
         chip_rate = code.rate_hz * (1.0 + self.doppler_hz / self.carrier_hz)
         cycle_step = (sampling.intermediate_hz + self.doppler_hz) / sampling.rate_hz
-        return -self.delay_chips, chip_rate / sampling.rate_hz, self.phase_rad / (2.0 * math.pi), cycle_step
+        cycles = self.phase_rad / (2.0 * math.pi)
+        return Steps(-self.delay_chips, chip_rate / sampling.rate_hz, cycles, cycle_step)
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ def receive(
     for signal in signals:
         steps = signal.state.steps(signal.code, sampling)
         add_signal(
-            sampling.amplitude(signal.cn0_dbhz), signal.code.chips, signal.signs, *steps, in_phase, quadrature
+            sampling.amplitude(signal.cn0_dbhz), signal.code.chips, signal.signs, steps, in_phase, quadrature
         )
     return Samples(sampling, in_phase, quadrature)
 
@@ -194,7 +195,7 @@ def correlate(
         samples.quadrature,
         code.chips,
         replica_offsets(spacing_chips),
-        *replica.steps(code, samples.sampling),
+        replica.steps(code, samples.sampling),
         out,
     )
     return np.asarray(samples.sampling.amplitude(cn0_dbhz) * (out[:, 0] + 1j * out[:, 1]))

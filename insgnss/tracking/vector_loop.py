@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.admissible import require_known, require_positive, signal_ratio
 from insgnss.tracking.channel_kernel import carrier_mean, triangle_at
@@ -149,7 +149,7 @@ def observation_table(channels: Channels, correlators: Correlators) -> Float64:
     return table
 
 
-@inlined
+@kernel(inline=True)
 def observe_channel(
     channels: Channels, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
 ) -> None:

@@ -20,7 +20,7 @@ import pandas as pd
 
 from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import DECISIONS, IS_UNCERTAIN, IS_VISIBLE, look_at_all
+from insgnss.antenna.visibility import DECISIONS, IS_UNCERTAIN, IS_VISIBLE, look_at_all, new_looks
 from insgnss.config.filter import Visibility
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ResultError
@@ -98,11 +98,10 @@ def visibility(
     if week is None:
         week = int(attitude.t_ns[0] // NS_PER_WEEK)
     u_n = sky.directions()
-    shape = u_n.shape[:2]
-    decision, reason, antenna = (np.zeros(shape, np.int8) for _ in range(3))
-    gain = np.zeros((*shape, 2))
+    looks = new_looks(*u_n.shape[:2])
+    decision, reason, antenna, gain = looks
     arrays = (np.ascontiguousarray(attitude.C_nb), np.ascontiguousarray(attitude.P_b), u_n)
-    look_at_all(*arrays, antennas, limits_of(settings), decision, reason, antenna, gain)
+    look_at_all(*arrays, antennas, limits_of(settings), looks)
     above = sky.elevation >= np.radians(elevation_mask_deg)  # false for NaN
     seen = above & ((decision & IS_VISIBLE) == 1) if settings.on else above
     reason[~above] = MASKED_ELEVATION

@@ -9,7 +9,7 @@ import numpy as np
 from insgnss.antenna.equipment import installation
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.obstruction import directions
-from insgnss.antenna.visibility import Limits, look_at_all
+from insgnss.antenna.visibility import Limits, look_at_all, new_looks
 from insgnss.config.flight import MountedAntenna
 from insgnss.simulation.sky import PAPER_SKY
 from insgnss.visibility import AttitudeHistory
@@ -54,13 +54,10 @@ class Decisions:
     ) -> None:
         u = np.atleast_2d(directions(azimuth_deg, elevation_deg))
         n, s = len(history.t_ns), len(u)
-        self.decision, self.reason, self.antenna = (np.zeros((n, s), np.int8) for _ in range(3))
-        self.gain = np.zeros((n, s, 3))
+        looks = new_looks(n, s, with_doubt=True)
+        self.decision, self.reason, self.antenna, self.gain = looks
         u_n = np.repeat(u[None], n, axis=0)
-        look_at_all(
-            *(history.C_nb, history.P_b, u_n, antennas, limits),
-            *(self.decision, self.reason, self.antenna, self.gain),
-        )
+        look_at_all(history.C_nb, history.P_b, u_n, antennas, limits, looks)
 
     @property
     def visible(self) -> np.ndarray:

@@ -69,8 +69,8 @@ class DenseFilter:
 
     def _move(self, dt: float, w: Float64, f: Float64) -> None:
         """Mechanize ``dt`` and add to the sums over the covariance's step."""
-        C_before, dv = self.C.copy(), np.zeros(3)
-        mechanize(self.q, self.C, self.r, self.v, w, f, dt, dv, np.zeros(3))
+        C_before = self.C.copy()
+        dv = np.array(mechanize(self.q, self.C, self.r, self.v, w, f, dt, np.zeros(3)))
         self.clock[0] += self.clock[1] * dt
         self._dt, self._dv = self._dt + dt, self._dv + dv
         self._C_dt = self._C_dt + 0.5 * dt * (C_before + self.C)

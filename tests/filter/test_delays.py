@@ -114,7 +114,9 @@ def delays_at(bank: Bank, log: Rows, dt: float, factor: float, troposphere: floa
         towards = row[:3] + dt * row[3:6] - r_e
         north, east, down = there.C_ne @ (towards / np.linalg.norm(towards))
         azimuth, elevation = float(np.arctan2(east, north)), float(np.arcsin(-down))
-        found.append(path_delay(KLOBUCHAR, lat, lon, h, azimuth, elevation, WEEK_S + dt, factor, troposphere))
+        found.append(
+            path_delay(KLOBUCHAR, (lat, lon, h), azimuth, elevation, WEEK_S + dt, factor, troposphere)
+        )
     return np.array(found)
 
 

@@ -142,12 +142,12 @@ def test_filter_without_gnss_is_the_mechanization_alone(rng: np.random.Generator
     imu.f_b[:] += 3.0 * rng.normal(size=imu.f_b.shape)
     log = rows_of(START_NS + np.arange(1, 21) * NS_PER_S, sky(at), np.full((20, 12, 2), np.nan))
     q, C, r, v = (bank.state[name][0].copy() for name in ("q_eb", "C_eb", "r_e", "v_e"))
-    w, f, dv, g = np.zeros((4, 3))
+    w, f, g = np.zeros((3, 3))
     for k in range(1, 2001):
         b = max(k - 1, 1)
         dt, dt_before = (imu.t_ns[k] - imu.t_ns[k - 1]) * 1e-9, (imu.t_ns[b] - imu.t_ns[b - 1]) * 1e-9
         effective_rates(imu.w_ib_b[k], imu.f_b[k], imu.w_ib_b[b], imu.f_b[b], dt, dt_before, w, f)
-        mechanize(q, C, r, v, w, f, dt, dv, g)
+        mechanize(q, C, r, v, w, f, dt, g)
 
     inertial = copy_bank(bank)
     carry_bank(inertial, int(imu.t_ns[2000]), imu, par[0], new_scratch(OFFSETS))

@@ -10,16 +10,19 @@ import pymap3d
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.ephemeris_choice import broadcast_messages
+from insgnss.gnss.integrity import BAD_GEOMETRY, EXCLUDED, OK, TOO_FEW, UNTESTED, Fits, agree, redundancy_room
 from insgnss.gnss.ionosphere import klobuchar_delay
+from insgnss.gnss.least_squares import RANGE, RANGE_RATE, Bool, FitRows, free_clocks, workspace
 from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight, line_of_sight_range
-from insgnss.gnss.point_solution import SOLVED, UNCHECKED, point_position, point_velocity
 from insgnss.gnss.satellite_state import glonass_channels, range_rates, satellite_states
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.gnss.troposphere import tropospheric_delay
+from insgnss.point_solutions import chi_square_limits
 from insgnss.tables import EphemerisTable, Float64, GnssTable, NavigationData
 
 RANGE_SIGMA_M = 2.0  # at the zenith
 RATE_SIGMA_MPS = 0.1
+_SOLVED, _NONE = (OK, EXCLUDED, UNTESTED), (TOO_FEW, BAD_GEOMETRY)
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,13 @@ def solve_log(
     )
 
 
+def _verdict(rows: FitRows, use: Bool, start: Float64, x: Float64) -> int:
+    """Return whether rows agree on a solution, written to ``x``; ``use`` keeps those in it."""
+    n, p = len(use), len(x)
+    fits = Fits(chi_square_limits(n, 1e-4), workspace(p), redundancy_room(n))
+    return agree(rows, use, start, x, np.zeros((p, p)), fits)[0]
+
+
 class _Epoch:
     """One epoch's rows and the corrections for where it was seen from."""
 
@@ -117,20 +127,21 @@ class _Epoch:
     def solve(self, t_ns: int, klobuchar: Float64 | None, mask: float) -> Float64 | None:
         """Return position and clocks: a first pass without atmosphere, then two with it."""
         n = 3 + self.n_groups
-        x, P = np.zeros(n), np.zeros((n, n))
+        x = np.zeros(n)
         self.corrected = self.ranges.copy()
         for _ in range(3):
-            status = point_position(
-                self.sat, self.corrected, self.sigma, self.group, self.use, x[:3].copy(), 30.0, x, P
+            rows = FitRows(
+                RANGE, self.sat, self.corrected, self.sigma, self.group, free_clocks(self.n_groups), x
             )
-            if status not in (SOLVED, UNCHECKED):
+            verdict = _verdict(rows, self.use, np.append(x[:3], np.zeros(self.n_groups)), x)
+            if verdict in _NONE:
                 return None
             in_use = self.use.copy()
             offered = self._correct(t_ns, x[:3].copy(), klobuchar, mask)
             self.use = offered.copy()
         self.excluded = int((offered & ~in_use).sum())
         self.use = in_use
-        return x
+        return x if verdict in _SOLVED else None
 
     def _correct(
         self, t_ns: int, r_e: Float64, klobuchar: Float64 | None, mask: float
@@ -153,10 +164,10 @@ class _Epoch:
         return visible
 
     def velocity(self, r_e: Float64, rates: Float64) -> Float64 | None:
-        v, P = np.zeros(4), np.zeros((4, 4))
-        sigma, use = np.full(len(rates), RATE_SIGMA_MPS), self.use.copy()
-        status = point_velocity(self.sat, rates, sigma, use, r_e, 30.0, v, P)
-        return v if status in (SOLVED, UNCHECKED) else None
+        v, n = np.zeros(4), len(rates)
+        sigma, one_clock = np.full(n, RATE_SIGMA_MPS), np.zeros(n, np.int64)
+        rows = FitRows(RANGE_RATE, self.sat, rates, sigma, one_clock, free_clocks(1), r_e)
+        return None if _verdict(rows, self.use.copy(), np.zeros(4), v) in _NONE else v
 
     def residuals(self, x: Float64, v: Float64, rates: Float64) -> list[tuple[float, float, int]]:
         """Return range residual, rate residual and row of the log for each row in use."""

@@ -11,6 +11,7 @@ import pytest
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.gnss.differential import Corrections, apply, base_ranges, differential_corrections
+from insgnss.gnss.range_model import AirModel
 from insgnss.gnss.satellite_state import satellite_states
 from insgnss.gnss.troposphere import STANDARD_WEATHER
 from insgnss.simulation.sky import KLOBUCHAR, nominal_constellation
@@ -70,10 +71,8 @@ def modelled(gnss: GnssTable, eph: EphemerisTable, r_e: Float64) -> tuple[Float6
             np.ascontiguousarray(states.sat),
             states.clock_m,
             r_e,
-            COEFFICIENTS,
-            air * factor,
+            AirModel(COEFFICIENTS, air * factor, air, STANDARD_WEATHER),
             np.full(n, np.nan),
-            np.array([air, *STANDARD_WEATHER]),
             out,
             sine,
         )

@@ -19,6 +19,7 @@ from insgnss.gnss.phase_centre import SatelliteAntennas, phase_centre_offsets
 from insgnss.gnss.range_model import (
     AIR_DTYPE,
     CORRECTIONS,
+    AirModel,
     Correction,
     correction_lines,
     path_delay,
@@ -67,7 +68,7 @@ def ranges(sat: Float64) -> Float64:
 
 def delays(ionosphere: float, troposphere: float, **weather: float) -> Float64:
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], LAT, LON, H, WEEK_S, troposphere, *weather_at_sea_level(h=H, **weather))
+    place_air(air[0], LAT, LON, H, WEEK_S, troposphere, weather_at_sea_level(h=H, **weather))
     return np.array([slant_delay(air[0], COEFFICIENTS, u, ionosphere, math.nan) for u in U_N])
 
 
@@ -162,8 +163,9 @@ def test_delays_of_the_air_lengthen_every_range(name: str) -> None:
 def test_satellite_clock_ahead_shortens_the_prediction() -> None:
     model, sine = np.empty((2, COUNT)), np.empty(COUNT)
     for out, clock_m in zip(model, (0.0, 250.0), strict=True):
-        no_air = (np.zeros(8), np.zeros(COUNT), np.zeros(COUNT), np.array([0.0, *STANDARD_WEATHER]))
-        base_ranges(LOG.t_ns, STATES.sat, np.full(COUNT, clock_m), RECEIVER, *no_air, out, sine)
+        no_air = AirModel(np.zeros(8), np.zeros(COUNT), 0.0, STANDARD_WEATHER)
+        clocks = np.full(COUNT, clock_m)
+        base_ranges(LOG.t_ns, STATES.sat, clocks, RECEIVER, no_air, np.zeros(COUNT), out, sine)
     np.testing.assert_allclose(model[1] - model[0], -250.0, atol=1e-7)
     np.testing.assert_allclose(sine, -U_N[:, 2], atol=1e-5)
 
@@ -193,13 +195,6 @@ def test_every_module_of_the_list_exists_and_the_table_has_a_line_for_each() -> 
     assert "| ionosphere | + | I | 1.5 to 60 |" in lines[2 + list(MOVES).index("ionosphere")]
 
 
-def test_standard_weather_changes_no_bit() -> None:
-    plain, stated = np.zeros(1, AIR_DTYPE), np.zeros(1, AIR_DTYPE)
-    place_air(plain[0], LAT, LON, H, WEEK_S, 1.0)
-    place_air(stated[0], LAT, LON, H, WEEK_S, 1.0, *STANDARD_WEATHER)
-    assert plain[0].dry == stated[0].dry and plain[0].wet == stated[0].wet
-
-
 def test_pressure_must_matter() -> None:
     low = delays(0.0, 1.0, pressure_hpa=975.0) - delays(0.0, 1.0)
     # 26 hPa less than the standard at 100 m: 6 cm at the zenith, times 1 / sin of the elevation
@@ -208,7 +203,7 @@ def test_pressure_must_matter() -> None:
 
 def test_wet_factor_is_the_derivative_by_the_residual_zenith_delay() -> None:
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], LAT, LON, H, WEEK_S, 1.0)
+    place_air(air[0], LAT, LON, H, WEEK_S, 1.0, STANDARD_WEATHER)
     for u in U_N:
         before = slant_delay(air[0], COEFFICIENTS, u, 0.0)
         factor = float(air[0].wet_factor)
@@ -216,17 +211,17 @@ def test_wet_factor_is_the_derivative_by_the_residual_zenith_delay() -> None:
         assert slant_delay(air[0], COEFFICIENTS, u, 0.0) - before == pytest.approx(0.1 * factor, abs=1e-9)
         air[0].wet -= 0.1
         assert factor == pytest.approx(mapping_factors(LAT, H, math.asin(-u[2]))[1], rel=1e-12)
-    place_air(air[0], LAT, LON, H, WEEK_S, 0.0)
+    place_air(air[0], LAT, LON, H, WEEK_S, 0.0, STANDARD_WEATHER)
     slant_delay(air[0], COEFFICIENTS, U_N[0], 1.0)
     assert air[0].wet_factor == 0.0
 
 
 def test_given_ionosphere_replaces_the_compiled_model_and_scales_with_the_carrier() -> None:
     air = np.zeros(1, AIR_DTYPE)
-    place_air(air[0], LAT, LON, H, WEEK_S, 0.0)
+    place_air(air[0], LAT, LON, H, WEEK_S, 0.0, STANDARD_WEATHER)
     assert slant_delay(air[0], COEFFICIENTS, U_N[0], 1.793, 4.0) == pytest.approx(1.793 * 4.0, rel=1e-12)
     assert slant_delay(air[0], COEFFICIENTS, U_N[0], 0.0, 4.0) == 0.0
     own = slant_delay(air[0], COEFFICIENTS, U_N[0], 1.0, math.nan)
-    lat, lon, h = ecef_to_geodetic(RECEIVER)
     azimuth, elevation = math.atan2(U_N[0, 1], U_N[0, 0]), math.asin(-U_N[0, 2])
-    assert own == pytest.approx(path_delay(COEFFICIENTS, lat, lon, h, azimuth, elevation, WEEK_S, 1.0, 0.0))
+    place = ecef_to_geodetic(RECEIVER)
+    assert own == pytest.approx(path_delay(COEFFICIENTS, place, azimuth, elevation, WEEK_S, 1.0, 0.0))

@@ -29,11 +29,11 @@ def _stay(
     r_out: np.ndarray,
 ) -> None:
     """Mechanize ``count`` steps of constant input; after each, height and vertical velocity are what they were."""
-    C, C_ne, dv, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    C, C_ne, g = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     quaternion_to_matrix(q, C)
     height = ecef_to_geodetic(r)[2]
     for k in range(count):
-        mechanize(q, C, r, v, w, f, dt, dv, g)
+        mechanize(q, C, r, v, w, f, dt, g)
         lat, lon, h = ecef_to_geodetic(r)
         ecef_to_ned_matrix(lat, lon, C_ne)
         down = C_ne[2]

@@ -27,14 +27,16 @@ def _carry_errors(
     errors: np.ndarray,
     couplings: np.ndarray,
 ) -> None:
-    dv, g = np.zeros(3), np.zeros(3)
+    g = np.zeros(3)
     sum_dv, sum_C, carried = np.zeros(3), np.zeros((3, 3)), np.zeros_like(errors)
     keep = np.ones(len(errors))
     for k in range(len(w)):
         sum_C += 0.5 * dt * C
-        mechanize(q, C, r, v, w[k], f[k], dt, dv, g)
+        dv_x, dv_y, dv_z = mechanize(q, C, r, v, w[k], f[k], dt, g)
         sum_C += 0.5 * dt * C
-        sum_dv += dv
+        sum_dv[0] += dv_x
+        sum_dv[1] += dv_y
+        sum_dv[2] += dv_z
         if (k + 1) % per_step == 0:
             step = transition_step(per_step * dt, sum_dv[0], sum_dv[1], sum_dv[2], r)
             keep[9:15] = np.exp(-per_step * dt / time_s)

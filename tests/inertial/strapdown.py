@@ -55,7 +55,7 @@ def _fly(
     v_out: np.ndarray,
     C_out: np.ndarray,
 ) -> None:
-    w_c, f_c, dv, g = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    w_c, f_c, g = np.zeros(3), np.zeros(3), np.zeros(3)
     for k in range(len(dt)):
         before = max(k - 1, 0)
         if corrected:
@@ -63,7 +63,7 @@ def _fly(
         else:
             w_c[:] = w[k]
             f_c[:] = f[k]
-        mechanize(q, C, r, v, w_c, f_c, dt[k], dv, g)
+        mechanize(q, C, r, v, w_c, f_c, dt[k], g)
         if (k + 1) % every == 0:
             place = (k + 1) // every - 1
             r_out[place] = r

@@ -181,10 +181,10 @@ def estimate(error: np.ndarray, dt: float, steps: int) -> tuple[np.ndarray, ...]
     C, q = Rotation.from_rotvec(psi).as_matrix() @ C_EB, np.zeros(4)
     matrix_to_quaternion(C, q)
     quaternion_to_matrix(q, C)
-    r, v, dv_e = PLACE_E + dr, VELOCITY_E + dv, np.zeros(3)
+    r, v = PLACE_E + dr, VELOCITY_E + dv
     for _ in range(steps):
         # the estimated bias is taken out: too large a bias makes force and rate too small
-        mechanize(q, C, r, v, RATE_B - b_g, FORCE_B - b_a, dt / steps, dv_e, np.zeros(3))
+        mechanize(q, C, r, v, RATE_B - b_g, FORCE_B - b_a, dt / steps, np.zeros(3))
     return r, v, C
 
 
@@ -205,13 +205,12 @@ def transition_of_flight(dt: float) -> np.ndarray:
     """Return Phi with the sums of force and attitude that the mechanization itself made over ``dt``."""
     C, q, count = C_EB.copy(), np.zeros(4), 8
     matrix_to_quaternion(C, q)
-    r, v, dv_e = PLACE_E.copy(), VELOCITY_E.copy(), np.zeros(3)
+    r, v = PLACE_E.copy(), VELOCITY_E.copy()
     sum_dv, sum_C = np.zeros(3), np.zeros((3, 3))
     for _ in range(count):
         sum_C += 0.5 * dt / count * C
-        mechanize(q, C, r, v, RATE_B, FORCE_B, dt / count, dv_e, np.zeros(3))
+        sum_dv += mechanize(q, C, r, v, RATE_B, FORCE_B, dt / count, np.zeros(3))
         sum_C += 0.5 * dt / count * C
-        sum_dv += dv_e
     Phi = np.zeros((N, N))
     apply_transition(transition_step(dt, *sum_dv, r), sum_C, NO_COUPLINGS, np.ones(N), np.eye(N), Phi)
     return Phi

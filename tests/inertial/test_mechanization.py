@@ -172,12 +172,11 @@ def step(
     pieces: list[float], w: tuple[float, float, float], f: tuple[float, float, float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return attitude, position, velocity and summed velocity increment after steps of the lengths ``pieces``."""
-    C, q, dv, total = np.zeros((3, 3)), np.array([0.5, -0.1, 0.7, 0.5]), np.zeros(3), np.zeros(3)
+    C, q, total = np.zeros((3, 3)), np.array([0.5, -0.1, 0.7, 0.5]), np.zeros(3)
     r, v = np.array([2.8e6, 1.6e6, 5.5e6]), np.array([-900.0, 5000.0, 3000.0])
     quaternion_to_matrix(q, C)
     for dt in pieces:
-        mechanize(q, C, r, v, np.array(w), np.array(f), dt, dv, np.zeros(3))
-        total += dv
+        total += mechanize(q, C, r, v, np.array(w), np.array(f), dt, np.zeros(3))
     return C, r, v, total
 
 

@@ -13,6 +13,7 @@ from insgnss.antenna.visibility import (
     Limits,
     attitude_covariance,
     look_at_all,
+    new_looks,
     variance_along,
 )
 from tests.kernels import KernelCase
@@ -70,14 +71,14 @@ def decisions() -> list[np.ndarray]:
     P_b = np.repeat(np.diag([1e-4, 1e-4, 1e-3])[None], n, axis=0)
     P_b[0] *= 1e4
     u_n = np.array([[0.6, 0.0, -0.8], [-0.96, 0.0, -0.28], [0.0, 0.8, -0.6], [np.nan] * 3])
-    out = [np.zeros((n, 4), np.int8) for _ in range(3)] + [np.zeros((n, 4, 2))]
+    out = new_looks(n, 4)
     limits = Limits(-2.0, 1.0, 3.0, 0.01)
-    look_at_all(C_nb, P_b, np.repeat(u_n[None], n, axis=0), installation(), limits, *out)
-    hide = [np.zeros((n, 4), np.int8) for _ in range(3)] + [np.zeros((n, 4, 3))]
+    look_at_all(C_nb, P_b, np.repeat(u_n[None], n, axis=0), installation(), limits, out)
+    hide = new_looks(n, 4, with_doubt=True)
     look_at_all(
-        C_nb, P_b, np.repeat(u_n[None], n, axis=0), installation(), limits._replace(uncertain=HIDE), *hide
+        C_nb, P_b, np.repeat(u_n[None], n, axis=0), installation(), limits._replace(uncertain=HIDE), hide
     )
-    return out + hide
+    return [*out, *hide]
 
 
 CASES = [

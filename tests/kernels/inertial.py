@@ -48,7 +48,7 @@ CASES = [
     KernelCase(f"{_MECHANIZATION}:turn_attitude", (_Q_EB, _C_EB, _W, 0.005)),
     KernelCase(
         f"{_MECHANIZATION}:mechanize",
-        (_Q_EB, _C_EB, _R_E, _V_E, _W, _F, 0.005, np.zeros(3), np.zeros(3)),
+        (_Q_EB, _C_EB, _R_E, _V_E, _W, _F, 0.005, np.zeros(3)),
     ),
     KernelCase("tests.kernels.inertial:transition"),
 ]

@@ -11,6 +11,7 @@ from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.point_log import solve_epochs
 from insgnss.gnss.point_rows import PointRows, PointSettings, at_time_tags, new_point_log
+from insgnss.gnss.troposphere import STANDARD_WEATHER
 from insgnss.point_solutions import chi_square_limits
 from insgnss.status import USED
 from tests.kernels import KernelCase
@@ -61,7 +62,15 @@ def log_of_epochs() -> list[Any]:
         klobuchar=np.zeros(8),
     )
     settings = PointSettings(
-        0.09, 25.0, 0.0, _NOISE, (9e-4, 4e-4, 9e-4, 1.0), 100.0, 3.0, Ties(np.array([-1, 0]), 4e-4)
+        0.09,
+        25.0,
+        0.0,
+        STANDARD_WEATHER,
+        _NOISE,
+        (9e-4, 4e-4, 9e-4, 1.0),
+        100.0,
+        3.0,
+        Ties(np.array([-1, 0]), 4e-4),
     )
     out = new_point_log(rows, 2)
     solve_epochs(rows, settings, chi_square_limits(n + 1, 1e-3), out)

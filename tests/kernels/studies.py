@@ -39,12 +39,13 @@ def covariance_along() -> list[np.ndarray]:
     rng = np.random.default_rng(10)
     sky = directions([20.0, 110.0, 200.0, 290.0], [12.0, 20.0, 15.0, 70.0])
     rows = np.column_stack([-33.0 * sky, np.full(4, 33.0)])
-    drive = Drive(5e-3, np.full(17, 1e-9), np.full(17, 0.99), np.array([3e6, 2e6, 5e6]), rows)
+    drive = Drive(
+        5e-3, np.full(17, 1e-9), np.full(17, 0.99), np.array([3e6, 2e6, 5e6]), rows, np.array([0, 1, 2, 15])
+    )
     force, C_eb = 30.0 * rng.standard_normal((20, 3)), np.linalg.qr(rng.standard_normal((20, 3, 3)))[0]
     P, scratch, found = 1e-2 * np.eye(17), (np.empty((17, 17)), np.zeros((3, 17))), np.empty((20, 6))
     couplings = np.zeros(0, COUPLING_DTYPE)
-    columns = np.array([0, 1, 2, 15])
-    carry_along(drive, force, np.ascontiguousarray(C_eb), 1e-2, columns, couplings, P, scratch, found)
+    carry_along(drive, force, np.ascontiguousarray(5e-3 * C_eb), 1e-2, couplings, P, scratch, found)
     return [P, found]
 
 

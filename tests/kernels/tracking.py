@@ -62,7 +62,7 @@ def _folded(signal: Received, sampling: Sampling, count: int) -> Samples:
     """Return samples too few for the code: a folded signal is good enough for numbers to compare."""
     in_phase, quadrature = np.zeros(count), np.zeros(count if sampling.is_complex else 0)
     steps = signal.state.steps(signal.code, sampling)
-    add_signal(0.5, signal.code.chips, signal.signs, *steps, in_phase, quadrature)
+    add_signal(0.5, signal.code.chips, signal.signs, steps, in_phase, quadrature)
     return Samples(sampling, in_phase, quadrature)
 
 

@@ -115,7 +115,7 @@ def innovations(made: Simulation) -> tuple[np.ndarray, np.ndarray]:
         north, east, down = C_ne[k] @ u
         factor = ionosphere_factor("G", gnss.signal_names[gnss.signal[k]])
         sky = np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))
-        delay = path_delay(klobuchar, *place[k], *sky, week_s[k], factor, 1.0) if with_air else 0.0
+        delay = path_delay(klobuchar, tuple(place[k]), *sky, week_s[k], factor, 1.0) if with_air else 0.0
         ranges[k] = gnss.pseudorange_m[k] - (rho + bias[k] - states.clock_m[k] + delay)
         wavelength = C_MPS / ({"1": 1575.42e6, "5": 1176.45e6}[gnss.signal_names[gnss.signal[k]][1]])
         grown = 0.0
@@ -125,8 +125,8 @@ def innovations(made: Simulation) -> tuple[np.ndarray, np.ndarray]:
             there = geodetic((antenna.r_e[k] + step * antenna.v_e[k])[None])[0]
             n, e, d = ned_axes(there[None])[0] @ (u - step * g)
             towards = np.arctan2(e, n), np.arctan2(-d, np.hypot(n, e))
-            dry = path_delay(klobuchar, *there, *towards, week_s[k] + step, 0.0, 1.0)
-            both = path_delay(klobuchar, *there, *towards, week_s[k] + step, factor, 1.0)
+            dry = path_delay(klobuchar, tuple(there), *towards, week_s[k] + step, 0.0, 1.0)
+            both = path_delay(klobuchar, tuple(there), *towards, week_s[k] + step, factor, 1.0)
             grown += (2.0 * dry - both) / (2.0 * step)
         rates[k] = -wavelength * gnss.doppler_hz[k] - (rate + drift[k] - states.drift_mps[k] + grown)
     return ranges, rates

@@ -12,7 +12,7 @@ from insgnss.errors import ConfigError
 from insgnss.tracking.admissible import signal_ratio
 from insgnss.tracking.codes import correlation, glonass_st, gps_ca
 from insgnss.tracking.correlators import Correlators
-from insgnss.tracking.sample_kernels import add_signal, correlate_samples
+from insgnss.tracking.sample_kernels import Steps, add_signal, correlate_samples
 from insgnss.tracking.signal import CarrierAndCode, Received, Sampling, correlate, receive
 
 CODE = glonass_st()
@@ -111,17 +111,16 @@ def thesis_correlators(noise: bool, phase_rad: float, rng: np.random.Generator, 
     A, found = sampling.amplitude(37.0), np.empty(looks, np.complex128)
     for k in range(looks):
         x = rng.standard_normal(count) if noise else np.zeros(count)
-        add_signal(A, CODE.chips, np.ones(1, np.int8), 0.0, CODE.rate_hz / 40e6, 0.0, 0.5, x, np.zeros(0))
+        add_signal(
+            A, CODE.chips, np.ones(1, np.int8), Steps(0.0, CODE.rate_hz / 40e6, 0.0, 0.5), x, np.zeros(0)
+        )
         out = np.empty((1, 2))
         correlate_samples(
             x,
             np.zeros(0),
             CODE.chips,
             np.zeros(1),
-            0.0,
-            CODE.rate_hz / 40e6,
-            phase_rad / (2 * math.pi),
-            0.5,
+            Steps(0.0, CODE.rate_hz / 40e6, phase_rad / (2 * math.pi), 0.5),
             out,
         )
         found[k] = A * (out[0, 0] + 1j * out[0, 1])
@@ -211,8 +210,8 @@ def test_code_phase_that_tells_no_chip_adds_nothing_and_correlates_with_nothing(
 ) -> None:
     x, out = np.ones(200), np.ones((1, 2))
 
-    add_signal(1.0, CODE.chips, np.ones(1, np.int8), phase, step, 0.0, 0.1, x, np.zeros(0))
-    correlate_samples(x, np.zeros(0), CODE.chips, np.zeros(1), phase, step, 0.0, 0.1, out)
+    add_signal(1.0, CODE.chips, np.ones(1, np.int8), Steps(phase, step, 0.0, 0.1), x, np.zeros(0))
+    correlate_samples(x, np.zeros(0), CODE.chips, np.zeros(1), Steps(phase, step, 0.0, 0.1), out)
 
     np.testing.assert_array_equal(x, 1.0)
     np.testing.assert_array_equal(out, 0.0)
@@ -221,7 +220,7 @@ def test_code_phase_that_tells_no_chip_adds_nothing_and_correlates_with_nothing(
 def test_replica_farther_away_than_a_period_correlates_with_nothing() -> None:
     out = np.ones((3, 2))
     offsets = np.array([0.0, math.nan, 2.0 * len(CODE.chips)])
-    correlate_samples(np.ones(200), np.zeros(0), CODE.chips, offsets, 0.0, 0.1, 0.0, 0.01, out)
+    correlate_samples(np.ones(200), np.zeros(0), CODE.chips, offsets, Steps(0.0, 0.1, 0.0, 0.01), out)
 
     assert out[0].any()
     np.testing.assert_array_equal(out[1:], 0.0)

@@ -38,7 +38,7 @@ from insgnss.filter.antennas.rows import (
 from insgnss.filter.antennas.seeding import level_axes, priors_of, seeded, wound_up
 from insgnss.filter.antennas.visibility import hidden_reasons
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.state import N_CLONE, PSI, Bank, StateRecord
+from insgnss.filter.state import CLONE_CLOCK, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.gnss.antenna_phases import AntennaPhases
@@ -393,4 +393,4 @@ def _correct(m: StateRecord, P: Float64, H: Float64, y: Float64, par: Parameters
     close_loop(m, correction, n - (N_CLONE if at >= 0 else 0))
     if at >= 0:
         m.r_clone += correction[at : at + 3]
-        m.clock_clone += correction[at + 3]
+        m.clock_clone += correction[at + CLONE_CLOCK]

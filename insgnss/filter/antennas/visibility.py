@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import DEWEIGHT, Limits, look_at_all
+from insgnss.antenna.visibility import DEWEIGHT, Limits, look_at_all, new_looks
 from insgnss.filter.state import PSI
 from insgnss.status import USED
 from insgnss.tables import Float64, Int8
@@ -45,13 +45,12 @@ def hidden_reasons(
         own = np.flatnonzero(antenna == number)
         if not len(own):
             continue
-        decision, reason, chosen = (np.zeros((1, len(own)), np.int8) for _ in range(3))
-        gain = np.zeros((1, len(own), 3))
+        looks = new_looks(1, len(own), with_doubt=True)
         look_at_all(
             np.ascontiguousarray(C_nb)[None], np.ascontiguousarray(P_b)[None],
-            np.ascontiguousarray(u_n[own])[None], installed, hiding.limits, decision, reason, chosen, gain,
+            np.ascontiguousarray(u_n[own])[None], installed, hiding.limits, looks,
         )  # fmt: skip
-        reasons[own] = reason[0]
+        reasons[own] = looks.reason[0]
         if hiding.limits.uncertain == DEWEIGHT:
-            doubt[own] = np.where(reason[0] == USED, gain[0, :, 2], 0.0)
+            doubt[own] = np.where(looks.reason[0] == USED, looks.gain[0, :, 2], 0.0)
     return reasons, doubt

@@ -48,14 +48,14 @@ def reset_kinematics(
     of_lever = attitude * float(lever_b @ lever_b)
     P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + (_RESET_BIAS_SIGMA_M**2 + of_lever) * np.eye(3)
     m.clock[0] = fix.clocks[reference]
-    P[CLOCK, CLOCK] = fix.P[3 + reference, 3 + reference] + _RESET_BIAS_SIGMA_M**2
+    P[CLOCK, CLOCK] = fix.clock_variance(reference) + _RESET_BIAS_SIGMA_M**2
     if fix.v_a is not None:
         earth_rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
         m.v_e[:] = fix.v_a - m.C_eb @ turning + np.cross(earth_rate, l_e)
         of_lever = attitude * float(turning @ turning)
         P[DV : DV + 3, DV : DV + 3] = fix.P_v[:3, :3] + (_RESET_VELOCITY_FLOOR_MPS**2 + of_lever) * np.eye(3)
         m.clock[1] = fix.drift
-        P[DRIFT, DRIFT] = fix.P_v[3, 3]
+        P[DRIFT, DRIFT] = fix.drift_variance
     else:
         P[DV : DV + 3, DV : DV + 3] = kept + _RESET_VELOCITY_SIGMA_MPS**2 * np.eye(3)
         P[DRIFT, DRIFT] = 10.0**2
@@ -64,7 +64,7 @@ def reset_kinematics(
         group = i - OFFSETS + 1
         known = math.isfinite(fix.clocks[group]) and reference == 0
         m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
-        P[i, i] = fix.P[3 + group, 3 + group] + 2.0 * P[CLOCK, CLOCK] if known else inter_system_sigma_m**2
+        P[i, i] = fix.clock_variance(group) + 2.0 * P[CLOCK, CLOCK] if known else inter_system_sigma_m**2
 
 
 def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.headings.motion import sees_earth_rate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import PSI, Bank, StateRecord
 from insgnss.geodesy.local_level import up_direction
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 _SAME_HEADING: Final = 0.5  # sigmas of the lighter one
@@ -24,7 +23,7 @@ _SAME_HEADING_RAD: Final = math.radians(
 _SMALLEST_DIFFERENCE_RAD: Final = 0.02
 
 
-@borrowing
+@kernel
 def yaw_variance(m: StateRecord, P: Float64) -> float:
     """Return the variance of the rotation about the local vertical [rad^2]."""
     up = up_direction(m.r_e)
@@ -35,7 +34,7 @@ def yaw_variance(m: StateRecord, P: Float64) -> float:
     return total
 
 
-@borrowing
+@kernel
 def turn_about(m: StateRecord, other: StateRecord) -> float:
     """Return the turn about the vertical that brings ``m`` nearest to the attitude of ``other`` [rad]."""
     p, q = other.q_eb, m.q_eb  # p (x) conj(q)
@@ -48,25 +47,24 @@ def turn_about(m: StateRecord, other: StateRecord) -> float:
     return 2.0 * (math.atan2(sine, c) if c >= 0.0 else math.atan2(-sine, -c))
 
 
-@borrowing
+@kernel
 def heading_variance(bank: Bank) -> float:
     """Return the variance of the heading about the leader's, of all hypotheses together [rad^2]."""
     lead = bank.state[bank.head[0].leader]
     total = 0.0
     for i in range(bank.state.shape[0]):
-        m = bank.state[i]
+        m: StateRecord = bank.state[i]
         total += math.exp(m.log_weight) * (yaw_variance(m, bank.P[i]) + turn_about(lead, m) ** 2)
     return total
 
 
-@apart
-@borrowing
+@kernel(apart=True)
 def is_prunable(bank: Bank, i: int, drop: float) -> bool:
     """Return whether hypothesis ``i`` can go: of negligible weight, or the same heading as a heavier one."""
     return bank.state[i].log_weight < drop or same_heading(bank, i) >= 0
 
 
-@borrowing
+@kernel
 def same_heading(bank: Bank, i: int) -> int:
     """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 where there is none."""
     state = bank.state
@@ -86,7 +84,7 @@ def same_heading(bank: Bank, i: int) -> int:
     return -1
 
 
-@inlined
+@kernel(inline=True)
 def needs_pruning(bank: Bank, drop: float) -> bool:
     """Return whether the bank holds a hypothesis that can go."""
     n = bank.state.shape[0]
@@ -97,7 +95,7 @@ def needs_pruning(bank: Bank, drop: float) -> bool:
     return False
 
 
-@inlined
+@kernel(inline=True)
 def is_wide(bank: Bank, widest: float) -> bool:
     """Return whether the variance of a hypothesis' heading is above ``widest`` [rad^2]."""
     for i in range(bank.state.shape[0]):
@@ -106,7 +104,7 @@ def is_wide(bank: Bank, widest: float) -> bool:
     return False
 
 
-@inlined
+@kernel(inline=True)
 def weigh_headings(bank: Bank, par: Parameters) -> None:
     """Multiply the weights by the likelihood of an epoch, as far as shown motion can carry it.
 
@@ -129,7 +127,7 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
     normalise_weights(bank)
 
 
-@inlined
+@kernel(inline=True)
 def normalise_weights(bank: Bank) -> None:
     """Make the weights sum to one and name the heaviest hypothesis the leader; leave them where all are lost."""
     state = bank.state

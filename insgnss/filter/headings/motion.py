@@ -12,7 +12,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.state import BA, BG, DR, DV, PSI, StateRecord
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 FORCE_MEAN_TIME_S: Final = 0.25  # over which specific force and rates are smoothed to tell motion from noise
@@ -22,7 +22,7 @@ MANOEUVRE_S: Final = 1.0  # correlation time of a horizontal specific force that
 EARTH_RATE_SHARE: Final = 0.2  # of the horizontal Earth rate: gyros with smaller bias errors find north
 
 
-@inlined
+@kernel(inline=True)
 def motion_specific_force(
     m: StateRecord, P: Float64, par: Parameters, g_e: Float64, row: Float64
 ) -> tuple[float, float, float, float]:
@@ -64,7 +64,7 @@ def motion_specific_force(
     return x + along * g_e[0], y + along * g_e[1], z + along * g_e[2], residual
 
 
-@inlined
+@kernel(inline=True)
 def horizontal_variance(m: StateRecord, P: Float64) -> float:
     """Return the variance of the velocity along a horizontal axis, the mean of both [m^2/s^2]."""
     r2 = m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2
@@ -76,7 +76,7 @@ def horizontal_variance(m: StateRecord, P: Float64) -> float:
     return float(0.5 * (total - vertical / r2))
 
 
-@inlined
+@kernel(inline=True)
 def follow_velocity(m: StateRecord, P: Float64, dt: float) -> None:
     """Carry the mean velocity of the last seconds on by ``dt`` [s], and the mean of its variance."""
     share = 1.0 if m.v_mean_variance == 0.0 else dt / max(VELOCITY_MEAN_TIME_S, dt)
@@ -85,7 +85,7 @@ def follow_velocity(m: StateRecord, P: Float64, dt: float) -> None:
     m.v_mean_variance += share * (horizontal_variance(m, P) - m.v_mean_variance)
 
 
-@inlined
+@kernel(inline=True)
 def velocity_changed(m: StateRecord, P: Float64, gate2: float) -> bool:
     """Return whether the horizontal velocity is not that of the last seconds any more.
 
@@ -98,7 +98,7 @@ def velocity_changed(m: StateRecord, P: Float64, gate2: float) -> bool:
     return bool(change2 > gate2 * (horizontal_variance(m, P) + m.v_mean_variance))
 
 
-@inlined
+@kernel(inline=True)
 def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
     """Carry on how far the shown motion has moved velocity and position, by its velocity increment (x, y, z) [m/s]."""
     response, dt = m.motion_response, m.sum_dt
@@ -110,7 +110,7 @@ def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
     response[DV + 2] += z
 
 
-@inlined
+@kernel(inline=True)
 def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, interval: float) -> None:
     """Write the antenna's velocity about the IMU, and its way since the last epoch, that may tell of the attitude.
 
@@ -141,7 +141,7 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, inter
         a.turned_e[i] = m.l_clone[i] + share * (a.l_e[i] - m.l_clone[i])
 
 
-@borrowing
+@kernel
 def sees_earth_rate(m: StateRecord, P: Float64) -> bool:
     """Return whether the gyro biases are known so well that the Earth's rate shows the heading at rest."""
     r2 = m.r_e[0] * m.r_e[0] + m.r_e[1] * m.r_e[1]
@@ -150,7 +150,7 @@ def sees_earth_rate(m: StateRecord, P: Float64) -> bool:
     return bool(variance < EARTH_RATE_SHARE**2 * horizontal2)
 
 
-@inlined
+@kernel(inline=True)
 def unknown_force(C: Float64, P: Float64, g_e: Float64, g2: float, down: Float64) -> float:
     """Return the variance of the horizontal specific force, both axes, by the errors of attitude and bias.
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.state import DV, PSI, HeadRecord, StateRecord
 from insgnss.geodesy.local_level import up_direction
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 LEAST_SPEED_MPS: Final = 3.0
@@ -25,8 +24,7 @@ LONGEST_PAUSE_S: Final = 10.0  # between two epochs whose change counts
 MEMORY_S: Final = 120.0
 
 
-@apart
-@borrowing
+@kernel(apart=True)
 def sideslip(m: StateRecord, P: Float64) -> tuple[float, float]:
     """Return the angle from the horizontal velocity to the nose, clockwise from above, and its variance [rad, rad^2].
 
@@ -57,7 +55,7 @@ def sideslip(m: StateRecord, P: Float64) -> tuple[float, float]:
     return -math.atan2(across, along), variance
 
 
-@apart
+@kernel(apart=True)
 def note_sideslip(head: HeadRecord, m: StateRecord, P: Float64, t_ns: int) -> None:
     """Keep the angle of an epoch, and let the density of its changes follow [rad^2/s]."""
     angle, variance = sideslip(m, P)

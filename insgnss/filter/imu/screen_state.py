@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,8 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.inertial.sensor_model import sensor_model
+from insgnss.records import Record, dtype_of
+from insgnss.tables import Float64, Int64
 from insgnss.units import RAD_PER_DEG
 
 # Beyond these no sensor measures: shells spin at 300 revolutions a second (1900 rad/s) and leave the gun at 20 000 g
@@ -57,62 +59,60 @@ EDIT_DTYPE: Final = np.dtype(
         ],
     )
 )
-SCREEN_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
-            ("limit", np.float64, (2,)),  # larger values are no measurement
-            ("range", np.float64, (2,)),  # declared measuring range, infinite where there is none
-            ("noise_density", np.float64, (2,)),  # white noise of the grade, unit^2 s
-            ("least_change", np.float64, (2,)),  # least density of change, unit^2 / s
-            ("longest_step", np.float64),  # a longer one is a gap [s]; 0: by the log's own step
-            ("restart_s", np.float64),
-            ("restart_variance", np.float64),  # of rotation, beyond which the filter starts anew [rad^2]
-            (
-                "lever2",
-                np.float64,
-            ),  # square of the lever arm, by which an unknown rate moves the antenna [m^2]
-            ("spike_sigma", np.float64),  # 0: not tested
-            ("test_outages", np.int64),
-            ("n", np.int64),  # samples taken since the beginning or the last cut
-            ("t_ns", np.int64),  # the newest sample taken
-            ("x", np.float64, (6,)),
-            ("before", np.float64, (6,)),  # the one before it
-            ("even", np.int64),  # samples in a row without a gap, those two among them
-            ("step", np.float64),  # typical step [s]
-            ("n_steps", np.int64),
-            ("left_out", np.int64),  # samples left out since the newest one taken
-            ("in_bad_run", np.int64),
-            ("calm", np.int64),  # samples since the last one that leapt
-            ("wiggle2", np.float64, (2,)),  # mean square of a sample's departure from its neighbours
-            ("n_wiggles", np.int64),
-            # means over MEAN_S
-            ("part_s", np.float64),
-            ("part_sum", np.float64, (6,)),
-            ("part_mean", np.float64, (6,)),
-            ("n_parts", np.int64),  # in a row
-            ("n_changes", np.int64),
-            ("change", np.float64, (2,)),  # squared change of the means over their length, lately, unit^2 / s
-            ("most_change", np.float64, (2,)),  # and the most of it, slowly forgotten
-            ("usual", np.float64, (6,)),  # of the last half minute; of the gyros zero
-            ("spread2", np.float64, (2,)),  # mean square about it
-            ("most_spread2", np.float64, (2,)),
-            # repeated values
-            ("run", np.int64, (6,)),  # so many samples in a row equal the one before
-            ("repeats", np.int64, (6,)),  # of the window
-            ("window", np.int64),
-            ("most_repeats", np.float64, (6,)),  # largest share of a window
-            ("finest", np.float64, (6,)),  # smallest change
-            ("largest", np.float64, (2,)),  # largest magnitude
-            ("fresh", np.float64, (6,)),  # value before a run
-            ("out", np.int64, (6,)),  # 0, STUCK or SATURATED
-            ("out_s", np.float64, (2,)),  # for how long
-            ("out_variance", np.float64),  # of the unknown rotation since the gyros are out [rad^2]
-        ],
-    )
-)
-ScreenRecord: TypeAlias = Any  # one element of SCREEN_DTYPE
+
+
+class ScreenRecord(Record):
+    """What the screening of the inertial samples remembers."""
+
+    # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
+    # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
+    limit: Annotated[Float64, 2]  # larger values are no measurement
+    range: Annotated[Float64, 2]  # declared measuring range, infinite where there is none
+    noise_density: Annotated[Float64, 2]  # white noise of the grade, unit^2 s
+    least_change: Annotated[Float64, 2]  # least density of change, unit^2 / s
+    longest_step: float  # a longer one is a gap [s]; 0: by the log's own step
+    restart_s: float
+    restart_variance: float  # of rotation, beyond which the filter starts anew [rad^2]
+    lever2: float  # square of the lever arm, by which an unknown rate moves the antenna [m^2]
+    spike_sigma: float  # 0: not tested
+    test_outages: int
+    n: int  # samples taken since the beginning or the last cut
+    t_ns: int  # the newest sample taken
+    x: Annotated[Float64, 6]
+    before: Annotated[Float64, 6]  # the one before it
+    even: int  # samples in a row without a gap, those two among them
+    step: float  # typical step [s]
+    n_steps: int
+    left_out: int  # samples left out since the newest one taken
+    in_bad_run: int
+    calm: int  # samples since the last one that leapt
+    wiggle2: Annotated[Float64, 2]  # mean square of a sample's departure from its neighbours
+    n_wiggles: int
+    # means over MEAN_S
+    part_s: float
+    part_sum: Annotated[Float64, 6]
+    part_mean: Annotated[Float64, 6]
+    n_parts: int  # in a row
+    n_changes: int
+    change: Annotated[Float64, 2]  # squared change of the means over their length, lately, unit^2 / s
+    most_change: Annotated[Float64, 2]  # and the most of it, slowly forgotten
+    usual: Annotated[Float64, 6]  # of the last half minute; of the gyros zero
+    spread2: Annotated[Float64, 2]  # mean square about it
+    most_spread2: Annotated[Float64, 2]
+    # repeated values
+    run: Annotated[Int64, 6]  # so many samples in a row equal the one before
+    repeats: Annotated[Int64, 6]  # of the window
+    window: int
+    most_repeats: Annotated[Float64, 6]  # largest share of a window
+    finest: Annotated[Float64, 6]  # smallest change
+    largest: Annotated[Float64, 2]  # largest magnitude
+    fresh: Annotated[Float64, 6]  # value before a run
+    out: Annotated[Int64, 6]  # 0, STUCK or SATURATED
+    out_s: Annotated[Float64, 2]  # for how long
+    out_variance: float  # of the unknown rotation since the gyros are out [rad^2]
+
+
+SCREEN_DTYPE: Final = dtype_of(ScreenRecord)
 Edits: TypeAlias = npt.NDArray[Any]  # of EDIT_DTYPE
 
 

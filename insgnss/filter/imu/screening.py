@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.imu.screen_state import (
     ACCEL,
     BAD_SAMPLE,
@@ -37,7 +36,7 @@ from insgnss.filter.imu.sensor_outage import (
     unknown_variance,
 )
 from insgnss.filter.imu.spikes import WARM, find_spike, is_possible, least_spike
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 ROOM: Final = 8  # most verdicts on one sample
@@ -54,7 +53,7 @@ USUAL_TIME_S: Final = 30.0
 ABOVE_AVERAGE: Final = 2.0
 
 
-@borrowing
+@kernel
 def screen(
     s: ScreenRecord,
     t_ns: Int64,
@@ -99,7 +98,7 @@ def screen(
     return k
 
 
-@apart
+@kernel(apart=True)
 def write(edits: Edits, count: Int64, k: int, t_ns: int, kind: int, size: float) -> None:
     """Write a verdict on sample ``k`` down."""
     edit = edits[count[0]]
@@ -116,7 +115,7 @@ def write(edits: Edits, count: Int64, k: int, t_ns: int, kind: int, size: float)
     count[0] += 1
 
 
-@inlined
+@kernel(inline=True)
 def repeats_decided(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
     """Find out whether an axis is out from sample ``k`` on, as far as the samples tell; return whether they do."""
     if s.test_outages == 0 or s.n == 0:
@@ -137,7 +136,7 @@ def repeats_decided(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
     return True
 
 
-@inlined
+@kernel(inline=True)
 def is_all_well(s: ScreenRecord) -> bool:
     """Return whether no sensor is out, and none has just come back."""
     out = 0
@@ -146,7 +145,7 @@ def is_all_well(s: ScreenRecord) -> bool:
     return out == 0 and s.out_s[0] == 0.0 and s.out_s[1] == 0.0
 
 
-@apart
+@kernel(apart=True)
 def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: Int64) -> None:
     """Take a sound sample, what it lacks before it and what is out in it among the verdicts."""
     dt = (t_ns - s.t_ns) * 1e-9
@@ -177,7 +176,7 @@ def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: In
     s.left_out = 0
 
 
-@inlined
+@kernel(inline=True)
 def is_gap(s: ScreenRecord, dt: float) -> bool:
     """Return whether a step of ``dt`` [s] lacks samples."""
     limit: float = s.restart_s  # nothing says yet what a step is
@@ -187,7 +186,7 @@ def is_gap(s: ScreenRecord, dt: float) -> bool:
     return longer
 
 
-@inlined
+@kernel(inline=True)
 def note_step(s: ScreenRecord, dt: float) -> None:
     """Let the typical step follow; gaps count as a few steps, so that a slower log is soon its own measure."""
     s.n_steps += 1
@@ -200,7 +199,7 @@ def note_step(s: ScreenRecord, dt: float) -> None:
         s.step += (min(dt, TOLD_STEPS * s.step) - s.step) * share
 
 
-@apart
+@kernel(apart=True)
 def bridge(s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edits, count: Int64) -> None:
     """Write down what stands for the time without samples, or that it is too long.
 
@@ -232,7 +231,7 @@ def bridge(s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edi
         begin_anew(s, edits, count, rotation, t_ns)
 
 
-@inlined
+@kernel(inline=True)
 def begin_anew(s: ScreenRecord, edits: Edits, count: Int64, rotation: float, t_ns: int) -> None:
     """Make a cut of the verdict written last."""
     edit = edits[count[0] - 1]
@@ -246,7 +245,7 @@ def begin_anew(s: ScreenRecord, edits: Edits, count: Int64, rotation: float, t_n
         s.run[i] = 0
 
 
-@apart
+@kernel(apart=True)
 def judge_sensors(
     s: ScreenRecord, t_ns: int, dt: float, x: Float64, k: int, edits: Edits, count: Int64
 ) -> None:
@@ -287,7 +286,7 @@ def judge_sensors(
             edit.f[i] = x[3 + i] if s.out[3 + i] == 0 else stand_in(s, 3 + i, x[3 + i])
 
 
-@inlined
+@kernel(inline=True)
 def come_back(s: ScreenRecord, sensor: int, t_ns: int, k: int, edits: Edits, count: Int64) -> None:
     """Write down that a sensor is back; begin anew where the attitude is lost by then."""
     write(edits, count, k, t_ns, OUT_ENDS, s.out_s[sensor])
@@ -300,7 +299,7 @@ def come_back(s: ScreenRecord, sensor: int, t_ns: int, k: int, edits: Edits, cou
         s.out_variance = 0.0
 
 
-@inlined
+@kernel(inline=True)
 def note_motion(s: ScreenRecord, dt: float, x: Float64) -> None:
     """Let noise and motion of the log follow with a sample that has the one before it."""
     if s.even >= 2:
@@ -326,7 +325,7 @@ def note_motion(s: ScreenRecord, dt: float, x: Float64) -> None:
         note_mean(s)
 
 
-@apart
+@kernel(apart=True)
 def note_mean(s: ScreenRecord) -> None:
     """Let the change of the means and their spread follow with the mean that is complete; one that is out is not."""
     share = min(s.part_s / USUAL_TIME_S, 1.0)
@@ -356,7 +355,7 @@ def note_mean(s: ScreenRecord) -> None:
     clear_mean(s)
 
 
-@inlined
+@kernel(inline=True)
 def clear_mean(s: ScreenRecord) -> None:
     """Begin a new mean."""
     s.part_s = 0.0

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.imu.screen_state import SATURATED, STUCK, ScreenRecord
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 WINDOW: Final = 100  # samples, in which repeats are counted
@@ -29,7 +28,7 @@ OUT_S: Final = 4.0  # seconds of change that a sensor which is out may hide at l
 SATURATED_S: Final = 16.0  # 20 deg/s, 4 m/s^2 beyond its range
 
 
-@inlined
+@kernel(inline=True)
 def needed_run(s: ScreenRecord, axis: int) -> int:
     """Return how many repeats in a row are an outage; 0: the axis is too coarse, or not seen for long enough.
 
@@ -48,7 +47,7 @@ def needed_run(s: ScreenRecord, axis: int) -> int:
     return max(LEAST_RUN, math.ceil(_RARE / math.log(share)))
 
 
-@apart
+@kernel(apart=True)
 def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
     """Return whether an axis that holds its value at sample ``k`` of ``x`` (n, 3) is out from there on.
 
@@ -67,7 +66,7 @@ def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
     return -1 if j == x.shape[0] else 0
 
 
-@inlined
+@kernel(inline=True)
 def note_repeats(s: ScreenRecord, x: Float64) -> None:
     """Count a sample's repeats, after it has been judged; an axis that is out tells nothing of the sound one."""
     for axis in range(6):
@@ -90,14 +89,14 @@ def note_repeats(s: ScreenRecord, x: Float64) -> None:
         s.window = 0
 
 
-@inlined
+@kernel(inline=True)
 def stuck_kind(s: ScreenRecord, axis: int, value: float) -> int:
     """Return whether a value that is held is the largest of the log: then the sensor is rather saturated."""
     largest = abs(value) >= AT_RANGE * s.largest[axis // 3] and value != 0.0
     return SATURATED if largest else STUCK
 
 
-@inlined
+@kernel(inline=True)
 def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
     """Return what stands for the value of an axis that is out.
 
@@ -110,7 +109,7 @@ def stand_in(s: ScreenRecord, axis: int, value: float) -> float:
     return stands
 
 
-@inlined
+@kernel(inline=True)
 def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
     """Return the variance of the motion that a sensor which is out does not show [rad^2/s^2] or [m^2/s^4].
 
@@ -122,7 +121,7 @@ def unknown_variance(s: ScreenRecord, sensor: int, saturated: bool) -> float:
     return variance
 
 
-@inlined
+@kernel(inline=True)
 def unknown_density(s: ScreenRecord, sensor: int, variance: float) -> float:
     """Return the density with which the unknown motion enters angle or velocity [rad^2/s] or [m^2/s^3].
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.imu.screen_state import ACCEL, GYRO, ScreenRecord
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 WARM: Final = 50  # samples that must have been seen before a spike is one
@@ -19,7 +18,7 @@ ALONE: Final = 5  # samples before and after a spike without another: vibration 
 NEAR_STEPS: Final = 3.5  # typical steps to the sample before, within which a leap is one
 
 
-@inlined
+@kernel(inline=True)
 def is_possible(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
     """Return whether a sensor can have given sample ``k``; what is not a number is not smaller than anything."""
     for i in range(3):
@@ -28,7 +27,7 @@ def is_possible(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
     return True
 
 
-@inlined
+@kernel(inline=True)
 def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> int:
     """Return 1 or 2 when sample ``k`` is a spike of the gyros or the accelerometers, 0 when not, -1 when undecided."""
     if s.spike_sigma <= 0.0 or s.n_wiggles < WARM or s.n == 0:
@@ -49,7 +48,7 @@ def find_spike(s: ScreenRecord, t_ns: Int64, w: Float64, f: Float64, k: int) -> 
     return 0
 
 
-@inlined
+@kernel(inline=True)
 def leap(s: ScreenRecord, x: Float64, k: int, sensor: int) -> float:
     """Return by how much sample ``k`` differs from the newest one taken, the largest axis."""
     most = 0.0
@@ -58,7 +57,7 @@ def leap(s: ScreenRecord, x: Float64, k: int, sensor: int) -> float:
     return most
 
 
-@apart
+@kernel(apart=True)
 def stands_alone(s: ScreenRecord, w: Float64, f: Float64, k: int, sensor: int, limit: float) -> int:
     """Return 1 when the samples after ``k`` are back where it leapt from, 0 when not, -1 when they are missing."""
     x = w if sensor == GYRO else f
@@ -75,7 +74,7 @@ def stands_alone(s: ScreenRecord, w: Float64, f: Float64, k: int, sensor: int, l
     return 1 if n == ALONE else -1
 
 
-@inlined
+@kernel(inline=True)
 def least_spike(s: ScreenRecord, sensor: int) -> float:
     """Return by how much a spike stands out at least, whatever the noise [rad/s] or [m/s^2]."""
     least: float = min(SLEW[sensor] * s.step, SLEW_MOST[sensor])

@@ -27,7 +27,7 @@ from insgnss.filter.state import N_CLONE, StateRecord
 from insgnss.geodesy.vectors import place
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 
 # the clone's entries stand behind those of a range, its clock last
 _THEN: Final = len(RANGE_COLUMNS)
@@ -35,7 +35,7 @@ N_COLUMNS: Final = _THEN + N_CLONE
 _CLOCK_THEN: Final = N_COLUMNS - 1
 
 
-@inlined
+@kernel(inline=True)
 def carrier_difference(
     m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
 ) -> tuple[float, float]:

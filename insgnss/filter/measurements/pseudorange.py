@@ -17,14 +17,14 @@ from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import CLOCK, DR, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative
 from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 COLUMNS: Final = (DR, DR + 1, DR + 2, PSI, PSI + 1, PSI + 2, CLOCK)
 _POSITION, _ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOCK))
 
 
-@inlined
+@kernel(inline=True)
 def pseudorange(
     m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
 ) -> tuple[float, float]:
@@ -49,7 +49,7 @@ def pseudorange(
     return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance
 
 
-@inlined
+@kernel(inline=True)
 def range_row(u: Float64, l_e: Float64, h: Float64) -> None:
     """Write the row of H of a range along ``u`` to an antenna on the lever arm ``l_e``: -u, (u x l_e), clock 1."""
     place_negative(h, _POSITION, u)

@@ -22,7 +22,7 @@ from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import BG, DR, DRIFT, DV, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
 from insgnss.gnss.observation_rows import RANGE_RATE, Rows
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 COLUMNS: Final = (
@@ -34,7 +34,7 @@ _POSITION, _VELOCITY, _ATTITUDE, _GYRO_BIAS, _DRIFT = (
 )
 
 
-@inlined
+@kernel(inline=True)
 def range_rate(
     m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
 ) -> tuple[float, float]:
@@ -52,7 +52,7 @@ def range_rate(
     return row.value[RANGE_RATE] - predicted, m.noise_factor[RANGE_RATE] * variance
 
 
-@inlined
+@kernel(inline=True)
 def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
     """Write the row of H of a range rate."""
     u_w = cross(a.u, (0.0, 0.0, WGS84_OMEGA_RADPS))

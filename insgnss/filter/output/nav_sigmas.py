@@ -12,7 +12,7 @@ import numpy as np
 
 from insgnss.filter.state import DR, DV, PSI
 from insgnss.geodesy.ellipsoid import radii
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 _SMALLEST_COSINE = (
@@ -20,7 +20,7 @@ _SMALLEST_COSINE = (
 )
 
 
-@inlined
+@kernel(inline=True)
 def rotated_variances(P: Float64, at: int, C: Float64, out: Float64, to: int) -> None:
     """Write the three standard deviations of the block at ``at``, turned by ``C``, from ``to`` on."""
     for i in range(3):
@@ -31,7 +31,7 @@ def rotated_variances(P: Float64, at: int, C: Float64, out: Float64, to: int) ->
         out[to + i] = math.sqrt(max(total, 0.0))
 
 
-@inlined
+@kernel(inline=True)
 def level_turn(lat: float, h: float, C_ne: Float64, T: Float64) -> None:
     """Write how the local level at the estimated place is turned by the place's own error: theta_n = ``T`` d r_e.
 
@@ -47,7 +47,7 @@ def level_turn(lat: float, h: float, C_ne: Float64, T: Float64) -> None:
         T[2, j] = -C_ne[1, j] * math.sin(lat) / (cosine * (prime + h))
 
 
-@inlined
+@kernel(inline=True)
 def deviation_of(P: Float64, a: Float64, b: Float64, at: int) -> float:
     """Return the standard deviation of a . d r + b . x, x the three states from ``at`` on, ``a``, ``b`` (3,)."""
     total = 0.0
@@ -58,7 +58,7 @@ def deviation_of(P: Float64, a: Float64, b: Float64, at: int) -> float:
     return math.sqrt(max(total, 0.0))
 
 
-@inlined
+@kernel(inline=True)
 def velocity_deviations(P: Float64, C_ne: Float64, T: Float64, out: Float64, to: int) -> None:
     """Write the standard deviations of the velocity north, east, down from ``to`` on; it stands at 3 of ``out``.
 
@@ -72,7 +72,7 @@ def velocity_deviations(P: Float64, C_ne: Float64, T: Float64, out: Float64, to:
         out[to + i] = deviation_of(P, a, C_ne[i], DV)
 
 
-@inlined
+@kernel(inline=True)
 def attitude_deviations(
     P: Float64, C_ne: Float64, T: Float64, pitch: float, yaw: float, out: Float64, to: int
 ) -> None:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.state import OFFSETS, HeadRecord, StateRecord
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 TRACE_DTYPE: Final = np.dtype(
@@ -113,7 +113,7 @@ def output_period(since_ns: npt.ArrayLike, rate_hz: float) -> Int64:
     return np.floor((np.asarray(since_ns) / 1e9 + 1e-6) * rate_hz).astype(np.int64)
 
 
-@inlined
+@kernel(inline=True)
 def write_state(room: TraceRoom, t_ns: int, m: StateRecord) -> None:
     """Write a row of the trace."""
     count = room.counts[0]
@@ -131,7 +131,7 @@ def write_state(room: TraceRoom, t_ns: int, m: StateRecord) -> None:
     count.rows = i + 1
 
 
-@inlined
+@kernel(inline=True)
 def covariance_due(head: HeadRecord, newest_ns: int, t_ns: int, interval_ns: int) -> bool:
     """Return whether a row at ``t_ns`` needs a covariance of its own.
 
@@ -144,7 +144,7 @@ def covariance_due(head: HeadRecord, newest_ns: int, t_ns: int, interval_ns: int
     return updated
 
 
-@inlined
+@kernel(inline=True)
 def write_covariance(room: TraceRoom, t_ns: int, P: Float64) -> None:
     """Write the part of a covariance that the trace keeps."""
     count = room.counts[0]

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from insgnss.apart import apart
 from insgnss.filter.output.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
 from insgnss.filter.output.writing import mixture_covariance
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Scratch, propagate_covariance
 from insgnss.filter.soundness import is_finite
-from insgnss.filter.state import Bank
-from insgnss.jit import borrowing
+from insgnss.filter.state import Bank, HeadRecord
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@apart
-@borrowing
+@kernel(apart=True)
 def write_trace(
     bank: Bank,
     t_ns: int,
@@ -33,7 +31,7 @@ def write_trace(
     ----------
     P_out : (n, n) scratch
     """
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     if not is_finite(bank.state[head.leader], bank.P[head.leader]):
         return
     write_state(room, t_ns, bank.state[head.leader])
@@ -47,7 +45,7 @@ def write_trace(
     write_covariance(room, t_ns, P_out)
 
 
-@borrowing
+@kernel
 def copy_matrix(source: Float64, target: Float64) -> None:
     """Copy an (n, n) matrix."""
     for i in range(source.shape[0]):

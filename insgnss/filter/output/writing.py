@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.apart import apart
 from insgnss.constants import C_MPS
 from insgnss.filter.output.nav_sigmas import (
     attitude_deviations,
@@ -24,7 +23,8 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import CARRIER, Rows
-from insgnss.jit import borrowing, inlined, kernel
+from insgnss.jit import kernel
+from insgnss.records import Record, dtype_of
 from insgnss.status import NO_IMU, USED
 from insgnss.tables import Event, Float64, Int64
 
@@ -91,34 +91,31 @@ LEDGER_DTYPE: Final = np.dtype(
         ),
     )
 )
-CARRIER_LEDGER_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        np.dtype(
-            [
-                ("innovation", np.float64),
-                ("variance", np.float32),
-                ("predicted", np.float32),
-                ("status", np.int8),
-            ],
-            align=True,
-        ),
-    )
-)
+
+
+class CarrierEntry(Record):
+    """One carrier difference in the ledger."""
+
+    innovation: float
+    variance: Annotated[float, np.float32]
+    predicted: Annotated[float, np.float32]
+    status: Annotated[int, np.int8]
+
+
+CARRIER_LEDGER_DTYPE: Final = dtype_of(CarrierEntry, align=True)
 EVENT_DTYPE: Final = np.dtype((np.record, [("t_ns", np.int64), ("kind", np.int64), ("a", np.float64)]))
-COUNT_DTYPE: Final = np.dtype(
-    (
-        np.record,
-        [
-            ("nav", np.int64),  # navigation rows written
-            ("events", np.int64),  # events, those beyond the room for them too
-            ("time", np.int64),  # the first output time not written yet
-        ],
-    )
-)
+
+
+class CountRecord(Record):
+    """How far the output has been written."""
+
+    nav: int  # navigation rows written
+    events: int  # events, those beyond the room for them too
+    time: int  # the first output time not written yet
+
+
+COUNT_DTYPE: Final = dtype_of(CountRecord)
 Table: TypeAlias = npt.NDArray[Any]
-CountRecord: TypeAlias = Any  # one element of COUNT_DTYPE
-CarrierEntry: TypeAlias = Any  # one element of CARRIER_LEDGER_DTYPE
 
 
 class Output(NamedTuple):
@@ -207,7 +204,7 @@ def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
     return Event(t_ns, f"kind_{kind}", f"{a}")
 
 
-@borrowing
+@kernel
 def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: float) -> None:
     """Write one event while there is room, and count it in any case."""
     i = count.events
@@ -219,7 +216,7 @@ def log_event(events: Table, count: CountRecord, t_ns: int, kind: np.int64, a: f
     count.events = i + 1
 
 
-@apart
+@kernel(apart=True)
 def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> None:
     """Write an epoch's entries, from ``first`` on, from its lines.
 
@@ -227,7 +224,7 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
     does one whose numbers are not finite.
     """
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         entry = ledger[first + j]
         if math.isfinite(line.u_n[0] + line.u_n[1] + line.u_n[2] + line.u_b[0] + line.u_b[1] + line.u_b[2]):
             entry.gain = line.gain
@@ -244,14 +241,14 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
             write_carrier(carriers[first + j], line)
 
 
-@inlined
+@kernel(inline=True)
 def is_entry(line: Line, kind: int) -> bool:
     """Return whether innovation and variances of one kind are numbers that the ledger's single precision holds."""
     variance = line.predicted[kind] + line.variance[kind]
     return math.isfinite(line.innovation[kind]) and _LEAST_VARIANCE < variance < _LARGEST_VARIANCE
 
 
-@inlined
+@kernel(inline=True)
 def write_carrier(entry: CarrierEntry, line: Line) -> None:
     """Write the entry of a carrier difference."""
     entry.status = line.status[CARRIER]
@@ -261,8 +258,7 @@ def write_carrier(entry: CarrierEntry, line: Line) -> None:
         entry.variance = line.predicted[CARRIER] + line.variance[CARRIER]
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def write_nav(
     nav: Table,
     optional: Float64,
@@ -314,8 +310,7 @@ def write_nav(
         optional[count.nav - 1, k + i] = math.sqrt(max(P[OFFSETS + i, OFFSETS + i], 0.0))
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def mixture_covariance(bank: Bank, P: Float64) -> None:
     """Write into ``P`` the covariance of the whole bank about its leader: sum of w (P_m + d d^T).
 
@@ -328,7 +323,7 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
         for b in range(n):
             P[a, b] = 0.0
     for i in range(bank.state.shape[0]):
-        m = bank.state[i]
+        m: StateRecord = bank.state[i]
         weight = math.exp(m.log_weight)
         if not weight > 0.0:  # lost, perhaps: nothing times what is no number is none
             continue
@@ -344,7 +339,7 @@ def mixture_covariance(bank: Bank, P: Float64) -> None:
                 P[a, b] += weight * (bank.P[i, a, b] + d[a] * d[b])
 
 
-@inlined
+@kernel(inline=True)
 def attitude_difference(q: Float64, q_lead: Float64, d: Float64) -> None:
     """Write the rotation vector [rad] that turns the leader's attitude into ``q`` at PSI of ``d``."""
     # q (x) conj(q_lead)

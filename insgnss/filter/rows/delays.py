@@ -26,25 +26,26 @@ from typing import Final
 
 from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Line
+from insgnss.filter.rows.lines import Antenna, Epoch, Line
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.observation_rows import Observation, Rows
 from insgnss.gnss.range_model import place_air, slant_changes
-from insgnss.jit import inlined
+from insgnss.gnss.troposphere import Weather
+from insgnss.jit import kernel
 
 LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rounding of a delay
 _AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model [IS-GPS-200N, 20.3.3.5.2.5]
 
 
-@inlined
+@kernel(inline=True)
 def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> None:
     """Write the air of the epoch, and that of a little earlier, where the antenna came from.
 
     ``interval`` is what the carrier's differences span [s], zero where there are none.
     """
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     a.look_back = interval if interval > 0.0 else LOOK_BACK_S
     lat, lon, h = ecef_to_geodetic(a.r_a)
     ecef_to_ned_matrix(lat, lon, a.C_ne)
@@ -52,22 +53,18 @@ def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> Non
         a.r_earlier[i] = a.r_a[i] - a.v_a[i] * a.look_back
     lat_0, lon_0, h_0 = ecef_to_geodetic(a.r_earlier)
     ecef_to_ned_matrix(lat_0, lon_0, a.C_earlier)
-    place_air(
-        s.air[0], lat, lon, h, week_s, par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity
-    )
-    place_air(
-        s.air[1], lat_0, lon_0, h_0, week_s - a.look_back,
-        par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity,
-    )  # fmt: skip
+    weather = Weather(par.pressure_0, par.temperature_0, par.humidity)
+    place_air(s.air[0], lat, lon, h, week_s, par.use_troposphere, weather)
+    place_air(s.air[1], lat_0, lon_0, h_0, week_s - a.look_back, par.use_troposphere, weather)
 
 
-@inlined
+@kernel(inline=True)
 def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Line) -> None:
     """Write ionosphere on L1 and troposphere of a row, their growth, and the shell's mapping.
 
     ``a.dr`` is minus the turn of the line of sight per second, ``a.u_earlier`` takes the line of sight of then.
     """
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     C, earlier = a.C_earlier, a.u_earlier
     x = a.u[0] + a.dr[0] * a.look_back
     y = a.u[1] + a.dr[1] * a.look_back
@@ -85,13 +82,13 @@ def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Li
         a.shell_grown = a.shell - shell_mapping(-earlier[2])
 
 
-@inlined
+@kernel(inline=True)
 def shell_mapping(sine: float) -> float:
     """Return slant over zenith delay of a thin shell 350 km high: 1 / sqrt(1 - (R / (R + h) cos E)^2)."""
     return 1.0 / math.sqrt(1.0 - _AT_SHELL * _AT_SHELL * (1.0 - sine * sine))
 
 
-@inlined
+@kernel(inline=True)
 def zenith_columns(
     m: StateRecord, par: Parameters, line: Line, kind: int, count: int, wet: float, shell: float
 ) -> tuple[float, int]:

@@ -17,7 +17,7 @@ from typing import Final
 
 from insgnss.filter.state import CLOCK, DR, DRIFT, DV
 from insgnss.geodesy.vectors import place_negative
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 COLUMNS: Final = (DR, DR + 1, DR + 2, CLOCK, DV, DV + 1, DV + 2, DRIFT)
@@ -25,14 +25,14 @@ RANGE_COLUMNS: Final = 4  # the first of them: a range has no other
 _POSITION, _CLOCK, _VELOCITY, _DRIFT = (COLUMNS.index(state) for state in (DR, CLOCK, DV, DRIFT))
 
 
-@inlined
+@kernel(inline=True)
 def offset_range_row(u: Float64, h: Float64) -> None:
     """Write the row of a range, (>= 4,)."""
     place_negative(h, _POSITION, u)
     h[_CLOCK] = 1.0
 
 
-@inlined
+@kernel(inline=True)
 def offset_rate_row(u: Float64, g: Float64, of_range: float, h: Float64) -> None:
     """Write the row of a range rate less ``of_range`` [1/s] times the range, (8,)."""
     for i in range(3):

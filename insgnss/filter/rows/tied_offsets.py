@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from insgnss.filter.state import OFFSETS
+from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.tables import Float64
 
 
-def tie_offsets(m: np.record, P: Float64, home: tuple[int, ...], sigma_m: float) -> None:
+def tie_offsets(m: StateRecord, P: Float64, home: tuple[int, ...], sigma_m: float) -> None:
     """Give each tied clock the offset of its home, with ``sigma_m`` more; what an epoch said of it is dropped.
 
     Equation: o_j = o_i + d, d = 0 with sigma_m: P_jj = P_ii + sigma_m^2, P_ji = P_ii; the reference clock has o_i = 0.

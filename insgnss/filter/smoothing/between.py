@@ -31,7 +31,7 @@ from insgnss.filter.output.writing import COUNT_DTYPE, N_USED, Table, write_nav
 from insgnss.filter.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.state import STATE_DTYPE, Bank, StateArray, copy_state
 from insgnss.filter.update.closed_loop import close_loop
-from insgnss.jit import borrowing, kernel
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _PIECE_NS: Final = NS_PER_S
@@ -185,7 +185,7 @@ def _nodes(piece: Bank, times_ns: Int64, imu: Imu, parameters: npt.NDArray[Any])
     return nodes
 
 
-@borrowing
+@kernel
 def carry_whole_steps(
     bank: Bank, least_ns: int, stop_ns: int, imu: Imu, parameters: Table, scratch: Scratch
 ) -> None:
@@ -201,7 +201,7 @@ def carry_whole_steps(
     predict_covariance(bank.state[0], bank.P[0], par, scratch)
 
 
-@borrowing
+@kernel
 def carry_through(
     bank: Bank,
     spare: Bank,

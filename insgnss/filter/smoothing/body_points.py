@@ -27,7 +27,7 @@ from insgnss.filter.state import BG, DR, DV, PSI
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
-from insgnss.jit import borrowing
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _W_IE: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
@@ -233,7 +233,7 @@ def cross_matrices(v: Float64) -> Float64:
     return np.stack([np.stack(row, axis=-1) for row in ((o, -z, y), (z, o, -x), (-y, x, o))], axis=-2)
 
 
-@borrowing
+@kernel
 def place_rows(
     geodetic: Float64, rpy_deg: Float64, r_e: Float64, C_ne: Float64, T: Float64, C_nb: Float64, q_nb: Float64
 ) -> None:
@@ -248,7 +248,7 @@ def place_rows(
         matrix_to_quaternion(C_nb[k], q_nb[k])
 
 
-@borrowing
+@kernel
 def place_points(r_e: Float64, geodetic: Float64, C_ne: Float64, T: Float64) -> None:
     """Write latitude, longitude [deg] and height [m] of points ``r_e`` (m, 3), and their local levels."""
     for k in range(r_e.shape[0]):

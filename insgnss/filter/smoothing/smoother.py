@@ -47,7 +47,7 @@ from insgnss.filter.smoothing.smoother_step import (
     one_back,
     same_time,
 )
-from insgnss.filter.state import CLOCK, DRIFT, OFFSETS, Bank, copy_bank
+from insgnss.filter.state import CLOCK, DRIFT, OFFSETS, Bank, HeadRecord, copy_bank
 from insgnss.gnss.observation_rows import Rows
 from insgnss.tables import Float64, Int64
 
@@ -222,5 +222,5 @@ class Smoother:
 
 def _fits(bank: Bank, navigator: Navigator) -> bool:
     """Return whether a filter agreed with the epoch that it has just taken."""
-    head = bank.head[0]
+    head: HeadRecord = bank.head[0]
     return bool(head.locked_out == 0 and head.strained_ns == 0 and navigator.health.doubt is None)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.headings.heading_bank import difference
 from insgnss.filter.layout import Layout
+from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.rows.lines import CLONE_ROWS, Epoch
 from insgnss.filter.smoothing.between import Onward, one_hypothesis, regression
@@ -63,9 +64,9 @@ class Smoothed(NamedTuple):
 
     def state(self) -> StateRecord:
         """Return the smoothed state of an epoch."""
-        state = self.kept.bank.state[:1].copy()
-        close_loop(state[0], self.e, len(self.e))
-        return state[0]
+        state: StateRecord = self.kept.bank.state[:1].copy()[0]
+        close_loop(state, self.e, len(self.e))
+        return state
 
 
 def keep(bank: Bank, work: Epoch, layout: Layout, **told: Any) -> Kept:
@@ -177,7 +178,7 @@ def with_clone(later: Kept, e: Float64, P: Float64) -> tuple[Float64, Float64]:
     return np.concatenate([e, G @ e]), P_y
 
 
-def predicted(bank: Bank, later: Kept, imu: Imu, parameters: np.record, n: int) -> tuple[Float64, Float64]:
+def predicted(bank: Bank, later: Kept, imu: Imu, parameters: Parameters, n: int) -> tuple[Float64, Float64]:
     """Return the covariance (q, q) predicted for the ``later`` epoch, and that of ``n`` states now with it (n, q)."""
     q = bank.P.shape[1]
     carried = one_hypothesis(bank.state, np.empty((1, q + n, q + n)), bank.head)

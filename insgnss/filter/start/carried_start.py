@@ -36,7 +36,7 @@ from insgnss.filter.start.start import (
     open_bank,
     open_headings,
 )
-from insgnss.filter.state import BA, BG, N_CLONE, OFFSETS, PSI, Bank, copy_bank
+from insgnss.filter.state import BA, BG, N_CLONE, OFFSETS, PSI, Bank, HeadRecord, StateRecord, copy_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.inertial.alignment import Window, inertial_window
@@ -183,7 +183,7 @@ def _local_level(r_e: Float64) -> Float64:
 
 def _parked_heading(bank: Bank, i: int) -> list[Heading] | None:
     """Return the heading of a hypothesis as it was before the gap."""
-    m = bank.state[i]
+    m: StateRecord = bank.state[i]
     sigma = math.sqrt(yaw_variance(m, bank.P[i]) + _PARKED_YAW_RAD**2)
     return [Heading(attitude(m)[2], sigma, math.exp(m.log_weight))]
 
@@ -261,7 +261,7 @@ def _by_rates(kept: Carried, imu: Imu, fix: Fix, yaw: float, variance: float) ->
 
 def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Heading | None:
     """Return the heading at the fix by the course, None where the vehicle has not shown that it keeps to it."""
-    head = kept.bank.head[0]
+    head: HeadRecord = kept.bank.head[0]
     speed = math.hypot(v_n[0], v_n[1])
     if head.slip_s < _SEEN_S or speed < LEAST_SPEED_MPS:
         return None
@@ -277,7 +277,7 @@ def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Head
 
 
 def _carry_biases(
-    kept: Carried, i: int, m: np.record, P: Float64, par: Parameters, fix: Fix, C_ne: Float64
+    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, C_ne: Float64
 ) -> None:
     """Give a hypothesis the biases of before, and the tilt its share of their error.
 
@@ -301,7 +301,7 @@ def _carry_biases(
 
 
 def _carry_values(
-    kept: Carried, i: int, m: np.record, P: Float64, par: Parameters, fix: Fix, n_offsets: int
+    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, n_offsets: int
 ) -> None:
     """Give a hypothesis the clock offsets of before, unless the fix contradicts them, and the noise levels."""
     old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S

@@ -4,30 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
-from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.row_noise import model_variance, row_variance
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.least_squares import Ties
-from insgnss.gnss.line_of_sight import line_of_sight_range
+from insgnss.filter.parameters import KindNumbers, Parameters
+from insgnss.gnss.integrity import EXCLUDED, OK, UNTESTED
+from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
-from insgnss.gnss.point_solution import INCONSISTENT, SOLVED, UNCHECKED, point_position, point_velocity
-from insgnss.gnss.range_model import AIR_DTYPE, place_air, slant_delay
+from insgnss.gnss.point_log import solve_epochs
+from insgnss.gnss.point_rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
+from insgnss.gnss.troposphere import Weather
 from insgnss.status import USED
 from insgnss.tables import Float64, Int64
 
-Bool = npt.NDArray[np.bool_]
-
-_UNCORRECTED_SIGMA_M = 15.0  # of the first pass, which knows no elevation and no atmosphere
-_CLOSEST_RADIUS_M, _FARTHEST_RADIUS_M = (
-    6.3e6,
-    1.0e8,
-)  # a fix inside the Earth or far beyond the satellites is none
+_FALSE_ALARM_Z: Final = 3.719  # normal quantile of 1 - 1e-4: a false alarm costs one epoch
+_TRUSTED: Final = (OK, EXCLUDED, UNTESTED)
 
 
 @dataclass(frozen=True)
@@ -51,90 +44,101 @@ class Fix:
         """Number of pseudoranges in the solution."""
         return int(self.used[PSEUDORANGE].sum())
 
+    def clock_variance(self, group: int) -> float:
+        """Return the variance of a group's clock [m^2]."""
+        return float(self.P[CLOCKS + group, CLOCKS + group])
+
+    @property
+    def drift_variance(self) -> float:
+        """Variance of the clock's drift [m^2/s^2]."""
+        return float(self.P_v[CLOCKS, CLOCKS])
+
 
 def fix_epoch(rows: Rows, epoch: int, par: Parameters, ties: Ties, max_gdop: float) -> Fix | None:
     """Return the point solution of an epoch, or None when it has none that can be trusted."""
-    index = np.arange(rows.first[epoch], rows.first[epoch + 1])
-    row = rows.observation[index]
-    tried = row["status"].T == USED
-    sat = rows.sat[index]
-    n = 3 + len(ties.home)
-    x, P = np.full(n, math.nan), np.zeros((n, n))
-    corrected = row["value"][:, PSEUDORANGE] + sat[:, 6]
-    use = tried[PSEUDORANGE].copy()
-    sigma = np.full(len(index), _UNCORRECTED_SIGMA_M)
-    group = row["group"].astype(np.int64)
-    status = point_position(sat, corrected, sigma, group, use, np.zeros(3), 2.0 * max_gdop, x, P, ties)
-    radius = float(np.linalg.norm(x[:3]))
-    if status not in (SOLVED, UNCHECKED, INCONSISTENT) or not _CLOSEST_RADIUS_M < radius < _FARTHEST_RADIUS_M:
+    first, last = int(rows.first[epoch]), int(rows.first[epoch + 1])
+    one = point_rows(rows, par, epoch, epoch + 1)
+    out = new_point_log(one, len(ties.home))
+    solve_epochs(one, point_settings(par, ties, max_gdop), _limits(last - first), out)
+    out = at_time_tags(out)
+    verdict, rate_verdict = int(out.verdict[0, PSEUDORANGE]), int(out.verdict[0, RANGE_RATE])
+    if verdict not in _TRUSTED:
         return None
-    delay, variance, visible = _corrections(rows, index, x[:3].copy(), int(rows.epoch_ns[epoch]), par)
-    use = tried[PSEUDORANGE] & visible
-    start = x[:3].copy()
-    corrected -= delay
-    status = point_position(sat, corrected, np.sqrt(variance[0]), group, use, start, max_gdop, x, P, ties)
-    if status not in (SOLVED, UNCHECKED):
-        return None
-    used = np.zeros_like(tried)
-    used[PSEUDORANGE] = use
-    xv, P_v = np.full(4, math.nan), np.zeros((4, 4))
-    use_rate = tried[RANGE_RATE] & visible
-    rates = row["value"][:, RANGE_RATE] + sat[:, 7]
-    v_status = point_velocity(sat, rates, np.sqrt(variance[1]), use_rate, x[:3].copy(), max_gdop, xv, P_v)
-    with_rates = v_status in (SOLVED, UNCHECKED)
-    used[RANGE_RATE] = use_rate & with_rates
-    clock = x[3:][np.isfinite(x[3:])][0]
-    r_a = x[:3] + (xv[:3] * clock / C_MPS if with_rates else 0.0)
+    with_rates = rate_verdict in _TRUSTED
+    tried = one.status.T == USED
+    used = tried & (out.status.T == USED)
+    used[RANGE_RATE] &= with_rates
     return Fix(
         t_ns=int(rows.epoch_ns[epoch]),
-        r_a=r_a,
-        clocks=x[3:].copy(),
-        P=P,
-        v_a=xv[:3].copy() if with_rates else None,
-        drift=float(xv[3]) if with_rates else math.nan,
-        P_v=P_v,
-        rows=index,
+        r_a=out.r_e[0],
+        clocks=out.clock_m[0],
+        P=out.P[0] * _stretch(out, PSEUDORANGE),
+        v_a=out.v_e[0] if with_rates else None,
+        drift=float(out.drift_mps[0]) if with_rates else math.nan,
+        P_v=out.P_v[0] * _stretch(out, RANGE_RATE),
+        rows=np.arange(first, last),
         used=used,
         tried=tried,
-        checked=status == SOLVED,
+        checked=verdict != UNTESTED,
     )
 
 
-def _corrections(
-    rows: Rows, index: Int64, r_a: Float64, t_ns: int, par: Parameters
-) -> tuple[Float64, Float64, Bool]:
-    """Return delay (k,) [m], variances (2, k) and whether each row is above the masks, seen from ``r_a``."""
-    lat, lon, h = ecef_to_geodetic(r_a)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    week_s = (t_ns % NS_PER_WEEK) / NS_PER_S
-    air = np.zeros(1, AIR_DTYPE)
-    place_air(
-        air[0], lat, lon, h, week_s, par.use_troposphere, par.pressure_0, par.temperature_0, par.humidity
-    )
-    k = len(index)
-    delay, variance, visible = np.zeros(k), np.ones((2, k)), np.zeros(k, np.bool_)
-    u = np.zeros(3)
-    for j, i in enumerate(index):
-        row = rows.observation[i]
-        if row.no_satellite:
-            continue
-        line_of_sight_range(rows.sat, i, r_a, u)
-        u_n = C_ne @ u
-        sine = float(-u_n[2])
-        visible[j] = sine >= par.sine_mask and not row.cn0 < par.cn0_mask
-        delay[j] = slant_delay(
-            air[0], rows.klobuchar, u_n, row.ionosphere_factor * par.use_ionosphere, row.ionosphere_m
-        )
-        variance[:, j] = _variances(row, sine, par)
-    return delay, variance, visible
+def _limits(most: int) -> Float64:
+    """Return the value that chi-square exceeds once in 10 000, by its degrees of freedom 0..most.
+
+    Equation: f (1 - s + z sqrt(s))^3, s = 2 / (9 f)                                        [Wilson and Hilferty 1931]
+    """
+    freedom = np.arange(1.0, most + 1.0)
+    s = 2.0 / (9.0 * freedom)
+    return np.append(0.0, freedom * (1.0 - s + _FALSE_ALARM_Z * np.sqrt(s)) ** 3)
 
 
-def _variances(row: np.record, sine: float, par: Parameters) -> tuple[float, float]:
-    """Return the variances of a row's pseudorange and range rate."""
-    # a fix has no history to correct a sigma that the log states too small: the model's is the least
-    of_range, of_rate = (
-        max(row_variance(row.sigma[kind], sine, row.thermal, of), model_variance(sine, row.thermal, of))
-        for kind, of in ((PSEUDORANGE, par.kind[PSEUDORANGE]), (RANGE_RATE, par.kind[RANGE_RATE]))
+def _stretch(out: PointLog, kind: int) -> float:
+    """Return the factor on a covariance whose rows scatter more than their sigmas say."""
+    return float(np.fmax(out.misfit[0, kind], 1.0))
+
+
+def point_rows(rows: Rows, par: Parameters, first: int, last: int) -> PointRows:
+    """Return the filter's rows of the epochs ``first`` .. ``last`` - 1 as the point solution takes them."""
+    begin, end = rows.first[first], rows.first[last]
+    row = rows.observation[begin:end]
+    return PointRows(
+        epoch_ns=rows.epoch_ns[first:last],
+        first=rows.first[first : last + 1] - begin,
+        sat=rows.sat[begin:end],
+        value=np.ascontiguousarray(row["value"][:, :2]),
+        sigma=np.ascontiguousarray(row["sigma"][:, :2]),
+        status=np.ascontiguousarray(row["status"][:, :2]),
+        group=row["group"].astype(np.int64),
+        cn0=np.ascontiguousarray(row["cn0"]),
+        thermal=np.ascontiguousarray(row["thermal"]),
+        variance_scale=np.ascontiguousarray(row["variance_scale"]),
+        ionosphere_factor=row["ionosphere_factor"] * par["use_ionosphere"],
+        ionosphere_m=np.ascontiguousarray(row["ionosphere_m"]),
+        klobuchar=rows.klobuchar,
     )
-    return float(row.variance_scale) * of_range, of_rate
+
+
+def point_settings(
+    par: Parameters, ties: Ties, max_gdop: float, missed_sigmas: float = math.nan
+) -> PointSettings:
+    """Return masks, air and noise of the filter's parameters for the point solution.
+
+    ``missed_sigmas`` is the normal quantile of a missed detection; without it there are no protection levels.
+    """
+
+    def noise(kind: int) -> tuple[float, float, float, float]:
+        of: KindNumbers = par.kind[kind]
+        return float(of.floor2), float(of.elevation2), float(of.cn02), float(of.missing_thermal)
+
+    return PointSettings(
+        sine_mask=float(par["sine_mask"]),
+        cn0_mask=float(par["cn0_mask"]),
+        troposphere_factor=float(par["use_troposphere"]),
+        weather=Weather(float(par["pressure_0"]), float(par["temperature_0"]), float(par["humidity"])),
+        range_noise=noise(PSEUDORANGE),
+        rate_noise=noise(RANGE_RATE),
+        max_gdop=max_gdop,
+        missed_sigmas=missed_sigmas,
+        ties=ties,
+    )

@@ -15,7 +15,7 @@ from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.tied_offsets import tie_offsets
 from insgnss.filter.start.fix import Fix
-from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -87,8 +87,8 @@ def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64) -> Kinematics:
         P_v=P_v,
         clock=float(fix.clocks[reference]),
         drift=fix.drift if with_drift else 0.0,
-        sd_clock=math.hypot(math.sqrt(fix.P[3 + reference, 3 + reference]), _FIX_BIAS_SIGMA_M),
-        sd_drift=math.sqrt(fix.P_v[3, 3]) if with_drift else _DRIFT_SIGMA_UNKNOWN_MPS,
+        sd_clock=math.hypot(math.sqrt(fix.clock_variance(reference)), _FIX_BIAS_SIGMA_M),
+        sd_drift=math.sqrt(fix.drift_variance) if with_drift else _DRIFT_SIGMA_UNKNOWN_MPS,
         offsets=fix.clocks[1:] - fix.clocks[reference]
         if reference == 0
         else np.full(len(fix.clocks) - 1, math.nan),
@@ -210,7 +210,9 @@ def open_bank(
     return bank
 
 
-def _place_state(m: np.record, kin: Kinematics, attitude: Attitude, w_ib_b: Float64, par: Parameters) -> None:
+def _place_state(
+    m: StateRecord, kin: Kinematics, attitude: Attitude, w_ib_b: Float64, par: Parameters
+) -> None:
     """Write the state of one hypothesis: the IMU's position and velocity from the antenna's by the lever arm."""
     lat, lon, _ = ecef_to_geodetic(kin.r_a)
     C_ne, C_nb = np.zeros((3, 3)), np.zeros((3, 3))
@@ -240,7 +242,7 @@ def _place_further(P: Float64, layout: Layout) -> None:
 
 
 def _place_covariance(
-    m: np.record, P: Float64, kin: Kinematics, attitude: Attitude, sensor: SensorModel, config: FilterConfig
+    m: StateRecord, P: Float64, kin: Kinematics, attitude: Attitude, sensor: SensorModel, config: FilterConfig
 ) -> None:
     """Write the covariance of one hypothesis, position and velocity being the antenna's.
 
@@ -277,7 +279,7 @@ def _place_covariance(
     P[:] = 0.5 * (P + P.T)
 
 
-def _hang_on_antenna(m: np.record, P: Float64, w_ib_b: Float64, lever_b: Float64) -> None:
+def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float64) -> None:
     """Turn the antenna's position and velocity errors in the covariance into the IMU's, which hangs on the lever arm.
 
     Equation: r = r_a - C l, v = v_a - C (w x l) + w_ie x C l, so with a = C (w x l) and w = w_ib - b_g

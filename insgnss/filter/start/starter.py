@@ -24,7 +24,7 @@ from insgnss.filter.start.start import (
     open_bank,
     open_headings,
 )
-from insgnss.filter.state import Bank
+from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
@@ -270,7 +270,7 @@ def seen_from(
     """
     n_rows = int(rows.first[epoch + 1] - rows.first[epoch])
     work = new_epoch(n_rows, bank.P.shape[1])
-    m = bank.state[0]
+    m: StateRecord = bank.state[0]
     observe(m, bank.P[0], par, rows, epoch, w_ib_b, f_b, work)
     line = work.lines[:n_rows]
     clocks = np.full(n_groups, math.nan)

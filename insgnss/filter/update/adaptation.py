@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Lines
+from insgnss.filter.rows.lines import Epoch, Line, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance, fit_all, fit_freely
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.median import median_of
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
@@ -36,7 +35,7 @@ _LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's
 _LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
 
 
-@inlined
+@kernel(inline=True)
 def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     """Return the mean of e^2 / (r - g D g^T) over the used rows of one kind, e what ``fit`` does not explain.
 
@@ -48,7 +47,7 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     total = 0.0
     used = 0
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         # a row with more noise than its own tells nothing of the noise
         if line.status[kind] != USED or line.doubt > 0.0:
             continue
@@ -61,7 +60,7 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     return factor * total / used if used >= _LEAST_ROWS else factor
 
 
-@inlined
+@kernel(inline=True)
 def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float:
     """Return by how much most rows of a kind are worse than assumed, those that the gate refused included.
 
@@ -76,7 +75,7 @@ def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float
         n = 0
         refused = 0
         for j in range(lines.shape[0]):
-            line = lines[j]
+            line: Line = lines[j]
             if line.status[kind] != USED and line.status[kind] != GATED:
                 continue
             refused += 1 if line.status[kind] == GATED else 0
@@ -94,7 +93,7 @@ def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float
     return least
 
 
-@apart
+@kernel(apart=True)
 def adapt_noise(
     m: StateRecord,
     prior: Float64,
@@ -151,7 +150,7 @@ def adapt_noise(
         m.noise_factor[BIAS_FACTOR] = max(min(factor, par.adapt_most), _LEAST_BIAS_FACTOR)
 
 
-@inlined
+@kernel(inline=True)
 def common_ratio(lines: Lines) -> float:
     """Return the square of what the carrier differences of an epoch have in common over its expectation, or -1.
 
@@ -170,7 +169,7 @@ def common_ratio(lines: Lines) -> float:
     return min(total * total / (used * predicted), _LARGEST_STEP)
 
 
-@inlined
+@kernel(inline=True)
 def bounded(factor: float, par: Parameters) -> float:
     """Return the factor within the bounds of the settings."""
     return float(min(max(factor, par.adapt_least), par.adapt_most))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
-from insgnss.filter.state import CLOCK, DR, N_CLONE, PSI, StateRecord
+from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, PSI, StateRecord
 from insgnss.gnss.range_model import Air
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 
-@apart
+@kernel(apart=True)
 def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Air, t_ns: int) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 
@@ -36,13 +36,13 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Ai
             p, q = (i + 1) % 3, (i + 2) % 3
             P[j, c + i] = P[DR + i, j] + P[PSI + p, j] * l_e[q] - P[PSI + q, j] * l_e[p]
             P[c + i, j] = P[j, c + i]
-        P[j, c + 3] = P[CLOCK, j]
-        P[c + 3, j] = P[CLOCK, j]
+        P[j, c + CLONE_CLOCK] = P[CLOCK, j]
+        P[c + CLONE_CLOCK, j] = P[CLOCK, j]
     for i in range(N_CLONE):
         for k in range(3):
             p, q = (k + 1) % 3, (k + 2) % 3
             P[c + i, c + k] = P[c + i, DR + k] + P[c + i, PSI + p] * l_e[q] - P[c + i, PSI + q] * l_e[p]
-        P[c + i, c + 3] = P[c + i, CLOCK]
+        P[c + i, c + CLONE_CLOCK] = P[c + i, CLOCK]
     for i in range(N_CLONE):
         for k in range(i):
             P[c + i, c + k] = P[c + k, c + i]

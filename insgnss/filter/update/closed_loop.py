@@ -9,21 +9,20 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.geodesy.vectors import place, rotate, rotate_back
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 # Smaller turns add up to 1e-3 rad in an hour, which moves the end of a lever arm by 0.1 mm per sigma of the heading
 _NO_TURN: Final = 1e-5  # [rad]
 
 
-@inlined
+@kernel(inline=True)
 def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     """Feed the correction (truth minus estimate) back into the state; the error state is zero again.
 
@@ -62,7 +61,7 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
         m.b_g[2] += r - w * C[2, 2]
 
 
-@apart
+@kernel(apart=True)
 def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64, a: Antenna) -> None:
     """Turn the axes of the attitude's errors about the vertical with the correction of the heading.
 
@@ -98,7 +97,7 @@ def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64, a: Ant
             P[i, j] = P[j, i]
 
 
-@inlined
+@kernel(inline=True)
 def turn_column(
     C: Float64,
     antenna: Antenna,
@@ -121,7 +120,7 @@ def turn_column(
     column[PSI], column[PSI + 1], column[PSI + 2] = turned(axis, sine, rest, p, q, r)
 
 
-@inlined
+@kernel(inline=True)
 def turned(
     axis: tuple[float, float, float], sine: float, rest: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:

@@ -13,11 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.apart import apart
-from insgnss.filter.rows.lines import Lines
+from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE
-from insgnss.jit import borrowing, inlined, kernel
+from insgnss.jit import kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
@@ -28,7 +27,7 @@ _MOST_CANDIDATES: Final = 20  # rows that stand out most: 1140 sets of three
 _NONE: Final = -1
 
 
-@inlined
+@kernel(inline=True)
 def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, spread: float) -> bool:
     """Return whether a used pseudorange's residual after the update may be beyond the gate.
 
@@ -36,7 +35,7 @@ def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, sprea
     """
     beyond = False
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[PSEUDORANGE] != USED:
             continue
         h, columns = line.h[PSEUDORANGE], line.columns[PSEUDORANGE][: line.count[PSEUDORANGE]]
@@ -51,8 +50,7 @@ def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, sprea
     return beyond
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> int:
     """Mark the pseudoranges that the others contradict, ``most`` of them at most; return how many.
 
@@ -94,7 +92,7 @@ def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> in
     return removed
 
 
-@inlined
+@kernel(inline=True)
 def write_innovations(T: Float64, P: Float64, lines: Lines, index: Int64) -> None:
     """Write S and behind it y of the rows ``index`` (n,) into ``T`` (n, n + 1)."""
     n = index.shape[0]
@@ -112,13 +110,13 @@ def write_innovations(T: Float64, P: Float64, lines: Lines, index: Int64) -> Non
         T[a, n] = one.innovation[PSEUDORANGE]
 
 
-@inlined
+@kernel(inline=True)
 def is_variance(value: float) -> bool:
     """Return whether a number can be divided by as a variance: positive and finite, which NaN is not."""
     return 0.0 < value < math.inf
 
 
-@borrowing
+@kernel
 def exchange(T: Float64, j: int) -> bool:
     """Take row ``j`` into the set A of active rows, or out of it again: a step of Gauss and Jordan, its own inverse.
 
@@ -142,7 +140,7 @@ def exchange(T: Float64, j: int) -> bool:
     return True
 
 
-@borrowing
+@kernel
 def farthest(T: Float64, active: Int64, which: int) -> tuple[int, float]:
     """Return the active row (``which`` 1) farthest from the others, or the inactive one (0) nearest, and w^2 of it.
 
@@ -159,7 +157,7 @@ def farthest(T: Float64, active: Int64, which: int) -> tuple[int, float]:
     return found, distance2
 
 
-@inlined
+@kernel(inline=True)
 def own_distance2(T: Float64, j: int) -> float:
     """Return w^2 of row ``j``, -1 where its numbers give none."""
     n = T.shape[0]
@@ -189,7 +187,7 @@ def remove_smallest_set(T: Float64, active: Int64, gate2: float, most: int) -> i
     return 0
 
 
-@inlined
+@kernel(inline=True)
 def exchange_set(T: Float64, active: Int64, chosen: Int64, size: int, now: int) -> bool:
     """Take the first ``size`` rows of ``chosen`` out of the set of active rows (``now`` 0) or into it again (1)."""
     done = True
@@ -199,7 +197,7 @@ def exchange_set(T: Float64, active: Int64, chosen: Int64, size: int, now: int) 
     return done
 
 
-@borrowing
+@kernel
 def stand_out_most(T: Float64, active: Int64, candidates: Int64) -> int:
     """Write the active rows of the largest w^2, at most as many as there is room for; return how many."""
     count = 0
@@ -223,7 +221,7 @@ def stand_out_most(T: Float64, active: Int64, candidates: Int64) -> int:
     return count
 
 
-@borrowing
+@kernel
 def best_set(T: Float64, candidates: Int64, size: int, chosen: Int64) -> bool:
     """Write the set of ``size`` (1 to 3) candidates without which y^T W y is least; return whether there is one.
 

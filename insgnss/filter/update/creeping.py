@@ -20,7 +20,6 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
@@ -36,7 +35,7 @@ from insgnss.filter.update.integrity import (
     solve,
 )
 from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Observations
-from insgnss.jit import inlined, kernel
+from insgnss.jit import kernel
 from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 
@@ -68,7 +67,7 @@ _FREE: Final = 1e4  # prior variance of what all have in common, over the larges
 _LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
 
 
-@apart
+@kernel(apart=True)
 def follow_satellites(
     m: StateRecord,
     memory: Float64,
@@ -107,7 +106,7 @@ def follow_satellites(
     return refused
 
 
-@inlined
+@kernel(inline=True)
 def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, now: float) -> bool:
     """Refuse the rows of all satellites that are left out; return whether there are any."""
     found = False
@@ -120,7 +119,7 @@ def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, no
     return found
 
 
-@inlined
+@kernel(inline=True)
 def takes_part(line: Line, kind: int) -> bool:
     """Return whether a row tells of its satellite: not one of a clock that is not known yet, no range out of its gate.
 
@@ -131,7 +130,7 @@ def takes_part(line: Line, kind: int) -> bool:
     return bool(line.status[kind] == USED and line.predicted[kind] <= _TOO_WIDE * line.variance[kind])
 
 
-@inlined
+@kernel(inline=True)
 def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) -> None:
     """Carry one row's means on by what ``fit`` leaves of it."""
     value = line.innovation[kind] - explained_by(line, kind, fit)
@@ -154,7 +153,7 @@ def carry_means(mean: Float64, line: Line, kind: int, now: float, fit: Float64) 
         mean[RATE] += (1.0 - math.exp(-since / _RATE_S)) * (value - mean[RATE])
 
 
-@inlined
+@kernel(inline=True)
 def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, float]:
     """Return by how much a row has crept and the variance of that; a variance of zero where nothing can be said."""
     if not takes_part(line, kind):
@@ -166,7 +165,7 @@ def crept(mean: Float64, line: Line, kind: int, now: float) -> tuple[float, floa
     return mean[RATE], _ALIKE_S / (2.0 * _RATE_S) * line.variance[kind] + RATE_FLOOR2
 
 
-@inlined
+@kernel(inline=True)
 def stands_out(
     memory: Float64,
     lines: Lines,
@@ -209,8 +208,7 @@ def stands_out(
     return beyond and count >= _LEAST_WITNESSES
 
 
-@apart
-@kernel
+@kernel(apart=True)
 def find_creeping(
     memory: Float64, lines: Lines, observation: Observations, kind: int, now: float, gate2: float, anew: bool
 ) -> int:
@@ -255,7 +253,7 @@ def find_creeping(
     return found
 
 
-@inlined
+@kernel(inline=True)
 def write_means(
     T: Float64,
     memory: Float64,

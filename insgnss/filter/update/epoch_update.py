@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, predict_covariance
 from insgnss.filter.rows.lines import CLONE_ROWS, Line, Lines
@@ -25,7 +24,7 @@ from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
 from insgnss.tables import Float64
 
@@ -48,7 +47,7 @@ class Outcome(NamedTuple):
     motion_information: float  # squared sigmas by which the shown motion has moved the rows' predictions
 
 
-@apart
+@kernel(apart=True)
 def update_epoch(
     bank: Bank,
     member: int,
@@ -127,7 +126,7 @@ def update_epoch(
     )
 
 
-@inlined
+@kernel(inline=True)
 def keep_clone_rows(P: Float64, par: Parameters, vectors: Float64) -> None:
     """Write what a smoother needs of the epoch before, now that it goes."""
     for i in range(N_CLONE):
@@ -135,7 +134,7 @@ def keep_clone_rows(P: Float64, par: Parameters, vectors: Float64) -> None:
             vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
 
 
-@inlined
+@kernel(inline=True)
 def clone_response(response: Float64, at_clone: int) -> None:
     """Let the clone's part of the motion's response begin where antenna and clock stand."""
     for i in range(3):
@@ -143,7 +142,7 @@ def clone_response(response: Float64, at_clone: int) -> None:
     response[at_clone + 3] = response[CLOCK]
 
 
-@inlined
+@kernel(inline=True)
 def leave_out(rows: Rows, epoch: int, lines: Lines) -> None:
     """Write into the lines of an epoch that there is no filter to use its rows."""
     first = rows.first[epoch]
@@ -159,7 +158,7 @@ def leave_out(rows: Rows, epoch: int, lines: Lines) -> None:
                 line.status[kind] = NOT_STARTED
 
 
-@inlined
+@kernel(inline=True)
 def doubt_clock(m: StateRecord, P: Float64, par: Parameters, since_last: float) -> None:
     """Give the clock its grade's own wander over an outage, however quiet it has been found over a second.
 
@@ -176,7 +175,7 @@ def doubt_clock(m: StateRecord, P: Float64, par: Parameters, since_last: float) 
     P[DRIFT, DRIFT] += drift * since_last
 
 
-@inlined
+@kernel(inline=True)
 def use_epoch(
     P: Float64,
     lines: Lines,
@@ -226,13 +225,13 @@ def use_epoch(
     return log_likelihood, information, excluded
 
 
-@inlined
+@kernel(inline=True)
 def spread_of(par: Parameters, kind: int, since_last: float) -> float:
     """Return by how much a variance counts more than one epoch's own, see ``use_rows``."""
     return float(max(1.0, par.kind[kind].correlation / since_last))
 
 
-@inlined
+@kernel(inline=True)
 def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, done: Outcome) -> None:
     """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
 
@@ -250,7 +249,7 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
     gate_between(P, lines, vectors, gate2)
 
 
-@inlined
+@kernel(inline=True)
 def counted_again(done: Outcome, lines: Lines, par: Parameters) -> Outcome:
     """Return the outcome without satellites that are left out: what is known to be wrong says nothing of the filter."""
     again = Outcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
@@ -261,7 +260,7 @@ def counted_again(done: Outcome, lines: Lines, par: Parameters) -> Outcome:
     return again
 
 
-@inlined
+@kernel(inline=True)
 def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain: float) -> Outcome:
     """Return the outcome with the numbers of one kind in it; fewer than four rows do not count as strain."""
     worst = max(done.strain, strain) if used + refused >= 4 else done.strain
@@ -274,7 +273,7 @@ def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain
     )
 
 
-@apart
+@kernel(apart=True)
 def use_rows(
     P: Float64, lines: Lines, vectors: Float64, kind: int, gate2: float, spread: float, response: Float64
 ) -> tuple[float, float]:
@@ -313,7 +312,7 @@ def use_rows(
     return total - 0.5 * math.log(product), information
 
 
-@inlined
+@kernel(inline=True)
 def respond(line: Line, kind: int, response: Float64, vectors: Float64) -> float:
     """Correct the response to the shown motion by a row used just now; return the square of what it moved the row by.
 

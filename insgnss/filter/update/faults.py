@@ -14,11 +14,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Lines
+from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
 from insgnss.gnss.observation_rows import PSEUDORANGE, Observations
+from insgnss.jit import kernel
 from insgnss.status import REFLECTED, USED
 
 HUBER, STUDENT = 1, 2  # values of ``Parameters.robust``; 0: the gate alone
@@ -28,7 +28,7 @@ _LEVEL_UP_S, _LEVEL_DOWN_S = 20.0, 300.0  # the open sky's level follows strong 
 _REFLECTED_SIGMA: Final = 2.0  # a reflection is longer than the direct way
 
 
-@apart
+@kernel(apart=True)
 def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
     """Widen the variance of rows that stand out of the prior, instead of only refusing the farthest.
 
@@ -38,7 +38,7 @@ def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
     if par.robust == 0:
         return
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[kind] != USED:
             continue
         nu2 = line.innovation[kind] ** 2 / (line.predicted[kind] + line.variance[kind])
@@ -49,7 +49,7 @@ def weigh_robustly(lines: Lines, kind: int, par: Parameters) -> None:
             line.variance[kind] *= max(1.0, (par.student_freedom + nu2) / (par.student_freedom + 1.0))
 
 
-@apart
+@kernel(apart=True)
 def refuse_reflections(
     m: StateRecord, lines: Lines, observation: Observations, t_ns: int, par: Parameters
 ) -> None:
@@ -61,7 +61,7 @@ def refuse_reflections(
         return
     strongest = 0.0
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         cn0 = observation[j].cn0
         if line.status[PSEUDORANGE] != USED or math.isnan(cn0):
             continue

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 
-from insgnss.apart import apart
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import CARRIER
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.median import median_of
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
@@ -25,7 +24,7 @@ _BLUR = 1e-4
 STEP_FLOOR = (3.0, 0.1)  # least sigma of a step, of bias [m] and drift [m/s]
 
 
-@apart
+@kernel(apart=True)
 def common_step(
     lines: Lines, kind: int, values: Float64, smallest: float, clock_variance: float
 ) -> tuple[float, float]:
@@ -73,7 +72,7 @@ def common_step(
     return step, 4.0 * spread / (agree * agree) + STEP_FLOOR[kind] ** 2
 
 
-@borrowing
+@kernel
 def absorb_clock_step(
     clock: Float64, P: Float64, lines: Lines, kind: int, column: int, step: float, variance: float
 ) -> None:
@@ -92,7 +91,7 @@ def absorb_clock_step(
     P[column, column] = variance
 
 
-@apart
+@kernel(apart=True)
 def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     """Mark the rows whose normalised innovation squared is above ``gate2``.
 
@@ -118,7 +117,7 @@ def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     return passed, refused, strain / max(passed + refused, 1)
 
 
-@inlined
+@kernel(inline=True)
 def count_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     """Return what ``gate_rows`` does, of the rows that are used or refused by the gate now."""
     passed = 0
@@ -135,7 +134,7 @@ def count_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
     return passed, refused, strain / max(passed + refused, 1)
 
 
-@apart
+@kernel(apart=True)
 def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> None:
     """Mark the carrier differences whose difference from the row of the median innovation is above ``gate2``.
 
@@ -169,7 +168,7 @@ def gate_between(P: Float64, lines: Lines, vectors: Float64, gate2: float) -> No
                 lines[j].status[CARRIER] = GATED
 
 
-@inlined
+@kernel(inline=True)
 def median_row(lines: Lines, kind: int, values: Float64) -> tuple[int, int]:
     """Return the used row of the median innovation, and how many there are.
 

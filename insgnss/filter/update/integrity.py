@@ -15,13 +15,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.measurements.range_rate import COLUMNS as RATE_COLUMNS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import CLOCK, DR, DRIFT, DV, StateRecord
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
@@ -40,7 +39,7 @@ _FORGOTTEN_S: Final = 30.0  # after so long without rows what was seen before sa
 _MOST_SIGMAS: Final = 5.0  # that one epoch counts
 
 
-@inlined
+@kernel(inline=True)
 def entry(line: Line, kind: int, i: int) -> float:
     """Return column ``i`` of G in the row of one kind; the last is the clock's, which is 1 in all kinds."""
     if i == UNKNOWNS - 1:
@@ -48,21 +47,21 @@ def entry(line: Line, kind: int, i: int) -> float:
     return float(line.h[kind, i + (_VELOCITY if kind == RANGE_RATE else 0)])
 
 
-@inlined
+@kernel(inline=True)
 def direction(line: Line, kind: int) -> tuple[float, float, float]:
     """Return the first three columns of G in the row of one kind; the last is 1 in all kinds."""
     h, at = line.h[kind], _VELOCITY if kind == RANGE_RATE else 0
     return h[at], h[at + 1], h[at + 2]
 
 
-@inlined
+@kernel(inline=True)
 def explained_by(line: Line, kind: int, fit: Float64) -> float:
     """Return the part of a row's innovation that ``fit`` explains, g x."""
     a, b, c = direction(line, kind)
     return float(a * fit[X, 0] + b * fit[X, 1] + c * fit[X, 2] + fit[X, 3])
 
 
-@inlined
+@kernel(inline=True)
 def explained_variance(line: Line, kind: int, fit: Float64) -> float:
     """Return g D g^T, D the covariance in ``fit``."""
     a, b, c = direction(line, kind)
@@ -71,7 +70,7 @@ def explained_variance(line: Line, kind: int, fit: Float64) -> float:
     return float(diagonal + 2.0 * (beside + a * fit[0, 3] + b * fit[1, 3] + c * fit[2, 3]))
 
 
-@borrowing
+@kernel
 def invert(A: Float64, at: int) -> bool:
     """Invert the symmetric positive 4 x 4 block of ``A`` that begins at row ``at``, in place; False where it is none.
 
@@ -94,7 +93,7 @@ def invert(A: Float64, at: int) -> bool:
     return True
 
 
-@inlined
+@kernel(inline=True)
 def state_of(kind: int, i: int) -> int:
     """Return which error state is unknown ``i`` of a kind."""
     if i == UNKNOWNS - 1:
@@ -102,7 +101,7 @@ def state_of(kind: int, i: int) -> int:
     return (DV if kind == RANGE_RATE else DR) + i
 
 
-@inlined
+@kernel(inline=True)
 def add_row(line: Line, kind: int, y: float, r: float, fit: Float64) -> None:
     """Add one row to the normal equations in ``fit``: N += g g^T / r at the top, b += g y / r at x."""
     a, b, c = direction(line, kind)
@@ -124,7 +123,7 @@ def add_row(line: Line, kind: int, y: float, r: float, fit: Float64) -> None:
     fit[X, 3] += w * y
 
 
-@inlined
+@kernel(inline=True)
 def fill_below(fit: Float64) -> None:
     """Write what stands above the diagonal of the normal equations below it."""
     for i in range(1, UNKNOWNS):
@@ -132,7 +131,7 @@ def fill_below(fit: Float64) -> None:
             fit[i, j] = fit[j, i]
 
 
-@inlined
+@kernel(inline=True)
 def solve(fit: Float64) -> bool:
     """Turn the normal equations in ``fit``, the half above the diagonal, into covariance and x; False without one."""
     fill_below(fit)
@@ -147,7 +146,7 @@ def solve(fit: Float64) -> bool:
     return True
 
 
-@inlined
+@kernel(inline=True)
 def clear(fit: Float64) -> None:
     """Set the normal equations to zero."""
     for i in range(UNKNOWNS + 1):
@@ -155,7 +154,7 @@ def clear(fit: Float64) -> None:
             fit[i, j] = 0.0
 
 
-@apart
+@kernel(apart=True)
 def explain(prior: Float64, lines: Lines, kind: int, fit: Float64) -> bool:
     """Write into ``fit`` what the used rows of a kind have in common; return whether there is a rest to learn from.
 
@@ -167,7 +166,7 @@ def explain(prior: Float64, lines: Lines, kind: int, fit: Float64) -> bool:
     used = 0
     clear(fit)
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[kind] == USED:
             add_row(line, kind, line.innovation[kind], line.variance[kind], fit)
             used += 1
@@ -190,7 +189,7 @@ def explain(prior: Float64, lines: Lines, kind: int, fit: Float64) -> bool:
     return True
 
 
-@inlined
+@kernel(inline=True)
 def add_prior_share(fit: Float64, at: int) -> None:
     """Add (k - 1) / k C (k P)^-1 C to the covariance C in ``fit``; the inverse stands at ``at``, scratch behind it."""
     to = at + UNKNOWNS
@@ -208,7 +207,7 @@ def add_prior_share(fit: Float64, at: int) -> None:
             fit[i, j] += (_WIDER2 - 1.0) / _WIDER2 * fit[to + 1 + i, j]
 
 
-@apart
+@kernel(apart=True)
 def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
     """Write into ``fit`` the least-squares x of a kind, rows that the gate refused included; return how many agree.
 
@@ -221,7 +220,7 @@ def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
         clear(fit)
         count = 0
         for j in range(lines.shape[0]):
-            line = lines[j]
+            line: Line = lines[j]
             if line.status[kind] != USED and line.status[kind] != GATED:
                 continue
             y = line.innovation[kind]
@@ -237,18 +236,18 @@ def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
     return count
 
 
-@apart
+@kernel(apart=True)
 def fit_all(lines: Lines, kind: int, fit: Float64) -> bool:
     """Write into ``fit`` the least-squares x of all rows of a kind, used or refused, none left out."""
     clear(fit)
     for j in range(lines.shape[0]):
-        line = lines[j]
+        line: Line = lines[j]
         if line.status[kind] == USED or line.status[kind] == GATED:
             add_row(line, kind, line.innovation[kind], line.variance[kind], fit)
     return solve(fit)
 
 
-@apart
+@kernel(apart=True)
 def follow_explained(
     m: StateRecord, prior: Float64, par: Parameters, lines: Lines, fit: Float64, t_ns: int
 ) -> None:
@@ -289,7 +288,7 @@ def follow_explained(
             m.suspicion = max(m.suspicion, (2.0 - share) / share * total)
 
 
-@inlined
+@kernel(inline=True)
 def whiten(fit: Float64) -> bool:
     """Turn the first three unknowns x in ``fit`` into L^-1 x, L the Cholesky factor of their covariance in ``fit``.
 
@@ -312,7 +311,7 @@ def whiten(fit: Float64) -> bool:
     return True
 
 
-@inlined
+@kernel(inline=True)
 def own_covariance(prior: Float64, par: Parameters, kind: int, i: int, j: int) -> float:
     """Return the covariance that the filter claims for the unknowns ``i`` and ``j`` of a kind."""
     a, b = state_of(kind, i), state_of(kind, j)

@@ -24,7 +24,6 @@ from insgnss.antenna.visibility import (
     look_at,
     variance_along,
 )
-from insgnss.apart import apart
 from insgnss.config.filter import Visibility
 from insgnss.filter.output.writing import MASKING_UNCERTAIN, event_in_words
 from insgnss.filter.parameters import Parameters
@@ -39,7 +38,7 @@ from insgnss.gnss.observation_rows import (
     RANGE_RATE,
     Observations,
 )
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, Int8, Int64
 
@@ -88,7 +87,7 @@ def still_uncertain(bank: Bank | None, settings: Visibility) -> list[Event]:
     return [event_in_words(int(head.uncertain_ns), int(MASKING_UNCERTAIN), float(head.uncertain), words)]
 
 
-@inlined
+@kernel(inline=True)
 def is_usable(line: Line) -> bool:
     """Return whether a row has something that nothing has refused yet."""
     for kind in range(N_KINDS):
@@ -97,7 +96,7 @@ def is_usable(line: Line) -> bool:
     return False
 
 
-@inlined
+@kernel(inline=True)
 def deweight(line: Line, doubt: float, interval_s: float, limits: Limits) -> None:
     """Add to the variances of a row what it may be off by as that of a hidden satellite.
 
@@ -113,7 +112,7 @@ def deweight(line: Line, doubt: float, interval_s: float, limits: Limits) -> Non
         line.variance[CARRIER] += doubt * limits.false_rate2 * interval_s * interval_s
 
 
-@apart
+@kernel(apart=True)
 def mask_hidden(
     m: StateRecord,
     P: Float64,

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 
-from insgnss.apart import apart
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import place_turning
 from insgnss.filter.parameters import Parameters
@@ -20,12 +19,12 @@ from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 
 
-@inlined
+@kernel(inline=True)
 def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, a: Antenna) -> None:
     """Write antenna position and velocity at the instant of reception, and where that is.
 
@@ -54,8 +53,7 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
         a.v_a[i] -= late * acceleration
 
 
-@apart
-@borrowing
+@kernel(apart=True)
 def observe(
     m: StateRecord,
     P: Float64,
@@ -67,7 +65,7 @@ def observe(
     s: Epoch,
 ) -> None:
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     place_antenna(m, par, w_ib_b, f_b, a)
     first = rows.first[epoch]
     with_carrier = rows.carrier.shape[0] > 0
@@ -77,8 +75,8 @@ def observe(
     place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j
-        row = rows.observation[i]
-        line = s.lines[j]
+        row: Observation = rows.observation[i]
+        line: Line = s.lines[j]
         line.group = row.group
         for kind in range(2):
             line.status[kind] = row.status[kind]
@@ -94,12 +92,12 @@ def observe(
                     line.predicted[kind] = predicted_variance(P, line.h[kind], columns)
 
 
-@inlined
+@kernel(inline=True)
 def observe_row(
     m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, s: Epoch, line: Line
 ) -> None:
     """Write direction, masks, innovations, rows of H and measurement variances of one row."""
-    a = s.antenna[0]
+    a: Antenna = s.antenna[0]
     a.distance, a.range_rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
     u, C_ne, C = a.u, a.C_ne, m.C_eb
     for k in range(3):
@@ -114,13 +112,13 @@ def observe_row(
             line.innovation[kind], line.variance[kind] = predict(kind, m, par, rows, i, s, line)
 
 
-@inlined
+@kernel(inline=True)
 def epoch_follows(m: StateRecord, rows: Rows, epoch: int) -> bool:
     """Return whether the clone is of the very epoch that the carrier's differences count from."""
     return bool(m.clone_ns != 0 and m.clone_ns == rows.before_ns[epoch])
 
 
-@inlined
+@kernel(inline=True)
 def carrier_status(rows: Rows, i: int, follows: bool) -> int:
     """Return the status a carrier difference starts with."""
     status = rows.carrier[i].status
@@ -129,7 +127,7 @@ def carrier_status(rows: Rows, i: int, follows: bool) -> int:
     return int(status)
 
 
-@inlined
+@kernel(inline=True)
 def mask_row(par: Parameters, sine: float, cn0: float, line: Line) -> None:
     """Refuse all kinds of a row that stands too low or is too weak."""
     refused = USED

@@ -15,14 +15,14 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.state import ABSENT_STATE, N_CLONE, StateRecord
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Rows
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Int64
 
 # the kinds in the order of their numbers; ``predict`` names them once more, as the compiler follows no list
 KINDS: Final = {PSEUDORANGE: pseudorange, RANGE_RATE: range_rate, CARRIER: carrier_difference}
 
 
-@inlined
+@kernel(inline=True)
 def predict(
     kind: int, m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
 ) -> tuple[float, float]:

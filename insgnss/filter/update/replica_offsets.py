@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from insgnss.filter.rows.replica_offset import RANGE_COLUMNS, offset_range_row, offset_rate_row
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 
-@inlined
+@kernel(inline=True)
 def use_offsets(
     P: Float64,
     columns: Int64,
@@ -42,7 +42,7 @@ def use_offsets(
         scalar_update(P, h, columns, z[1] - of_range * z[0], variance, v)
 
 
-@inlined
+@kernel(inline=True)
 def offset_covariance(
     P: Float64, columns: Int64, u: Float64, g: Float64, h: Float64, v: Float64
 ) -> tuple[float, float, float]:

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 
-from insgnss.jit import borrowing, inlined
+from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
 
 
-@borrowing
+@kernel
 def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
     """Return D = h P h^T of the row ``h`` (>= k,), whose entries stand in ``columns`` (k,) of the (n, n) covariance."""
     total = 0.0
@@ -24,7 +24,7 @@ def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
     return total
 
 
-@inlined
+@kernel(inline=True)
 def covariance_with(P: Float64, h: Float64, columns: Int64, g: Float64) -> None:
     """Write g = P h^T (>= n,), four rows of the symmetric ``P`` (n, n) in a pass, each of which writes g once.
 
@@ -47,7 +47,7 @@ def covariance_with(P: Float64, h: Float64, columns: Int64, g: Float64) -> None:
         a += 1
 
 
-@borrowing
+@kernel
 def scalar_update(
     P: Float64, h: Float64, columns: Int64, innovation: float, variance: float, v: Float64
 ) -> tuple[float, float]:

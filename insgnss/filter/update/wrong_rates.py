@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.apart import apart
 from insgnss.filter.measurements.range_rate import COLUMNS
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import DV, StateRecord
 from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION, REPEATED_VARIANCE
 from insgnss.gnss.observation_rows import RANGE_RATE, Rows
-from insgnss.jit import inlined
+from insgnss.jit import kernel
 from insgnss.status import DRIFTING, STUCK, USED
 from insgnss.tables import Float64
 
@@ -30,7 +29,7 @@ _KIND: Final = 5  # rows that repeat together are told as a fault of the kind
 _AGAIN_NS: Final = 60_000_000_000
 
 
-@inlined
+@kernel(inline=True)
 def satellite_rate(rows: Rows, i: int, line: Line) -> float:
     """Return the part of a row's range rate that is the satellite's own motion [m/s]."""
     h = line.h[RANGE_RATE]
@@ -38,14 +37,14 @@ def satellite_rate(rows: Rows, i: int, line: Line) -> float:
     return float(-(h[_VELOCITY] * v[0] + h[_VELOCITY + 1] * v[1] + h[_VELOCITY + 2] * v[2]))
 
 
-@inlined
+@kernel(inline=True)
 def refuse_wrong_rates(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lines: Lines) -> None:
     """Refuse an epoch's range rates that are known to be wrong; ``memory`` is (slots, N_MEMORY)."""
     refuse_repeated(m, memory, rows, epoch, lines)
     leave_out_rates(m, lines, rows.epoch_ns[epoch])
 
 
-@apart
+@kernel(apart=True)
 def refuse_repeated(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lines: Lines) -> None:
     """Refuse the range rates that stay the same while their satellites move; ``memory`` is (slots, N_MEMORY)."""
     first, t_ns = rows.first[epoch], rows.epoch_ns[epoch]
@@ -78,7 +77,7 @@ def refuse_repeated(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lin
         m.stuck_ns = t_ns
 
 
-@inlined
+@kernel(inline=True)
 def leave_out_rates(m: StateRecord, lines: Lines, t_ns: int) -> None:
     """Refuse an epoch's range rates if all have been found wrong; they stay out while many do not fit."""
     if m.rates_out_ns <= t_ns:

@@ -1,9 +1,10 @@
-"""Kernels that are called by their address: compiled once, apart from their callers, and only when they are needed.
+"""All that the package uses of Numba's inner parts; everything else goes through ``insgnss.jit``.
 
-Numba links every kernel that another one calls into it, then optimises and translates all of it again: down the calls
-of the filter's loop most code would be translated four times. A kernel marked ``apart`` is reached through a pointer
-instead. Its callers need to know no more than the types it takes and returns, so they can be compiled before it, beside
-it in another process, or without it, where nobody ever calls it.
+``compiled`` seals the files of machine code. ``Apart`` is a kernel that is called by its address: compiled once, apart
+from its callers, and only when it is needed. Numba links every kernel that another one calls into it, then optimises
+and translates all of it again: down the calls of the filter's loop most code would be translated four times. A kernel
+apart is reached through a pointer instead. Its callers need to know no more than the types it takes and returns, so
+they can be compiled before it, beside it in another process, or without it, where nobody ever calls it.
 
 A call holds a cell in the caller's machine code, zero at first. Where it finds a zero it asks ``_find``, back in
 Python, which compiles the kernel for the types of the call or fetches it from the cache; the cell keeps the answer. The
@@ -14,23 +15,125 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import hashlib
 import importlib
+import os
 import pickle
 import sys
 import typing
+import uuid
 from collections.abc import Callable
-from typing import Any, Final, TypeVar, cast
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, cast
 
 import numba
 from llvmlite import binding, ir
 from numba.core import cgutils, errors, types
+from numba.core.caching import IndexDataCacheFile
 from numba.core.typing import signature
 from numba.extending import lower_builtin, models, register_model, typeof_impl
 
-from insgnss.jit import borrowing, without_door
-
-_F = TypeVar("_F", bound=Callable[..., Any])
+_SEAL_BYTES: Final = hashlib.sha256().digest_size
+_PROCESS: Final = uuid.uuid4().hex[:12]
 _kinds: Any = types  # whose members have no annotations
+
+
+def _import_without_blas() -> None:
+    """Import the part of Numba that looks for SciPy's linear algebra while that cannot be found.
+
+    Numba would use it for products of matrices, of which the kernels have none; importing it costs every process that
+    calls a kernel 0.15 s and 35 MB.
+    """
+    blas = "scipy.linalg.cython_blas"
+    if blas in sys.modules:
+        return
+    sys.modules[blas] = cast(Any, None)
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[blas]
+
+
+_import_without_blas()
+
+
+def compiled(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
+    """Return a function's kernel, its machine code kept in a folder."""
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder)
+    try:
+        kernel = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(
+            function
+        )
+    finally:
+        numba.config.CACHE_DIR = previous
+    _seal_files(kernel)
+    return kernel
+
+
+def is_trusted(status: os.stat_result) -> bool:
+    """Return whether a file belongs to this user or to the administrator; Windows does not tell."""
+    return not hasattr(os, "geteuid") or status.st_uid in (0, os.geteuid())
+
+
+class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
+    """A kernel's files in the cache, each with its hash at the end; what is damaged or not ours counts as not there."""
+
+    def save(self, key: Any, data: Any) -> None:
+        with suppress(OSError):  # a full disk: the code is compiled again next time
+            super().save(key, data)
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._write(self._index_path, (self._version, self._source_stamp, overloads))
+
+    def _load_index(self) -> dict[Any, str]:
+        found = _unsealed(self._index_path)
+        version, stamp, overloads = (None, None, {}) if found is None else pickle.loads(found)
+        fresh = (version, stamp) == (self._version, self._source_stamp)
+        return cast(dict[Any, str], overloads) if fresh else {}
+
+    def _save_data(self, name: str, data: Any) -> None:
+        self._write(self._data_path(name), data)
+
+    def _load_data(self, name: str) -> Any:
+        found = _unsealed(self._data_path(name))
+        if found is None:
+            raise FileNotFoundError(name)  # upon which Numba compiles
+        return pickle.loads(found)
+
+    def _write(self, path: str, data: Any) -> None:
+        content = self._dump(data)
+        with self._open_for_write(path) as file:
+            file.write(content + hashlib.sha256(content).digest())
+
+
+def _unsealed(path: str) -> bytes | None:
+    """Return what a file of the cache holds before its hash; None where it is absent, damaged or another user's."""
+    try:
+        with open(path, "rb") as file:
+            sealed = file.read() if is_trusted(os.fstat(file.fileno())) else b""
+    except OSError:
+        return None
+    content = sealed[:-_SEAL_BYTES]
+    return content if content and hashlib.sha256(content).digest() == sealed[-_SEAL_BYTES:] else None
+
+
+def _seal_files(dispatcher: Any) -> None:
+    """Seal the files of machine code that this process writes, and give them names of their own.
+
+    Numba numbers the files of a kernel's signatures. Two processes that compile two signatures of one kernel at the
+    same moment would take the same number, and one would later load the other's code. With names of their own the
+    worst is that one of the two is compiled again.
+    """
+    file: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    pattern = getattr(file, "_data_name_pattern", None)
+    if isinstance(file, IndexDataCacheFile):
+        file.__class__ = _SealedFile
+    if isinstance(pattern, str):
+        file._data_name_pattern = pattern.replace("{number:d}", _PROCESS + "-{number:d}")
+
+
 _SYMBOL: Final = "insgnss_find_kernel"
 _NOT_COMPILED: Final = 0  # answers that are no addresses
 _INTERRUPTED: Final = -1
@@ -45,18 +148,16 @@ _NUMBERS: Final[dict[Any, Any]] = {
 class Apart:
     """A kernel whose callers do not link it.
 
-    ``kernel`` is what other kernels call. Python calls ``from_python``: the same, or the same function compiled once
-    more, when somebody does.
+    ``kernel`` is the same as its callers would link it; Python calls that.
     """
 
-    def __init__(self, kernel: Any, from_python: Callable[..., Any]) -> None:
+    def __init__(self, kernel: Any) -> None:
         self.kernel = kernel
-        self.from_python = from_python
         functools.update_wrapper(self, kernel.py_func)
         lower_builtin(self, _kinds.VarArg(types.Any))(self._lower)
 
     def __call__(self, *arguments: Any) -> Any:  # noqa: D102
-        return self.from_python(*arguments)
+        return self.kernel(*arguments)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.kernel, name)
@@ -170,23 +271,3 @@ _find_for_machine_code: Final = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c
     _find
 )
 binding.add_symbol(_SYMBOL, cast(int, ctypes.cast(_find_for_machine_code, ctypes.c_void_p).value))
-
-
-def apart(function: _F) -> _F:
-    """Let the kernels that call this one reach it by its address.
-
-    For a kernel of some length that is called seldom: a call costs a few nanoseconds, and the compiler cannot weave it
-    into its caller. What it returns must be annotated with numbers or tuples of numbers. It borrows its arrays; one
-    that Python calls in every run is marked ``borrowing`` below this, one that allocates ``kernel``.
-
-    Raises
-    ------
-    TypeError : the function does not stand at the top of a module, or does not say that it returns numbers
-    """
-    if "<locals>" in function.__qualname__:
-        raise TypeError(f"{function.__qualname__}: a kernel apart is found by its name in its module")
-    if numba.config.DISABLE_JIT:
-        return function
-    if hasattr(function, "py_func"):
-        return cast(_F, Apart(function, function))
-    return cast(_F, Apart(without_door(function), borrowing(function)))
