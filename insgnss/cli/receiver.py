@@ -72,9 +72,9 @@ def receiver(
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
         from insgnss.studies.receiver_comparison import receiver_study
         from insgnss.studies.receiver_scene import ReceiverOptions
-        from insgnss.studies.receiver_variants import VARIANTS
+        from insgnss.studies.receiver_variants import USUAL_VARIANTS
 
-        if imu == _NO_INS and variants == ",".join(VARIANTS):
+        if imu == _NO_INS and variants == ",".join(USUAL_VARIANTS):
             names = ("scalar", "one_stage")
         options = ReceiverOptions(
             duration_s=duration,

@@ -46,7 +46,7 @@ from insgnss.studies.receiver_limits import linear_threshold_dbhz, threshold_tab
 from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many
 from insgnss.studies.receiver_scene import ReceiverOptions, Scene, scene_of
 from insgnss.studies.receiver_search import SearchRow
-from insgnss.studies.receiver_variants import VARIANTS, Variant, variant_of
+from insgnss.studies.receiver_variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
 from insgnss.tables import Float64
 
@@ -102,7 +102,7 @@ class ReceiverStudy(Shown):
 def receiver_study(
     scenario: str | Path | SimulationConfig = "manoeuvring_5g",
     *,
-    variants: Sequence[str | Variant] = tuple(VARIANTS),
+    variants: Sequence[str | Variant] = USUAL_VARIANTS,
     tracking: str = "coherent",
     imu: str | ImuGrade | None = "industrial",
     oscillator: str | Mapping[str, float] = "tcxo",
@@ -139,6 +139,7 @@ def receiver_study(
     """
     wanted = {name if isinstance(name, str) else name.words: variant_of(name) for name in variants}
     levels = _checked(cn0, runs, threads, wanted, with_ins=imu is not None)
+    _check_code(wanted, tracking)
     scene = scene_of(scenario, tracking, imu, oscillator, options)
     profiles = _profiles(scene, levels, emitters, antennas)
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
@@ -222,6 +223,22 @@ def _checked(
             advice='without INS there are "scalar" and "one_stage"',
         )
     return levels
+
+
+def _check_code(wanted: Mapping[str, Variant], tracking: str) -> None:
+    """Refuse a receiver of code and phase that does not track the phase.
+
+    Raises
+    ------
+    ConfigError : there is one
+    """
+    with_code = [name for name, variant in wanted.items() if variant.with_code]
+    if with_code and tracking != "coherent":
+        raise ConfigError(
+            f"'{with_code[0]}' has a state for each phase, and no phase is tracked",
+            key="variants",
+            advice='give tracking = "coherent", or take "one_stage", whose rows are the code\'s then',
+        )
 
 
 def _after(setting: Setting) -> npt.NDArray[np.bool_]:

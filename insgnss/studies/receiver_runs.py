@@ -6,14 +6,14 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import ImuGrade
 from insgnss.geodesy.rotations import to_scipy_quaternion
-from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
+from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, ToldMotion, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
 from insgnss.studies.receiver_loop import (
     HELD,
@@ -21,6 +21,7 @@ from insgnss.studies.receiver_loop import (
     RECORDED,
     Arriving,
     ChannelRoom,
+    FilterRoom,
     Found,
     Receiver,
     Told,
@@ -44,7 +45,7 @@ from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
 from insgnss.tracking.lock_detectors import SLIP_SHARE
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
-from insgnss.tracking.vector_loop import Channels, levels_of, noise_count
+from insgnss.tracking.vector_loop import N_SEEN, Channels, levels_of, noise_count
 
 _BLOCK_S: Final = 0.5  # of integrations run at once, and the window of the estimator of C/N0
 _LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
@@ -69,6 +70,8 @@ class Setting:
     latency_s: float = 0.0
     estimates_cn0: bool = False
     least_cn0_dbhz: float = -math.inf  # below it a channel is not used
+    divergence_density: float = 0.0  # of phase and code ranges, two-sided [m^2/s]
+    steps: tuple[float, float] = (0.0, 0.0)  # in which replicas are set: range [m], rate [m/s]
 
     @property
     def limits(self) -> tuple[float, float, int]:
@@ -99,6 +102,7 @@ class ReceiverRun:
     cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was told
     searches: tuple[SearchRow, ...]  # of channels whose signal was gone
     least_squares: Float64  # (k, 11) errors of all channels' ranges and rates alone
+    apart: Float64  # (k, m, 2) of ranges by phase less those by code: error and sigma [m]; zeros without such states
 
     @property
     def lost(self) -> bool:
@@ -123,7 +127,8 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     ----------
     cn0_dbhz : broadcasts to (n, m); NaN: no signal
     """
-    truth, channels, ins = setting.truth, setting.channels, setting.inertial is not None
+    truth, ins = setting.truth, setting.inertial is not None
+    channels = setting.channels._replace(with_code=variant.with_code)
     count, m = truth.ranges.shape
     oscillator = oscillator_of(setting.drift_density, setting.carrier_hz)
     clock = simulate_clock(oscillator, truth.t_s - truth.t_s[0], rng)
@@ -134,7 +139,9 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     else:
         grade = without_ins(setting.unknown)
         motion = feeling_nothing(truth.r_e[0], count)
-    f = filter_room(grade, oscillator, setting.start, Begin.of(truth, clock), rng, ins)
+    directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
+    begin, density = Begin.of(truth, clock), setting.divergence_density
+    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density)
     receiver = receiver_of(
         variant,
         truth.step_s,
@@ -144,41 +151,80 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         setting.limits,
         setting.record_every,
         setting.settle,
+        setting.steps,
     )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
-    block = max(round(_BLOCK_S / truth.step_s), 2)
-    found = new_found(receiver, count, m, block)
+    found = new_found(receiver, count, m, _block(truth))
     cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
-    taken, estimates = level[0], []  # the C/N0 that the receiver takes for true
-    searches = Searches(channels, setting.carrier_hz, m)
+    arriving = Arriving(ranges, rates, level, _apart(variant, density, truth, rng))
+    searches = Searches(channels, setting.carrier_hz, m) if variant.has_filter else None
+    rooms = _Rooms(receiver, channels, f, room, found)
+    estimates = _run_blocks(setting, rooms, arriving, motion, cn0, searches, rng)
+    found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
+    state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
+    rows = () if searches is None else tuple(searches.rows)
+    return _run_of(setting, variant, found, state_errors, estimates, rows)
+
+
+class _Rooms(NamedTuple):
+    """A receiver and all that it works on."""
+
+    receiver: Receiver
+    channels: Channels
+    f: FilterRoom
+    room: ChannelRoom
+    found: Found
+
+
+def _block(truth: ClosedLoopTruth) -> int:
+    """Return how many integrations are run at once."""
+    return max(round(_BLOCK_S / truth.step_s), 2)
+
+
+def _apart(variant: Variant, density: float, truth: ClosedLoopTruth, rng: np.random.Generator) -> Float64:
+    """Return the ranges by phase less those by code (n, m): a walk from zero; none where no code is tracked."""
+    apart = np.zeros(truth.ranges.shape)
+    if variant.with_code:
+        walk = math.sqrt(density * truth.step_s) * rng.standard_normal(apart[1:].shape)
+        apart[1:] = np.cumsum(walk, axis=0)
+    return apart
+
+
+def _run_blocks(
+    setting: Setting,
+    rooms: _Rooms,
+    arriving: Arriving,
+    motion: ToldMotion,
+    cn0: Float64,
+    searches: Searches | None,
+    rng: np.random.Generator,
+) -> Float64:
+    """Run all blocks of integrations; return the C/N0 that was estimated in each (blocks, m)."""
+    (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
+    block, taken, estimates = (
+        _block(truth),
+        arriving.level[0],
+        [],
+    )  # the C/N0 that the receiver takes for true
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
-        here = np.ascontiguousarray(level[part])
-        told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here, NO_SIGNAL)
+        here = Arriving(*(np.ascontiguousarray(values[part]) for values in arriving))
+        told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
         if setting.estimates_cn0:
-            told_level = np.tile(taken, (len(here), 1))
-        elif variant.has_filter:
-            off = np.column_stack([ranges[max(first - 1, 0)], rates[max(first - 1, 0)]]) - room.predicted
+            told_level = np.tile(taken, (len(here.level), 1))
+        elif searches is not None:
+            before = max(first - 1, 0)
+            off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
             told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
-        told = Told(
-            truth.satellites[part],
-            motion.rate_b[part],
-            motion.force_b[part],
-            motion.ahead_b[part],
-            told_level,
-        )
-        noise = rng.standard_normal((len(here), m, noise_count(channels)))
-        run_receiver(
-            receiver, channels, Arriving(ranges[part], rates[part], here), told, f, room, noise, found
-        )
-        if setting.estimates_cn0 and len(here) == block:
+        told = Told(truth.satellites[part], *(values[part] for values in vars(motion).values()), told_level)
+        noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
+        run_receiver(receiver, channels, here, told, f, room, noise, found)
+        if setting.estimates_cn0 and len(here.level) == block:
             estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
             unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
             taken = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1]))
-    state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
-    seen = np.array(estimates).reshape(-1, m)
-    return _run_of(setting, variant, found, state_errors, seen, tuple(searches.rows))
+    return np.array(estimates).reshape(-1, m)
 
 
 def channel_room(
@@ -206,8 +252,8 @@ def channel_room(
         F_P=np.zeros((p, p)),
         h=np.zeros(p),
         columns=np.arange(p),
-        offset=np.zeros(2),
-        seen=np.zeros(3),
+        offset=np.zeros(3),
+        seen=np.zeros(N_SEEN),
         silent=np.zeros(m, np.int64),
         done=np.zeros(1, np.int64),
     )
@@ -225,6 +271,7 @@ def new_found(receiver: Receiver, count: int, m: int, block: int) -> Found:
         lost_at=np.full(m, HELD, np.int64),
         losing=np.zeros(m, np.int64),
         power=np.zeros((block, m)),
+        apart=np.zeros((records, m, 2)),
     )
 
 
@@ -261,7 +308,8 @@ def _run_of(
         sd, nees = np.full_like(error, np.nan), np.full(len(error), np.nan)
         error = solved
     lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
-    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved)
+    apart = np.stack([found.apart[..., 0], np.sqrt(found.apart[..., 1])], axis=-1)
+    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved, apart)
 
 
 def normalised(error: Float64, P: Float64) -> Float64:

@@ -63,6 +63,13 @@ class ReceiverOptions:
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
     orbit_radius_m: float = GPS_RADIUS_M
+    divergence_density: float = 0.0  # by which phase and code ranges wander apart [m^2/s]: the ionosphere
+    replica_step_m: float = (
+        0.0  # in which an oscillator sets the replica's range: the wavelength over its phases ...
+    )
+    replica_step_mps: float = (
+        0.0  # ... and rate: the wavelength times its step of frequency; 0: as finely as told
+    )
     unknown_mps2: float = 49.03  # acceleration of a receiver without INS: one sigma of each axis ...
     unknown_s: float = 1.0 / 0.3  # ... and its correlation time
 
@@ -138,6 +145,8 @@ def scene_of(
         latency_s=o.latency_s,
         estimates_cn0=o.estimates_cn0,
         least_cn0_dbhz=-math.inf if o.least_cn0_dbhz is None else o.least_cn0_dbhz,
+        divergence_density=o.divergence_density,
+        steps=(o.replica_step_m, o.replica_step_mps),
     )
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
     return Scene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
@@ -151,7 +160,8 @@ def _steps(o: ReceiverOptions) -> tuple[int, int, int]:
     ConfigError : times that do not fit each other
     """
     require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s, symbol_s=o.symbol_s)
-    require_not_negative(settle_s=o.settle_s)
+    require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
+    require_not_negative(replica_step_m=o.replica_step_m, replica_step_mps=o.replica_step_mps)
     require_positive(unknown_mps2=o.unknown_mps2, unknown_s=o.unknown_s)
     require_within(0.0, LONGEST_LATENCY_S, "a tenth of a second at most", latency_s=o.latency_s)
     if o.imu_rate_hz is not None:
