@@ -43,12 +43,13 @@ from insgnss.shown import Shown
 from insgnss.studies import receiver_pictures
 from insgnss.studies.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver_limits import linear_threshold_dbhz, threshold_table
-from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many
+from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many, run_once
 from insgnss.studies.receiver_scene import ReceiverOptions, Scene, scene_of
 from insgnss.studies.receiver_search import SearchRow
 from insgnss.studies.receiver_variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
 from insgnss.tables import Float64
+from insgnss.tracking.admissible import seeded
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 CN0_DBHZ: Final = (45.0, 40.0, 35.0, 30.0, 25.0, 20.0)
 SETTLED_DBHZ: Final = 45.0
 _TABLES: Final = ("summary", "thresholds", "channels", "searches", "epochs")
+_OF_SEVERAL_RUNS: Final = ("variant", "runs", "nees_low", "nees_high")
 _SHARE: Final = 0.999  # of a consistent filter's NEES inside its bounds
 Report = Callable[[int, int], None]
 
@@ -174,6 +176,31 @@ def receiver_study(
             "options": options.told(),
         },
     )
+
+
+def receiver_row(
+    scene: Scene,
+    name: str,
+    cn0_dbhz: float,
+    seed: int,
+    emitters: InterferenceConfig | str | Path | None = None,
+) -> dict[str, float]:
+    """Return one run of one receiver as a row: that of ``summary`` for this run alone, and when it lost lock.
+
+    ``lost`` is 1 where a channel lost lock; errors are then not a number.
+
+    Raises
+    ------
+    ConfigError : an unknown receiver, or one that the scene's tracking or its lack of an INS does not allow
+    """
+    wanted = {name: variant_of(name)}
+    levels = _checked([cn0_dbhz], 1, 1, wanted, with_ins=scene.setting.inertial is not None)
+    _check_code(wanted, "coherent" if scene.setting.channels.coherent else "noncoherent")
+    (level, profile), *_ = _profiles(scene, levels, emitters, None).items()
+    run = run_once(scene.setting, wanted[name], profile, seeded(seed, 0))
+    row = _summary_row(scene, name, level, [run])
+    kept = {key: float(value) for key, value in row.items() if key not in _OF_SEVERAL_RUNS}
+    return kept | {"lost_s": float(run.lost_s.min())}
 
 
 def _profiles(

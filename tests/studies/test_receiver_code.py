@@ -1,16 +1,22 @@
-"""One stage with code and phase, a state for each phase: its motion, its position; and replicas set in steps."""
+"""One stage with code and phase, a state for each phase; replicas set in steps; receivers in a campaign."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from insgnss.errors import ConfigError
+from insgnss.studies.campaign import run_campaign
+from insgnss.studies.campaign_cases import receiver
+from insgnss.studies.campaign_results import data_set
 from insgnss.studies.receiver_comparison import receiver_study
+from insgnss.studies.receiver_runs import run_many
+from insgnss.studies.receiver_scene import ReceiverOptions, scene_of
 from insgnss.studies.receiver_variants import VARIANTS
 from tests.studies.test_receiver_study import (
     ATTITUDE,
@@ -90,3 +96,43 @@ def test_code_and_phase_without_a_phase_are_refused() -> None:
         )  # fmt: skip
 
     assert error.value.key == "variants"
+
+
+CAMPAIGN = """
+name = "receivers"
+case = "receiver"
+seeds = [3, 4]
+seeds_per_task = 2
+[fixed]
+oscillator = 100.0
+duration_s = 12.0
+settle_s = 6.0
+[grid]
+imu = ["tactical", ""]
+cn0_dbhz = [45.0, 5.0]
+"""
+
+
+def test_campaign_of_receivers_gives_the_runs_of_the_study(tmp_path: Path) -> None:
+    file = tmp_path / "receivers.toml"
+    file.write_text(CAMPAIGN, encoding="utf-8")
+    done = run_campaign(file, tmp_path / "out", workers=0)
+    table = data_set(tmp_path / "out").to_table().to_pandas().set_index(["case_imu", "case_cn0_dbhz", "seed"])
+    options = ReceiverOptions(duration_s=12.0, settle_s=6.0)
+    of = scene_of("manoeuvring_5g", "coherent", "tactical", {"drift_density": 100.0}, options).setting
+    runs = run_many(of, VARIANTS["one_stage"], np.float64(45.0), 1, 4, 1)
+
+    assert (done.n_runs, done.n_failed) == (8, 0)
+    assert (table["lost"] == [0.0, 0.0, 1.0, 1.0] * 2).all()
+    assert np.isfinite(table["lost_s"]).to_list() == [False, False, True, True] * 2
+    row = table.loc[("tactical", 45.0, 4)]
+    assert row["velocity_mps"] == pytest.approx(settled(of, runs, VELOCITY), rel=1e-12)
+    assert row["nees"] == pytest.approx(runs[0].nees[60:].mean(), rel=1e-12)
+    assert table["velocity_mps"].isna().to_list() == [False, False, True, True] * 2
+
+
+def test_case_of_a_receiver_with_an_unknown_key_or_receiver_says_so() -> None:
+    with pytest.raises(ConfigError, match="no key 'cno'"):
+        receiver({"cno": 40.0}, 1)
+    with pytest.raises(ConfigError, match="is no receiver"):
+        receiver({"variant": "two", "duration_s": 12.0, "settle_s": 6.0}, 1)
