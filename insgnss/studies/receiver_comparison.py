@@ -24,7 +24,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -33,7 +33,9 @@ import numpy.typing as npt
 import pandas as pd
 from scipy import stats
 
+from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.installation import Installation
+from insgnss.config.filter import Visibility
 from insgnss.config.flight import ImuGrade
 from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
@@ -43,6 +45,7 @@ from insgnss.shown import Shown
 from insgnss.studies import receiver_pictures
 from insgnss.studies.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver_limits import linear_threshold_dbhz, threshold_table
+from insgnss.studies.receiver_masking import Masking, gain_dbic
 from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many, run_once
 from insgnss.studies.receiver_scene import ReceiverOptions, Scene, scene_of
 from insgnss.studies.receiver_search import SearchRow
@@ -132,7 +135,8 @@ def receiver_study(
     options : integration, interval of the second stage, signal, sky, latency ..., see ``ReceiverOptions``
     emitters : flown past, as in ``flown_margin``: by name in ``models/emitters``, a file, or itself. C/N0 of each
         channel is then what they leave of it, and the row's C/N0 the least of all; ``cn0`` does not count
-    antennas : of the vehicle, towards satellites and emitters; None: 0 dBic everywhere
+    antennas : of the vehicle, towards satellites and emitters; None: 0 dBic everywhere. C/N0 is then that of 0 dBic
+        and follows their gain; ``options.masking`` leaves out what they do not see
     report : is told how many of all cases are done
 
     Raises
@@ -142,7 +146,7 @@ def receiver_study(
     wanted = {name if isinstance(name, str) else name.words: variant_of(name) for name in variants}
     levels = _checked(cn0, runs, threads, wanted, with_ins=imu is not None)
     _check_code(wanted, tracking)
-    scene = scene_of(scenario, tracking, imu, oscillator, options)
+    scene = _masked(scene_of(scenario, tracking, imu, oscillator, options), options, antennas)
     profiles = _profiles(scene, levels, emitters, antennas)
     found: dict[tuple[str, float], list[ReceiverRun]] = {}
     for name, variant in wanted.items():
@@ -203,6 +207,22 @@ def receiver_row(
     return kept | {"lost_s": float(run.lost_s.min())}
 
 
+def _masked(scene: Scene, options: ReceiverOptions, antennas: Installation | None) -> Scene:
+    """Return a scene whose receivers mask by attitude, where that is asked for.
+
+    Raises
+    ------
+    ConfigError : no antennas or no inertial system to do it with
+    """
+    if not options.masking:
+        return scene
+    if antennas is None or scene.setting.inertial is None:
+        advice = "give antennas, and an inertial system that tells the attitude"
+        raise ConfigError("nothing tells which satellites are hidden", key="masking", advice=advice)
+    masking = Masking(antennas, limits_of(Visibility()))
+    return replace(scene, setting=replace(scene.setting, masking=masking))
+
+
 def _profiles(
     scene: Scene,
     levels: list[float],
@@ -211,6 +231,7 @@ def _profiles(
 ) -> dict[float, Float64]:
     """Return C/N0 over time, (n, 1) or (n, m), by the level that names it."""
     truth = scene.setting.truth
+    gain = np.zeros((len(truth.t_s), 1)) if antennas is None else gain_dbic(truth, antennas)
     if emitters is not None:
         jammed = jammed_cn0_dbhz(truth, emitters_of(emitters), scene.start_s, antennas)
         return {round(float(jammed.min()), 2): jammed}
@@ -218,6 +239,7 @@ def _profiles(
     for level in levels:
         profiles[level] = np.full((len(truth.t_s), 1), level)
         profiles[level][: scene.setting.settle] = max(SETTLED_DBHZ, level)
+        profiles[level] = profiles[level] + gain
     return profiles
 
 

@@ -27,6 +27,7 @@ from insgnss.studies.receiver_loop import (
     Told,
     run_receiver,
 )
+from insgnss.studies.receiver_masking import Masking
 from insgnss.studies.receiver_search import Searches, SearchRow
 from insgnss.studies.receiver_variants import (
     Begin,
@@ -70,6 +71,10 @@ class Setting:
     latency_s: float = 0.0
     estimates_cn0: bool = False
     least_cn0_dbhz: float = -math.inf  # below it a channel is not used
+    told_cn0_dbhz: float | None = (
+        None  # C/N0 that a receiver takes for true, whatever arrives; None: the true one
+    )
+    masking: Masking | None = None  # by the filter's attitude
     divergence_density: float = 0.0  # of phase and code ranges, two-sided [m^2/s]
     steps: tuple[float, float] = (0.0, 0.0)  # in which replicas are set: range [m], rate [m/s]
 
@@ -158,7 +163,8 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
     arriving = Arriving(ranges, rates, level, _apart(variant, density, truth, rng))
-    searches = Searches(channels, setting.carrier_hz, m) if variant.has_filter else None
+    masking = setting.masking
+    searches = Searches(channels, setting.carrier_hz, m, masking) if variant.has_filter else None
     rooms = _Rooms(receiver, channels, f, room, found)
     estimates = _run_blocks(setting, rooms, arriving, motion, cn0, searches, rng)
     found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
@@ -209,15 +215,20 @@ def _run_blocks(
     )  # the C/N0 that the receiver takes for true
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
-        here = Arriving(*(np.ascontiguousarray(values[part]) for values in arriving))
+        here = Arriving(
+            arriving.ranges[part], arriving.rates[part], arriving.level[part], arriving.apart[part]
+        )
         told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
+        if setting.told_cn0_dbhz is not None:
+            told_level = np.full_like(told_level, levels_of(setting.told_cn0_dbhz))
         if setting.estimates_cn0:
             told_level = np.tile(taken, (len(here.level), 1))
         elif searches is not None:
             before = max(first - 1, 0)
             off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
             told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
-        told = Told(truth.satellites[part], *(values[part] for values in vars(motion).values()), told_level)
+        rate_b, force_b, ahead_b = motion.rate_b[part], motion.force_b[part], motion.ahead_b[part]
+        told = Told(truth.satellites[part], rate_b, force_b, ahead_b, told_level)
         noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
         run_receiver(receiver, channels, here, told, f, room, noise, found)
         if setting.estimates_cn0 and len(here.level) == block:

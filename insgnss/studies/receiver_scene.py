@@ -59,6 +59,10 @@ class ReceiverOptions:
     spacing_chips: float = 1.0  # early to late
     phase_kind: str = "iq"
     least_cn0_dbhz: float | None = None  # a channel below it is not used: its lock detector says no
+    told_cn0_dbhz: float | None = None  # the receiver takes this C/N0 for true; None: it knows the true one
+    masking: bool = (
+        False  # channels of satellites that the antennas do not see at the filter's attitude are not used
+    )
     estimates_cn0: bool = False  # the receiver estimates C/N0 over half a second instead of being told
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
@@ -145,6 +149,7 @@ def scene_of(
         latency_s=o.latency_s,
         estimates_cn0=o.estimates_cn0,
         least_cn0_dbhz=-math.inf if o.least_cn0_dbhz is None else o.least_cn0_dbhz,
+        told_cn0_dbhz=o.told_cn0_dbhz,
         divergence_density=o.divergence_density,
         steps=(o.replica_step_m, o.replica_step_mps),
     )
