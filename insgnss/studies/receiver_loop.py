@@ -90,6 +90,7 @@ class Told(NamedTuple):
     force_b: Float64  # (n, 3)
     ahead_b: Float64  # (n, 6) errors of replicas that are led on: place [m] and velocity [m/s], body axes
     level: Int64  # (n, m) of the C/N0 that it takes for true, ``NO_SIGNAL``: the channel's rows are left out
+    unknown: Float64  # (n, 2) densities of turning and acceleration that no sample shows [rad^2/s], [m^2/s^3]
 
 
 class FilterRoom(NamedTuple):
@@ -162,7 +163,7 @@ def run_receiver(
         step = room.done[0]
         if with_filter:
             if step > 0:
-                lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s)
+                lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s, told.unknown[k])
             predict_offsets(m, told.satellites[k], room)
         if step > 0 and receiver.kind != ONE_STAGE:
             lead_channels(receiver, channels.step_s, with_filter, room)
@@ -210,13 +211,13 @@ def run_receiver(
 
 
 @inlined
-def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float) -> None:
+def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float, unknown: Float64) -> None:
     """Carry the filter on by one integration."""
     m, rates = f.state[0], f.scratch.rates[0]
     for i in range(3):
         rates.w[i] = rate_b[i] - m.b_g[i]
         rates.f[i] = force_b[i] - m.b_a[i]
-    step_state(m, f.par[0], dt, 0.0, 0.0, rates)
+    step_state(m, f.par[0], dt, unknown[0], unknown[1], rates)
     predict_covariance(m, f.P, f.par[0], f.scratch)
 
 

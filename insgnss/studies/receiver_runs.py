@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import ImuGrade
 from insgnss.geodesy.rotations import to_scipy_quaternion
-from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, ToldMotion, told_motion
+from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
+from insgnss.studies.receiver_imu import UnknownMotion, with_gaps
 from insgnss.studies.receiver_loop import (
     HELD,
     NO_SIGNAL,
@@ -32,7 +33,6 @@ from insgnss.studies.receiver_search import Searches, SearchRow
 from insgnss.studies.receiver_variants import (
     Begin,
     Start,
-    UnknownMotion,
     Variant,
     feeling_nothing,
     filter_room,
@@ -69,6 +69,9 @@ class Setting:
     start: Start
     unknown: UnknownMotion  # of a receiver without INS
     latency_s: float = 0.0
+    imu_gaps_s: tuple[
+        tuple[float, float], ...
+    ] = ()  # without inertial samples, from the first integration on
     estimates_cn0: bool = False
     least_cn0_dbhz: float = -math.inf  # below it a channel is not used
     told_cn0_dbhz: float | None = (
@@ -140,10 +143,12 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     ranges, rates = truth.ranges + clock.bias_m[:, None], truth.rates + clock.drift_mps[:, None]
     if setting.inertial is not None and setting.grade is not None:
         grade = setting.grade
-        motion = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
+        told = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
+        since_s = truth.t_s - truth.t_s[0]
+        motion, unknown = with_gaps(told, since_s, grade, setting.imu_gaps_s, setting.unknown)
     else:
         grade = without_ins(setting.unknown)
-        motion = feeling_nothing(truth.r_e[0], count)
+        motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
     directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
     begin, density = Begin.of(truth, clock), setting.divergence_density
     f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density)
@@ -166,7 +171,8 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     masking = setting.masking
     searches = Searches(channels, setting.carrier_hz, m, masking) if variant.has_filter else None
     rooms = _Rooms(receiver, channels, f, room, found)
-    estimates = _run_blocks(setting, rooms, arriving, motion, cn0, searches, rng)
+    whole = Told(truth.satellites, motion.rate_b, motion.force_b, motion.ahead_b, level, unknown)
+    estimates = _run_blocks(setting, rooms, arriving, whole, cn0, searches, rng)
     found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
     state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
     rows = () if searches is None else tuple(searches.rows)
@@ -201,12 +207,15 @@ def _run_blocks(
     setting: Setting,
     rooms: _Rooms,
     arriving: Arriving,
-    motion: ToldMotion,
+    whole: Told,
     cn0: Float64,
     searches: Searches | None,
     rng: np.random.Generator,
 ) -> Float64:
-    """Run all blocks of integrations; return the C/N0 that was estimated in each (blocks, m)."""
+    """Run all blocks of integrations; return the C/N0 that was estimated in each (blocks, m).
+
+    ``whole`` is what is told in all of them, but for the levels of the channels.
+    """
     (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
     block, taken, estimates = (
         _block(truth),
@@ -227,8 +236,14 @@ def _run_blocks(
             before = max(first - 1, 0)
             off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
             told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
-        rate_b, force_b, ahead_b = motion.rate_b[part], motion.force_b[part], motion.ahead_b[part]
-        told = Told(truth.satellites[part], rate_b, force_b, ahead_b, told_level)
+        told = Told(
+            whole.satellites[part],
+            whole.rate_b[part],
+            whole.force_b[part],
+            whole.ahead_b[part],
+            told_level,
+            whole.unknown[part],
+        )
         noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
         run_receiver(receiver, channels, here, told, f, room, noise, found)
         if setting.estimates_cn0 and len(here.level) == block:

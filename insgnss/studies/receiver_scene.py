@@ -27,8 +27,9 @@ from insgnss.simulation.closed_loop_sky import (
     orbits_towards,
 )
 from insgnss.simulation.trajectory import Trajectory
+from insgnss.studies.receiver_imu import UnknownMotion, require_gaps
 from insgnss.studies.receiver_runs import Setting
-from insgnss.studies.receiver_variants import STARTS, UnknownMotion
+from insgnss.studies.receiver_variants import STARTS
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_known, require_not_negative, require_positive, require_within
 from insgnss.tracking.vector_loop import TRACKINGS, channels_of
@@ -53,6 +54,7 @@ class ReceiverOptions:
     interval_s: float = 0.1  # T_n, between two updates of a second stage
     imu_rate_hz: float | None = None  # None: a sample for every integration
     latency_s: float = 0.0  # after the end of an inertial sample until it is known
+    imu_gaps_s: tuple[tuple[float, float], ...] = ()  # begin and end of times without inertial samples
     symbol_s: float = 20e-3  # of the data: no integration is longer; inf for a pilot
     carrier_hz: float = 1575.42e6
     chip_hz: float = 1.023e6
@@ -147,6 +149,7 @@ def scene_of(
         start=STARTS[tracking],
         unknown=UnknownMotion(o.unknown_mps2, o.unknown_s),
         latency_s=o.latency_s,
+        imu_gaps_s=o.imu_gaps_s,
         estimates_cn0=o.estimates_cn0,
         least_cn0_dbhz=-math.inf if o.least_cn0_dbhz is None else o.least_cn0_dbhz,
         told_cn0_dbhz=o.told_cn0_dbhz,
@@ -167,6 +170,7 @@ def _steps(o: ReceiverOptions) -> tuple[int, int, int]:
     require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s, symbol_s=o.symbol_s)
     require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
     require_not_negative(replica_step_m=o.replica_step_m, replica_step_mps=o.replica_step_mps)
+    require_gaps(o.imu_gaps_s, o.duration_s)
     require_positive(unknown_mps2=o.unknown_mps2, unknown_s=o.unknown_s)
     require_within(0.0, LONGEST_LATENCY_S, "a tenth of a second at most", latency_s=o.latency_s)
     if o.imu_rate_hz is not None:

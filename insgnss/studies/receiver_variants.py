@@ -45,6 +45,7 @@ from insgnss.library import filter_config
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, ToldMotion
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.trajectory import EARTH_RATE_E
+from insgnss.studies.receiver_imu import UnknownMotion
 from insgnss.studies.receiver_loop import (
     INTERVAL_MESSAGE,
     ONE_STAGE,
@@ -106,14 +107,6 @@ def variant_of(name: str | Variant) -> Variant:
     return (
         name if isinstance(name, Variant) else VARIANTS[require_known(name, VARIANTS, "variants", "receiver")]
     )
-
-
-@dataclass(frozen=True)
-class UnknownMotion:
-    """The acceleration of a vehicle without INS, on each axis: a Gauss-Markov process."""
-
-    sigma_mps2: float = 49.03
-    time_s: float = 1.0 / 0.3
 
 
 @dataclass(frozen=True)

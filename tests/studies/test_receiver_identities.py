@@ -12,6 +12,7 @@ from insgnss.filter.update.closed_loop import close_loop
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.simulation.closed_loop_sky import told_motion
 from insgnss.simulation.oscillator import clock_densities
+from insgnss.studies.receiver_imu import UnknownMotion
 from insgnss.studies.receiver_loop import (
     Arriving,
     FilterRoom,
@@ -25,7 +26,6 @@ from insgnss.studies.receiver_variants import (
     STARTS,
     VARIANTS,
     Begin,
-    UnknownMotion,
     feeling_nothing,
     filter_room,
     oscillator_of,
@@ -99,7 +99,7 @@ def test_one_stage_with_one_satellite_and_no_ins_is_a_scalar_kalman_loop(trackin
     rooms = [channel_room(each, ranges[0], rates[:2], start, rng, T) for each in (one, alone)]
     rooms[1].x[0], rooms[1].P[0] = along(f, satellites[0])
     level = np.full((COUNT, 1), levels_of(35.0))
-    told = Told(satellites, *vars(feeling_nothing(USER, COUNT)).values(), level)
+    told = Told(satellites, *vars(feeling_nothing(USER, COUNT)).values(), level, np.zeros((COUNT, 2)))
     noise = rng.standard_normal((COUNT, 1, noise_count(channels)))
     arriving = Arriving(ranges, rates, level, np.zeros((COUNT, 1)))
     for receiver, room in zip((one, alone), rooms, strict=True):
@@ -133,14 +133,21 @@ def test_one_stage_is_a_filter_that_takes_all_its_observations_at_once(tracking:
     m = ranges.shape[1]
     level = np.full((count, m), levels_of(38.0))
     exact = np.zeros((count, 6))  # replicas as the filter predicts them
-    told = Told(truth.satellites[:count], motion.rate_b[:count], motion.force_b[:count], exact, level)
+    told = Told(
+        truth.satellites[:count],
+        motion.rate_b[:count],
+        motion.force_b[:count],
+        exact,
+        level,
+        np.zeros((count, 2)),
+    )
     noise = rng.standard_normal((count, m, noise_count(channels)))
     room = channel_room(receiver, ranges[0], rates[:2], STARTS[tracking], rng, step_s)
     arriving = Arriving(ranges, rates, level, np.zeros((count, m)))
     run_receiver(receiver, channels, arriving, told, f, room, noise, new_found(receiver, count, m, count))
     for k in range(count):
         if k:
-            lead_filter(dense, told.rate_b[k], told.force_b[k], step_s)
+            lead_filter(dense, told.rate_b[k], told.force_b[k], step_s, np.zeros(2))
         take_at_once(dense, channels, truth.satellites[k], ranges[k], rates[k], level[k], noise[k])
     a, b = f.state[0], dense.state[0]
 
