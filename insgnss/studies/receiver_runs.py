@@ -110,6 +110,7 @@ class ReceiverRun:
     cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was told
     searches: tuple[SearchRow, ...]  # of channels whose signal was gone
     least_squares: Float64  # (k, 11) errors of all channels' ranges and rates alone
+    offset: Float64  # (k, 2) truth minus the replica of the channel that was lost first, or of the first one
     apart: Float64  # (k, m, 2) of ranges by phase less those by code: error and sigma [m]; zeros without such states
 
     @property
@@ -335,7 +336,8 @@ def _run_of(
         error = solved
     lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
     apart = np.stack([found.apart[..., 0], np.sqrt(found.apart[..., 1])], axis=-1)
-    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved, apart)
+    offset = found.offsets[:, int(np.argmin(lost))].copy()
+    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved, offset, apart)
 
 
 def normalised(error: Float64, P: Float64) -> Float64:
