@@ -78,6 +78,7 @@ class LiveSupervision:
         self._supervisor = Supervisor(m, setup.search, self._scale)
         self._room = new_trace_room(np.zeros(1, np.int64), 1.0, 1, n_offsets)
         self._steps: deque[int] = deque(maxlen=_STEPS)
+        self._usual_ns = 0.0  # the interval of the receiver's epochs; 0 before the second one
         self._sightings = Sightings(np.zeros(0, np.int64), np.zeros((0, 0), np.bool_), ())
         self._epoch_ns: int | None = None  # the receiver's newest
         self._slot_ns = 0  # the newest time looked at: that epoch, or one that is missing
@@ -88,11 +89,6 @@ class LiveSupervision:
         self._decided: list[_Decided] = []  # not taken yet
         self._predicted_ns = np.zeros(m, np.int64)
         self._week = 0
-
-    @property
-    def _usual_ns(self) -> float:
-        """The usual interval of the receiver's epochs; 0 before the second one."""
-        return float(np.median(self._steps)) if self._steps else 0.0
 
     @property
     def _wait_ns(self) -> float:
@@ -108,7 +104,9 @@ class LiveSupervision:
         if t_ns != newest_ns:
             self.decide()
             self._lag_ns = max(arrived_ns - t_ns, 0)
-            self._steps += [] if newest_ns is None else [t_ns - newest_ns]
+            if newest_ns is not None:
+                self._steps.append(t_ns - newest_ns)
+                self._usual_ns = float(np.median(self._steps))
             self._epoch_ns, self._slot_ns = t_ns, max(t_ns, self._slot_ns)
         self._sightings = sightings
         return self._decided_ns is None or t_ns > self._decided_ns
@@ -176,9 +174,8 @@ class LiveSupervision:
         t_ns, before = int(view.predicted.t_ns[0]), self._supervisor.state
         seen = presence(self._sightings, view.predicted.t_ns, self._names, self._usual_ns)
         result = self._supervisor.epoch(view.predicted, seen)
-        if self._decided_ns is None:
-            self._week = t_ns // NS_PER_WEEK
-        else:
+        self._week = self._week or t_ns // NS_PER_WEEK
+        if self._decided_ns is not None:
             self._predicted_ns[before != ABSENT] += t_ns - self._decided_ns
         self._decided_ns = t_ns
         self._decided.append(_Decided(view, seen, result))
