@@ -9,13 +9,18 @@ from insgnss.aiding.live import AidingSink, LiveAiding
 from insgnss.aiding.sources import aiding_sources
 from insgnss.aiding.stream import AidingStream, Message
 from insgnss.config.aiding import AidingConfig, aiding_config
-from insgnss.constants import NS_PER_WEEK
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.filter.engine import Engine as FilterEngine
+from insgnss.filter.epoch_tables import tag_of
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement, own_measurements
 from insgnss.filter.setup import FilterSetup
-from insgnss.tables import Event
+from insgnss.filter.state import copy_bank
+from insgnss.supervision import SupervisedRun
+from insgnss.supervision.live import LiveSupervision
+from insgnss.supervision.sources import LATEST_SAMPLE_NS, setup_and_satellites
+from insgnss.tables import Event, GnssTable
 
 
 class Engine(FilterEngine):
@@ -30,6 +35,10 @@ class Engine(FilterEngine):
     With ``aiding``, each call of ``imu`` that reaches an output time hands the aiding on before it returns. It rests on
     the epochs known by then and before the sample: where none comes late it is ``run.aiding`` of a replay, to the last
     bit (but for a given start, whose rows a replay knows from its time on, the engine from the first epoch on).
+
+    With ``supervise``, ``take_supervision`` has what the search supervisor decides of every satellite at each epoch,
+    and at the usual interval while the receiver is silent. Where the epochs come in their order, the rows are
+    ``run.supervision`` and ``run.transitions`` of a replay.
     """
 
     def __init__(
@@ -39,6 +48,7 @@ class Engine(FilterEngine):
         aiding: float | AidingConfig | None = None,
         on_aiding: Callable[[Message], None] | AidingSink | None = None,
         measurements: Sequence[Measurement] = (),
+        supervise: bool = False,
     ) -> None:
         """Make an engine.
 
@@ -49,6 +59,8 @@ class Engine(FilterEngine):
         on_aiding : takes the messages (``aiding.stream`` says what is in them), or an ``AidingStream``
         measurements : of the user's own, as in ``replay``; each is used when the samples have reached its time, and
             ``take_measurements`` has what became of it
+        supervise : whether the search supervisor decides at each epoch what the receiver should do about every
+            satellite of the constellations that the setup names; ``take_supervision`` has the decisions
 
         Raises
         ------
@@ -68,6 +80,12 @@ class Engine(FilterEngine):
             self._aiding = LiveAiding(aiding_sources(setup, config), setup.n_offsets)
             self._sink = AidingStream(on_aiding) if callable(on_aiding) else on_aiding
         self._week: int | None = None
+        self._supervision: LiveSupervision | None = None
+        if supervise:
+            letters = {group[0] for group in setup.clock_groups}
+            latency_ns = int(setup.config.latency_s * NS_PER_S)
+            sources = setup_and_satellites(setup, letters)
+            self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
         own = own_measurements(measurements)
         super().__init__(setup if own is None else replace(setup, own=own))
 
@@ -89,8 +107,46 @@ class Engine(FilterEngine):
         until_ns = 2**62 if all_of_them else self._kept[0].t_ns
         return self._own.taken(self._navigator.own, spans, until_ns)
 
+    def take_supervision(self) -> SupervisedRun:
+        """Return the search supervisor's decisions that have not been taken yet, in the tables of a replay.
+
+        ``supervision`` has a row for each satellite above the horizon and epoch: the state of its channel, what antenna
+        and airframe hide, the predicted pseudorange and Doppler, their sigmas and the search window. ``transitions``
+        has each change with its reason, ``search_times`` the seconds so far. This call decides the newest epoch; an
+        epoch that nobody has asked for is decided when the next one arrives.
+
+        Raises
+        ------
+        ConfigError : the engine was made without ``supervise``
+        """
+        if self._supervision is None:
+            advice = "make it with Engine(settings, supervise=True)"
+            raise ConfigError("this engine does not supervise the search", key="supervise", advice=advice)
+        return self._supervision.taken()
+
+    def _before_epoch(self, epoch: GnssTable) -> None:
+        """Let the supervisor see the epoch and what the filter expects of it."""
+        newest = self._samples.last_ns
+        if self._supervision is not None and newest is not None:
+            if self._supervision.is_wanted(epoch, newest):
+                self._expect(self._supervision, tag_of(epoch))
+
+    def _expect(self, supervision: LiveSupervision, t_ns: int) -> None:
+        """Hand over what the filter expects at ``t_ns``, as it stands at the last sample before."""
+        bank, sample_ns = self._navigator.bank, self._samples.last_before(t_ns)
+        if bank is None or t_ns - sample_ns > LATEST_SAMPLE_NS or bank.head[0].now_ns > sample_ns:
+            return
+        bank = copy_bank(bank)
+        if self._carry(bank, sample_ns):
+            navigator = self._navigator
+            work = navigator.workspace(self._rows_for_size())
+            supervision.expect(t_ns, bank, self._samples.view(), navigator.parameters, work)
+
     def _at_sample(self, t_ns: int) -> None:
-        """Hand the aiding on where the sample is an output."""
+        """Look for an epoch that is missing, and hand the aiding on where the sample is an output."""
+        missing_ns = None if self._supervision is None else self._supervision.missing_epoch(t_ns)
+        if self._supervision is not None and missing_ns is not None:
+            self._expect(self._supervision, missing_ns)
         if self._aiding is None or self._sink is None or not self._aiding.is_due(t_ns):
             return
         if self._week is None:

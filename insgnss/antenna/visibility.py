@@ -211,25 +211,27 @@ def look_at_all(
     C_nb : (n, 3, 3)
     P_b : (n, 3, 3) covariance of the attitude error, body axes [rad^2]
     u_n : (n, s, 3) unit lines of sight, north-east-down
+    out : ``new_looks``; its decisions may be (n + 1, s), the first row what was decided before
     """
     decision, reason, antenna, gain = out
     n, s = u_n.shape[0], u_n.shape[1]
+    earlier = decision.shape[0] - n
     u_b = np.empty(3)
     for t in range(n):
-        C, P = C_nb[t], P_b[t]
+        C, P, row = C_nb[t], P_b[t], t + earlier
         # the third row of C_nb is down in body axes
         waits = not variance_along(P, C[2, 0], C[2, 1], C[2, 2]) <= limits.heading_variance
         for i in range(s):
-            decision[t, i], reason[t, i], antenna[t, i] = UNDECIDED, USED, -1
+            decision[row, i], reason[t, i], antenna[t, i] = UNDECIDED, USED, -1
             gain[t, i, 0] = gain[t, i, 1] = math.nan
             n0, n1, n2 = u_n[t, i, 0], u_n[t, i, 1], u_n[t, i, 2]
             if not math.isfinite(n0):
                 continue
             for k in range(3):
                 u_b[k] = C[0, k] * n0 + C[1, k] * n1 + C[2, k] * n2
-            before = decision[t - 1, i] if t > 0 else UNDECIDED
+            before = decision[row - 1, i] if row > 0 else UNDECIDED
             look = look_at(u_b, P, waits, antennas, limits, before)
-            decision[t, i], reason[t, i], antenna[t, i] = look.decision, look.reason, look.antenna
+            decision[row, i], reason[t, i], antenna[t, i] = look.decision, look.reason, look.antenna
             gain[t, i, 0], gain[t, i, 1] = look.gain_dbic, look.sigma_db
             if gain.shape[2] > 2:
                 gain[t, i, 2] = look.doubt

@@ -29,7 +29,10 @@ def receiver(
         str, typer.Argument(help="A list of manoeuvres: a name in models/scenarios, or a file (TOML).")
     ] = "manoeuvring_5g",
     variants: Annotated[
-        str, typer.Option("--variants", help="Of scalar, aided, two_stage, optimal, one_stage; commas.")
+        str,
+        typer.Option(
+            "--variants", help="Of scalar, aided, two_stage, optimal, one_stage, one_stage_code; commas."
+        ),
     ] = "scalar,aided,two_stage,optimal,one_stage",
     tracking: Annotated[str, typer.Option("--tracking", help="coherent or noncoherent.")] = "coherent",
     imu: Annotated[
@@ -58,6 +61,19 @@ def receiver(
         float | None, typer.Option("--least", help="dBHz below which a channel is not used.")
     ] = None,
     estimate: Annotated[bool, typer.Option("--estimate", help="The receiver estimates its C/N0.")] = False,
+    antenna: Annotated[
+        str | None,
+        typer.Option(
+            "--antenna", "-a", help="Pattern of a level antenna: a name in the library, or a file (.csv)."
+        ),
+    ] = None,
+    told: Annotated[
+        float | None, typer.Option("--told", help="dBHz that the receiver takes for true, whatever arrives.")
+    ] = None,
+    masking: Annotated[
+        bool,
+        typer.Option("--masking", help="Leave out what the antenna does not see at the filter's attitude."),
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder for tables and pictures; none is written without it."),
@@ -70,11 +86,13 @@ def receiver(
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, []):
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
+        from insgnss.antenna.equipment import installation
+        from insgnss.config.flight import MountedAntenna
         from insgnss.studies.receiver_comparison import receiver_study
         from insgnss.studies.receiver_scene import ReceiverOptions
-        from insgnss.studies.receiver_variants import VARIANTS
+        from insgnss.studies.receiver_variants import USUAL_VARIANTS
 
-        if imu == _NO_INS and variants == ",".join(VARIANTS):
+        if imu == _NO_INS and variants == ",".join(USUAL_VARIANTS):
             names = ("scalar", "one_stage")
         options = ReceiverOptions(
             duration_s=duration,
@@ -84,7 +102,10 @@ def receiver(
             latency_s=latency,
             least_cn0_dbhz=least,
             estimates_cn0=estimate,
+            told_cn0_dbhz=told,
+            masking=masking,
         )
+        mounted = None if antenna is None else installation([MountedAntenna(pattern=antenna)], Path())[0]
         with counting() as bars:
             bar = bars.add_task("receivers")
             study = receiver_study(
@@ -98,6 +119,7 @@ def receiver(
                 seed=seed,
                 options=options,
                 emitters=emitters,
+                antennas=mounted,
                 report=lambda done, cases: bars.update(bar, completed=done, total=cases),
             )
         if output is not None:

@@ -33,7 +33,7 @@ from insgnss.filter.prediction import carry_bank
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.start.carried_start import Carried, kept_over
-from insgnss.filter.state import copy_bank
+from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.masking import still_uncertain
 from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import Rows, from_epoch
@@ -147,6 +147,9 @@ class Engine:
     def _at_sample(self, t_ns: int) -> None:
         """Do what there is to be done at each sample, the filter carried to it; here nothing."""
 
+    def _before_epoch(self, epoch: GnssTable) -> None:
+        """Do what there is to be done before an epoch's update, the filter at the epoch before; here nothing."""
+
     def gnss(self, epoch: GnssTable, antenna: str | None = None) -> None:
         """Take one or more GNSS epochs, whole or in parts: rows of one time tag make one epoch, in the order they come.
 
@@ -199,8 +202,9 @@ class Engine:
     def _mains_ns(self) -> Int64:
         """Return the time tags of the main epochs that further antennas' rows may belong to."""
         settled = () if self._last_settled is None else (self._last_settled,)
-        known = (*settled, *self._waiting, *(r.gnss for r in self._recent))
-        return np.array(sorted(map(tag_of, known)), np.int64)
+        return np.array(
+            sorted(map(tag_of, (*settled, *self._waiting, *(r.gnss for r in self._recent)))), np.int64
+        )
 
     @property
     def state(self) -> NavState:
@@ -211,8 +215,7 @@ class Engine:
         rows = self._rows(empty_epoch())
         out = one_row(self._setup, rows)
         work = self._navigator.workspace(rows)
-        par = self._navigator.parameters[0]
-        write_between(self._live, newest, self._samples.view(), par, out, work)
+        write_between(self._live, newest, self._samples.view(), self._navigator.parameters[0], out, work)
         if out.counts[0].nav == 0:  # it is lost, which the next epoch will say
             return NavState(newest, False, {})
         values = {name: float(v) for name, v in zip(NAV_COLUMNS, out.nav["value"][0], strict=True)}
@@ -222,13 +225,11 @@ class Engine:
     @property
     def events(self) -> list[Event]:
         """All events so far, in the order of their time."""
-        both = self._done + self._told()
-        return sorted(both, key=lambda e: -1 if e.t_ns is None else e.t_ns)
+        return sorted(self._done + self._told(), key=lambda e: -1 if e.t_ns is None else e.t_ns)
 
     def _told(self) -> list[Event]:
         """Return what the filter of this stretch has told so far."""
-        open_now = still_uncertain(self._navigator.bank, self._setup.config.visibility)
-        return self._navigator.events + open_now
+        return self._navigator.events + still_uncertain(self._navigator.bank, self._setup.config.visibility)
 
     def take_results(self, *, all_of_them: bool = False) -> list[EpochResult]:
         """Return the epochs that have become final (older than the latency), each once; or all, at the end of a log.
@@ -320,6 +321,7 @@ class Engine:
             if result.t_ns < self._first_ns or self._waits(result.t_ns):
                 mark_without_imu(result.out.ledger, result.out.carrier)
             else:
+                self._before_epoch(gnss)
                 self._navigator.run(self._samples.view(), rows, 0, 1, result.out)
                 self._keep(result.t_ns)
                 self._live = None
@@ -337,12 +339,16 @@ class Engine:
             return
         if self._live is None:
             self._live = copy_bank(bank)
-        work, samples = self._navigator.workspace(self._rows_for_size()), self._samples.view()
-        carry_through(self._live, newest, self._setup, samples, self._navigator.parameters, work.scratch)
-        carry_bank(self._live, newest, samples, self._navigator.parameters[0], work.scratch)
-        lead = self._live.head[0].leader
-        if not is_finite(self._live.state[lead], self._live.P[lead]):
+        if not self._carry(self._live, newest):
             self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
+
+    def _carry(self, bank: Bank, t_ns: int) -> bool:
+        """Carry a bank to a sample, by way of the own rows; return whether it is finite there."""
+        work, samples = self._navigator.workspace(self._rows_for_size()), self._samples.view()
+        carry_through(bank, t_ns, self._setup, samples, self._navigator.parameters, work.scratch)
+        carry_bank(bank, t_ns, samples, self._navigator.parameters[0], work.scratch)
+        lead = bank.head[0].leader
+        return is_finite(bank.state[lead], bank.P[lead])
 
     def _rows_for_size(self) -> Rows:
         return self._recent[-1].rows if self._recent else self._rows(empty_epoch())
@@ -363,25 +369,19 @@ class Engine:
         bank = self._navigator.bank
         if len(self._kept) == 1 and bank is not None and horizon - bank.head[0].now_ns > NS_PER_S:
             # a long outage: carry the filter itself on, at whole samples, which changes no bit
-            stop, samples = self._samples.last_before(horizon), self._samples.view()
-            work, parameters = self._navigator.workspace(self._rows_for_size()), self._navigator.parameters
+            stop = self._samples.last_before(horizon)
             self._use_own_rows(stop)
             for each in self._navigator.banks:
-                carry_through(each, stop, self._setup, samples, parameters, work.scratch)
-                carry_bank(each, stop, samples, parameters[0], work.scratch)
+                self._carry(each, stop)
             self._kept = []
             self._keep(stop)
         if bank is None and self._navigator.starter.given:
             return  # the given state's own time is still to be reached
-        oldest = min(
-            [horizon, self._oldest_state_ns(), *(int(each.head[0].now_ns) for each in self._navigator.banks)]
-        )
+        banks = [*self._kept[0].saved.banks, *self._navigator.banks]
+        oldest = min([horizon, *(int(each.head[0].now_ns) for each in banks)])
         dropped = self._samples.drop_before(oldest - int(_HISTORY_S * NS_PER_S))
         if dropped:
             self._shift(dropped)
-
-    def _oldest_state_ns(self) -> int:
-        return min((int(bank.head[0].now_ns) for bank in self._kept[0].saved.banks), default=2**62)
 
     def _shift(self, dropped: int) -> None:
         """Let every kept state count its samples from the buffer's new first one."""

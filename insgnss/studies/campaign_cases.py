@@ -5,6 +5,7 @@
 | matched | imu "tactical", oscillator "tcxo", duration_s 120, imu_rate_hz 100, noise_factor 1, scenario "" (one of models/scenarios) | one an epoch looked at: NEES of each block, NIS, errors with their sigma |
 | outage  | as matched but duration_s 400; length_s 30, every_s 60, satellites "", kinds "" (all; names parted by commas) | one a window: drift, error, sigma, time to come back |
 | masking | scenario "sokolov_2015", imu, oscillator (those of the scenario), fault_tests true | one a way to treat hidden satellites: errors, false rows, delay of re-acquisition |
+| receiver | scenario "manoeuvring_5g", variant "one_stage", tracking "coherent", imu "industrial" ("" for no INS), oscillator "tcxo" (or a number, its drift density), cn0_dbhz 40, emitters "" (a name or a file), and the numbers of ``ReceiverOptions`` | one: lost, lost_s, errors, offsets of the replicas, NEES (``receiver_study``) |
 
 The seed alone makes the random numbers: the same (case, seed) gives the same rows on any worker.
 """  # noqa: E501 - the table is the documentation
@@ -25,6 +26,8 @@ from insgnss.studies.masking_cases import CaseResult, fly
 from insgnss.studies.matched_flight import BLOCKS, flight_in_memory, matched_flight
 from insgnss.studies.outage import Periodic, outage_study
 from insgnss.studies.outage_windows import Removal
+from insgnss.studies.receiver_comparison import receiver_row
+from insgnss.studies.receiver_scene import ReceiverOptions, Scene, scene_of
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 
 _AXES: Final = {"position": "m", "velocity": "mps", "attitude": "rad"}
@@ -105,6 +108,36 @@ def masking(case: Mapping[str, Any], seed: int) -> list[Row]:
     return [_of_way(flight, result) for result in fly(flight, settings, np.random.default_rng([seed]))]
 
 
+def receiver(case: Mapping[str, Any], seed: int) -> list[Row]:
+    """Return one run of a receiver of the laboratory in closed loops: one row."""
+    known: dict[str, Any] = {
+        "scenario": "manoeuvring_5g",
+        "variant": "one_stage",
+        "tracking": "coherent",
+        "imu": "industrial",
+        "oscillator": "tcxo",
+        "cn0_dbhz": 40.0,
+        "emitters": "",
+    }
+    options = {
+        name: value for name, value in ReceiverOptions().told().items() if not isinstance(value, tuple)
+    }
+    asked = _asked(case, known | options)
+    changed = tuple((name, case[name]) for name in options if name in case)
+    names = (str(asked[key]) for key in ("scenario", "tracking", "imu"))
+    scene = _receiver_scene(*names, asked["oscillator"], changed)
+    emitters = str(asked["emitters"]) or None
+    return [receiver_row(scene, str(asked["variant"]), float(asked["cn0_dbhz"]), seed, emitters)]
+
+
+@lru_cache(maxsize=8)
+def _receiver_scene(
+    scenario: str, tracking: str, imu: str, oscillator: str | float, changed: tuple[tuple[str, Any], ...]
+) -> Scene:
+    clock = oscillator if isinstance(oscillator, str) else {"drift_density": float(oscillator)}
+    return scene_of(scenario, tracking, imu or None, clock, ReceiverOptions(**dict(changed)))
+
+
 @lru_cache(maxsize=8)
 def _banked_flight(scenario: str, imu: str, clock: str) -> BankedFlight:
     config = scenario_config(scenario)
@@ -139,4 +172,9 @@ def _asked(case: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
     return {**known, **case}
 
 
-CASES: Final[Mapping[str, CaseFunction]] = {"matched": matched, "masking": masking, "outage": outage}
+CASES: Final[Mapping[str, CaseFunction]] = {
+    "matched": matched,
+    "masking": masking,
+    "outage": outage,
+    "receiver": receiver,
+}

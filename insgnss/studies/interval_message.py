@@ -8,7 +8,9 @@ off. Along the path ``e_k = A^(k-n) e_n``, A = [[1, T], [0, 1]], so that weighte
 
 The estimate at the interval's begin does not enter, so its errors are independent of those of other intervals: a second
 stage that takes it as white noise counts nothing twice.
-Neglects: the oscillator's and the inertial system's noise within the interval.
+Neglects: the oscillator's and the inertial system's noise within the interval. The oscillator's is one error of all
+channels: with phases at 40 dBHz and S = 100 rad^2/s^3 the drift's squared error is 6.4 of its variance for intervals of
+100 ms, 1.4 for 40 ms and 1.04 for 20 ms; velocity and attitude do not feel it (1.07 for all).
 """
 
 from __future__ import annotations

@@ -17,14 +17,15 @@ The filter is the package's own: state, prediction, scalar update and closed loo
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, NamedTuple
 
 import numpy.typing as npt
 
 from insgnss.filter.prediction import Scratch, predict_covariance, step_state
-from insgnss.filter.state import CLOCK, DR, DRIFT, StateArray, StateRecord
+from insgnss.filter.state import CLOCK, DR, DRIFT, OFFSETS, StateArray, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
-from insgnss.filter.update.replica_offsets import offset_covariance, use_offsets
+from insgnss.filter.update.replica_offsets import offset_covariance, use_offsets, use_phase_and_code
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.geodesy.vectors import rotate_back
 from insgnss.gnss.line_of_sight import line_of_sight
@@ -33,8 +34,13 @@ from insgnss.jit import kernel
 from insgnss.studies.interval_message import add_observation, carry_message, solve_message
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.vector_loop import (
+    CODE_VARIANCE,
+    OFFSET_CODE,
+    OFFSET_RANGE,
+    OFFSET_RATE,
     RANGE_VARIANCE,
     RATE_VARIANCE,
+    SEEN_CODE,
     SEEN_POWER,
     SEEN_RANGE,
     SEEN_RATE,
@@ -60,9 +66,11 @@ class Receiver(NamedTuple):
     walk: Float64  # (p, p) what is added to their covariance
     record_every: int  # integrations
     settle: int  # integrations whose offsets do not count
-    limits: tuple[
-        float, float, int
-    ]  # beyond which a channel is lost: range [m], rate [m/s], and for how long
+    # beyond which a channel is lost: range [m], rate [m/s], and for how long
+    limits: tuple[float, float, int]
+    steps: tuple[
+        float, float
+    ]  # in which oscillators set replicas: range [m], rate [m/s]; 0: as finely as told
 
 
 class Arriving(NamedTuple):
@@ -71,6 +79,7 @@ class Arriving(NamedTuple):
     ranges: Float64  # (n, m) with the receiver's clock [m]
     rates: Float64  # (n, m) with its drift [m/s]
     level: Int64  # (n, m) of C/N0, ``NO_SIGNAL`` where none arrives
+    apart: Float64  # (n, m) ranges by the phase less those by the code [m]
 
 
 class Told(NamedTuple):
@@ -81,6 +90,7 @@ class Told(NamedTuple):
     force_b: Float64  # (n, 3)
     ahead_b: Float64  # (n, 6) errors of replicas that are led on: place [m] and velocity [m/s], body axes
     level: Int64  # (n, m) of the C/N0 that it takes for true, ``NO_SIGNAL``: the channel's rows are left out
+    unknown: Float64  # (n, 2) densities of turning and acceleration that no sample shows [rad^2/s], [m^2/s^3]
 
 
 class FilterRoom(NamedTuple):
@@ -93,6 +103,7 @@ class FilterRoom(NamedTuple):
     v: Float64  # (4, n)
     h: Float64  # (2, 8)
     columns: Int64  # (8,)
+    phase_columns: Int64  # (5,) scratch
 
 
 class ChannelRoom(NamedTuple):
@@ -109,8 +120,8 @@ class ChannelRoom(NamedTuple):
     F_P: Float64  # (p, p)
     h: Float64  # (p,)
     columns: Int64  # (p,)
-    offset: Float64  # (2,)
-    seen: Float64  # (3,)
+    offset: Float64  # (3,)
+    seen: Float64  # (4,)
     silent: Int64  # (m,) 1: nothing was seen in the last integration
     done: Int64  # (1,) integrations so far
 
@@ -126,6 +137,7 @@ class Found(NamedTuple):
     lost_at: Int64  # (m,) first integration of a loss, ``HELD``: none
     losing: Int64  # (m,) integrations in a row beyond the limits
     power: Float64  # (block, m) of the prompt replicas
+    apart: Float64  # (k, m, 2) the filter's own ranges by phase less those by code, and their variance
 
 
 @kernel
@@ -144,14 +156,14 @@ def run_receiver(
     Parameters
     ----------
     arriving, told : of the n integrations of the block
-    noise : (n, m, 2 or 12) independent normal numbers
+    noise : (n, m, 2, 6 or 12) independent normal numbers
     """
     m, with_filter = f.state[0], receiver.kind != SCALAR
     for k in range(noise.shape[0]):
         step = room.done[0]
         if with_filter:
             if step > 0:
-                lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s)
+                lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s, told.unknown[k])
             predict_offsets(m, told.satellites[k], room)
         if step > 0 and receiver.kind != ONE_STAGE:
             lead_channels(receiver, channels.step_s, with_filter, room)
@@ -164,8 +176,12 @@ def run_receiver(
             room.silent[c] = 1 if silent else 0
             estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
             led_m, led_mps = led_wrongly(m.C_eb, told.ahead_b[k], room.u[c])
-            room.offset[0] = arriving.ranges[k, c] - estimate[0] - led_m
-            room.offset[1] = arriving.rates[k, c] - estimate[1] - led_mps
+            apart = m.optional[c] if channels.with_code else 0.0
+            led_m = in_steps(estimate[0] + apart, led_m, receiver.steps[0])
+            led_mps = in_steps(estimate[1], led_mps, receiver.steps[1])
+            room.offset[OFFSET_CODE] = arriving.ranges[k, c] - estimate[0] - led_m
+            room.offset[OFFSET_RANGE] = room.offset[OFFSET_CODE] + (arriving.apart[k, c] - apart)
+            room.offset[OFFSET_RATE] = arriving.rates[k, c] - estimate[1] - led_mps
             if arriving.level[k, c] != NO_SIGNAL and not silent:
                 count_offset(receiver, room.offset, c, step, found)
             observe_channel(
@@ -174,19 +190,9 @@ def run_receiver(
             found.power[k, c] = room.seen[SEEN_POWER]
             room.seen[SEEN_RANGE] += led_m
             room.seen[SEEN_RATE] += led_mps
+            room.seen[SEEN_CODE] += led_m
             if not silent:
-                variances = (
-                    channels.table[told.level[k, c], RANGE_VARIANCE],
-                    channels.table[told.level[k, c], RATE_VARIANCE],
-                )
-                if receiver.kind == ONE_STAGE:
-                    z = (room.seen[SEEN_RANGE], room.seen[SEEN_RATE])
-                    C = (variances[0], 0.0, variances[1])
-                    use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
-                else:
-                    if receiver.kind == INTERVAL_MESSAGE:
-                        add_observation(room.message[c], estimate, room.predicted[c], room.seen, variances)
-                    correct_channel(room, c, variances)
+                take_observation(receiver, channels, channels.table[told.level[k, c]], estimate, f, room, c)
         if receiver.kind == ONE_STAGE:
             close_loop(m, f.v[0], f.P.shape[0])
         elif with_filter and (step + 1) % receiver.interval == 0:
@@ -205,13 +211,13 @@ def run_receiver(
 
 
 @kernel(inline=True)
-def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float) -> None:
+def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float, unknown: Float64) -> None:
     """Carry the filter on by one integration."""
     m, rates = f.state[0], f.scratch.rates[0]
     for i in range(3):
         rates.w[i] = rate_b[i] - m.b_g[i]
         rates.f[i] = force_b[i] - m.b_a[i]
-    step_state(m, f.par[0], dt, 0.0, 0.0, rates)
+    step_state(m, f.par[0], dt, unknown[0], unknown[1], rates)
     predict_covariance(m, f.P, f.par[0], f.scratch)
 
 
@@ -231,6 +237,38 @@ def led_wrongly(C: Float64, ahead_b: Float64, u: Float64) -> tuple[float, float]
     range_m = back[0] * ahead_b[0] + back[1] * ahead_b[1] + back[2] * ahead_b[2]
     rate_mps = back[0] * ahead_b[3] + back[1] * ahead_b[4] + back[2] * ahead_b[5]
     return -range_m, -rate_mps
+
+
+@kernel(inline=True)
+def take_observation(
+    receiver: Receiver,
+    channels: Channels,
+    row: Float64,
+    estimate: Float64,
+    f: FilterRoom,
+    room: ChannelRoom,
+    c: int,
+) -> None:
+    """Hand what a channel has seen to the filter or to the channel's own; ``row`` (7,) is the table's."""
+    seen, variances = room.seen, (row[RANGE_VARIANCE], row[RATE_VARIANCE])
+    if channels.with_code:
+        z, of_both = (seen[SEEN_RANGE], seen[SEEN_CODE]), (variances[0], row[CODE_VARIANCE])
+        use_phase_and_code(f.P, f.phase_columns, OFFSETS + c, room.u[c], z, of_both, f.h[0], f.v)
+    elif receiver.kind == ONE_STAGE:
+        C = (variances[0], 0.0, variances[1])
+        use_offsets(f.P, f.columns, room.u[c], room.g[c], (seen[SEEN_RANGE], seen[SEEN_RATE]), C, f.h[0], f.v)
+    else:
+        if receiver.kind == INTERVAL_MESSAGE:
+            add_observation(room.message[c], estimate, room.predicted[c], seen, variances)
+        correct_channel(room, c, variances)
+
+
+@kernel(inline=True)
+def in_steps(estimate: float, led: float, step: float) -> float:
+    """Return by how much a replica stands beside the estimate when it is set in steps."""
+    if step <= 0.0:
+        return led
+    return step * math.floor((estimate + led) / step + 0.5) - estimate
 
 
 @kernel(inline=True)
@@ -348,3 +386,6 @@ def record(
         estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
         found.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0]
         found.offsets[at, c, 1] = arriving.rates[k, c] - estimate[1]
+        if f.P.shape[0] > OFFSETS:
+            found.apart[at, c, 0] = m.optional[c]
+            found.apart[at, c, 1] = f.P[OFFSETS + c, OFFSETS + c]

@@ -71,6 +71,30 @@ def epoch_figure(epochs: pd.DataFrame, title: str) -> Figure:
     return figure
 
 
+def channel_figure(epochs: pd.DataFrame, title: str, cycle_m: float | None) -> Figure:
+    """Return truth minus replica of one channel over time at the lowest C/N0, before a loss and after it.
+
+    ``cycle_m`` is the wavelength of a phase that is tracked: its range is shown in cycles; None: in metres.
+    """
+    figure = new_figure(10.0, 7.0)
+    lowest = epochs["cn0_dbhz"].min()
+    shown = epochs[epochs["cn0_dbhz"] == lowest]
+    labels = ("range, m" if cycle_m is None else "phase, cycles", "range rate, m/s")
+    for k, column in enumerate(("channel_m", "channel_mps")):
+        axes = figure.add_subplot(2, 1, k + 1)
+        for name, rows, colour in _by_variant(shown):
+            unit = cycle_m if cycle_m is not None and column == "channel_m" else 1.0
+            axes.plot(rows["time_s"], rows[column] / unit, lw=1.0, color=colour, label=name)
+        axes.set_yscale("symlog", linthresh=1.0 if cycle_m is None or k else 0.25)
+        axes.set_ylabel(labels[k])
+        axes.grid(alpha=0.3)
+        if k == 0:
+            axes.legend(fontsize=8, ncols=3)
+    axes.set_xlabel("time, s")
+    figure.suptitle(f"{title}, {lowest:g} dBHz: truth minus replica of one channel of one run", fontsize=10)
+    return figure
+
+
 def _draw_lock(axes: Axes, summary: pd.DataFrame, thresholds: pd.DataFrame) -> None:
     limits = dict(zip(thresholds["variant"], thresholds["linear_js_db"].to_numpy(np.float64), strict=True))
     for name, rows, colour in _by_variant(summary):

@@ -6,7 +6,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,22 +15,24 @@ from insgnss.config.flight import ImuGrade
 from insgnss.geodesy.rotations import to_scipy_quaternion
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
 from insgnss.simulation.oscillator import clock_densities, simulate_clock
+from insgnss.studies.receiver_imu import UnknownMotion, with_gaps
 from insgnss.studies.receiver_loop import (
     HELD,
     NO_SIGNAL,
     RECORDED,
     Arriving,
     ChannelRoom,
+    FilterRoom,
     Found,
     Receiver,
     Told,
     run_receiver,
 )
+from insgnss.studies.receiver_masking import Masking
 from insgnss.studies.receiver_search import Searches, SearchRow
 from insgnss.studies.receiver_variants import (
     Begin,
     Start,
-    UnknownMotion,
     Variant,
     feeling_nothing,
     filter_room,
@@ -44,7 +46,7 @@ from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
 from insgnss.tracking.lock_detectors import SLIP_SHARE
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
-from insgnss.tracking.vector_loop import Channels, levels_of, noise_count
+from insgnss.tracking.vector_loop import N_SEEN, Channels, levels_of, noise_count
 
 _BLOCK_S: Final = 0.5  # of integrations run at once, and the window of the estimator of C/N0
 _LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
@@ -67,8 +69,17 @@ class Setting:
     start: Start
     unknown: UnknownMotion  # of a receiver without INS
     latency_s: float = 0.0
+    imu_gaps_s: tuple[
+        tuple[float, float], ...
+    ] = ()  # without inertial samples, from the first integration on
     estimates_cn0: bool = False
     least_cn0_dbhz: float = -math.inf  # below it a channel is not used
+    told_cn0_dbhz: float | None = (
+        None  # C/N0 that a receiver takes for true, whatever arrives; None: the true one
+    )
+    masking: Masking | None = None  # by the filter's attitude
+    divergence_density: float = 0.0  # of phase and code ranges, two-sided [m^2/s]
+    steps: tuple[float, float] = (0.0, 0.0)  # in which replicas are set: range [m], rate [m/s]
 
     @property
     def limits(self) -> tuple[float, float, int]:
@@ -99,6 +110,8 @@ class ReceiverRun:
     cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was told
     searches: tuple[SearchRow, ...]  # of channels whose signal was gone
     least_squares: Float64  # (k, 11) errors of all channels' ranges and rates alone
+    offset: Float64  # (k, 2) truth minus the replica of the channel that was lost first, or of the first one
+    apart: Float64  # (k, m, 2) of ranges by phase less those by code: error and sigma [m]; zeros without such states
 
     @property
     def lost(self) -> bool:
@@ -123,18 +136,23 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     ----------
     cn0_dbhz : broadcasts to (n, m); NaN: no signal
     """
-    truth, channels, ins = setting.truth, setting.channels, setting.inertial is not None
+    truth, ins = setting.truth, setting.inertial is not None
+    channels = setting.channels._replace(with_code=variant.with_code)
     count, m = truth.ranges.shape
     oscillator = oscillator_of(setting.drift_density, setting.carrier_hz)
     clock = simulate_clock(oscillator, truth.t_s - truth.t_s[0], rng)
     ranges, rates = truth.ranges + clock.bias_m[:, None], truth.rates + clock.drift_mps[:, None]
     if setting.inertial is not None and setting.grade is not None:
         grade = setting.grade
-        motion = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
+        told = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
+        since_s = truth.t_s - truth.t_s[0]
+        motion, unknown = with_gaps(told, since_s, grade, setting.imu_gaps_s, setting.unknown)
     else:
         grade = without_ins(setting.unknown)
-        motion = feeling_nothing(truth.r_e[0], count)
-    f = filter_room(grade, oscillator, setting.start, Begin.of(truth, clock), rng, ins)
+        motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
+    directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
+    begin, density = Begin.of(truth, clock), setting.divergence_density
+    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density)
     receiver = receiver_of(
         variant,
         truth.step_s,
@@ -144,41 +162,96 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         setting.limits,
         setting.record_every,
         setting.settle,
+        setting.steps,
     )
     room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
-    block = max(round(_BLOCK_S / truth.step_s), 2)
-    found = new_found(receiver, count, m, block)
+    found = new_found(receiver, count, m, _block(truth))
     cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
-    taken, estimates = level[0], []  # the C/N0 that the receiver takes for true
-    searches = Searches(channels, setting.carrier_hz, m)
+    arriving = Arriving(ranges, rates, level, _apart(variant, density, truth, rng))
+    masking = setting.masking
+    searches = Searches(channels, setting.carrier_hz, m, masking) if variant.has_filter else None
+    rooms = _Rooms(receiver, channels, f, room, found)
+    whole = Told(truth.satellites, motion.rate_b, motion.force_b, motion.ahead_b, level, unknown)
+    estimates = _run_blocks(setting, rooms, arriving, whole, cn0, searches, rng)
+    found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
+    state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
+    rows = () if searches is None else tuple(searches.rows)
+    return _run_of(setting, variant, found, state_errors, estimates, rows)
+
+
+class _Rooms(NamedTuple):
+    """A receiver and all that it works on."""
+
+    receiver: Receiver
+    channels: Channels
+    f: FilterRoom
+    room: ChannelRoom
+    found: Found
+
+
+def _block(truth: ClosedLoopTruth) -> int:
+    """Return how many integrations are run at once."""
+    return max(round(_BLOCK_S / truth.step_s), 2)
+
+
+def _apart(variant: Variant, density: float, truth: ClosedLoopTruth, rng: np.random.Generator) -> Float64:
+    """Return the ranges by phase less those by code (n, m): a walk from zero; none where no code is tracked."""
+    apart = np.zeros(truth.ranges.shape)
+    if variant.with_code:
+        walk = math.sqrt(density * truth.step_s) * rng.standard_normal(apart[1:].shape)
+        apart[1:] = np.cumsum(walk, axis=0)
+    return apart
+
+
+def _run_blocks(
+    setting: Setting,
+    rooms: _Rooms,
+    arriving: Arriving,
+    whole: Told,
+    cn0: Float64,
+    searches: Searches | None,
+    rng: np.random.Generator,
+) -> Float64:
+    """Run all blocks of integrations; return the C/N0 that was estimated in each (blocks, m).
+
+    ``whole`` is what is told in all of them, but for the levels of the channels.
+    """
+    (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
+    block, taken, estimates = (
+        _block(truth),
+        arriving.level[0],
+        [],
+    )  # the C/N0 that the receiver takes for true
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
-        here = np.ascontiguousarray(level[part])
-        told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here, NO_SIGNAL)
+        here = Arriving(
+            arriving.ranges[part], arriving.rates[part], arriving.level[part], arriving.apart[part]
+        )
+        told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
+        if setting.told_cn0_dbhz is not None:
+            told_level = np.full_like(told_level, levels_of(setting.told_cn0_dbhz))
         if setting.estimates_cn0:
-            told_level = np.tile(taken, (len(here), 1))
-        elif variant.has_filter:
-            off = np.column_stack([ranges[max(first - 1, 0)], rates[max(first - 1, 0)]]) - room.predicted
+            told_level = np.tile(taken, (len(here.level), 1))
+        elif searches is not None:
+            before = max(first - 1, 0)
+            off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
             told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
         told = Told(
-            truth.satellites[part],
-            motion.rate_b[part],
-            motion.force_b[part],
-            motion.ahead_b[part],
+            whole.satellites[part],
+            whole.rate_b[part],
+            whole.force_b[part],
+            whole.ahead_b[part],
             told_level,
+            whole.unknown[part],
         )
-        noise = rng.standard_normal((len(here), m, noise_count(channels)))
-        run_receiver(
-            receiver, channels, Arriving(ranges[part], rates[part], here), told, f, room, noise, found
-        )
-        if setting.estimates_cn0 and len(here) == block:
+        noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
+        run_receiver(receiver, channels, here, told, f, room, noise, found)
+        if setting.estimates_cn0 and len(here.level) == block:
             estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
             unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
             taken = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1]))
-    state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
-    seen = np.array(estimates).reshape(-1, m)
-    return _run_of(setting, variant, found, state_errors, seen, tuple(searches.rows))
+    return np.array(estimates).reshape(-1, m)
 
 
 def channel_room(
@@ -206,8 +279,8 @@ def channel_room(
         F_P=np.zeros((p, p)),
         h=np.zeros(p),
         columns=np.arange(p),
-        offset=np.zeros(2),
-        seen=np.zeros(3),
+        offset=np.zeros(3),
+        seen=np.zeros(N_SEEN),
         silent=np.zeros(m, np.int64),
         done=np.zeros(1, np.int64),
     )
@@ -225,6 +298,7 @@ def new_found(receiver: Receiver, count: int, m: int, block: int) -> Found:
         lost_at=np.full(m, HELD, np.int64),
         losing=np.zeros(m, np.int64),
         power=np.zeros((block, m)),
+        apart=np.zeros((records, m, 2)),
     )
 
 
@@ -261,7 +335,9 @@ def _run_of(
         sd, nees = np.full_like(error, np.nan), np.full(len(error), np.nan)
         error = solved
     lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
-    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved)
+    apart = np.stack([found.apart[..., 0], np.sqrt(found.apart[..., 1])], axis=-1)
+    offset = found.offsets[:, int(np.argmin(lost))].copy()
+    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved, offset, apart)
 
 
 def normalised(error: Float64, P: Float64) -> Float64:

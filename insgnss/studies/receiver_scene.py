@@ -27,8 +27,9 @@ from insgnss.simulation.closed_loop_sky import (
     orbits_towards,
 )
 from insgnss.simulation.trajectory import Trajectory
+from insgnss.studies.receiver_imu import UnknownMotion, require_gaps
 from insgnss.studies.receiver_runs import Setting
-from insgnss.studies.receiver_variants import STARTS, UnknownMotion
+from insgnss.studies.receiver_variants import STARTS
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_known, require_not_negative, require_positive, require_within
 from insgnss.tracking.vector_loop import TRACKINGS, channels_of
@@ -53,16 +54,28 @@ class ReceiverOptions:
     interval_s: float = 0.1  # T_n, between two updates of a second stage
     imu_rate_hz: float | None = None  # None: a sample for every integration
     latency_s: float = 0.0  # after the end of an inertial sample until it is known
+    imu_gaps_s: tuple[tuple[float, float], ...] = ()  # begin and end of times without inertial samples
     symbol_s: float = 20e-3  # of the data: no integration is longer; inf for a pilot
     carrier_hz: float = 1575.42e6
     chip_hz: float = 1.023e6
     spacing_chips: float = 1.0  # early to late
     phase_kind: str = "iq"
     least_cn0_dbhz: float | None = None  # a channel below it is not used: its lock detector says no
+    told_cn0_dbhz: float | None = None  # the receiver takes this C/N0 for true; None: it knows the true one
+    masking: bool = (
+        False  # channels of satellites that the antennas do not see at the filter's attitude are not used
+    )
     estimates_cn0: bool = False  # the receiver estimates C/N0 over half a second instead of being told
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
     orbit_radius_m: float = GPS_RADIUS_M
+    divergence_density: float = 0.0  # by which phase and code ranges wander apart [m^2/s]: the ionosphere
+    replica_step_m: float = (
+        0.0  # in which an oscillator sets the replica's range: the wavelength over its phases ...
+    )
+    replica_step_mps: float = (
+        0.0  # ... and rate: the wavelength times its step of frequency; 0: as finely as told
+    )
     unknown_mps2: float = 49.03  # acceleration of a receiver without INS: one sigma of each axis ...
     unknown_s: float = 1.0 / 0.3  # ... and its correlation time
 
@@ -136,8 +149,12 @@ def scene_of(
         start=STARTS[tracking],
         unknown=UnknownMotion(o.unknown_mps2, o.unknown_s),
         latency_s=o.latency_s,
+        imu_gaps_s=o.imu_gaps_s,
         estimates_cn0=o.estimates_cn0,
         least_cn0_dbhz=-math.inf if o.least_cn0_dbhz is None else o.least_cn0_dbhz,
+        told_cn0_dbhz=o.told_cn0_dbhz,
+        divergence_density=o.divergence_density,
+        steps=(o.replica_step_m, o.replica_step_mps),
     )
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
     return Scene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
@@ -151,7 +168,9 @@ def _steps(o: ReceiverOptions) -> tuple[int, int, int]:
     ConfigError : times that do not fit each other
     """
     require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s, symbol_s=o.symbol_s)
-    require_not_negative(settle_s=o.settle_s)
+    require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
+    require_not_negative(replica_step_m=o.replica_step_m, replica_step_mps=o.replica_step_mps)
+    require_gaps(o.imu_gaps_s, o.duration_s)
     require_positive(unknown_mps2=o.unknown_mps2, unknown_s=o.unknown_s)
     require_within(0.0, LONGEST_LATENCY_S, "a tenth of a second at most", latency_s=o.latency_s)
     if o.imu_rate_hz is not None:

@@ -18,6 +18,7 @@ from insgnss.config.search import Search
 from insgnss.constants import C_MPS
 from insgnss.filter.update.replica_offsets import offset_covariance
 from insgnss.studies.receiver_loop import NO_SIGNAL, ChannelRoom, FilterRoom
+from insgnss.studies.receiver_masking import AttitudeMask, Masking
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.vector_loop import Channels
 
@@ -41,13 +42,16 @@ class SearchRow(NamedTuple):
 class Searches:
     """The channels' search over a run."""
 
-    def __init__(self, channels: Channels, carrier_hz: float, count: int) -> None:
+    def __init__(
+        self, channels: Channels, carrier_hz: float, count: int, masking: Masking | None = None
+    ) -> None:
         self.settings = Search()
         self.need = detector(self.settings.detection)
         self.scale = SignalScale(channels.chip_m, C_MPS / carrier_hz, self.settings.grid.code_chips)
         self.lost_s = np.full(count, np.inf)  # inf: the channel has its signal
         self.tracked_s = np.full(count, -np.inf)
         self.rows: list[SearchRow] = []
+        self._mask = None if masking is None else AttitudeMask(masking, count)
 
     def told(
         self, level: Int64, cn0_dbhz: Float64, t_s: float, f: FilterRoom, room: ChannelRoom, off: Float64
@@ -61,6 +65,8 @@ class Searches:
         t_s : of the block's begin
         off : (m, 2) true offsets from the filter's prediction, at the block's begin
         """
+        if self._mask is not None and t_s > 0.0:
+            level = np.where(self._mask.hidden(f, room.u), NO_SIGNAL, level)
         for c in range(level.shape[1]):
             gone = level[0, c] == NO_SIGNAL
             if gone and not np.isfinite(self.lost_s[c]):

@@ -7,6 +7,11 @@
 | two_stage | the same | running estimates as if they were white noise | radial acceleration |
 | optimal | the same | what the observations of the interval alone say | radial acceleration, range and rate |
 | one_stage | none: discriminators are rows of the filter | every observation | the replicas themselves |
+| one_stage_code | the same, code and phase | every observation | the replicas themselves |
+
+A phase alone says nothing of the place: all phases of ``one_stage`` begin from one position, whose error stays. With
+``one_stage_code`` each phase has a state of its own, by how much its range is off from that of the code (the method of
+the additional variable): 11 or 17 states and one for each satellite.
 
 A loop is the Kalman filter of its model: its bandwidth follows from C/N0, motion and oscillator. Without INS the filter
 is the same one, of an inertial system that feels nothing: the bias of its accelerometers is the vehicle's acceleration,
@@ -27,9 +32,10 @@ from scipy.spatial.transform import Rotation
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.errors import ConfigError
+from insgnss.filter.layout import Layout, RandomWalk, StateBlock
 from insgnss.filter.parameters import resolve_parameters
 from insgnss.filter.prediction import new_scratch
-from insgnss.filter.rows.replica_offset import COLUMNS
+from insgnss.filter.rows.replica_offset import COLUMNS, RANGE_COLUMNS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, new_bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import matrix_to_quaternion
@@ -39,6 +45,7 @@ from insgnss.library import filter_config
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, ToldMotion
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.trajectory import EARTH_RATE_E
+from insgnss.studies.receiver_imu import UnknownMotion
 from insgnss.studies.receiver_loop import (
     INTERVAL_MESSAGE,
     ONE_STAGE,
@@ -64,6 +71,7 @@ class Variant:
     words: str
     inflation: float = 1.0
     widening: float = 1.0
+    with_code: bool = False  # of one stage that tracks the phase
 
     @property
     def has_filter(self) -> bool:
@@ -83,7 +91,10 @@ VARIANTS: Final = {
     "two_stage": Variant(TWO_STAGE, "two stages, estimates as white noise"),
     "optimal": Variant(INTERVAL_MESSAGE, "two stages, the interval's observations alone"),
     "one_stage": Variant(ONE_STAGE, "discriminators as rows of the filter"),
+    "one_stage_code": Variant(ONE_STAGE, "code and phase as rows, a state for each phase", with_code=True),
 }
+
+USUAL_VARIANTS: Final = tuple(name for name, variant in VARIANTS.items() if not variant.with_code)
 
 
 def variant_of(name: str | Variant) -> Variant:
@@ -96,14 +107,6 @@ def variant_of(name: str | Variant) -> Variant:
     return (
         name if isinstance(name, Variant) else VARIANTS[require_known(name, VARIANTS, "variants", "receiver")]
     )
-
-
-@dataclass(frozen=True)
-class UnknownMotion:
-    """The acceleration of a vehicle without INS, on each axis: a Gauss-Markov process."""
-
-    sigma_mps2: float = 49.03
-    time_s: float = 1.0 / 0.3
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,9 @@ STARTS: Final = {
     "coherent": Start(0.003, 0.02, 0.005, 0.003, 0.02, 1.0),
     "noncoherent": Start(5.0, 0.5, 0.005, 5.0, 0.5, 1.0),
 }
+_FOUND_M: Final = (
+    5.0  # position and clock where the code is tracked beside the phase, and each phase less its code
+)
 
 
 def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:
@@ -184,17 +190,39 @@ class Begin:
         return cls(truth.r_e[0], truth.v_e[0], truth.C_eb[0], bias, drift, acceleration)
 
 
+def phase_states(count: int, density: float) -> Layout:
+    """Return the states of ``count`` phases, each its range less that of the code; ``density`` [m^2/s] two-sided.
+
+    Raises
+    ------
+    ConfigError : more than there is room for
+    """
+    names = tuple(f"phase_{c}_m" for c in range(count))
+    walk = RandomWalk(math.sqrt(density))
+    return Layout((StateBlock("phase_less_code", names, "m", _FOUND_M, walk),) if count else ())
+
+
 def filter_room(
-    grade: ImuGrade, oscillator: Oscillator, start: Start, at: Begin, rng: np.random.Generator, with_ins: bool
+    grade: ImuGrade,
+    oscillator: Oscillator,
+    start: Start,
+    at: Begin,
+    rng: np.random.Generator,
+    with_ins: bool,
+    directions: Float64 | None = None,
+    divergence_density: float = 0.0,
 ) -> FilterRoom:
     """Return a filter that begins with errors of the ``start``'s sigmas.
 
     Without INS the attitude is that of ECEF and has no error; the bias of the accelerometers begins at minus the
-    vehicle's acceleration.
+    vehicle's acceleration. With ``directions`` (m, 3) to the satellites each phase has a state of its own: position and
+    clock are those of a code that was acquired, and the phases have been seen once with the ``start``'s sigma.
     """
-    bank, sensor = new_bank(1, 0), sensor_model(grade)
+    extra = 0 if directions is None else len(directions)
+    layout = phase_states(extra, divergence_density)
+    bank, sensor, n = new_bank(1, extra), sensor_model(grade), OFFSETS + extra
     m, P = bank.state[0], bank.P[0]
-    sigma = np.zeros(OFFSETS)
+    sigma = np.zeros(n)
     sigma[DR : DR + 3], sigma[DV : DV + 3] = start.position_m, start.velocity_mps
     sigma[CLOCK], sigma[DRIFT] = start.clock_m, start.drift_mps
     if with_ins:
@@ -202,8 +230,13 @@ def filter_room(
         sigma[BA : BA + 3], sigma[BG : BG + 3] = sensor.accel_bias.sigma, sensor.gyro_bias.sigma
     else:
         sigma[BA : BA + 3] = start.acceleration_mps2
+    if directions is not None:
+        sigma[DR : DR + 3], sigma[CLOCK], sigma[OFFSETS:] = _FOUND_M, _FOUND_M, _FOUND_M
     P[:] = np.diag(sigma**2)
-    error = sigma * rng.standard_normal(OFFSETS)
+    error = sigma * rng.standard_normal(n)
+    if directions is not None:
+        error = _phases_seen(P, error, directions, start.position_m, rng)
+        m.optional[:extra] = error[OFFSETS:]
     m.r_e[:], m.v_e[:] = at.r_e + error[DR : DR + 3], at.v_e + error[DV : DV + 3]
     C_eb = np.eye(3)
     if with_ins:
@@ -216,17 +249,35 @@ def filter_room(
     return FilterRoom(
         bank.state,
         P,
-        parameters_of(grade, oscillator),
-        new_scratch(OFFSETS),
-        np.zeros((4, OFFSETS)),
+        parameters_of(grade, oscillator, layout),
+        new_scratch(n),
+        np.zeros((4, n)),
         np.zeros((2, len(COLUMNS))),
         np.array(COLUMNS, np.int64),
+        np.array((*COLUMNS[:RANGE_COLUMNS], OFFSETS), np.int64),
     )
 
 
-def parameters_of(grade: ImuGrade, oscillator: Oscillator) -> npt.NDArray[Any]:
+def _phases_seen(
+    P: Float64, error: Float64, directions: Float64, sigma_m: float, rng: np.random.Generator
+) -> Float64:
+    """Correct ``P`` by one look at every phase, and return the error that is then left.
+
+    Equation: K = P H^T (H P H^T + r I)^-1, P <- (I - K H) P (I - K H)^T + r K K^T, e <- e - K (H e + n)
+    """
+    m = len(directions)
+    H = np.zeros((m, len(P)))
+    H[:, DR : DR + 3], H[:, CLOCK], H[:, OFFSETS:] = -directions, 1.0, np.eye(m)
+    K = np.linalg.solve(H @ P @ H.T + sigma_m**2 * np.eye(m), H @ P).T
+    left = np.eye(len(P)) - K @ H
+    whole = left @ P @ left.T + sigma_m**2 * K @ K.T
+    P[:] = 0.5 * (whole + whole.T)
+    return np.asarray(error - K @ (H @ error + sigma_m * rng.standard_normal(m)))
+
+
+def parameters_of(grade: ImuGrade, oscillator: Oscillator, layout: Layout) -> npt.NDArray[Any]:
     """Return the numbers of the tight filter for a receiver whose heading is known: all of a force is motion."""
-    par = resolve_parameters(_settings(), grade, oscillator, (0.0, 0.0, 0.0), klobuchar_known=False)
+    par = resolve_parameters(_settings(), grade, oscillator, (0.0, 0.0, 0.0), False, layout)
     par["covariance_step"] = 0.0  # a step for every integration
     return par
 
@@ -246,6 +297,7 @@ def receiver_of(
     limits: tuple[float, float, int],
     record_every: int,
     settle: int,
+    steps: tuple[float, float] = (0.0, 0.0),
 ) -> Receiver:
     """Return a receiver whose channels are designed for the oscillator, and for the motion where it is unknown.
 
@@ -271,4 +323,5 @@ def receiver_of(
         record_every,
         settle,
         limits,
+        steps,
     )

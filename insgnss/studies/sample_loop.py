@@ -22,8 +22,6 @@ import numpy.typing as npt
 from insgnss.aiding.table import AidingTable
 from insgnss.antenna.detection import detector
 from insgnss.antenna.search_window import search_window, signal_scale
-from insgnss.antenna.supervisor import Supervisor
-from insgnss.antenna.tracking_state import STATE_NAMES
 from insgnss.config.sample_receiver import SampleReceiver
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.engine import Engine
@@ -94,13 +92,12 @@ class SampleLoop:
         self.epochs: list[dict[str, float]] = []
         self.tracking: list[dict[str, Any]] = []
         aiding = e.setup.config.aiding.model_copy(update={"rate_hz": s.aiding_rate_hz})
-        self.engine = Engine(e.setup, aiding=aiding, on_aiding=self)
+        self.engine = Engine(e.setup, aiding=aiding, on_aiding=self, supervise=aided)
         self._table: AidingTable | None = None  # not taken over yet
         self._expected = e.at_start
         self._week = 0
         self._scale = signal_scale(s.search.grid)
         self._need = detector(s.search.detection)
-        self._supervisor = Supervisor(m, s.search, self._scale)
         self._aiding = LoopAiding(np.zeros(m), np.zeros(m), np.zeros(m))
         self._has_aid, self._locked = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
         self._cn0 = np.full(m, e.cn0_dbhz)
@@ -168,9 +165,9 @@ class SampleLoop:
         if table is not None:
             self.engine.gnss(table)
         state = self.engine.state
-        row = {"t_ns": t_ns, "n_channels": 0 if table is None else len(table.t_ns)}
-        self.epochs.append(row | (state.values if state.started else {}))
-        states = self._supervised(t_ns)
+        read = 0 if table is None else int(np.isfinite(table.pseudorange_m).sum())
+        self.epochs.append({"t_ns": t_ns, "n_channels": read} | (state.values if state.started else {}))
+        states = self._supervised()
         is_open = self.channels.is_open
         for c, name in enumerate(self.equipment.sv_names):
             marks = {"open": bool(is_open[c]), "locked": bool(self._locked[c]), "supervisor": states[c]}
@@ -185,13 +182,13 @@ class SampleLoop:
         if np.any(wanted):
             self._search(buffer, sample, wanted)
 
-    def _supervised(self, t_ns: int) -> list[str]:
-        """Return the supervisor's state of each satellite, by what the filter expects now."""
-        if not self.aided or self._expected is self.equipment.at_start:
+    def _supervised(self) -> list[str]:
+        """Return the supervisor's state of each satellite at the newest epoch; "none" where it decides nothing."""
+        if not self.aided:
             return ["none"] * self._m
-        predictions = self._expected.predictions(t_ns, self.equipment.cn0_dbhz)
-        states = self._supervisor.epoch(predictions, self._locked[None, :].astype(np.int8)).state[0]
-        return [STATE_NAMES[i] for i in states]
+        table = self.engine.take_supervision().supervision
+        states = dict(zip(table["sv"].astype("str"), table["state"].astype("str"), strict=True))
+        return [states.get(name, "none") for name in self.equipment.sv_names]
 
     def _judge(self, sample: int) -> None:
         """Estimate C/N0 and lock of each open channel over the last second; close those that stay without lock."""
@@ -219,27 +216,28 @@ class SampleLoop:
                 self._lost[c] = np.nan
 
     def _observables(self, t_ns: int, sample: int) -> GnssTable | None:
-        """Return what the replicas of the locked channels show at a sample; None where there is none."""
-        rows = []
+        """Return what the replicas of the locked channels show at a sample, a row without numbers for the others.
+
+        None where there is none and the filter has not started.
+        """
+        rows = np.full((self._m, 4), np.nan)
         for c in np.flatnonzero(self._locked & self.channels.is_open):
             reading = self.channels.reading(int(c), sample)
             if reading is not None:
-                sigmas = self._sigmas(int(c))
-                rows.append((c, C_MPS * reading.pseudorange_s, reading.rate_radps / (2.0 * math.pi), *sigmas))
-        if not rows:
+                doppler_hz = reading.rate_radps / (2.0 * math.pi)
+                rows[c] = C_MPS * reading.pseudorange_s, doppler_hz, *self._sigmas(int(c))
+        if not (np.isfinite(rows).any() or self.engine.state.started):
             return None
-        channel, pseudorange, doppler, sd_m, sd_mps = (
-            np.array(column, float) for column in zip(*rows, strict=True)
-        )
-        n = len(rows)
+        pseudorange, doppler, sd_m, sd_mps = np.ascontiguousarray(rows.T)
+        n = self._m
         return GnssTable(
             t_ns=np.full(n, t_ns, np.int64),
-            sv=channel.astype(np.int16),
+            sv=np.arange(n, dtype=np.int16),
             signal=np.zeros(n, np.int16),
             pseudorange_m=pseudorange,
             doppler_hz=doppler,
             range_rate_mps=np.full(n, np.nan),
-            cn0_dbhz=self._cn0[channel.astype(np.int64)],
+            cn0_dbhz=self._cn0.copy(),
             sv_names=self.equipment.sv_names,
             signal_names=("C1C",),
             sigma_pseudorange_m=sd_m,

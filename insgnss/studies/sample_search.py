@@ -17,8 +17,6 @@ from insgnss.aiding.trace import Covariances, Samples, Trace, Traced
 from insgnss.aiding.uncertainty import SD_DOPPLER, SD_RANGE
 from insgnss.antenna.detection import threshold
 from insgnss.antenna.search_window import SearchWindow
-from insgnss.antenna.supervisor import Predictions
-from insgnss.antenna.visibility import UNDECIDED, VISIBLE
 from insgnss.config.flight import GivenStart
 from insgnss.config.sample_receiver import SampleReceiver
 from insgnss.constants import C_MPS
@@ -59,20 +57,6 @@ class SignalPrediction(NamedTuple):
         since_s = (sample - self.sample) / rate_hz
         doppler = self.doppler_hz[channel] + 0.5 * self.doppler_rate_hz_per_s[channel] * since_s
         return float(self.delay_m[channel] - C_MPS / L1_HZ * doppler * since_s)
-
-    def predictions(self, t_ns: int, cn0_dbhz: float) -> Predictions:
-        """Return it as the supervisor takes it, one epoch: what is expected is visible."""
-        known = np.isfinite(self.delay_m)
-        wavelength = C_MPS / L1_HZ
-        return Predictions(
-            t_ns=np.array([t_ns], np.int64),
-            decision=np.where(known, VISIBLE, UNDECIDED).astype(np.int8)[None, :],
-            cn0_dbhz=np.full((1, len(known)), cn0_dbhz),
-            d_range_m2=self.sd_delay_m[None, :] ** 2,
-            d_rate_m2ps2=self.sd_rate_mps[None, :] ** 2,
-            delay_m=self.delay_m[None, :],
-            range_rate_mps=-wavelength * self.doppler_hz[None, :],
-        )
 
 
 class SearchOutcome(NamedTuple):

@@ -182,7 +182,7 @@ def equipment_of(
     flight: SimulatedFlight, sky: SignalSky, settings: SampleReceiver, filter: str | Path, seed: int
 ) -> SampleEquipment:
     """Return what the receivers have: filter, inertial log, and what is given at the start."""
-    scenario = flight.scenario
+    scenario, cn0_dbhz = flight.scenario, float(np.nanmedian(sky.cn0_dbhz[0]))
     config = filter_config(filter)
     # the loops' noise is white from epoch to epoch, and stated with each row
     white = {"correlation_time_s": 0.0}
@@ -191,6 +191,8 @@ def equipment_of(
             "measurements": config.measurements.model_copy(update={"carrier": False}),
             "pseudorange_noise_m": config.pseudorange_noise_m.model_copy(update=white),
             "range_rate_noise_mps": config.range_rate_noise_mps.model_copy(update=white),
+            "search": settings.search,
+            "visibility": config.visibility.model_copy(update={"nominal_cn0_dbhz": cn0_dbhz}),
         }
     )
     first_ns = int(flight.log.imu.t_ns[0])
@@ -212,7 +214,6 @@ def equipment_of(
     view = start_outlook(sources.setup, sources.arcs(first_ns, first_ns), start, imu, settings)
     sample = (first_ns - sky.start_ns) / NS_PER_S * settings.rate_hz
     expected = expected_at_start(view, sky.sv_names, sample)
-    cn0_dbhz = float(np.nanmedian(sky.cn0_dbhz[0]))
     return SampleEquipment(settings, sky.sv_names, sky.codes, sky.start_ns, setup, imu, expected, cn0_dbhz)
 
 

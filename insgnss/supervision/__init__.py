@@ -7,6 +7,8 @@
     view = outlook(setup, satellites, traced)       # what the filter expects of every satellite above the horizon
     result = supervise_run(view, sightings_of(gnss), setup.search, week)
     result.supervision, result.transitions, result.search_times
+
+``insgnss.Engine(settings, supervise=True)`` decides the same live: ``engine.take_supervision()`` (``live``).
 """
 
 from __future__ import annotations

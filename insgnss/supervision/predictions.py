@@ -85,7 +85,11 @@ class Outlook:
 
 
 def outlook(
-    setup: SupervisionSetup, satellites: SatelliteArcs, traced: Traced, at_ns: Int64 | None = None
+    setup: SupervisionSetup,
+    satellites: SatelliteArcs,
+    traced: Traced,
+    at_ns: Int64 | None = None,
+    memory: Int8 | None = None,
 ) -> Outlook:
     """Return the predictions at all rows of a trace.
 
@@ -96,6 +100,7 @@ def outlook(
     at_ns : (n,) times that the predictions are for, by the receiver's clock as it tags its epochs, within an interval
         of the samples from the trace's: delays and D are carried there, the rest is that of the trace's rows; None: the
         trace's own, GPS time
+    memory : (s,) what antennas decided last of each satellite of the pieces, carried on; None: nothing, UNDECIDED
 
     Raises
     ------
@@ -128,7 +133,12 @@ def outlook(
     range_noise, rate_noise = _white_noise(own, _newest(trace, traced.covariances)[1], since_s)
     u_n, C_nb = _sight(own, satellites, trace, spans, row)
     directions = spread(u_n)
-    decision, gain = _decisions(setup, directions, C_nb, _attitude_covariance(trace, traced.covariances))
+    before = np.full(len(satellites.sv_names), UNDECIDED, np.int8) if memory is None else memory
+    own_memory = before[number]
+    P_b = _attitude_covariance(trace, traced.covariances)
+    decision, gain = _decisions(setup, directions, C_nb, P_b, own_memory)
+    before[:] = UNDECIDED
+    before[number] = own_memory
     predicted = Predictions(
         t_ns=t_ns,
         decision=decision,
@@ -208,8 +218,12 @@ def _sight(
     return np.einsum("qij,qj->qi", C_ne[row], u_e), C_ne @ trace.C_eb
 
 
-def _decisions(setup: SupervisionSetup, u_n: Float64, C_nb: Float64, P_b: Float64) -> tuple[Int8, Float64]:
+def _decisions(
+    setup: SupervisionSetup, u_n: Float64, C_nb: Float64, P_b: Float64, memory: Int8
+) -> tuple[Int8, Float64]:
     """Return what antennas and mask decide of every satellite (n, m), and the gain (n, m, 2).
+
+    ``memory`` (m,) is what the antennas decided before, and is carried on.
 
     Where the filter hides what is uncertain (``visibility.uncertain``), that counts as hidden here too.
     """
@@ -219,7 +233,9 @@ def _decisions(setup: SupervisionSetup, u_n: Float64, C_nb: Float64, P_b: Float6
     decision, gain = looks.decision, looks.gain
     if len(antennas.lever_b):
         limits = limits_of(setup.visibility)
+        looks = looks._replace(decision=np.vstack([memory, decision]))
         look_at_all(C_nb, P_b, u_n, antennas, limits, looks)
+        decision, memory[:] = looks.decision[1:], looks.decision[-1]
         if limits.uncertain == HIDE:
             # a receiver that goes on measuring a hidden satellite is no witness against its being hidden
             decision[decision == UNCERTAIN_HIDDEN] = HIDDEN

@@ -31,7 +31,9 @@ def sightings_of(gnss: GnssTable) -> Sightings:
     return Sightings(epoch_ns, seen, gnss.sv_names)
 
 
-def presence(sightings: Sightings, t_ns: Int64, sv_names: Sequence[str]) -> Int8:
+def presence(
+    sightings: Sightings, t_ns: Int64, sv_names: Sequence[str], usual_ns: float | None = None
+) -> Int8:
     """Return (n, m) PRESENT or MISSING by the newest epoch not later than each time.
 
     NOT_KNOWN where there is none, or where it is older than one and a half of the log's usual intervals. A satellite
@@ -42,13 +44,15 @@ def presence(sightings: Sightings, t_ns: Int64, sv_names: Sequence[str]) -> Int8
     sightings : the receiver's
     t_ns : (n,) GPS time
     sv_names : names of the m satellites
+    usual_ns : the usual interval of the receiver's epochs; that of these epochs if None
     """
     if not len(sightings.epoch_ns):
         return np.full((len(t_ns), len(sv_names)), NOT_KNOWN, np.int8)
     column = {name: i for i, name in enumerate(sightings.sv_names)}
     places = np.array([column.get(name, -1) for name in sv_names], np.int64)
-    steps = np.diff(sightings.epoch_ns)
-    usual_ns = float(np.median(steps)) if len(steps) else 0.0
+    if usual_ns is None:
+        steps = np.diff(sightings.epoch_ns)
+        usual_ns = float(np.median(steps)) if len(steps) else 0.0
     newest = np.searchsorted(sightings.epoch_ns, t_ns, side="right") - 1
     known = (newest >= 0) & (t_ns - sightings.epoch_ns[newest] <= LATE_EPOCHS * usual_ns)
     seen = np.zeros((len(t_ns), len(sv_names)), np.bool_)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,11 +19,10 @@ from insgnss.log.receiver_events import read_receiver_events
 from insgnss.supervision.predictions import SupervisionSetup, outlook
 from insgnss.supervision.sightings import LATE_EPOCHS, Sightings, sightings_of
 from insgnss.supervision.supervised_run import SupervisedRun, supervise_run
-from insgnss.tables import Event, Int64
+from insgnss.tables import Event, Int64, NavigationData
 
-_LATEST_SAMPLE_NS: Final = (
-    NS_PER_S // 10
-)  # the last sample before an epoch, at most so old: else inertial ones lack
+# the last sample before an epoch, at most so old: else inertial ones lack
+LATEST_SAMPLE_NS: Final = NS_PER_S // 10
 
 
 @dataclass(frozen=True)
@@ -66,18 +66,8 @@ def supervision_sources(
     NavigationDataError : nothing says where satellites are that the log does not hold
     InputError and its kin : the log of the receiver's events cannot be used
     """
-    config, seen = filter.config, {name[0] for name in logs.gnss.sv_names}
-    wanted = config.aiding.model_copy(
-        update={"signals": {letter: code for letter, code in config.aiding.signals.items() if letter in seen}}
-    )
-    satellites = aiding_sources(filter, wanted, logs.navigation, logs.gnss.glonass_channels)
-    setup = SupervisionSetup(
-        satellites.setup,
-        filter.installation,
-        config.visibility,
-        config.search,
-        config.measurements.elevation_mask_deg,
-    )
+    seen = {name[0] for name in logs.gnss.sv_names}
+    setup, satellites = setup_and_satellites(filter, seen, logs.navigation, logs.gnss.glonass_channels)
     sightings = sightings_of(logs.gnss)
     samples_ns, epoch_ns = epoch_samples(logs.imu.t_ns, without_silences(sightings.epoch_ns))
     receiver_log: ReceiverEvents | None = None
@@ -85,6 +75,29 @@ def supervision_sources(
     if gnss.receiver_events is not None:
         receiver_log, events = read_receiver_events(gnss.receiver_events, week, gnss.time)
     return SupervisionSources(setup, satellites, sightings, samples_ns, epoch_ns, receiver_log), events
+
+
+def setup_and_satellites(
+    filter: FilterSetup,
+    letters: Collection[str],
+    navigation: NavigationData | None = None,
+    channels: Mapping[str, int] | None = None,
+) -> tuple[SupervisionSetup, AidingSources]:
+    """Return the setup of a supervision and its satellites: those of some constellations, on their signal for aiding.
+
+    Raises
+    ------
+    NavigationDataError : nothing says where the satellites are
+    """
+    config = filter.config
+    signals = {letter: code for letter, code in config.aiding.signals.items() if letter in letters}
+    wanted = config.aiding.model_copy(update={"signals": signals})
+    satellites = aiding_sources(filter, wanted, navigation, channels)
+    mask_deg = config.measurements.elevation_mask_deg
+    setup = SupervisionSetup(
+        satellites.setup, filter.installation, config.visibility, config.search, mask_deg
+    )
+    return setup, satellites
 
 
 def without_silences(epoch_ns: Int64) -> Int64:
@@ -104,7 +117,7 @@ def epoch_samples(imu_ns: Int64, epoch_ns: Int64) -> tuple[Int64, Int64]:
     Epochs without a sample in the tenth of a second before them are left out.
     """
     last = np.searchsorted(imu_ns, epoch_ns, side="right") - 1
-    near = (last >= 0) & (epoch_ns - imu_ns[np.maximum(last, 0)] <= _LATEST_SAMPLE_NS)
+    near = (last >= 0) & (epoch_ns - imu_ns[np.maximum(last, 0)] <= LATEST_SAMPLE_NS)
     last, epoch_ns = last[near], epoch_ns[near]
     alone = np.append(np.diff(last) > 0, True)[: len(last)]
     return imu_ns[last[alone]], epoch_ns[alone]

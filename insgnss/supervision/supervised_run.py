@@ -29,7 +29,7 @@ from insgnss.antenna.receiver_events import (
     ReceiverEvents,
     compare_events,
 )
-from insgnss.antenna.supervisor import Predictions, Supervision, Transitions, supervise
+from insgnss.antenna.supervisor import Predictions, Supervision, Totals, Transitions, supervise
 from insgnss.antenna.tracking_state import ABSENT, NOT_KNOWN, REASON_NAMES, STATE_NAMES
 from insgnss.antenna.visibility import DECISIONS, UNDECIDED
 from insgnss.config.search import Search
@@ -37,7 +37,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.supervision.predictions import Outlook
 from insgnss.supervision.sightings import Sightings, presence
-from insgnss.tables import Int8, Int64
+from insgnss.tables import Float64, Int8, Int64
 
 RECEIVER_NAMES: Final = ("not_known", "missing", "present")  # presence + 1
 _GAP_INTERVALS: Final = 5.0  # usual intervals, and
@@ -83,15 +83,15 @@ def supervise_run(
     if sightings is not None:
         seen = presence(sightings, predicted.t_ns, view.sv_names)
     result = supervise(predicted, seen, settings, view.scale)
-    times = _search_times(view.sv_names, predicted.t_ns, result)
+    times = search_times(view.sv_names, _predicted_s(predicted.t_ns, result), result.totals)
     compared = None
     if receiver_log is not None:
         verdicts = compare_events(receiver_log, predicted.t_ns, result.state, view.sv_names)
         compared = _event_table(verdicts, receiver_log, week)
         times = _with_receiver(times, verdicts)
     return SupervisedRun(
-        _supervision_table(view, source, result, seen, settings, week),
-        _transition_table(result.transitions, view.sv_names, week),
+        supervision_table(view, source, result, seen, settings, week),
+        transition_table(result.transitions, view.sv_names, week),
         times,
         compared,
     )
@@ -103,8 +103,12 @@ def rows_and_gaps(t_ns: Int64) -> Int64:
     rows = np.arange(len(t_ns), dtype=np.int64)
     if not len(steps):
         return rows
-    longest_ns = max(_GAP_INTERVALS * float(np.median(steps)), _GAP_S * NS_PER_S)
-    return np.insert(rows, np.flatnonzero(steps > longest_ns) + 1, -1)
+    return np.insert(rows, np.flatnonzero(steps > longest_gap_ns(float(np.median(steps)))) + 1, -1)
+
+
+def longest_gap_ns(usual_ns: float) -> float:
+    """Return for how long a satellite keeps its state without a prediction."""
+    return max(_GAP_INTERVALS * usual_ns, _GAP_S * NS_PER_S)
 
 
 def _with_gaps(predicted: Predictions, source: Int64) -> Predictions:
@@ -120,7 +124,7 @@ def _with_gaps(predicted: Predictions, source: Int64) -> Predictions:
     return Predictions(**filled)
 
 
-def _supervision_table(
+def supervision_table(
     view: Outlook, source: Int64, result: Supervision, seen: Int8, settings: Search, week: int
 ) -> pd.DataFrame:
     """Return one row for each satellite and time with a prediction."""
@@ -156,7 +160,7 @@ def _supervision_table(
     return pd.DataFrame(columns)
 
 
-def _transition_table(transitions: Transitions, sv_names: Sequence[str], week: int) -> pd.DataFrame:
+def transition_table(transitions: Transitions, sv_names: Sequence[str], week: int) -> pd.DataFrame:
     """Return one row for each transition, in the order of time, then of the satellites."""
     t = transitions
     return pd.DataFrame(
@@ -178,14 +182,17 @@ def _transition_table(transitions: Transitions, sv_names: Sequence[str], week: i
     )
 
 
-def _search_times(sv_names: Sequence[str], t_ns: Int64, result: Supervision) -> pd.DataFrame:
-    """Return the seconds of each satellite; a state lasts until the next time."""
-    known = result.state[:-1] != ABSENT
-    predicted_s = np.diff(t_ns) / NS_PER_S @ known if len(t_ns) > 1 else np.zeros(len(sv_names))
+def search_times(sv_names: Sequence[str], predicted_s: Float64, totals: Totals) -> pd.DataFrame:
+    """Return the seconds of each satellite."""
     codes = np.arange(len(sv_names))
-    return pd.DataFrame(
-        {"sv": _words(codes, sv_names), "predicted_s": predicted_s, **result.totals._asdict()}
-    )
+    return pd.DataFrame({"sv": _words(codes, sv_names), "predicted_s": predicted_s, **totals._asdict()})
+
+
+def _predicted_s(t_ns: Int64, result: Supervision) -> Float64:
+    """Return for how long each satellite was predicted; a state lasts until the next time."""
+    known = result.state[:-1] != ABSENT
+    spent: Float64 = np.diff(t_ns) / NS_PER_S @ known if len(t_ns) > 1 else np.zeros(known.shape[1])
+    return spent
 
 
 def _with_receiver(times: pd.DataFrame, compared: EventComparison) -> pd.DataFrame:

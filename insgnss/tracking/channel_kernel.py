@@ -47,9 +47,9 @@ class Gains(NamedTuple):
     slopes: Float64  # (3,) theirs, by which the outputs are divided
     offsets: Float64  # (3,) delays of early, prompt, late [chips]
     noise_factor: Float64  # (3, 3) F with F F^T the correlators' covariance over a
-    chips_per_radian: (
-        float  # delay by carrier phase: minus chip rate over 2 pi carrier; 0 without carrier aiding
-    )
+    # delay by carrier phase: minus chip rate over 2 pi carrier; 0 without carrier aiding
+    chips_per_radian: float
+    a: float  # signal ratio of the C/N0 that the loops are designed for
 
 
 @kernel(inline=True)
@@ -121,6 +121,8 @@ def run_channels(
 ) -> None:
     """Run all channels over a block of integrations.
 
+    Equation: E Z = sqrt(a a_d), variance a_d, a_d the design's ratio: an amplifier holds the noise level, so that the
+    amplitude alone follows C/N0 and the slope of a product of two correlators goes with a / a_d
     Neglects: the phase's curvature within an integration, T^2/12 of the acceleration's offset.
 
     Parameters
@@ -140,8 +142,7 @@ def run_channels(
             phase = 0.5 * (truth.phase_rad[k, c] + truth.phase_rad[k + 1, c]) - x[PHASE]
             turn = truth.phase_rad[k + 1, c] - truth.phase_rad[k, c] - T * rate
             delay = 0.5 * (truth.delay_chips[k, c] + truth.delay_chips[k + 1, c]) - x[DELAY]
-            a = truth.a[k, c]
-            sigma = math.sqrt(a)
+            a, sigma = math.sqrt(gains.a * truth.a[k, c]), math.sqrt(gains.a)
             matched = truth.sign[k, c] * carrier_mean(a, phase, turn)
             for r in range(3):
                 i = q = 0.0

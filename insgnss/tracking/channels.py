@@ -112,6 +112,7 @@ class ChannelDesign:
             correlators.offsets,
             correlators.noise_factor(),
             self.chips_per_radian,
+            a,
         )
 
 

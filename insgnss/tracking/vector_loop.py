@@ -2,7 +2,8 @@
 
 Offsets are truth minus replica in metres of range and metres per second, as a navigation filter has them:
 
-- coherent: phase offset ``-k dr``, the carrier's phase falls while the range grows; I and Q of the prompt replica
+- coherent: phase offset ``-k dr``, the carrier's phase falls while the range grows; I and Q of the prompt replica.
+  With the code too (``with_code``) early and late replicas see the delay, of a code replica that may stand elsewhere
 - non-coherent: delay ``dr / chip``; a frequency discriminator over the two halves of the integration (same data bit),
   ``u_f = Im(Z1* Z2)``, and a delay discriminator over the whole of it, ``|L|^2 - |E|^2``
 
@@ -42,10 +43,17 @@ TRACKINGS: Final = ("coherent", "noncoherent")
 LEAST_DBHZ, MOST_DBHZ, DB_STEP = -10.0, 70.0, 0.02  # of the table; a C/N0 beyond it counts as its end
 # columns of the table: signal ratio of the integration, metres (m/s) by output, variance of the observation
 RATIO, RANGE_BY_OUTPUT, RANGE_VARIANCE, RATE_BY_OUTPUT, RATE_VARIANCE = range(5)
-N_TABLE: Final = 5
+CODE_BY_OUTPUT, CODE_VARIANCE = 5, 6  # of the code's range beside a phase
+N_TABLE: Final = 7
 # what is seen of a channel in an integration
-SEEN_RANGE, SEEN_RATE, SEEN_POWER = range(3)
-N_NOISE: Final = (2, 12)  # normal numbers for each channel and integration, by tracking
+SEEN_RANGE, SEEN_RATE, SEEN_POWER, SEEN_CODE = range(4)
+N_SEEN: Final = 4
+OFFSET_RANGE, OFFSET_RATE, OFFSET_CODE = range(3)
+N_NOISE: Final = (
+    2,
+    12,
+    6,
+)  # normal numbers for each channel and integration: phase, no phase, phase and code
 
 
 class Channels(NamedTuple):
@@ -58,7 +66,8 @@ class Channels(NamedTuple):
     kinds: Int64  # (3,) of the phase, frequency and delay discriminator
     offsets: Float64  # (3,) delays of early, prompt, late [chips]
     noise_factor: Float64  # (3, 3) of their noise
-    table: Float64  # (levels, 5) of C/N0 from the least on
+    table: Float64  # (levels, 7) of C/N0 from the least on
+    with_code: bool = False  # beside the phase
 
 
 def levels_of(cn0_dbhz: npt.ArrayLike) -> Int64:
@@ -73,7 +82,7 @@ def _levels() -> int:
 
 def noise_count(channels: Channels) -> int:
     """Return how many normal numbers a channel takes for an integration."""
-    return N_NOISE[0] if channels.coherent else N_NOISE[1]
+    return N_NOISE[2] if channels.with_code else N_NOISE[0] if channels.coherent else N_NOISE[1]
 
 
 def channels_of(
@@ -85,9 +94,11 @@ def channels_of(
     phase_kind: str = "iq",
     spacing_chips: float = 1.0,
     frequency_kind: str = "cross",
-    delay_kind: str = "power",
+    delay_kind: str | None = None,
 ) -> Channels:
     """Return channels that integrate for ``step_s`` at a time.
+
+    ``delay_kind`` None is the product I (L - E) beside a phase, else the power.
 
     Raises
     ------
@@ -96,6 +107,7 @@ def channels_of(
     require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
     require_known(phase_kind, PHASE_KINDS, "phase_kind", "phase discriminator")
     require_known(frequency_kind, FREQUENCY_KINDS[1:], "frequency_kind", "frequency discriminator")
+    delay_kind = delay_kind or ("product" if tracking == "coherent" else "power")
     require_known(delay_kind, DELAY_KINDS, "delay_kind", "delay discriminator")
     require_positive("give hertz", carrier_hz=carrier_hz, chip_hz=chip_hz)
     correlators = Correlators(spacing_chips)
@@ -119,7 +131,7 @@ def channels_of(
 
 
 def observation_table(channels: Channels, correlators: Correlators) -> Float64:
-    """Return the table of slopes and variances, (levels, 5); C/N0 from -10 to 70 dBHz.
+    """Return the table of slopes and variances, (levels, 7); C/N0 from -10 to 70 dBHz.
 
     Equation: y = u / (slope k), variance var(u) / (slope k)^2; k [rad/m] of the phase and the frequency, 1 / chip of
     the delay
@@ -129,14 +141,16 @@ def observation_table(channels: Channels, correlators: Correlators) -> Float64:
     a = np.array([signal_ratio(x, step) for x in cn0])
     table = np.zeros((len(a), N_TABLE))
     table[:, RATIO] = a
+    delay = DelayDiscriminator(DELAY_KINDS[channels.kinds[2]], correlators)
+    delay_slope = np.array([delay.slope(x) for x in a]) / channels.chip_m
+    delay_variance = np.array([float(delay.variance(0.0, x)) for x in a])
     if channels.coherent:
+        table[:, CODE_BY_OUTPUT], table[:, CODE_VARIANCE] = 1.0 / delay_slope, delay_variance / delay_slope**2
         phase = PhaseDiscriminator(PHASE_KINDS[channels.kinds[0]])
         slope = -k * np.array([phase.slope(x) for x in a])
         variance = np.array([float(phase.variance(0.0, x)) for x in a])
     else:
-        delay = DelayDiscriminator(DELAY_KINDS[channels.kinds[2]], correlators)
-        slope = np.array([delay.slope(x) for x in a]) / channels.chip_m
-        variance = np.array([float(delay.variance(0.0, x)) for x in a])
+        slope, variance = delay_slope, delay_variance
         frequency = FrequencyDiscriminator(FREQUENCY_KINDS[channels.kinds[1]], 0.5 * step)
         # the kernel's angles are not divided by the time between both halves
         scale = 1.0 if FREQUENCY_KINDS[channels.kinds[1]] == "cross" else 0.5 * step
@@ -159,16 +173,38 @@ def observe_channel(
     ----------
     arriving, told : the table's rows of the true C/N0 and of the one the receiver takes it for; below zero: no signal,
         and a receiver that looks for none
-    offset : (2,) truth minus replica: range [m] and range rate [m/s] in the middle
-    noise : (2,) or (12,) independent normal numbers
-    seen : (3,) observed offsets, and the prompt replica's power, out
+    offset : (3,) truth minus replica in the middle: range [m] and range rate [m/s]; range of the code beside a phase
+    noise : (2,), (12,) or (6,) independent normal numbers
+    seen : (4,) observed range and rate, the prompt replica's power, and the code's range beside a phase, out
     """
     # the front end keeps the noise level: correlators are scaled as if the told C/N0 were the true one
     scale = channels.table[max(told, 0), RATIO]
     a = math.sqrt(scale * channels.table[arriving, RATIO]) if arriving >= 0 else 0.0
     sigma = math.sqrt(scale)
     turn = -channels.radians_per_m * offset[1] * channels.step_s
-    if channels.coherent:
+    seen[SEEN_CODE] = 0.0
+    if channels.with_code:
+        delay, matched = (
+            offset[2] / channels.chip_m,
+            carrier_mean(a, -channels.radians_per_m * offset[0], turn),
+        )
+        early, prompt, late = complex(0.0, 0.0), complex(0.0, 0.0), complex(0.0, 0.0)
+        for r in range(3):
+            Z = triangle_at(delay - channels.offsets[r]) * matched
+            for s in range(3):
+                Z += sigma * channels.noise_factor[r, s] * complex(noise[s], noise[3 + s])
+            if r == 0:
+                early = Z
+            elif r == 1:
+                prompt = Z
+            else:
+                late = Z
+        seen[SEEN_RANGE] = phase_output(channels.kinds[0], prompt) * channels.table[told, RANGE_BY_OUTPUT]
+        split = delay_output(channels.kinds[2], early, prompt, late)
+        seen[SEEN_CODE] = split * channels.table[told, CODE_BY_OUTPUT]
+        seen[SEEN_RATE] = 0.0
+        seen[SEEN_POWER] = prompt.real * prompt.real + prompt.imag * prompt.imag
+    elif channels.coherent:
         Z = carrier_mean(a, -channels.radians_per_m * offset[0], turn)
         Z += sigma * complex(noise[0], noise[1])
         seen[SEEN_RANGE] = phase_output(channels.kinds[0], Z) * channels.table[told, RANGE_BY_OUTPUT]

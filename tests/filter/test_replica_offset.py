@@ -12,8 +12,10 @@ from insgnss.filter.measurements.range_rate import rate_row
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.rows.lines import ANTENNA_DTYPE
 from insgnss.filter.rows.replica_offset import COLUMNS, offset_range_row, offset_rate_row
-from insgnss.filter.state import OFFSETS, new_bank
-from insgnss.filter.update.replica_offsets import use_offsets
+from insgnss.filter.state import CLOCK, DR, OFFSETS, new_bank
+from insgnss.filter.update.replica_offsets import use_offsets, use_phase_and_code
+from insgnss.tracking.combined_filter import CombinedModel
+from insgnss.tracking.vector_loop import CODE_VARIANCE, RANGE_VARIANCE, channels_of, levels_of
 
 U, G = np.array([0.36, -0.48, 0.8]), np.array([1e-4, -2e-4, 3e-5])
 NOTHING = np.zeros(3)
@@ -63,3 +65,45 @@ def test_observation_without_a_variance_is_left_out() -> None:
     use_offsets(P, np.array(COLUMNS, np.int64), U, G, (1.0, 1.0), (0.0, 0.0, 0.0), np.zeros(len(COLUMNS)), v)
 
     assert np.array_equal(P, np.eye(OFFSETS)) and not v[0].any()
+
+
+def user_that_stands(directions: np.ndarray, epochs: int, cn0_dbhz: float, chip_hz: float) -> np.ndarray:
+    """Return the variances of each phase's own state after some milliseconds; place and clock unknown at first."""
+    m = len(directions)
+    channels = channels_of("coherent", 1e-3, 1.6e9, chip_hz)
+    row = channels.table[levels_of(cn0_dbhz)]
+    P = np.diag(np.concatenate([np.full(OFFSETS, 1e-12), np.full(m, 1e10)]))
+    for state in (DR, DR + 1, DR + 2, CLOCK):
+        P[state, state] = 1e10
+    columns, h, v = np.array((*COLUMNS[:4], 0)), np.zeros(8), np.zeros((4, len(P)))
+    for _ in range(epochs):
+        for c in range(m):
+            variances = (row[RANGE_VARIANCE], row[CODE_VARIANCE])
+            use_phase_and_code(P, columns, OFFSETS + c, directions[c], (0.0, 0.0), variances, h, v)
+    return np.diag(P)[OFFSETS:]
+
+
+# a wall, a floor and two others: no position explains an error of four ranges
+FOUR = np.array([[0.6, 0.0, 0.8], [-0.6, 0.64, 0.48], [0.0, -0.8, 0.6], [-0.36, -0.48, 0.8]])
+EIGHT = np.vstack([FOUR, [[0.8, 0.36, 0.48], [0.0, 0.28, 0.96], [-0.96, 0.0, 0.28], [0.48, -0.8, 0.36]]])
+
+
+@pytest.mark.parametrize(("epochs", "sigma_m"), [(1000, 4.34), (5000, 1.94)])
+def test_phase_less_code_of_four_satellites_is_as_well_known_as_by_each_channels_own_filter(
+    epochs: int, sigma_m: float
+) -> None:
+    found = user_that_stands(FOUR, epochs, 37.0, 0.511e6)
+    alone = CombinedModel(37.0, 1.6e9, 0.511e6, 1.0).difference_variance(1e10, epochs)
+
+    assert found == pytest.approx(float(alone), rel=1e-3)
+    assert np.sqrt(found) == pytest.approx(sigma_m, rel=2e-3)
+
+
+def test_phases_of_more_satellites_know_what_no_position_explains() -> None:
+    found = user_that_stands(EIGHT, 300, 37.0, 0.511e6)
+    H = np.hstack([-EIGHT, np.ones((8, 1))])
+    share = np.diag(H @ np.linalg.inv(H.T @ H) @ H.T)
+    alone = CombinedModel(37.0, 1.6e9, 0.511e6, 1.0).difference_variance(1e10, 300)
+
+    assert share.sum() == pytest.approx(4.0)
+    assert found == pytest.approx(share * float(alone), rel=1e-3)

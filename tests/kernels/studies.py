@@ -12,10 +12,11 @@ from insgnss.library import imu_grade
 from insgnss.simulation.closed_loop_sky import closed_loop_truth, inertial_truth, orbits_towards
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.studies.manoeuvring_covariance import Drive, carry_along
+from insgnss.studies.receiver_imu import UnknownMotion
 from insgnss.studies.receiver_runs import Setting, run_once
 from insgnss.studies.receiver_slips import NEVER, error_loop, run_errors
-from insgnss.studies.receiver_variants import STARTS, VARIANTS, UnknownMotion
-from insgnss.tracking.vector_loop import channels_of, observe_channels
+from insgnss.studies.receiver_variants import STARTS, VARIANTS
+from insgnss.tracking.vector_loop import N_SEEN, channels_of, observe_channels
 from tests.kernels import KernelCase
 
 
@@ -77,15 +78,16 @@ def closed_loops() -> list[np.ndarray]:
             )
             for name in (
                 ("scalar", "two_stage", "optimal", "one_stage") if with_ins else ("scalar", "one_stage")
-            ):
+            ) + (("one_stage_code",) if tracking == "coherent" else ()):
                 run = run_once(setting, VARIANTS[name], cn0, np.random.default_rng(4))
                 found += [run.error, run.rms]
-    seen, offsets = np.zeros((2, 3)), np.array([[0.01, 0.1], [-0.01, 0.2]])
+    seen, offsets = np.zeros((2, N_SEEN)), np.array([[0.01, 0.1, 3.0], [-0.01, 0.2, -4.0]])
     levels = np.array([2000, 2500])
-    observe_channels(
-        channels_of("coherent", 0.01, 1.6e9, 1e6), levels, levels, offsets, 0.1 * np.ones((2, 2)), seen
-    )
-    return [*found, seen]
+    channels = channels_of("coherent", 0.01, 1.6e9, 1e6)
+    observe_channels(channels, levels, levels, offsets, 0.1 * np.ones((2, 2)), seen)
+    both = np.zeros((2, N_SEEN))
+    observe_channels(channels._replace(with_code=True), levels, levels, offsets, 0.1 * np.ones((2, 6)), both)
+    return [*found, seen, both]
 
 
 CASES = [

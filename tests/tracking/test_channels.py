@@ -74,6 +74,21 @@ def test_recursion_of_the_kernel_is_the_filter_of_the_design() -> None:
         error = A @ error
 
 
+# the amplifier holds the noise: Q goes with the root of C/N0, I Q with C/N0, an angle with nothing
+@pytest.mark.parametrize(("kind", "power"), [("q", 0.5), ("iq", 1.0), ("atan", 0.0)])
+def test_gain_at_another_cn0_than_the_designs_is_that_of_a_held_noise_level(kind: str, power: float) -> None:
+    of, moved = design(kind), []
+    for cn0 in (45.0, 42.0):
+        state, out, flat = np.zeros((1, N_STATE)), np.empty((1, 1, N_OUT)), np.zeros((2, 1))
+        state[0, 0] = 1e-3
+        truth = Truth(flat, flat, np.full((1, 1), signal_ratio(cn0, T)), np.ones((1, 1), np.int8))
+        room = np.zeros(3, np.complex128)
+        run_channels(truth, no_aid(1, 1), of.gains(), np.zeros((1, 1, N_NOISE)), state, room, out)
+        moved.append(state[0, 0] - 1e-3)
+
+    assert moved[1] / moved[0] == pytest.approx(10.0 ** (-0.3 * power), rel=1e-5)
+
+
 @pytest.mark.parametrize(("order", "motion"), [(2, (8.0, 0.0)), (3, (0.0, 60.0))])
 def test_steady_motion_leaves_the_error_of_the_loop_order(order: int, motion: tuple[float, float]) -> None:
     of = ChannelDesign(digital_filter(order, 15.0, T), digital_filter(1, 1.0, T), 70.0, "atan")

@@ -9,12 +9,16 @@ import pytest
 from scipy import stats
 
 from insgnss.errors import ConfigError
+from insgnss.tracking.combined_filter import CombinedModel
 from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 from insgnss.tracking.vector_loop import (
+    CODE_VARIANCE,
+    N_SEEN,
     RANGE_VARIANCE,
     RATE_VARIANCE,
     RATIO,
+    SEEN_CODE,
     SEEN_POWER,
     SEEN_RANGE,
     SEEN_RATE,
@@ -31,15 +35,15 @@ LOOKS = 20_000
 def seen(
     channels: Channels,
     cn0_dbhz: float,
-    offset: tuple[float, float],
+    offset: tuple[float, ...],
     seed: int,
     told_dbhz: float | None = None,
 ) -> np.ndarray:
-    """Return what is seen in many integrations, (n, 3)."""
+    """Return what is seen in many integrations, (n, 4)."""
     level = np.full(LOOKS, levels_of(cn0_dbhz)) if cn0_dbhz > 0.0 else np.full(LOOKS, -1)
     told = np.full(LOOKS, levels_of(cn0_dbhz if told_dbhz is None else told_dbhz))
     noise = np.random.default_rng(seed).standard_normal((LOOKS, noise_count(channels)))
-    out = np.zeros((LOOKS, 3))
+    out = np.zeros((LOOKS, N_SEEN))
     observe_channels(channels, level, told, np.tile(offset, (LOOKS, 1)), noise, out)
     return out
 
@@ -87,6 +91,26 @@ def test_delay_and_frequency_are_seen_without_bias_and_apart(cn0_dbhz: float) ->
     # sin of the turn between both halves, and the power that is left of each
     lost = np.sinc(0.25 * turn / math.pi) ** 2
     assert_mean(moved, lost * math.sin(0.5 * turn) / (0.5 * turn) * 0.3)
+
+
+@pytest.mark.parametrize("cn0_dbhz", [45.0, 30.0])
+def test_code_beside_a_phase_has_the_discriminators_mean_and_variance(cn0_dbhz: float) -> None:
+    channels = channels_of("coherent", 1e-3, 1.6e9, 0.511e6)._replace(with_code=True)
+    row, chip = channels.table[levels_of(cn0_dbhz)], channels.chip_m
+    found = seen(channels, cn0_dbhz, (0.0, 0.0, 0.0), 11)
+    for column, variance in ((SEEN_CODE, CODE_VARIANCE), (SEEN_RANGE, RANGE_VARIANCE)):
+        values = found[:, column]
+        spread = np.mean((values**2 - values.var()) ** 2)
+        assert_mean(values, 0.0)
+        assert abs(values.var() - row[variance]) < 3.9 * math.sqrt(spread / LOOKS)
+    # one chip of spacing: the law of the filter of one channel, code and phase
+    assert row[[CODE_VARIANCE, RANGE_VARIANCE]] == pytest.approx(
+        CombinedModel(cn0_dbhz, 1.6e9, 0.511e6, 1.0).noise(), rel=1e-3
+    )
+    product = DelayDiscriminator("product", phase_rad=0.2)
+    shifted = seen(channels, cn0_dbhz, (-0.2 / channels.radians_per_m, 0.0, 0.2 * chip), 12)[:, SEEN_CODE]
+    expected = float(product.mean(0.2, row[RATIO])) / DelayDiscriminator("product").slope(row[RATIO]) * chip
+    assert_mean(shifted, expected)
 
 
 def test_power_of_noise_is_that_of_no_signal() -> None:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from insgnss.filter.rows.replica_offset import RANGE_COLUMNS, offset_range_row, offset_rate_row
+from insgnss.filter.rows.replica_offset import (
+    PHASE_COLUMNS,
+    RANGE_COLUMNS,
+    offset_range_row,
+    offset_rate_row,
+)
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
 from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
@@ -40,6 +45,37 @@ def use_offsets(
     if variance > 0.0:
         offset_rate_row(u, g, of_range, h)
         scalar_update(P, h, columns, z[1] - of_range * z[0], variance, v)
+
+
+@kernel(inline=True)
+def use_phase_and_code(
+    P: Float64,
+    columns: Int64,
+    own: int,
+    u: Float64,
+    z: tuple[float, float],
+    variances: tuple[float, float],
+    h: Float64,
+    v: Float64,
+) -> None:
+    """Update with a channel's phase, which has a state of its own, and with its code.
+
+    Parameters
+    ----------
+    P : (n, n) covariance
+    columns : (5,) those of a range, and room for that state's
+    own : where that state stands
+    u : (3,) direction
+    z : range by the phase and by the code, observed minus predicted [m]
+    variances : theirs
+    h : (>= 5,) scratch
+    v : (3, n) correction, gain and scratch of ``scalar_update``
+    """
+    columns[RANGE_COLUMNS] = own
+    offset_range_row(u, h)
+    h[RANGE_COLUMNS] = 1.0
+    scalar_update(P, h, columns[:PHASE_COLUMNS], z[0], variances[0], v)
+    scalar_update(P, h, columns[:RANGE_COLUMNS], z[1], variances[1], v)
 
 
 @kernel(inline=True)

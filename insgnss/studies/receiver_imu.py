@@ -1,0 +1,86 @@
+"""Inertial samples of a receiver study that are missing or stand at the end of their range.
+
+While samples are missing the newest one is held. What the vehicle may do meanwhile, and in the axes of a sensor that is
+saturated, enters the filter as noise: white, of the density of the motion of a receiver without INS, 2 sigma^2 tau, as
+a replay bridges a gap. Over times shorter than the correlation time that is more than the motion itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from insgnss.config.flight import ImuGrade
+from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.errors import ConfigError
+from insgnss.simulation.closed_loop_sky import ToldMotion
+from insgnss.tables import Float64
+
+TURNING: Final = (0.5, 1.0)  # one sigma of an unknown rate on each axis [rad/s], and its correlation time [s]
+_FULL: Final = 0.999  # of the range: a reading that stands at its end
+
+
+@dataclass(frozen=True)
+class UnknownMotion:
+    """The acceleration of a vehicle without INS, on each axis: a Gauss-Markov process."""
+
+    sigma_mps2: float = 49.03
+    time_s: float = 1.0 / 0.3
+
+    @property
+    def density(self) -> float:
+        """Return the density of the white acceleration that moves as far in the end [m^2/s^3]."""
+        return 2.0 * self.sigma_mps2**2 * self.time_s
+
+
+def with_gaps(
+    told: ToldMotion,
+    since_s: Float64,
+    grade: ImuGrade,
+    gaps_s: Sequence[tuple[float, float]],
+    unknown: UnknownMotion,
+) -> tuple[ToldMotion, Float64]:
+    """Return what is told with samples missing, and the densities of the motion that is not shown, (n, 2).
+
+    Parameters
+    ----------
+    since_s : (n,) from the first integration on
+    gaps_s : begin and end of each gap
+    """
+    missing = np.zeros(len(since_s), np.bool_)
+    for begin_s, end_s in gaps_s:
+        missing |= (since_s >= begin_s) & (since_s < end_s)
+    held = np.maximum.accumulate(np.where(missing, 0, np.arange(len(since_s))))
+    rate, force = told.rate_b[held], told.force_b[held]
+    ahead = np.where(missing[:, None], 0.0, told.ahead_b)  # a replica is led on by the sample that is held
+    densities = np.zeros((len(since_s), 2))
+    turning = 2.0 * TURNING[0] ** 2 * TURNING[1]
+    densities[missing | _is_full(rate, grade.gyro_range_deg_per_s, np.pi / 180.0), 0] = turning
+    densities[missing | _is_full(force, grade.accel_range_g, STANDARD_GRAVITY_MPS2), 1] = unknown.density
+    return ToldMotion(rate, force, ahead), densities
+
+
+def _is_full(values: Float64, limit: float | None, unit: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return where any axis stands at the end of its range, (n,)."""
+    if limit is None:
+        return np.zeros(len(values), np.bool_)
+    return np.asarray((np.abs(values) >= _FULL * limit * unit).any(axis=1))
+
+
+def require_gaps(gaps_s: Sequence[tuple[float, float]], duration_s: float) -> None:
+    """Refuse gaps that are none.
+
+    Raises
+    ------
+    ConfigError : one that ends before it begins, or lies outside of the study
+    """
+    for begin_s, end_s in gaps_s:
+        if not 0.0 < begin_s < end_s <= duration_s:
+            raise ConfigError(
+                f"a gap from {begin_s:g} to {end_s:g} s",
+                key="imu_gaps_s",
+                advice=f"give pairs of begin and end within {duration_s:g} s, after the first integration",
+            )

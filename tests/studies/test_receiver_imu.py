@@ -1,0 +1,75 @@
+"""Receivers whose inertial samples are missing or stand at the end of their range."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insgnss.constants import STANDARD_GRAVITY_MPS2
+from insgnss.errors import ConfigError
+from insgnss.simulation.closed_loop_sky import ToldMotion
+from insgnss.studies import receiver_runs
+from insgnss.studies.receiver_imu import UnknownMotion, with_gaps
+from insgnss.studies.receiver_scene import scene_of
+from insgnss.studies.receiver_variants import VARIANTS
+from tests.studies.test_receiver_study import (
+    LOW,
+    VELOCITY,
+    flown,
+    motion,
+    nees_within_bounds,
+    setting,
+    settled,
+    small,
+)
+
+RUNS = 4
+
+
+def test_gap_holds_the_newest_sample_and_says_that_motion_is_unknown() -> None:
+    n = 8
+    told = ToldMotion(np.arange(3.0 * n).reshape(n, 3), -np.ones((n, 3)), np.ones((n, 6)))
+    found, unknown = with_gaps(told, np.arange(n) * 1.0, LOW, ((2.0, 4.5),), UnknownMotion(10.0, 2.0))
+
+    assert found.rate_b[2:5] == pytest.approx(np.tile(told.rate_b[1], (3, 1)))
+    assert np.array_equal(found.rate_b[5:], told.rate_b[5:]) and not found.ahead_b[2:5].any()
+    # 2 sigma^2 tau: of 10 m/s^2 and 2 s, of 0.5 rad/s and 1 s
+    assert unknown.tolist() == [[0.0, 0.0]] * 2 + [[0.5, 400.0]] * 3 + [[0.0, 0.0]] * 3
+
+
+def test_gaps_cost_velocity_and_the_filter_knows_it() -> None:
+    of = setting("noncoherent", True, 100.0)
+    gapped = replace(of, imu_gaps_s=((60.0, 60.3), (75.0, 76.0)))
+    whole, runs = (flown(x, VARIANTS["one_stage"], 40.0, RUNS, 41) for x in (of, gapped))
+    k = math.floor(60.2 / (of.record_every * of.truth.step_s))
+
+    assert not any(run.lost for run in runs) and nees_within_bounds(gapped, runs)
+    assert settled(gapped, runs, VELOCITY) > 1.3 * settled(of, whole, VELOCITY)
+    assert runs[0].sd[k, 3:6].min() > 5.0 * whole[0].sd[k, 3:6].max()
+    # and it is over within seconds
+    assert runs[0].sd[k + 100, 3:6] == pytest.approx(whole[0].sd[k + 100, 3:6], rel=0.3)
+
+
+def test_saturated_accelerometers_are_lost_where_nothing_tells_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    of = setting("noncoherent", True, 100.0)
+    assert of.inertial is not None
+    narrow = replace(of, grade=LOW.model_copy(update={"accel_range_g": 8.0}))
+    beyond = (np.abs(of.inertial.force_b) > 8.0 * STANDARD_GRAVITY_MPS2).any(axis=1)
+    told = flown(narrow, VARIANTS["one_stage"], 40.0, RUNS, 42)
+    monkeypatch.setattr(receiver_runs, "with_gaps", lambda told, since, *_: (told, np.zeros((len(since), 2))))
+    untold = flown(narrow, VARIANTS["one_stage"], 40.0, 2, 42)
+
+    assert 0.1 < beyond.mean() < 0.6
+    assert not any(run.lost for run in told) and nees_within_bounds(narrow, told)
+    assert all(run.lost for run in untold)
+
+
+@pytest.mark.parametrize("gap", [(5.0, 4.0), (0.0, 1.0), (29.0, 31.0)])
+def test_gap_that_is_none_is_refused(gap: tuple[float, float]) -> None:
+    with pytest.raises(ConfigError, match="a gap from") as error:
+        scene_of(motion(), "coherent", LOW, "tcxo", small(imu_gaps_s=(gap,)))
+
+    assert error.value.key == "imu_gaps_s"
