@@ -102,3 +102,16 @@ def test_satellites_whose_rows_nobody_uses_make_equal_explanations() -> None:
 
 def test_likelihood_that_is_no_number_explains_nothing() -> None:
     assert explanations([verdict(GYRO, float("nan"), axes=(0,))], 0.0) == []
+
+
+def test_onset_that_fits_is_taken_only_where_it_is_about_as_likely() -> None:
+    """Of one jump the filters from twelve onsets differ by e^40: the one that happens to fit may begin far too late."""
+
+    def at(onset_s: float, log_likelihood: float, fits: bool) -> Verdict:
+        found = Verdict(ACCELEROMETER, log_likelihood, BANK, fits, axes=(0,))
+        return found._replace(onset_ns=int(onset_s * 1e9))
+
+    likeliest, late = at(0.5, 51.4, False), at(10.5, 9.9, True)
+    assert explanations([likeliest, late], 0.0)[0].best is likeliest
+    near = at(1.5, 47.9, True)
+    assert explanations([likeliest, late, near], 0.0)[0].best is near

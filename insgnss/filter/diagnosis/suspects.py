@@ -60,7 +60,7 @@ class Explanation(NamedTuple):
 
     suspect: str
     log_odds: float
-    best: Verdict  # the likeliest, one that fits if any does
+    best: Verdict  # the likeliest, or one that fits and is nearly as likely
 
 
 def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation]:
@@ -73,9 +73,14 @@ def explanations(found: Iterable[Verdict], as_it_was: float) -> list[Explanation
     for (suspect, satellites, axes), verdicts in of.items():
         large = suspect in _LARGE_LIES
         prior = _PRIOR_OF_LARGE_LIES if large else LOG_PRIOR * max(len(satellites), len(axes), 1)
-        best = max(verdicts, key=lambda v: (v.fits, v.log_likelihood))
-        ranked.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, best))
+        ranked.append(Explanation(suspect, prior + evidence(verdicts) - as_it_was, _best(verdicts)))
     return sorted(ranked, key=lambda each: -each.log_odds)
+
+
+def _best(verdicts: list[Verdict]) -> Verdict:
+    """Return the likeliest verdict, or one that fits where the odds between the two leave the choice open."""
+    least = max(verdict.log_likelihood for verdict in verdicts) - _SURE
+    return max((v for v in verdicts if v.log_likelihood > least), key=lambda v: (v.fits, v.log_likelihood))
 
 
 def evidence(verdicts: list[Verdict]) -> float:
