@@ -45,8 +45,7 @@ NOW: Final = (
     Mark("hour_without_gnss_given", "worst *", FAR),
     Mark("over_the_pole", "worst velocity *", A7),
     Mark("fault_gyro_step", "*", A6),
-    Mark("fault_doppler_*", "*", A6),
-    Mark("fault_ramp_*", "*", A6),
+    Mark("fault_ramp_3sv_1mps", "*", A6),
     Mark("fault_accel_zero", "*", A6),
     Mark("fault_noise_20", "*", A5),
 )
