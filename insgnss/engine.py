@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from insgnss.aiding.live import AidingSink, LiveAiding
 from insgnss.aiding.sources import aiding_sources
@@ -14,7 +13,7 @@ from insgnss.errors import ConfigError
 from insgnss.filter.engine import Engine as FilterEngine
 from insgnss.filter.epoch_tables import tag_of
 from insgnss.filter.own_rows.ledger import OwnEntry
-from insgnss.filter.own_rows.rows import Measurement, own_measurements
+from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import copy_bank
 from insgnss.supervision import SupervisedRun
@@ -86,8 +85,7 @@ class Engine(FilterEngine):
             latency_ns = int(setup.config.latency_s * NS_PER_S)
             sources = setup_and_satellites(setup, letters)
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
-        own = own_measurements(measurements)
-        super().__init__(setup if own is None else replace(setup, own=own))
+        super().__init__(setup.with_further(measurements=measurements))
 
     @property
     def events(self) -> list[Event]:

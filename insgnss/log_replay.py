@@ -27,7 +27,7 @@ from insgnss.filter.loop_calls import fetch_loop
 from insgnss.filter.output.trace_rows import output_samples
 from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
-from insgnss.filter.own_rows.rows import Measurement, own_measurements
+from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.body_points import Further
 from insgnss.filter.whole_log import LedgerPart, TraceWanted, run_blocks
@@ -57,6 +57,7 @@ from insgnss.result_tables import (
 )
 from insgnss.run import Run
 from insgnss.run_settings import run_settings
+from insgnss.sensors.fitting import fitted
 from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
@@ -84,6 +85,7 @@ def setup_filter(
     with_carrier = logs.gnss.carrier_cycles is not None
     setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
     setup = replace(setup, products=logs.products, antennas=logs.antennas)
+    setup = setup.with_further(*fitted(flight.config, logs))
     return with_aid(setup, flight) if several else setup
 
 
@@ -115,16 +117,17 @@ def engine_settings(
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
     carrier = carrier or flight.config.attitude is not None
+    beside = fitted(flight.config, None)
     wanted = config.measurements.signals_of()
     if not flight.config.gnss.navigation:
         setup = _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
-        return with_aid(replace(setup, states_wanted=tuple(states)), flight)
+        return with_aid(setup.with_further(*beside).with_further(states), flight)
     navigation, _ = read_navigation(flight.config.gnss.navigation)
     orbits = navigation.state_vectors
     seen = (*navigation.ephemerides.sv_names, *(() if orbits is None else orbits.sv_names))
     pairs = _all_pairs(wanted, {name[0] for name in seen}) if signals is None else set(signals)
     setup = _setup(flight, config, navigation, pairs, with_carrier=carrier)
-    return with_aid(replace(setup, states_wanted=tuple(states)), flight)
+    return with_aid(setup.with_further(*beside).with_further(states), flight)
 
 
 def _installed(flight: Flight) -> tuple[Installation, list[Event]]:
@@ -219,14 +222,13 @@ def replay(
     began = time.perf_counter()
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
-    config, own = filter_config(filter, settings), own_measurements(measurements)
+    config = filter_config(filter, settings)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
     if smooth and (aided is not None or supervise):
         raise _not_smoothed()
     rows_at = output_of(output, flight.config.gps_week)
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
-    setup, work, record = _prepared(flight, config, aided, supervise, tuple(states), tell)
-    setup = replace(setup, own=own)
+    setup, work, record = _prepared(flight, config, aided, supervise, (states, measurements), tell)
     read = time.perf_counter()
     tell("running the filter")
     wanted = _trace_wanted(aided, record.supervised)
@@ -255,7 +257,7 @@ def replay(
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
     run = _as_run(flight, record, setup, out, ledger, events, further)
-    run.measurements = with_own_rows(run.measurements, entries, own, flight.config.gps_week)
+    run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
     for name, table in supervised.items():
@@ -323,7 +325,7 @@ def _prepared(
     config: FilterConfig,
     aided: AidingConfig | None,
     supervise: bool,
-    states: tuple[StateBlock, ...],
+    also: tuple[Sequence[StateBlock], Sequence[Measurement]],
     tell: Progress,
 ) -> tuple[FilterSetup, tuple[ImuTable, list[Rows]], _Record]:
     """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
@@ -335,7 +337,7 @@ def _prepared(
         logs = reading.result()
         del reading  # it would keep the logs
     tell("computing the satellites")
-    setup = replace(setup_filter(flight, logs, config, several=False), states_wanted=states)
+    setup = setup_filter(flight, logs, config, several=False).with_further(*also)
     sources = None
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,7 @@ from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.layout import Layout, StateBlock
-from insgnss.filter.own_rows.rows import OwnMeasurements
+from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
 from insgnss.filter.states.wanted import StatesWanted
@@ -55,7 +55,20 @@ class FilterSetup:
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
     aid: EpochAid | None = None  # what several antennas add at epochs, before the first one; None: nothing
-    own: OwnMeasurements | None = None  # a user's own; None: none
+    own: OwnMeasurements | None = None  # of further sensors and a user's own; None: none
+
+    def with_further(
+        self, states: Sequence[StateBlock] = (), measurements: Sequence[Measurement] = ()
+    ) -> FilterSetup:
+        """Return the setup of a filter that estimates further states and takes further measurements too.
+
+        Raises
+        ------
+        MeasurementError : a measurement's name, times or gate cannot be used
+        """
+        given = () if self.own is None else tuple(kind.source for kind in self.own.kinds)
+        own = own_measurements((*given, *measurements))
+        return replace(self, states_wanted=(*self.states_wanted, *states), own=own)
 
     @property
     def klobuchar(self) -> Float64 | None:
