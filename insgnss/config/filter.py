@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, get_args
 
 from pydantic import Field
 
@@ -20,6 +20,13 @@ Share = Annotated[float, Field(ge=1e-6, le=1e6)]  # of a variance
 
 
 Constellation = Literal["G", "E", "J", "C", "R", "I", "S"]
+SensorError = Literal[
+    "gyro_scale_factor",
+    "gyro_misalignment",
+    "gyro_g_sensitivity",
+    "accel_scale_factor",
+    "accel_misalignment",
+]
 
 # The first band of each list keeps the constellation's clock. Left out: GPS L1 P(Y) and L2 P(Y) tracked without the
 # code (their noise is that of a squared signal), signals whose group delay the common messages do not hold.
@@ -135,8 +142,13 @@ class Process(StrictModel):
     covariance_step_s: Positive = Field(
         0.025, le=10.0, description="the covariance is carried on at least this often"
     )
+    sensor_error_states: tuple[SensorError, ...] = Field(
+        get_args(SensorError),
+        description="errors of the inertial sensors that are states of the filter, as far as the grade has them; the"
+        " others are bias and noise of a manoeuvre",
+    )
     scale_factor_time_s: NotNegative = Field(
-        10.0, description="how long one manoeuvre keeps its scale-factor error"
+        10.0, description="how long one manoeuvre keeps its scale-factor error where that is no state"
     )
     motion_sigma: NotNegative = Field(
         0.0,

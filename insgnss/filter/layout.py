@@ -130,7 +130,7 @@ class Layout:
 
     def __post_init__(self) -> None:
         """Refuse blocks that do not go together."""
-        names = [block.name for block in self.blocks] + list(FIXED)
+        names = [*self.names, *FIXED]
         columns = self.columns
         for taken in (names, columns):
             twice = next((name for name in taken if taken.count(name) > 1), None)
@@ -152,6 +152,11 @@ class Layout:
                 return at
             at += block.size
         return ABSENT_STATE
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the blocks, in the order of the states."""
+        return [block.name for block in self.blocks]
 
     @property
     def n_values(self) -> int:
@@ -199,6 +204,15 @@ class Layout:
             for block in self.blocks
             for i, one in enumerate(block.couples)
         ]
+
+    @property
+    def sensor_states(self) -> dict[int, float]:
+        """Variance at the start of each further error of the sensors, SI units squared, by its index."""
+        return {
+            self.at(block.name) + i: block.variance
+            for block in self.blocks
+            for i in range(block.size if block.couples else 0)
+        }
 
 
 SYSTEM_OFFSETS: Final = "system_offsets"

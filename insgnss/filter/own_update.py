@@ -21,6 +21,7 @@ import numpy.typing as npt
 from insgnss.errors import MeasurementError
 from insgnss.filter.headings.headings import turn_about, weigh_headings
 from insgnss.filter.headings.motion import place_turning
+from insgnss.filter.imu.sensor_errors import whole_errors
 from insgnss.filter.layout_names import StateLayout, state_layout
 from insgnss.filter.loop import DONE, current_sample, run_epochs
 from insgnss.filter.output.writing import Output, Table
@@ -104,7 +105,9 @@ def _asked(
 ) -> _Member:
     """Return a hypothesis with the rows that it is given, and its antenna."""
     m, P = bank.state[i], bank.P[i]
-    estimate = state_estimate(m, t_ns, imu.w_ib_b[k], imu.f_b[k], layout)
+    accel, gyro = np.zeros(3), np.zeros(3)
+    whole_errors(m, par, accel, gyro)
+    estimate = state_estimate(m, t_ns, imu.w_ib_b[k] - gyro, imu.f_b[k] - accel, layout)
     rows = [(kind, row) for kind in kinds for row in checked_rows(kind, estimate, layout)]
     variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
     antenna = np.zeros(1, ANTENNA_DTYPE)[0]

@@ -167,7 +167,7 @@ def resolve_parameters(
     with_antennas: bool = False,
 ) -> npt.NDArray[Any]:
     """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
-    sensor = sensor_model(grade)
+    sensor = sensor_model(grade, layout.names)
     clock = clock_model(oscillator)
     use, gates = config.measurements, config.gates
     ranges, rates = config.pseudorange_noise_m, config.range_rate_noise_mps

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
+from insgnss.filter.imu.sensor_errors import correct_sensors, factor_of
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import (
     BA,
@@ -29,7 +30,6 @@ from insgnss.filter.state import (
     HeadRecord,
     StateRecord,
 )
-from insgnss.geodesy.vectors import Vector
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
@@ -110,7 +110,7 @@ def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: S
     dt = m.sum_dt
     if dt <= 0.0:
         return
-    x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, scratch.A[0])
+    x, y, z, residual = motion_specific_force(m, P, par, scratch.rates[0].g_e, scratch.A)
     accel_q = m.sum_accel_q + residual * dt
     step = transition_step(dt, x, y, z, m.r_e)
     place_decays(par, dt, scratch.keep)
@@ -187,6 +187,7 @@ def step_state(
         m.sum_dv[i] += dv_e[i]
         m.f_smooth[i] += (dv_e[i] - m.f_smooth[i] * dt) * gain
         m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt * gain)
+        m.f_last[i], m.w_last[i] = f[i], w[i]
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
     sum_couplings(m, par, w, f, half)
@@ -206,32 +207,6 @@ def sum_couplings(m: StateRecord, par: Parameters, w: Float64, f: Float64, dt: f
         value = dt * factor_of(par.coupling_times[k], f, w)
         for i in range(3):
             m.sum_coupling[k, i] += value * m.C_eb[i, par.coupling_axis[k]]
-
-
-@kernel(inline=True)
-def factor_of(which: int, f: Vector | Float64, w: Vector | Float64) -> float:
-    """Return what an error of a sensor is proportional to: ``layout.FACTORS`` of specific force and rate."""
-    if which == 0:
-        return 1.0
-    return float(f[which - 1] if which <= 3 else w[which - 4])
-
-
-@kernel(inline=True)
-def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> None:
-    """Take the further errors of the sensors off a rate ``w`` and a specific force ``f``, biases removed before.
-
-    Equation: w_i <- w_i - sum x_k m_k, with m_k of the measured values: to first order in x_k
-    """
-    if par.n_couplings > 0:
-        measured_f, measured_w = (f[0], f[1], f[2]), (w[0], w[1], w[2])
-        for k in range(par.n_couplings):
-            error = factor_of(par.coupling_times[k], measured_f, measured_w)
-            error *= m.optional[par.coupling_at[k] - OFFSETS]
-            axis = par.coupling_axis[k]
-            if par.coupling_into[k] == PSI:
-                w[axis] -= error
-            else:
-                f[axis] -= error
 
 
 @kernel(inline=True)

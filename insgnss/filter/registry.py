@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
 from insgnss.filter.states.ionosphere import ionosphere
+from insgnss.filter.states.sensor_errors import SENSOR_ERRORS
 from insgnss.filter.states.system_offsets import system_offsets
 from insgnss.filter.states.wanted import StatesWanted
 from insgnss.filter.states.zenith_delay import zenith_delay
 
 # the clock offsets come first: an observation names its own by number
-STATES: Final = (system_offsets, glonass_channel_bias, zenith_delay, ionosphere)
+STATES: Final[tuple[Callable[[StatesWanted], StateBlock | None], ...]] = (
+    *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere),
+    *SENSOR_ERRORS,
+)
 
 
 def layout_of(

@@ -96,7 +96,7 @@ class FilterSetup:
     def layout(self) -> Layout:
         """Which further states the filter has, and where they stand."""
         with_carrier = self.with_carrier and self.config.measurements.carrier
-        wanted = StatesWanted(self.config, self.clock_groups, with_carrier)
+        wanted = StatesWanted(self.config, self.clock_groups, with_carrier, self.grade)
         return layout_of(wanted, self.states_wanted, tuple(self.ties.home.tolist()))
 
     def parameters(self) -> npt.NDArray[Any]:

@@ -28,8 +28,8 @@ from insgnss.tables import Float64, Int8, Int64
 # optional states, where the settings and the log ask for them (``Layout`` says where each stands); first of all the
 # inter-system clock offsets [m], as many as there are further constellations
 OFFSETS: Final = FURTHER
-MAX_OPTIONAL: Final = 40  # room for all of them
-MAX_COUPLINGS: Final = 24  # room for sensor errors other than biases
+MAX_OPTIONAL: Final = 64  # room for all of them
+MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
 N_CLONE: Final = (
     4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 )
@@ -73,6 +73,10 @@ class StateRecord(Record):
     sum_dt: float  # time [s]
     f_smooth: Annotated[Float64, 3]  # specific force of the last moments, ECEF [m/s^2]
     w_smooth: Annotated[Float64, 3]  # rate of the last moments, body [rad/s]
+    f_last: Annotated[
+        Float64, 3
+    ]  # specific force and rate of the last step, body: what sensor errors go with
+    w_last: Annotated[Float64, 3]
     f_mean: Annotated[Float64, 3]  # and its slow mean, body [m/s^2]; zero: there is none yet
     sum_dv: Annotated[Float64, 3]  # velocity increment of the specific force, ECEF [m/s]
     sum_C: Annotated[Float64, 3, 3]  # integral of C_eb [s]
@@ -166,6 +170,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.b_a[i], target.b_g[i] = source.b_a[i], source.b_g[i]
         target.r_clone[i], target.l_clone[i] = source.r_clone[i], source.l_clone[i]
         target.f_smooth[i] = source.f_smooth[i]
+        target.f_last[i], target.w_last[i] = source.f_last[i], source.w_last[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
         for j in range(3):

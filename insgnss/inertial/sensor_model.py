@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,6 +21,14 @@ from insgnss.units import (
     ppm_to_ratio,
 )
 
+# of what a sensor's errors may go with beside time: each name and unit are those of the grade
+UNIT_OF_ERROR: Final = {
+    "gyro_scale_factor": "ppm",
+    "gyro_misalignment": "mrad",
+    "gyro_g_sensitivity": "deg_per_h_per_g",
+    "accel_scale_factor": "ppm",
+    "accel_misalignment": "mrad",
+}
 _WALK_S: Final = 4.0 * 3600.0  # for which a random walk's variance is right: as long as logs and missions are
 
 
@@ -98,14 +107,20 @@ class SensorModel:
         return np.asarray(self.accel_bias.sigma**2 + of_gravity**2)
 
 
-def sensor_model(grade: ImuGrade) -> SensorModel:
+def sensor_model(grade: ImuGrade, states: Container[str] = ()) -> SensorModel:
     """Return the SI densities of an IMU grade.
 
-    What is constant in one attitude and changes with it is not a state of its own: a gyro's sensitivity to the specific
-    force of rest and an accelerometer's misalignment times gravity count as constant bias, misalignments else as scale
-    factors, whose errors they resemble in a manoeuvre. Each adds in variance. What an accelerometer scale factor reads
-    of gravity is in the direction of gravity alone: ``SensorModel.accel_bias_variances``.
+    What is constant in one attitude and changes with it, and has no state of its own, counts as constant bias: a gyro's
+    sensitivity to the specific force of rest and an accelerometer's misalignment times gravity. Misalignments else
+    count as scale factors, whose errors they resemble in a manoeuvre. Each adds in variance. What an accelerometer
+    scale factor reads of gravity is in the direction of gravity alone: ``SensorModel.accel_bias_variances``.
+
+    Parameters
+    ----------
+    states : names of errors (``UNIT_OF_ERROR``) that have states of their own and are left out
     """
+    left_out = {f"{name}_{unit}": 0.0 for name, unit in UNIT_OF_ERROR.items() if name in states}
+    grade = grade.model_copy(update=left_out)
     gyro_scale = math.hypot(ppm_to_ratio(grade.gyro_scale_factor_ppm), 1e-3 * grade.gyro_misalignment_mrad)
     accel_scale = math.hypot(ppm_to_ratio(grade.accel_scale_factor_ppm), 1e-3 * grade.accel_misalignment_mrad)
     gyro_bias = math.hypot(grade.gyro_bias_deg_per_h, grade.gyro_g_sensitivity_deg_per_h_per_g)

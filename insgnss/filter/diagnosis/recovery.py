@@ -215,7 +215,7 @@ def open_doubt(
             reset_kinematics(m, P, fix, lever_b, setup.n_offsets, w_ib_b, sigma_m)
             tie_offsets(m, P, setup.layout.home, setup.config.process.qzss_offset_sigma_m)
             if doubtful:
-                doubt_sensors(m, P, sensor_model(setup.grade))
+                doubt_sensors(m, P, sensor_model(setup.grade, setup.layout.names), setup.layout)
         found.memory[:] = -np.inf  # innovations about another position
         found.state["log_weight"] += _LOG_PRIOR
         found.state["explained"] = 0.0

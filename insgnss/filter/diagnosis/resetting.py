@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.filter.layout import Layout
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
 from insgnss.inertial.sensor_model import SensorModel
@@ -67,17 +68,19 @@ def reset_kinematics(
         P[i, i] = fix.clock_variance(group) + 2.0 * P[CLOCK, CLOCK] if known else inter_system_sigma_m**2
 
 
-def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel) -> None:
-    """Doubt the biases of a hypothesis and widen its attitude: what it has made of them went astray.
+def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel, layout: Layout) -> None:
+    """Doubt the sensors' errors of a hypothesis and widen its attitude: what it has made of them went astray.
 
-    The biases keep their values: most of what a sensor is off by is there from the start on.
+    They keep their values: most of what a sensor is off by is there from the start on.
     """
-    biases = slice(BA, BG + 3)
-    P[biases, :] = 0.0
-    P[:, biases] = 0.0
+    errors = [*range(BA, BG + 3), *layout.sensor_states]
+    P[errors, :] = 0.0
+    P[:, errors] = 0.0
     u = m.r_e / np.linalg.norm(m.r_e)  # up, to a fifth of a degree
     accel = sensor.accel_bias_variances(m.C_eb.T @ u)
     for i in range(3):
         P[BA + i, BA + i] = accel[i]
         P[BG + i, BG + i] = sensor.gyro_bias.sigma**2
         P[PSI + i, PSI + i] += _DOUBTED_ATTITUDE_RAD**2
+    for at, variance in layout.sensor_states.items():
+        P[at, at] = variance

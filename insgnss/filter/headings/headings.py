@@ -119,7 +119,7 @@ def weigh_headings(bank: Bank, par: Parameters) -> None:
     for i in range(state.shape[0]):
         carried += math.exp(state[i].log_weight) * state[i].motion_information
     all_of_it = par.motion_gate2 <= 0.0 or bank.head[0].more_than_headings == 1
-    all_of_it = all_of_it or sees_earth_rate(state[lead], bank.P[lead])
+    all_of_it = all_of_it or sees_earth_rate(state[lead], par, bank.P[lead])
     share = 1.0 if all_of_it else min(carried, 1.0)
     for i in range(state.shape[0]):
         lost = state[i].log_likelihood == -math.inf

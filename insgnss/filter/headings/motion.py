@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.filter.imu.sensor_errors import accel_error_covariance, gyro_error_variance
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
-from insgnss.filter.state import BA, BG, DR, DV, PSI, StateRecord
+from insgnss.filter.state import BA, DR, DV, PSI, StateRecord
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
@@ -24,7 +25,7 @@ EARTH_RATE_SHARE: Final = 0.2  # of the horizontal Earth rate: gyros with smalle
 
 @kernel(inline=True)
 def motion_specific_force(
-    m: StateRecord, P: Float64, par: Parameters, g_e: Float64, row: Float64
+    m: StateRecord, P: Float64, par: Parameters, g_e: Float64, scratch: Float64
 ) -> tuple[float, float, float, float]:
     """Return the velocity increment used in the transition, and the noise density of the part left out [m^2/s^3].
 
@@ -37,6 +38,10 @@ def motion_specific_force(
     its grade. What does not count may still be a slow motion that the attitude's errors turn, and what counts holds
     the error E: both come in as noise.
     Where the gyros see the Earth's rate, the Earth's turn is a motion that is shown, and everything counts.
+
+    Parameters
+    ----------
+    scratch : (n, n)
     """
     dv = m.sum_dv
     g2 = g_e[0] * g_e[0] + g_e[1] * g_e[1] + g_e[2] * g_e[2]
@@ -46,11 +51,12 @@ def motion_specific_force(
     along = (f[0] * g_e[0] + f[1] * g_e[1] + f[2] * g_e[2]) / g2
     hx, hy, hz = f[0] - along * g_e[0], f[1] - along * g_e[1], f[2] - along * g_e[2]
     h2 = hx * hx + hy * hy + hz * hz
-    unknown = unknown_force(m.C_eb, P, g_e, g2, row)
+    accel_error_covariance(m, par, P, scratch[1:4])
+    unknown = unknown_force(m.C_eb, P, scratch[1:4], g_e, g2, scratch[0])
     noise = 0.5 * par.accel_density / FORCE_MEAN_TIME_S  # of an axis, as half of ``unknown`` is
     least2 = par.motion_gate2 * noise + 0.5 * LEVEL_GATE2 * unknown
     share = max(1.0 - least2 / h2, 0.0) if h2 > 0.0 else 0.0
-    if sees_earth_rate(m, P):
+    if sees_earth_rate(m, par, P):
         share = 1.0
     elif m.log_weight < 0.0 and not velocity_changed(m, P, par.motion_gate2):
         share = 0.0
@@ -126,7 +132,7 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, inter
     x, y, z = m.w_smooth[0], m.w_smooth[1], m.w_smooth[2]
     w2 = x * x + y * y + z * z
     noise = 0.5 * par.gyro_density / FORCE_MEAN_TIME_S
-    bias = (P[BG, BG] + P[BG + 1, BG + 1] + P[BG + 2, BG + 2]) / 3.0
+    bias = gyro_error_variance(m, par, P)
     share = max(1.0 - (par.motion_gate2 * noise + LEVEL_GATE2 * bias) / w2, 0.0) if w2 > 0.0 else 0.0
     p, q, r = par.lever_b[0], par.lever_b[1], par.lever_b[2]
     x, y, z = share * (y * r - z * q), share * (z * p - x * r), share * (x * q - y * p)
@@ -142,31 +148,35 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, inter
 
 
 @kernel
-def sees_earth_rate(m: StateRecord, P: Float64) -> bool:
-    """Return whether the gyro biases are known so well that the Earth's rate shows the heading at rest."""
+def sees_earth_rate(m: StateRecord, par: Parameters, P: Float64) -> bool:
+    """Return whether the gyros' errors are known so well that the Earth's rate shows the heading at rest."""
     r2 = m.r_e[0] * m.r_e[0] + m.r_e[1] * m.r_e[1]
     horizontal2 = WGS84_OMEGA_RADPS**2 * r2 / (r2 + m.r_e[2] * m.r_e[2])
-    variance = (P[BG, BG] + P[BG + 1, BG + 1] + P[BG + 2, BG + 2]) / 3.0
-    return bool(variance < EARTH_RATE_SHARE**2 * horizontal2)
+    return bool(gyro_error_variance(m, par, P) < EARTH_RATE_SHARE**2 * horizontal2)
 
 
 @kernel(inline=True)
-def unknown_force(C: Float64, P: Float64, g_e: Float64, g2: float, down: Float64) -> float:
-    """Return the variance of the horizontal specific force, both axes, by the errors of attitude and bias.
+def unknown_force(C: Float64, P: Float64, of_accel: Float64, g_e: Float64, g2: float, down: Float64) -> float:
+    """Return the variance of the horizontal specific force, both axes, by the errors of attitude and accelerometers.
 
-    Equation: df = g x psi - C b_a, of which the trace of (I - u u^T) cov(df), u = g/|g|, is
+    Equation: df = g x psi - C e, of which the trace of (I - u u^T) cov(df), u = g/|g|, is
 
-        g^2 tr(P_psi) - g^T P_psi g + tr(P_b) - (C^T u)^T P_b (C^T u) - 2 sum_j (c_j x g) . P_psi,b_j
+        g^2 tr(P_psi) - g^T P_psi g + tr(P_e) - (C^T u)^T P_e (C^T u) - 2 sum_j (c_j x g) . P_psi,e_j
 
-    with c_j the columns of ``C`` (3, 3); ``down`` (3,) is scratch
+    with c_j the columns of ``C`` (3, 3).
+
+    Parameters
+    ----------
+    of_accel : (3, n) as ``accel_error_covariance`` writes them
+    down : (3,) scratch
     """
     for j in range(3):
         down[j] = C[0, j] * g_e[0] + C[1, j] * g_e[1] + C[2, j] * g_e[2]
     total, inv_g2 = 0.0, 1.0 / g2
     for j in range(3):
-        total += g2 * P[PSI + j, PSI + j] + P[BA + j, BA + j]
+        total += g2 * P[PSI + j, PSI + j] + of_accel[j, BA + j]
         for k in range(3):
             a, b = (k + 1) % 3, (k + 2) % 3
-            total -= g_e[j] * g_e[k] * P[PSI + j, PSI + k] + inv_g2 * down[j] * down[k] * P[BA + j, BA + k]
-            total -= 2.0 * (C[a, j] * g_e[b] - C[b, j] * g_e[a]) * P[PSI + k, BA + j]
+            total -= g_e[j] * g_e[k] * P[PSI + j, PSI + k] + inv_g2 * down[j] * down[k] * of_accel[j, BA + k]
+            total -= 2.0 * (C[a, j] * g_e[b] - C[b, j] * g_e[a]) * of_accel[j, PSI + k]
     return max(total, 0.0)

@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.imu.sensor_errors import whole_errors
+from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import OFFSETS, HeadRecord, StateRecord
 from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64
@@ -114,17 +116,17 @@ def output_period(since_ns: npt.ArrayLike, rate_hz: float) -> Int64:
 
 
 @kernel(inline=True)
-def write_state(room: TraceRoom, t_ns: int, m: StateRecord) -> None:
-    """Write a row of the trace."""
+def write_state(room: TraceRoom, t_ns: int, m: StateRecord, par: Parameters) -> None:
+    """Write a row of the trace; its biases are the whole errors of the sensors as they are then."""
     count = room.counts[0]
     i = count.rows
     row = room.row[i]
     row.t_ns = t_ns
     for a in range(3):
         row.r_e[a], row.v_e[a] = m.r_e[a], m.v_e[a]
-        row.b_a[a], row.b_g[a] = m.b_a[a], m.b_g[a]
         for b in range(3):
             row.C_eb[a, b] = m.C_eb[a, b]
+    whole_errors(m, par, row.b_a, row.b_g)
     row.clock[0], row.clock[1] = m.clock[0], m.clock[1]
     for a in range(room.offset.shape[1]):
         room.offset[i, a] = m.optional[a]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from insgnss.filter.imu.sensor_errors import biases_to_whole_errors
 from insgnss.filter.output.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
 from insgnss.filter.output.writing import mixture_covariance
 from insgnss.filter.parameters import Parameters
@@ -34,7 +35,7 @@ def write_trace(
     head: HeadRecord = bank.head[0]
     if not is_finite(bank.state[head.leader], bank.P[head.leader]):
         return
-    write_state(room, t_ns, bank.state[head.leader])
+    write_state(room, t_ns, bank.state[head.leader], par)
     if not (with_covariance or covariance_due(head, room.counts[0].newest_ns, t_ns, room.interval_ns)):
         return
     if bank.state.shape[0] > 1:
@@ -42,6 +43,7 @@ def write_trace(
     else:
         copy_matrix(bank.P[0], P_out)
         propagate_covariance(bank.state[0], P_out, par, scratch)
+    biases_to_whole_errors(bank.state[head.leader], par, P_out)
     write_covariance(room, t_ns, P_out)
 
 

@@ -34,8 +34,10 @@ class StateEstimate:
     b_g: Float64  # (3,) gyro bias [rad/s]
     clock_bias_m: float
     clock_drift_mps: float
-    w_ib_b: Float64  # (3,) rate of the sample whose interval holds the time, bias removed [rad/s]
-    f_b: Float64  # (3,) its specific force, bias removed [m/s^2]
+    w_ib_b: (
+        Float64  # (3,) rate of the sample whose interval holds the time, the gyros' errors removed [rad/s]
+    )
+    f_b: Float64  # (3,) its specific force, the accelerometers' errors removed [m/s^2]
     optional: Mapping[
         str, float | Float64
     ]  # values of the further blocks by their names in the layout, SI units
@@ -112,7 +114,7 @@ def state_estimate(
 
     Parameters
     ----------
-    w_ib_b, f_b : (3,) inertial sample as the filter takes it, biases in it
+    w_ib_b, f_b : (3,) inertial sample, the sensors' errors removed
     layout : the blocks of the error state by name; those behind the fixed ones have a value in ``optional``
     """
     values: dict[str, float | Float64] = {}
@@ -127,8 +129,8 @@ def state_estimate(
         **vectors,
         clock_bias_m=float(m.clock[0]),
         clock_drift_mps=float(m.clock[1]),
-        w_ib_b=_read_only(w_ib_b - m.b_g),
-        f_b=_read_only(f_b - m.b_a),
+        w_ib_b=_read_only(w_ib_b),
+        f_b=_read_only(f_b),
         optional=MappingProxyType(values),
     )
 

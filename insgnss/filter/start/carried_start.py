@@ -21,13 +21,16 @@ from insgnss.filter.headings.heading_bank import attitude
 from insgnss.filter.headings.headings import yaw_variance
 from insgnss.filter.headings.sideslip import LEAST_SPEED_MPS, sideslip
 from insgnss.filter.imu.inertial_stream import Cut
+from insgnss.filter.imu.sensor_errors import whole_error_rows, whole_errors
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
+from insgnss.filter.layout import Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.start import (
     LEVEL_FLOOR_RAD,
+    TILT_OF_FORCE,
     Attitude,
     Heading,
     attitudes_at_start,
@@ -36,7 +39,7 @@ from insgnss.filter.start.start import (
     open_bank,
     open_headings,
 )
-from insgnss.filter.state import BA, BG, N_CLONE, OFFSETS, PSI, Bank, HeadRecord, StateRecord, copy_bank
+from insgnss.filter.state import BA, BG, OFFSETS, PSI, Bank, HeadRecord, StateRecord, copy_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.inertial.alignment import Window, inertial_window
@@ -63,10 +66,11 @@ class Carried:
     """What a filter knew when its samples ended."""
 
     bank: Bank  # carried to the last sample
-    w_b: Float64  # (3,) rate in the last sample, bias removed [rad/s]
-    f_b: Float64  # (3,) mean specific force before the end, bias removed [m/s^2]
+    w_b: Float64  # (3,) rate in the last sample, errors removed [rad/s]
+    f_b: Float64  # (3,) mean specific force before the end, errors removed [m/s^2]
     parked: bool
     cut: Cut  # what came then
+    errors: tuple[Float64, Float64]  # of accelerometers and gyros then, (3,) each
 
     @property
     def state(self) -> Any:
@@ -91,9 +95,10 @@ def left_behind(bank: Bank, imu: Imu, parameters: npt.NDArray[Any], config: Filt
     last_ns = int(imu.t_ns[-1])
     window = inertial_window(*imu[:3], last_ns - int(config.start.window_s * NS_PER_S), last_ns)
     f_b = imu.f_b[-1] if window is None else window.f_b
-    parked = window is not None and np.linalg.norm(m.v_e) < _STILL_MPS and _steady(window, m.b_g, config)
+    accel, gyro = _errors_of(m, parameters[0])
+    parked = window is not None and np.linalg.norm(m.v_e) < _STILL_MPS and _steady(window, gyro, config)
     open_end = Cut(last_ns, last_ns, 0.0)
-    return Carried(last, imu.w_ib_b[-1] - m.b_g, f_b - m.b_a, bool(parked), open_end)
+    return Carried(last, imu.w_ib_b[-1] - gyro, f_b - accel, bool(parked), open_end, (accel, gyro))
 
 
 def kept_over(kept: Carried | None, cut: Cut) -> Carried | None:
@@ -111,10 +116,10 @@ def is_violent(window: Window) -> bool:
     return float(np.linalg.norm(window.w_ib_b)) > _VIOLENT_RADPS or not _LEAST_LOAD < g < _MOST_LOAD
 
 
-def _steady(window: Window, b_g: Float64, config: FilterConfig) -> bool:
+def _steady(window: Window, error: Float64, config: FilterConfig) -> bool:
     """Return whether a window of samples is that of a vehicle which stands."""
     start = config.start
-    rate = math.degrees(float(np.abs(window.w_ib_b - b_g).max()))
+    rate = math.degrees(float(np.abs(window.w_ib_b - error).max()))
     spread = math.degrees(window.spread_w)
     return max(rate, spread) < start.rest_rate_degps and window.spread_f < start.rest_accel_mps2
 
@@ -154,20 +159,21 @@ def open_carried(
     attitudes: list[Attitude] = []
     members: list[int] = []
     for i, m in enumerate(kept.bank.state):
-        own = replace(window, f_b=window.f_b - m.b_a, w_ib_b=window.w_ib_b - m.b_g)
+        accel, gyro = _errors_of(m, par)
+        own = replace(window, f_b=window.f_b - accel, w_ib_b=window.w_ib_b - gyro)
         headings = _parked_heading(kept.bank, i)
         if not parked:
             headings = _headings(kept, imu, fix, C_ne @ v_a, float(np.trace(P_v)) / 3.0, config)
         headings = headings or open_headings(fix.r_a, v_a, P_v, config)
         found = attitudes_at_start(own, fix.r_a, v_a, a_e, sd_a, config, setup.grade, headings)
-        attitudes += [_without_biases(one, m.b_g, parked) for one in found]
+        attitudes += [_without_errors(one, gyro, parked) for one in found]
         members += [i] * len(found)
     w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
     kin = kinematics_from_fix(fix, v_a, P_v)
     bank = open_bank(kin, attitudes, w, par, config, setup.grade, imu.t_ns, setup.layout)
     for state, P, i in zip(bank.state, bank.P, members, strict=True):
-        _carry_biases(kept, i, state, P, par, fix, C_ne)
-        _carry_values(kept, i, state, P, par, fix, setup.n_offsets)
+        _carry_sensor_errors(kept, i, state, P, par, fix, setup.layout)
+        _carry_values(kept, i, state, P, par, fix, setup.layout)
     for name in ("slip", "slip_variance", "slip_ns", "slip_walk", "slip_s"):
         bank.head[name] = kept.bank.head[name]
     return bank, [Event(fix.t_ns, "start", _in_words(kept, fix, attitudes, parked))]
@@ -200,20 +206,28 @@ def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) 
     return f"carried over, {detail}"
 
 
-def _without_biases(attitude: Attitude, b_g: Float64, parked: bool) -> Attitude:
-    """Return an attitude that was levelled without the accelerometer's bias, and the gyro's bias as it was."""
+def _errors_of(m: StateRecord, par: Parameters) -> tuple[Float64, Float64]:
+    """Return the whole errors of accelerometers [m/s^2] and gyros [rad/s] in the last step, (3,) each."""
+    accel, gyro = np.zeros(3), np.zeros(3)
+    whole_errors(m, par, accel, gyro)
+    return accel, gyro
+
+
+def _without_errors(attitude: Attitude, gyro: Float64, parked: bool) -> Attitude:
+    """Return an attitude that was levelled without the accelerometers' errors, those of the gyros as they were."""
     sd_level = LEVEL_FLOOR_RAD if parked else attitude.sd_level
-    return replace(attitude, b_g=b_g.copy(), sd_level=sd_level, level_from_bias=False)
+    return replace(attitude, b_g=gyro, sd_b_g=None, sd_level=sd_level, level_from_bias=False)
 
 
 def _still_there(kept: Carried, window: Window, fix: Fix, v_a: Float64, config: FilterConfig) -> bool:
     """Return whether a parked vehicle still stands as it stood: place, velocity, rates and the direction of gravity."""
     m, P = kept.state, kept.P
-    if np.linalg.norm(v_a) > _STILL_MPS or not _steady(window, m.b_g, config):
+    accel, gyro = kept.errors
+    if np.linalg.norm(v_a) > _STILL_MPS or not _steady(window, gyro, config):
         return False
     away = float(np.linalg.norm(fix.r_a - m.r_e))
     sigma = math.sqrt(np.trace(P[:3, :3]) + np.trace(fix.P[:3, :3]))
-    f_b = window.f_b - m.b_a
+    f_b = window.f_b - accel
     across = np.cross(kept.f_b, f_b) / (np.linalg.norm(kept.f_b) * np.linalg.norm(f_b))
     return bool(away < _STILL_M + 3.0 * sigma and np.linalg.norm(across) < _STILL_TILT_RAD)
 
@@ -247,12 +261,12 @@ def _headings(
 
 def _by_rates(kept: Carried, imu: Imu, fix: Fix, yaw: float, variance: float) -> Heading:
     """Return the heading at the fix by the rates at both ends of the gap and the samples after it."""
-    cut, b_g = kept.cut, kept.state.b_g
+    cut, (_, gyro) = kept.cut, kept.errors
     if fix.t_ns - cut.next_ns > _LONGEST_WAY_S * NS_PER_S:
         return Heading(yaw, math.inf, 1.0)
     down = -kept.f_b / np.linalg.norm(kept.f_b)
     first, last = np.searchsorted(imu.t_ns, [cut.next_ns, fix.t_ns], side="right")
-    rate = (imu.w_ib_b - b_g) @ down
+    rate = (imu.w_ib_b - gyro) @ down
     inside = min(0.5 * (cut.next_ns - cut.last_ns) / NS_PER_S, MOTION_TIME_S)
     turned = inside * float(kept.w_b @ down + rate[max(int(first) - 1, 0)])
     turned += float(rate[first:last] @ np.diff(imu.t_ns[first - 1 : last])) / NS_PER_S
@@ -276,41 +290,46 @@ def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Head
     return Heading(math.remainder(math.atan2(v_n[1], v_n[0]) + angle, 2.0 * math.pi), sigma, 1.0)
 
 
-def _carry_biases(
-    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, C_ne: Float64
+def _carry_sensor_errors(
+    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
-    """Give a hypothesis the biases of before, and the tilt its share of their error.
+    """Give a hypothesis the sensors' errors of before, and the tilt its share of what they are off by.
 
-    Equation: psi_N = db_E / g, psi_E = -db_N / g, as in ``start``: the levelled tilt is off by what the bias is
+    Equation: psi = ``TILT_OF_FORCE`` e, as in ``start``: the levelled tilt is off by what the accelerometers are
     """
     old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
-    biases = slice(BA, BG + 3)
-    keep = np.repeat([math.exp(-seconds / par.accel_bias_time), math.exp(-seconds / par.gyro_bias_time)], 3)
-    grown = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
-    cov = kept.bank.P[i][biases, biases] * np.outer(keep, keep) + np.diag(grown)
-    m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:] * old.b_g
-    lever = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
-    tilt = C_ne.T @ lever @ C_ne @ m.C_eb  # of an error of the accelerometer bias
-    attitude = slice(PSI, PSI + 3)
-    P[biases, :] = 0.0
-    P[:, biases] = 0.0
-    P[biases, biases] = cov
-    P[attitude, attitude] += tilt @ cov[:3, :3] @ tilt.T
-    P[attitude, biases] = tilt @ cov[:3, :]
-    P[biases, attitude] = P[attitude, biases].T
+    errors = [*range(BA, BG + 3), *layout.sensor_states]
+    keep, grown = np.ones(len(errors)), np.zeros(len(errors))
+    keep[:6] = np.repeat(
+        [math.exp(-seconds / par.accel_bias_time), math.exp(-seconds / par.gyro_bias_time)], 3
+    )
+    grown[:6] = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
+    cov = kept.bank.P[i][np.ix_(errors, errors)] * np.outer(keep, keep) + np.diag(grown)
+    m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:6] * old.b_g
+    for at in layout.sensor_states:
+        m.optional[at - OFFSETS] = old.optional[at - OFFSETS]
+    C_ne, attitude = _local_level(fix.r_a), slice(PSI, PSI + 3)
+    tilt = C_ne.T @ TILT_OF_FORCE @ C_ne @ m.C_eb @ whole_error_rows(m, layout, "accelerometer", len(P))
+    P[errors, :] = 0.0
+    P[:, errors] = 0.0
+    P[np.ix_(errors, errors)] = cov
+    P[attitude, errors] = tilt[:, errors] @ cov
+    P[errors, attitude] = P[attitude, errors].T
+    P[attitude, attitude] += P[attitude, errors] @ tilt[:, errors].T
 
 
 def _carry_values(
-    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, n_offsets: int
+    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
     """Give a hypothesis the clock offsets of before, unless the fix contradicts them, and the noise levels."""
     old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
-    n_values = len(P) - OFFSETS - (N_CLONE if par.at_clone >= 0 else 0)
-    for value in range(n_values):
+    for value in range(layout.n_values):
         at = OFFSETS + value
+        if at in layout.sensor_states:
+            continue
         variance = kept.bank.P[i][at, at] + par.optional_density[value] * seconds
         apart2 = (m.optional[value] - old.optional[value]) ** 2
-        agrees = value >= n_offsets or apart2 < _OFFSET_SIGMAS**2 * (P[at, at] + variance)
+        agrees = value >= layout.n_offsets or apart2 < _OFFSET_SIGMAS**2 * (P[at, at] + variance)
         if agrees and P[at, at] > variance:
             P[at, :] = P[:, at] = 0.0  # a tie that the carried value replaces
             m.optional[value], P[at, at] = old.optional[value], variance

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
+from insgnss.filter.imu.sensor_errors import whole_error_rows
 from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.tied_offsets import tie_offsets
@@ -31,6 +32,8 @@ _FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond i
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
 LEVEL_FLOOR_RAD = math.radians(0.2)
 _EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
+# of an error of the accelerometers in n, where they level: psi_N = e_E / g, psi_E = -e_N / g
+TILT_OF_FORCE: Final = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
 _DRIFT_SIGMA_UNKNOWN_MPS = 300.0  # of a clock without range rates: a 1 ppm oscillator
 
 
@@ -52,8 +55,8 @@ class Attitude:
     sd_level: float
     sd_yaw: float
     weight: float
-    b_g: Float64  # (3,) [rad/s]
-    sd_b_g: float
+    b_g: Float64  # (3,) [rad/s], with what further errors add in this attitude
+    sd_b_g: float | None  # of the gyros' whole error (``imu.sensor_errors``); None: as it is of such sensors
     level_from_bias: bool  # the tilt error is the accelerometer bias' doing
 
 
@@ -170,11 +173,13 @@ def headings_around(yaw: float, weights: list[float]) -> list[Heading]:
     ]
 
 
-def _gyro_bias(window: Window, at_rest: bool, w_ie_b: Float64, sensor: SensorModel) -> tuple[Float64, float]:
-    """Return the gyro bias and its sigma: at rest the grade's prior weighed against what the gyros read."""
+def _gyro_bias(
+    window: Window, at_rest: bool, w_ie_b: Float64, sensor: SensorModel
+) -> tuple[Float64, float | None]:
+    """Return the gyro bias and its sigma: at rest the grade's prior weighed against what the gyros read, else none."""
     prior = sensor.gyro_bias.sigma
     if not at_rest:
-        return np.zeros(3), prior
+        return np.zeros(3), None
     # a sensor far worse than its grade: what it reads at rest is believed rather than the grade
     prior = max(prior, float(np.abs(window.w_ib_b - w_ie_b).max()) / _BEYOND_GRADE)
     # a third of the spread stands for what sways during the window; white noise averages down
@@ -199,14 +204,18 @@ def open_bank(
     bank.head["next"] = np.searchsorted(t_imu_ns, kin.t_ns, side="right")
     bank.head["heading_open"] = 1
     bank.head["leader"] = int(np.argmax([a.weight for a in attitudes]))
-    sensor = sensor_model(grade)
+    sensor = sensor_model(grade, layout.names)
     for i, attitude in enumerate(attitudes):
-        _place_state(bank.state[i], kin, attitude, w_ib_b, par)
-        _place_covariance(bank.state[i], bank.P[i], kin, attitude, sensor, config)
-        tie_offsets(bank.state[i], bank.P[i], layout.home, config.process.qzss_offset_sigma_m)
+        m, P = bank.state[i], bank.P[i]
+        _place_state(m, kin, attitude, w_ib_b, par)
+        _place_variances(m, P, kin, sensor, config)
+        _place_further(P, layout)
+        _share_out_gyro_errors(m, P, attitude, layout)
+        _place_attitude_covariance(m, P, attitude, layout)
+        P[:] = 0.5 * (P + P.T)
+        tie_offsets(m, P, layout.home, config.process.qzss_offset_sigma_m)
         if not kin.of_imu:
-            _hang_on_antenna(bank.state[i], bank.P[i], w_ib_b, par.lever_b)
-        _place_further(bank.P[i], layout)
+            _hang_on_antenna(m, P, w_ib_b, par.lever_b, layout)
     return bank
 
 
@@ -229,6 +238,7 @@ def _place_state(
     g_e = np.zeros(3)
     normal_gravity_ecef(m.r_e, g_e)
     m.f_smooth[:] = -g_e  # no motion before
+    m.f_last[:], m.w_last[:] = C_eb.T @ -g_e, w_ib_b - attitude.b_g
     m.clock[:] = (kin.clock, kin.drift)
     m.optional[: len(kin.offsets)] = np.nan_to_num(kin.offsets)
     m.log_weight = math.log(attitude.weight)
@@ -241,23 +251,14 @@ def _place_further(P: Float64, layout: Layout) -> None:
             P[layout.at(block.name) + i, layout.at(block.name) + i] = block.variance
 
 
-def _place_covariance(
-    m: StateRecord, P: Float64, kin: Kinematics, attitude: Attitude, sensor: SensorModel, config: FilterConfig
+def _place_variances(
+    m: StateRecord, P: Float64, kin: Kinematics, sensor: SensorModel, config: FilterConfig
 ) -> None:
-    """Write the covariance of one hypothesis, position and velocity being the antenna's.
-
-    When the accelerometers levelled it at rest, tilt and accelerometer bias are one error: with C f_b = (0, 0, -g),
-    psi_N = db_E / g and psi_E = -db_N / g, db = estimated minus true bias in n.
-    """
-    lat, lon, _ = ecef_to_geodetic(m.r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    C_nb = C_ne @ m.C_eb
+    """Write what is known of each state by itself, position and velocity being the antenna's; biases as of a sensor."""
     P[DR : DR + 3, DR : DR + 3] = kin.P_r
     P[DV : DV + 3, DV : DV + 3] = kin.P_v
-    bias = np.diag(sensor.accel_bias_variances(C_nb[2]))
-    P[BA : BA + 3, BA : BA + 3] = bias
-    P[BG : BG + 3, BG : BG + 3] = attitude.sd_b_g**2 * np.eye(3)
+    P[BA : BA + 3, BA : BA + 3] = np.diag(sensor.accel_bias_variances(_level_axes(m)[1][2]))
+    P[BG : BG + 3, BG : BG + 3] = sensor.gyro_bias.sigma**2 * np.eye(3)
     P[CLOCK, CLOCK] = kin.sd_clock**2
     P[DRIFT, DRIFT] = kin.sd_drift**2
     for i, offset in enumerate(kin.offsets):
@@ -265,38 +266,69 @@ def _place_covariance(
         P[OFFSETS + i, OFFSETS + i] = (
             2.0 * kin.sd_clock if known else config.process.inter_system_sigma_m
         ) ** 2
-    tilt = attitude.sd_level
-    psi_n = np.diag([tilt**2, tilt**2, attitude.sd_yaw**2])
+
+
+def _level_axes(m: StateRecord) -> tuple[Float64, Float64]:
+    """Return C_ne and C_nb (3, 3)."""
+    lat, lon, _ = ecef_to_geodetic(m.r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    return C_ne, C_ne @ m.C_eb
+
+
+def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: Attitude, layout: Layout) -> None:
+    """Let what the gyros read at rest tell of all that makes up their error, each by its variance.
+
+    Equation: of e = J x with cov(e) = A = J P J^T, now known as e_0 with S: G = P J^T A^-1, x = G e_0 and
+              P <- P - G (A - S) G^T, with which J x = e_0 and J P J^T = S
+    """
+    if attitude.sd_b_g is None:
+        return
+    J = whole_error_rows(m, layout, "gyro", len(P))
+    A = J @ P @ J.T
+    gain = np.linalg.solve(A, J @ P).T
+    shares = gain @ attitude.b_g
+    m.b_g[:] = shares[BG : BG + 3]
+    for at in layout.sensor_states:
+        m.optional[at - OFFSETS] = shares[at]
+    P -= gain @ (A - attitude.sd_b_g**2 * np.eye(3)) @ gain.T
+
+
+def _place_attitude_covariance(m: StateRecord, P: Float64, attitude: Attitude, layout: Layout) -> None:
+    """Write what is known of the attitude.
+
+    When the accelerometers levelled it at rest, tilt and the accelerometers' error are one: with C f_b = (0, 0, -g),
+    psi_N = e_E / g and psi_E = -e_N / g, e = estimated minus true error in n.
+    """
+    C_ne, C_nb = _level_axes(m)
+    tilt = LEVEL_FLOOR_RAD if attitude.level_from_bias else attitude.sd_level
+    psi = slice(PSI, PSI + 3)
     if attitude.level_from_bias:
-        lever = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
-        from_bias = lever @ C_nb @ bias
-        psi_n = from_bias @ C_nb.T @ lever.T
-        psi_n += np.diag([LEVEL_FLOOR_RAD**2, LEVEL_FLOOR_RAD**2, attitude.sd_yaw**2])
-        cross = C_ne.T @ from_bias
-        P[PSI : PSI + 3, BA : BA + 3] = cross
-        P[BA : BA + 3, PSI : PSI + 3] = cross.T
-    P[PSI : PSI + 3, PSI : PSI + 3] = C_ne.T @ psi_n @ C_ne
-    P[:] = 0.5 * (P + P.T)
+        from_error = C_ne.T @ TILT_OF_FORCE @ C_nb @ whole_error_rows(m, layout, "accelerometer", len(P))
+        P[psi] = from_error @ P
+        P[:, psi] = P[psi].T
+        P[psi, psi] = P[psi] @ from_error.T
+    P[psi, psi] += C_ne.T @ np.diag([tilt**2, tilt**2, attitude.sd_yaw**2]) @ C_ne
 
 
-def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float64) -> None:
+def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float64, layout: Layout) -> None:
     """Turn the antenna's position and velocity errors in the covariance into the IMU's, which hangs on the lever arm.
 
-    Equation: r = r_a - C l, v = v_a - C (w x l) + w_ie x C l, so with a = C (w x l) and w = w_ib - b_g
+    Equation: r = r_a - C l, v = v_a - C (w x l) + w_ie x C l, so with a = C (w x l), w = w_ib - e, e the gyros' error
 
-        d r = d r_a + l_e x psi,   d v = d v_a + a x psi - w_ie x (l_e x psi) - C (l x d b_g)
+        d r = d r_a + l_e x psi,   d v = d v_a + a x psi - w_ie x (l_e x psi) - C (l x d e)
 
     Parameters
     ----------
-    m : the state, its biases taken off ``w_ib_b`` [rad/s]
+    m : the state, its errors taken off ``w_ib_b`` [rad/s]
     lever_b : (3,) IMU to antenna [m]
     """
     C = m.C_eb
     l_e = cross_matrix(C @ lever_b)
     T = np.eye(len(P))
+    T[DV : DV + 3] -= C @ cross_matrix(lever_b) @ whole_error_rows(m, layout, "gyro", len(P))
     T[DR : DR + 3, PSI : PSI + 3] = l_e
-    T[DV : DV + 3, PSI : PSI + 3] = cross_matrix(C @ np.cross(w_ib_b - m.b_g, lever_b)) - _EARTH_TURN @ l_e
-    T[DV : DV + 3, BG : BG + 3] = -C @ cross_matrix(lever_b)
+    T[DV : DV + 3, PSI : PSI + 3] = cross_matrix(C @ np.cross(m.w_last, lever_b)) - _EARTH_TURN @ l_e
     P[:] = T @ P @ T.T
     P[:] = 0.5 * (P + P.T)
 
@@ -338,11 +370,10 @@ def given_kinematics(
     )
 
 
-def given_attitudes(start: GivenStart, config: FilterConfig, grade: ImuGrade) -> list[Attitude]:
+def given_attitudes(start: GivenStart, config: FilterConfig) -> list[Attitude]:
     """Return the attitude of a given state; a bank around it when its heading sigma is too wide for one filter."""
     roll, pitch, yaw = (math.radians(a) for a in start.rpy_deg)
     sd_level = math.radians(start.sd_roll_pitch_deg)
-    sensor = sensor_model(grade)
     sd_yaw = math.radians(start.sd_yaw_deg)
     n = config.heading.hypotheses
     if start.sd_yaw_deg <= config.heading.unknown_above_deg or n == 1:
@@ -356,6 +387,6 @@ def given_attitudes(start: GivenStart, config: FilterConfig, grade: ImuGrade) ->
         weights = [w / sum(raw) for w in raw]
         sd_yaw = 0.5 * spacing
     return [
-        Attitude(roll, pitch, y, sd_level, sd_yaw, w, np.zeros(3), sensor.gyro_bias.sigma, False)
+        Attitude(roll, pitch, y, sd_level, sd_yaw, w, np.zeros(3), None, False)
         for y, w in zip(yaws, weights, strict=True)
     ]

@@ -207,7 +207,7 @@ class Starter:
         w = imu.w_ib_b[k - 1]
         unknown = np.full(len(self.setup.clock_groups), math.nan)
         kin = given_kinematics(start, t_ns, unknown, 0.0, w, par)
-        attitudes = given_attitudes(start, self.setup.config, self.setup.grade)
+        attitudes = given_attitudes(start, self.setup.config)
         bank = self._open(kin, attitudes, w, par, imu)
         seen = seen_from(bank, rows, epoch, w, imu.f_b[k - 1], par, len(self.setup.clock_groups))
         if seen.below_horizon > _MOST_BELOW_HORIZON:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from insgnss.config.filter import FilterConfig
+from insgnss.config.flight import ImuGrade
 
 
 class StatesWanted(NamedTuple):
@@ -13,3 +14,4 @@ class StatesWanted(NamedTuple):
     config: FilterConfig
     clock_groups: tuple[str, ...]  # see ``gnss.clock_groups``; the first keeps the receiver clock
     with_carrier: bool  # carrier differences are used
+    grade: ImuGrade

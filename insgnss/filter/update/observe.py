@@ -10,6 +10,7 @@ import math
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import place_turning
+from insgnss.filter.imu.sensor_errors import whole_errors
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
@@ -33,7 +34,8 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     Neglects: the antenna's own turning over that time, 1e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
     """
     l0, l1, l2 = par.lever_b[0], par.lever_b[1], par.lever_b[2]
-    w0, w1, w2 = w_ib_b[0] - m.b_g[0], w_ib_b[1] - m.b_g[1], w_ib_b[2] - m.b_g[2]
+    whole_errors(m, par, a.dr, a.u)
+    w0, w1, w2 = w_ib_b[0] - a.u[0], w_ib_b[1] - a.u[1], w_ib_b[2] - a.u[2]
     x, y, z = w1 * l2 - w2 * l1, w2 * l0 - w0 * l2, w0 * l1 - w1 * l0
     C = m.C_eb
     for i in range(3):
@@ -46,7 +48,7 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     normal_gravity_ecef(m.r_e, a.u)
     a.u[0] += 2.0 * WGS84_OMEGA_RADPS * m.v_e[1]
     a.u[1] -= 2.0 * WGS84_OMEGA_RADPS * m.v_e[0]
-    x, y, z = f_b[0] - m.b_a[0], f_b[1] - m.b_a[1], f_b[2] - m.b_a[2]
+    x, y, z = f_b[0] - a.dr[0], f_b[1] - a.dr[1], f_b[2] - a.dr[2]
     for i in range(3):
         acceleration = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z + a.u[i]
         a.r_a[i] = m.r_e[i] + a.l_e[i] - late * (a.v_a[i] - 0.5 * late * acceleration)

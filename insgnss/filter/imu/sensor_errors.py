@@ -1,0 +1,137 @@
+"""The whole error of an inertial sensor as it is now: its bias, and what its further errors make of force and rate.
+
+    e_i = b_i + sum_k m_k x_k    over the couplings k of axis i, m_k a component of specific force or rate, or one
+
+While a vehicle keeps attitude and rate, e is all that the filter can find; its parts only tell what a change will do.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.filter.layout import SENSORS, Layout
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, StateRecord
+from insgnss.geodesy.vectors import Vector
+from insgnss.jit import kernel
+from insgnss.tables import Float64
+
+BIAS_OF: Final = {DV: BA, PSI: BG}  # where the biases stand of the sensor that enters there
+
+
+@kernel(inline=True)
+def factor_of(which: int, f: Vector | Float64, w: Vector | Float64) -> float:
+    """Return what an error of a sensor is proportional to: ``layout.FACTORS`` of specific force and rate."""
+    if which == 0:
+        return 1.0
+    return float(f[which - 1] if which <= 3 else w[which - 4])
+
+
+@kernel(inline=True)
+def correct_sensors(m: StateRecord, par: Parameters, w: Float64, f: Float64) -> None:
+    """Take the further errors of the sensors off a rate ``w`` and a specific force ``f``, biases removed before.
+
+    Equation: w_i <- w_i - sum x_k m_k, with m_k of the measured values: to first order in x_k
+    """
+    if par.n_couplings > 0:
+        measured_f, measured_w = (f[0], f[1], f[2]), (w[0], w[1], w[2])
+        for k in range(par.n_couplings):
+            error = factor_of(par.coupling_times[k], measured_f, measured_w)
+            error *= m.optional[par.coupling_at[k] - OFFSETS]
+            axis = par.coupling_axis[k]
+            if par.coupling_into[k] == PSI:
+                w[axis] -= error
+            else:
+                f[axis] -= error
+
+
+@kernel(inline=True)
+def bias_row(par: Parameters, k: int) -> int:
+    """Return the bias in whose sensor and axis the error of coupling ``k`` is."""
+    return int(par.coupling_axis[k] + (BG if par.coupling_into[k] == PSI else BA))
+
+
+@kernel(inline=True)
+def whole_errors(m: StateRecord, par: Parameters, accel: Float64, gyro: Float64) -> None:
+    """Write the whole errors of the accelerometers (3,) [m/s^2] and gyros (3,) [rad/s] in the last step."""
+    for i in range(3):
+        accel[i], gyro[i] = m.b_a[i], m.b_g[i]
+    for k in range(par.n_couplings):
+        error = m.optional[par.coupling_at[k] - OFFSETS] * factor_of(
+            par.coupling_times[k], m.f_last, m.w_last
+        )
+        if par.coupling_into[k] == PSI:
+            gyro[par.coupling_axis[k]] += error
+        else:
+            accel[par.coupling_axis[k]] += error
+
+
+@kernel(inline=True)
+def biases_to_whole_errors(m: StateRecord, par: Parameters, P: Float64) -> None:
+    """Turn the biases in ``P`` (n, n) into the whole errors: P <- T P T^T with de = db + sum m_k dx_k."""
+    n = P.shape[0]
+    for k in range(par.n_couplings):
+        at, bias = par.coupling_at[k], bias_row(par, k)
+        factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
+        for c in range(n):
+            P[bias, c] += factor * P[at, c]
+    for k in range(par.n_couplings):
+        at, bias = par.coupling_at[k], bias_row(par, k)
+        factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
+        for c in range(n):
+            P[c, bias] += factor * P[c, at]
+
+
+@kernel(inline=True)
+def accel_error_covariance(m: StateRecord, par: Parameters, P: Float64, rows: Float64) -> None:
+    """Write the covariance of the accelerometers' whole errors (rows) with attitude (PSI) and themselves (BA).
+
+    Parameters
+    ----------
+    rows : (3, n) output; of its columns those of attitude and accelerometer bias are right
+    """
+    for i in range(3):
+        for c in range(P.shape[0]):
+            rows[i, c] = P[BA + i, c]
+    for k in range(par.n_couplings):
+        if par.coupling_into[k] == DV:
+            at, axis = par.coupling_at[k], par.coupling_axis[k]
+            factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
+            for c in range(P.shape[0]):
+                rows[axis, c] += factor * P[at, c]
+    for k in range(par.n_couplings):
+        if par.coupling_into[k] == DV:
+            at, axis = par.coupling_at[k], par.coupling_axis[k]
+            factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
+            for i in range(3):
+                rows[i, BA + axis] += factor * rows[i, at]
+
+
+@kernel(inline=True)
+def gyro_error_variance(m: StateRecord, par: Parameters, P: Float64) -> float:
+    """Return the variance of the gyros' whole error, the mean of the three axes [rad^2/s^2]."""
+    total = P[BG, BG] + P[BG + 1, BG + 1] + P[BG + 2, BG + 2]
+    for k in range(par.n_couplings):
+        if par.coupling_into[k] == PSI:
+            at, axis = par.coupling_at[k], par.coupling_axis[k]
+            factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
+            with_bias = 2.0 * P[BG + axis, at]
+            for j in range(par.n_couplings):
+                if par.coupling_into[j] == PSI and par.coupling_axis[j] == axis:
+                    of_j = factor_of(par.coupling_times[j], m.f_last, m.w_last)
+                    with_bias += of_j * P[at, par.coupling_at[j]]
+            total += factor * with_bias
+    return float(total / 3.0)
+
+
+def whole_error_rows(m: StateRecord, layout: Layout, sensor: str, n: int) -> Float64:
+    """Return how the whole errors of a sensor of ``SENSORS`` grow with the error state, (3, n), in the last step."""
+    into = SENSORS[sensor]
+    rows = np.zeros((3, n))
+    rows[:, BIAS_OF[into] : BIAS_OF[into] + 3] = np.eye(3)
+    for at, of_sensor, axis, times in layout.couplings:
+        if of_sensor == into:
+            rows[axis, at] += factor_of(times, m.f_last, m.w_last)
+    return rows
