@@ -198,12 +198,16 @@ class Layout:
 
     @property
     def couplings(self) -> list[tuple[int, int, int, int]]:
-        """State, error that it enters, axis and factor (index into ``FACTORS``) of each coupling."""
-        return [
+        """State, error that it enters, axis and factor (index into ``FACTORS``) of each coupling.
+
+        Those of one axis of a sensor stand together.
+        """
+        found = [
             (self.at(block.name) + i, SENSORS[one.sensor], _AXES.index(one.axis), FACTORS.index(one.times))
             for block in self.blocks
             for i, one in enumerate(block.couples)
         ]
+        return sorted(found, key=lambda coupling: coupling[1:3])
 
     @property
     def sensor_states(self) -> dict[int, float]:

@@ -136,9 +136,11 @@ def move(s: Step, C_dt: Float64, couplings: Couplings, A: Float64, B: Float64) -
         B[DV + 2, c] = A[DV + 2, c] + (g - rotated(C_dt, 2, A, BA, c))
     for k in range(couplings.shape[0]):
         at, into, part = couplings[k].at, couplings[k].into, couplings[k].s
-        for i in range(3):
-            for c in range(n):
-                B[into + i, c] -= part[i] * A[at, c]
+        x, y, z = part[0], part[1], part[2]
+        for c in range(n):
+            B[into, c] -= x * A[at, c]
+            B[into + 1, c] -= y * A[at, c]
+            B[into + 2, c] -= z * A[at, c]
     for c in range(n):
         B[DV, c] -= s.f1 * mean(A, B, PSI + 2, c) - s.f2 * mean(A, B, PSI + 1, c)
     for c in range(n):
@@ -180,8 +182,14 @@ def carry_covariance(
     for i in range(N_MOTION):
         move_row(s, C_dt, couplings, B[i], P[i])
         decay_row(s.dt, of_a, of_g, keep, 1.0, B[i], P[i])
+    still = True
+    for i in range(FURTHER, n):
+        still = still and keep[i] == 1.0
     for i in range(N_MOTION, n):
-        decay_row(0.0, of_a, of_g, keep, keep[i], P[i], P[i])
+        if still and i >= FURTHER:
+            decay_biases(of_a, of_g, P[i])
+        else:
+            decay_row(0.0, of_a, of_g, keep, keep[i], P[i], P[i])
     for c in range(N_MOTION, n):
         P[CLOCK, c] += s.dt * P[DRIFT, c]
     for i in range(N_MOTION, n):
@@ -189,6 +197,14 @@ def carry_covariance(
     for i in range(1, n):
         for c in range(min(i, N_MOTION)):
             P[i, c] = P[c, i]
+
+
+@kernel(inline=True)
+def decay_biases(of_a: float, of_g: float, b: Float64) -> None:
+    """Let the biases decay in one column (n,)."""
+    for i in range(3):
+        b[BA + i] *= of_a
+        b[BG + i] *= of_g
 
 
 @kernel(inline=True)
@@ -210,26 +226,29 @@ def move_row(s: Step, C_dt: Float64, couplings: Couplings, a: Float64, b: Float6
     half, coriolis = 0.5 * s.dt, 2.0 * s.w
     x, y, z = a[PSI], a[PSI + 1], a[PSI + 2]
     bx, by, bz = a[BG], a[BG + 1], a[BG + 2]
-    b[PSI] = x + s.w * y - (C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz)
-    b[PSI + 1] = y - s.w * x - (C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz)
-    b[PSI + 2] = z - (C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz)
+    px = x + s.w * y - (C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz)
+    py = y - s.w * x - (C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz)
+    pz = z - (C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz)
     x, y, z = a[DR], a[DR + 1], a[DR + 2]
     u, v, w = a[DV], a[DV + 1], a[DV + 2]
     bx, by, bz = a[BA], a[BA + 1], a[BA + 2]
     gx = s.g00 * x + s.g01 * y + s.g02 * z + coriolis * v
     gy = s.g01 * x + s.g11 * y + s.g12 * z - coriolis * u
     gz = s.g02 * x + s.g12 * y + s.g22 * z
-    b[DV] = u + (gx - (C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz))
-    b[DV + 1] = v + (gy - (C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz))
-    b[DV + 2] = w + (gz - (C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz))
+    vx = u + (gx - (C_dt[0, 0] * bx + C_dt[0, 1] * by + C_dt[0, 2] * bz))
+    vy = v + (gy - (C_dt[1, 0] * bx + C_dt[1, 1] * by + C_dt[1, 2] * bz))
+    vz = w + (gz - (C_dt[2, 0] * bx + C_dt[2, 1] * by + C_dt[2, 2] * bz))
     for k in range(couplings.shape[0]):
-        into, part, value = couplings[k].into, couplings[k].s, a[couplings[k].at]
-        for i in range(3):
-            b[into + i] -= part[i] * value
-    px, py, pz = 0.5 * (a[PSI] + b[PSI]), 0.5 * (a[PSI + 1] + b[PSI + 1]), 0.5 * (a[PSI + 2] + b[PSI + 2])
-    b[DV] -= s.f1 * pz - s.f2 * py
-    b[DV + 1] -= s.f2 * px - s.f0 * pz
-    b[DV + 2] -= s.f0 * py - s.f1 * px
+        part, value = couplings[k].s, a[couplings[k].at]
+        if couplings[k].into == DV:
+            vx, vy, vz = vx - part[0] * value, vy - part[1] * value, vz - part[2] * value
+        else:
+            px, py, pz = px - part[0] * value, py - part[1] * value, pz - part[2] * value
+    b[PSI], b[PSI + 1], b[PSI + 2] = px, py, pz
+    px, py, pz = 0.5 * (a[PSI] + px), 0.5 * (a[PSI + 1] + py), 0.5 * (a[PSI + 2] + pz)
+    b[DV] = vx - (s.f1 * pz - s.f2 * py)
+    b[DV + 1] = vy - (s.f2 * px - s.f0 * pz)
+    b[DV + 2] = vz - (s.f0 * py - s.f1 * px)
     b[DR] = x + half * (u + b[DV])
     b[DR + 1] = y + half * (v + b[DV + 1])
     b[DR + 2] = z + half * (w + b[DV + 2])

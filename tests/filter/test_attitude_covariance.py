@@ -30,7 +30,7 @@ def test_unknown_force_is_the_horizontal_trace_of_its_covariance() -> None:
     P = covariance(OFFSETS, 1)
     g2 = float(GRAVITY_E @ GRAVITY_E)
 
-    found = unknown_force(C_eb, P, GRAVITY_E, g2, np.zeros(OFFSETS))
+    found = unknown_force(C_eb, P, P[BA : BA + 3], GRAVITY_E, g2, np.zeros(OFFSETS))
 
     x, y, z = GRAVITY_E
     M = np.hstack([np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]), -C_eb])  # df = g x psi - C b_a

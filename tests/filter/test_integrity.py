@@ -9,6 +9,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
+from insgnss.filter.layout import Layout
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, Bank
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
@@ -167,6 +168,6 @@ def test_doubted_biases_keep_their_values() -> None:
     bank = new_filter(place())
     bank.state["b_a"], bank.state["b_g"] = 0.05, 1e-4
     sensor = sensor_model(TACTICAL)
-    doubt_sensors(bank.state[0], bank.P[0], sensor)
+    doubt_sensors(bank.state[0], bank.P[0], sensor, Layout())
     assert np.all(bank.state["b_a"] == 0.05) and np.all(bank.state["b_g"] == 1e-4)
     assert bank.P[0, BA, BA] == sensor.accel_bias.sigma**2 and bank.P[0, BG, BG] == sensor.gyro_bias.sigma**2

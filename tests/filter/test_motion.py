@@ -105,7 +105,7 @@ def test_gyros_see_the_earth_turn_where_their_bias_is_a_fifth_of_it(
     m.r_e[:] = PLACE_E
     for i in range(BG, BG + 3):
         P[i, i] = deg_per_h_to_radps(bias_deg_per_h) ** 2
-    assert sees_earth_rate(m, P) is seen
+    assert sees_earth_rate(m, np.zeros(1, PARAMETERS_DTYPE)[0], P) is seen
 
 
 def test_workspace_has_room_for_the_response() -> None:

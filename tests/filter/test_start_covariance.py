@@ -83,9 +83,7 @@ def test_given_start_is_the_imus_own_and_knows_of_no_lever_arm() -> None:
     par, config = parameters(LEVER_B)[0], filter_config("tight17")
     kin = given_kinematics(start, START_NS, np.zeros(1), 0.0, RATE, par)
 
-    bank = open_bank(
-        kin, given_attitudes(start, config, TACTICAL), RATE, par, config, TACTICAL, T_NS, layout_with()
-    )
+    bank = open_bank(kin, given_attitudes(start, config), RATE, par, config, TACTICAL, T_NS, layout_with())
 
     P = bank.P[0]
     np.testing.assert_allclose(P[DR : DR + 3, DR : DR + 3], 4.0 * np.eye(3), atol=1e-12)

@@ -117,12 +117,13 @@ def gyro_error_variance(m: StateRecord, par: Parameters, P: Float64) -> float:
         if par.coupling_into[k] == PSI:
             at, axis = par.coupling_at[k], par.coupling_axis[k]
             factor = factor_of(par.coupling_times[k], m.f_last, m.w_last)
-            with_bias = 2.0 * P[BG + axis, at]
-            for j in range(par.n_couplings):
-                if par.coupling_into[j] == PSI and par.coupling_axis[j] == axis:
-                    of_j = factor_of(par.coupling_times[j], m.f_last, m.w_last)
-                    with_bias += of_j * P[at, par.coupling_at[j]]
-            total += factor * with_bias
+            with_others = 2.0 * P[BG + axis, at] + factor * P[at, at]
+            j = k + 1
+            while j < par.n_couplings and par.coupling_axis[j] == axis:  # those of an axis stand together
+                of_j = factor_of(par.coupling_times[j], m.f_last, m.w_last)
+                with_others += 2.0 * of_j * P[at, par.coupling_at[j]]
+                j += 1
+            total += factor * with_others
     return float(total / 3.0)
 
 
