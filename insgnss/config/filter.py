@@ -147,6 +147,9 @@ class Process(StrictModel):
         description="errors of the inertial sensors that are states of the filter, as far as the grade has them; the"
         " others are bias and noise of a manoeuvre",
     )
+    sensor_error_columns: bool = Field(
+        False, description="whether nav shows those states and their sigmas: up to 54 columns"
+    )
     scale_factor_time_s: NotNegative = Field(
         10.0, description="how long one manoeuvre keeps its scale-factor error where that is no state"
     )

@@ -63,7 +63,7 @@ class KeptFilter:
 
 def one_row(setup: FilterSetup, rows: Rows) -> Output:
     """Return an output with room for the navigation row of one epoch."""
-    return new_output(rows, 1, 32, np.zeros(0, np.int64), setup.layout.n_values)
+    return new_output(rows, 1, 32, np.zeros(0, np.int64), setup.layout.n_shown)
 
 
 def unused_result(setup: FilterSetup, epoch: GnssTable, t_ns: int) -> EpochResult:

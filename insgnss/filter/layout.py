@@ -70,8 +70,9 @@ class StateBlock:
     """Some states of one kind.
 
     ``sigma`` is that of each at the start, in ``unit``; ``columns`` names each in the table ``nav``, where its sigma
-    stands as ``sd_`` and the name. ``couples`` is empty, or says for each component how it enters a sensor; the unit
-    times ``si_per_unit`` is then one of the sensor's SI unit over that of the factor (a scale factor in ppm: 1e-6).
+    stands as ``sd_`` and the name, unless the block is not ``shown`` there. ``couples`` is empty, or says for each
+    component how it enters a sensor; the unit times ``si_per_unit`` is then one of the sensor's SI unit over that of
+    the factor (a scale factor in ppm: 1e-6).
 
     Raises
     ------
@@ -85,6 +86,7 @@ class StateBlock:
     process: RandomWalk | GaussMarkov = RandomWalk()
     couples: tuple[Coupling, ...] = ()
     si_per_unit: float = 1.0
+    shown: bool = True
 
     def __post_init__(self) -> None:
         """Refuse what no filter can carry."""
@@ -124,14 +126,14 @@ class Layout:
     ConfigError : two blocks of one name or column, or more states or couplings than there is room for
     """
 
-    blocks: tuple[StateBlock, ...] = ()
+    blocks: tuple[StateBlock, ...] = ()  # those that ``nav`` shows before the others
     clone: bool = False  # antenna position and clock of the epoch before
     home: tuple[int, ...] = ()  # of each clock group the earlier one to which it is tied, else -1
 
     def __post_init__(self) -> None:
         """Refuse blocks that do not go together."""
         names = [*self.names, *FIXED]
-        columns = self.columns
+        columns = [name for block in self.blocks for name in block.columns]
         for taken in (names, columns):
             twice = next((name for name in taken if taken.count(name) > 1), None)
             if twice is not None:
@@ -164,6 +166,11 @@ class Layout:
         return sum(block.size for block in self.blocks)
 
     @property
+    def n_shown(self) -> int:
+        """Number of those that the table ``nav`` shows."""
+        return len(self.columns)
+
+    @property
     def n_offsets(self) -> int:
         """Number of inter-system clock offsets, which are the first of the further states."""
         return sum(block.size for block in self.blocks if block.name == SYSTEM_OFFSETS)
@@ -181,16 +188,16 @@ class Layout:
     @property
     def columns(self) -> list[str]:
         """Names of the values in the table ``nav``, in the order of the states."""
-        return [name for block in self.blocks for name in block.columns]
+        return [name for block in self.blocks if block.shown for name in block.columns]
 
     @property
     def units(self) -> list[float]:
         """What one of the unit of each column is in SI units."""
-        return [block.si_per_unit for block in self.blocks for _ in block.columns]
+        return [block.si_per_unit for block in self.blocks if block.shown for _ in block.columns]
 
     def in_columns(self, found: Float64) -> dict[str, Float64]:
-        """Return values and sigmas (..., 2 k) of the further states, SI units, by their columns in ``nav``."""
-        sigmas = found[..., self.n_values :]
+        """Return values and sigmas (..., 2 k) of the states shown, SI units, by their columns in ``nav``."""
+        sigmas = found[..., self.n_shown :]
         named: dict[str, Float64] = {}
         for i, (name, unit) in enumerate(zip(self.columns, self.units, strict=True)):
             named |= {name: found[..., i] / unit, f"sd_{name}": sigmas[..., i] / unit}

@@ -28,4 +28,5 @@ def layout_of(
     ``home`` says which clock groups are tied, see ``Layout``.
     """
     own = [block for state in STATES if (block := state(wanted)) is not None]
-    return Layout((*own, *further), clone=wanted.with_carrier, home=home)
+    blocks = sorted((*own, *further), key=lambda block: not block.shown)
+    return Layout(tuple(blocks), clone=wanted.with_carrier, home=home)

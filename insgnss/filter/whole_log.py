@@ -101,8 +101,8 @@ def run_blocks(
     n_epochs = len(epoch_ns)
     room = trace_room(trace, samples.logged_ns, n_epochs, setup.n_offsets)
     no_rows = from_epoch(blocks[-1], len(blocks[-1].epoch_ns))
-    n_nav, n_values = max(len(times), n_epochs), setup.layout.n_values
-    out = new_output(no_rows, n_nav, 4 * n_epochs + 16, times, n_values, room)
+    n_nav, n_shown = max(len(times), n_epochs), setup.layout.n_shown
+    out = new_output(no_rows, n_nav, 4 * n_epochs + 16, times, n_shown, room)
     if further is not None:
         further.room(n_nav)
     passage = _Passage(blocks, out)

@@ -127,7 +127,7 @@ def undisturbed(
         setup = log.setup_with(setup.phases(log.logs.gnss, rows, log.logs.further))
     imu, n_epochs = log.logs.imu, len(rows.epoch_ns)
     samples = screened(imu, log.setup)
-    out = new_output(rows, len(log.times_ns) + 16, 4 * n_epochs + 16, log.times_ns, log.setup.layout.n_values)
+    out = new_output(rows, len(log.times_ns) + 16, 4 * n_epochs + 16, log.times_ns, log.setup.layout.n_shown)
     ordered = sorted((window_ns(window, log.week_ns)[0], window) for window in windows)
     kept: list[Checkpoint] = []
     started = False
@@ -169,7 +169,7 @@ def branch(log: OutageLog, checkpoint: Checkpoint, removal: Removal, after_s: fl
     rows, phases, n_taken = _rows_without(log, removal, from_ns, until_ns, end_ns)
     a, b = np.searchsorted(log.times_ns, [from_ns, end_ns + 1])
     n_events = 4 * len(rows.epoch_ns) + 16
-    out = new_output(rows, b - a + 16, n_events, log.times_ns[a:b], log.setup.layout.n_values)
+    out = new_output(rows, b - a + 16, n_events, log.times_ns[a:b], log.setup.layout.n_shown)
     navigator = Navigator(log.setup_with(phases))
     navigator.restore(checkpoint.saved)
     told = len(navigator.events)

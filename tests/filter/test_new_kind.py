@@ -150,7 +150,7 @@ def test_blocks_need_names_of_their_own_and_room() -> None:
         Layout((dataclasses.replace(GYRO_SCALE, name="clock_bias"),))
     many = tuple(
         dataclasses.replace(GYRO_SCALE, name=f"b{i}", columns=tuple(f"c{i}_{k}" for k in range(3)))
-        for i in range(9)
+        for i in range(17)
     )
     with pytest.raises(ConfigError, match="too many"):
         Layout(many)

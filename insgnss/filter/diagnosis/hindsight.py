@@ -347,7 +347,7 @@ class Hindsight:
             if last <= first:
                 continue
             rows = some_epochs(stretch.rows, int(first), int(last))
-            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_values)
+            out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_shown)
             code = run_beside(bank, rows, self.imu, self.parameters, out, self.work, self.setup)
             if code != DONE:
                 return None

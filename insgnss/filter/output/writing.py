@@ -136,18 +136,18 @@ def new_output(
     n_nav: int,
     n_events: int,
     times_ns: Int64,
-    n_values: int = 0,
+    n_shown: int = 0,
     trace: TraceRoom | None = None,
 ) -> Output:
     """Return room for ``n_nav`` navigation rows, a ledger of ``rows`` as known before the filter, and events.
 
-    ``n_values`` is the number of optional states with a value, as the filter's layout has them; ``trace`` is room for
-    states at further times.
+    ``n_shown`` is the number of further states that the table shows, as the filter's layout has them; ``trace`` is
+    room for states at further times.
     """
     ledger, carrier = new_ledger(rows)
     return Output(
         np.zeros(n_nav, NAV_DTYPE),
-        np.zeros((n_nav, 2 * n_values)),
+        np.zeros((n_nav, 2 * n_shown)),
         ledger,
         carrier,
         np.zeros(n_events, EVENT_DTYPE),

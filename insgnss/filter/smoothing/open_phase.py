@@ -65,7 +65,7 @@ def gone_over_alone(
         chain.append(keep_own(bank, step.correction, linked=True, fits=True))
 
     for rows in phase.epochs:
-        out = new_output(rows, 1, 32, np.zeros(0, np.int64), layout.n_values)
+        out = new_output(rows, 1, 32, np.zeros(0, np.int64), layout.n_shown)
         code = run_beside(bank, rows, imu, calm, out, work, setup, own_step)
         if code == COVARIANCE_LOST:
             return []

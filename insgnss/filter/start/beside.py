@@ -48,7 +48,7 @@ def update_beside(
     parameters : (1,) of ``PARAMETERS_DTYPE``
     setup : of the filter beside which it runs: its states, and a user's own rows, which the bank takes too
     """
-    out = new_output(epoch, 1, _N_EVENTS, np.zeros(0, np.int64), setup.layout.n_values)
+    out = new_output(epoch, 1, _N_EVENTS, np.zeros(0, np.int64), setup.layout.n_shown)
     code = run_beside(bank, epoch, imu, parameters, out, work, setup)
     clear_failures(bank)
     return out, code == COVARIANCE_LOST

@@ -48,7 +48,15 @@ def _block(name: str, wanted: StatesWanted) -> StateBlock | None:
     if not (sigma > 0.0 and name in wanted.config.process.sensor_error_states):
         return None
     columns = tuple(_column(name, one, unit) for one in _COUPLES[name])
-    return StateBlock(name, columns, unit, sigma, couples=_COUPLES[name], si_per_unit=_SI[unit])
+    return StateBlock(
+        name,
+        columns,
+        unit,
+        sigma,
+        couples=_COUPLES[name],
+        si_per_unit=_SI[unit],
+        shown=wanted.config.process.sensor_error_columns,
+    )
 
 
 def _column(name: str, one: Coupling, unit: str) -> str:
