@@ -204,9 +204,8 @@ plt.show()
 # level are seen at once, through the tilt they would cause, and so is the vertical accelerometer. An S-turn betters the
 # other four within a minute. After it the heading drifts again, but with a bias that is now known better.
 #
-# A turn also brings out what this filter has no states for, here left out of the simulated sensor: in such a flight
-# with 0.5 mrad of misalignment (the library's tactical grade) the errors of pitch and yaw after the turns were 2 to 3
-# times sigma. And with a bias of 80 deg/h (industrial grade) the heading's error grew to 25 deg in straight flight,
+# A turn also brings out scale factors, misalignments and what specific force does to the gyros. This simulated sensor
+# has scale factors alone; the filter has a state for each error that the grade names. And with a bias of 80 deg/h (industrial grade) the heading's error grew to 25 deg in straight flight,
 # where linear error dynamics no longer hold: sigma was 8 deg.
 #
 # ## Answer

@@ -30,6 +30,11 @@ glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel,
 zenith_delay_m: residual tropospheric delay at the zenith, where estimated
 ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (carriers of one band)
 sd_offset_*_m sd_glonass_bias_m_per_channel sd_zenith_delay_m sd_ionosphere_m: one sigma of these
+gyro_scale_factor_*_ppm accel_scale_factor_*_ppm gyro_misalignment_*_mrad accel_misalignment_*_mrad
+  gyro_g_sensitivity_*_deg_per_h_per_g: further errors of the sensors by their axis, and the axis of the rate or force
+  that they go with; with `process.sensor_error_columns`
+sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mrad sd_accel_misalignment_*_mrad
+  sd_gyro_g_sensitivity_*_deg_per_h_per_g: one sigma of these
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (orbits and clocks of the
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
   empty where no epoch of the log has used ranges enough to tell
