@@ -49,11 +49,8 @@ N_TABLE: Final = 7
 SEEN_RANGE, SEEN_RATE, SEEN_POWER, SEEN_CODE = range(4)
 N_SEEN: Final = 4
 OFFSET_RANGE, OFFSET_RATE, OFFSET_CODE = range(3)
-N_NOISE: Final = (
-    2,
-    12,
-    6,
-)  # normal numbers for each channel and integration: phase, no phase, phase and code
+# normal numbers for each channel and integration: phase, no phase, phase and code
+N_NOISE: Final = (2, 12, 6)
 
 
 class Channels(NamedTuple):

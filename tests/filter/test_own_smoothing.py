@@ -165,7 +165,6 @@ def test_smoothed_row_at_the_time_of_own_rows_is_that_between_its_neighbours() -
     sd_n = out.nav["value"][:, 9]
     assert (sd_n < filtered[:, 9]).all()
     assert np.abs(np.diff(sd_n)).max() < 0.02 * sd_n.max()
-    speed = (
-        np.diff(out.nav["value"][:, 2]) / 0.1 + out.nav["value"][1:, 5]
-    )  # height's growth and velocity down
+    # height's growth and velocity down
+    speed = np.diff(out.nav["value"][:, 2]) / 0.1 + out.nav["value"][1:, 5]
     assert np.abs(speed).max() < 0.1

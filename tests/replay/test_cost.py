@@ -12,9 +12,8 @@ from tests.benchmarks.long_log import LongLog, write_log
 MIB = 2**20
 # An array of final size is filled in one place while another is read: what lives at once is about what is on the disk
 MOST_PER_BYTE = 1.5
-MOST_OF_OURS_MIB = (
-    100.0  # modules, machine code, tables in the making; beside what the libraries take by themselves
-)
+# modules, machine code, tables in the making; beside what the libraries take by themselves
+MOST_OF_OURS_MIB = 100.0
 LIBRARIES = """
 import numba, numpy, pandas, pyarrow.csv, pyarrow.parquet, pydantic, rich.console, typer
 numba.njit(lambda x: x + 1.0)(1.0)

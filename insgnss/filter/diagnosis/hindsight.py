@@ -64,20 +64,8 @@ from insgnss.filter.update.wrong_rates import RATES_OUT_NS
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, Rows, some_epochs
 
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
-_ONSETS_S: Final = (
-    3.0,
-    5.0,
-    7.0,
-    9.0,
-    12.0,
-    15.0,
-    18.0,
-    22.0,
-    26.0,
-    32.0,
-    40.0,
-    50.0,
-)  # how long ago the fault may have begun
+# how long ago the fault may have begun
+_ONSETS_S: Final = (3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 18.0, 22.0, 26.0, 32.0, 40.0, 50.0)
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
@@ -154,9 +142,8 @@ class Hindsight:
         """Yield all that may have failed."""
         for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
             if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, self.setup)[2].sigma > 0.0:
-                yield from self.sensor(
-                    suspect
-                )  # a sensor that is said to have no bias cannot have one that jumps
+                # a sensor that is said to have no bias cannot have one that jumps
+                yield from self.sensor(suspect)
         yield from self.without_satellites()
         yield from self.other_tags()
         yield from self.other_imu_tags()

@@ -26,9 +26,8 @@ from insgnss.tables import Float64
 _RATE_MPS: Final = 2.0  # sigma of the rates at which satellites run away
 _WRONG_MPS: Final = 10.0 ** np.arange(-1.0, 3.0, 0.5)  # by so much wrong range rates wander in a second
 _ONSETS: Final = 12
-_RIDGE: Final = (
-    1e-6  # of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
-)
+# of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
+_RIDGE: Final = 1e-6
 
 
 class _Shown(NamedTuple):

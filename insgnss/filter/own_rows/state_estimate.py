@@ -36,9 +36,8 @@ class StateEstimate:
     clock_drift_mps: float
     w_ib_b: Float64  # (3,) rate of the sample whose interval holds the time, bias removed [rad/s]
     f_b: Float64  # (3,) its specific force, bias removed [m/s^2]
-    optional: Mapping[
-        str, float | Float64
-    ]  # values of the further blocks by their names in the layout, SI units
+    # values of the further blocks by their names in the layout, SI units
+    optional: Mapping[str, float | Float64]
 
     @cached_property
     def _geodetic(self) -> tuple[float, float, float]:

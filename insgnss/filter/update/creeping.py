@@ -50,14 +50,11 @@ _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
 _FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
-_ALIKE_S: Final = (
-    4.0  # errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
-)
+# errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
+_ALIKE_S: Final = 4.0
 RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
-_HELD_S: Final = (
-    3.0,
-    20.0,
-)  # that long a band stays out once it was found by range or rate: turns hide satellites
+# that long a band stays out once it was found by range or rate: turns hide satellites
+_HELD_S: Final = (3.0, 20.0)
 KEPT_OUT_S: Final = 120.0  # that long one stays out of which nobody can say any more whether it is wrong
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
@@ -84,9 +81,8 @@ def follow_satellites(
     if par.drift_gate <= 0.0:
         return False
     now = t_ns * 1e-9
-    refused = refuse_left_out(
-        memory, lines, observation, now
-    )  # they do not take part in what all have in common
+    # they do not take part in what all have in common
+    refused = refuse_left_out(memory, lines, observation, now)
     if t_ns - m.explained_ns >= _INTERVAL_NS:
         for kind in range(2):
             if fit_freely(lines, kind, fit) < _LEAST_AGREEING:
