@@ -55,7 +55,8 @@ _ALIKE_S: Final = 4.0
 RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
 # that long a band stays out once it was found by range or rate: turns hide satellites
 _HELD_S: Final = (3.0, 20.0)
-KEPT_OUT_S: Final = 120.0  # that long one stays out of which nobody can say any more whether it is wrong
+# how long a satellite stays out while its rows cannot show whether it is still wrong
+KEPT_OUT_S: Final = 120.0
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
 _TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that nobody knows yet
@@ -171,9 +172,9 @@ def stands_out(
     fit: Float64,
     gate2: float,
 ) -> bool:
-    """Return whether one of the means is beyond the gate from what all that are left in have in common.
+    """Return whether the mean of a satellite in use is beyond the gate, less the common part of all satellites in use.
 
-    A satellite that was left out is let back once its rate agrees with these, no sooner while it is in view.
+    An excluded satellite in view returns once its mean range rate agrees with theirs.
     """
     clear(fit)
     count = 0
