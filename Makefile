@@ -35,8 +35,10 @@ BOUNDS := $(KERNELS) tests/filter/test_soundness.py tests/filter/test_gating.py 
     tests/gnss/test_glonass_orbit.py tests/gnss/test_troposphere.py tests/antenna/test_gain_pattern.py \
     tests/antenna/test_visibility.py tests/replay/test_wild_cells.py
 
+# Nearly all of its time is compiling: the lists of kernels first, in a process a core, then the rest test by test.
 test-bounds: $(STAMP)  ## run what computes indices with every index checked (NUMBA_BOUNDSCHECK=1)
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(BOUNDS) $(ARGS)
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -c "from insgnss.first_run import main; main()"
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist worksteal $(BOUNDS) $(ARGS)
 
 # By hand, before a release: makes an environment of its own in build/. Another interpreter, for which the lowest versions
 # have no wheels: make test-lowest PYTHON=python3.13 ARGS=--newest

@@ -34,9 +34,8 @@ from insgnss.units import (
 )
 
 POINTS_PER_DECADE: Final = 12
-LEAST_CLUSTERS: Final = (
-    9  # that many independent means at the longest averaging time: its deviation is good to 25 %
-)
+# that many independent means at the longest averaging time: its deviation is good to 25 %
+LEAST_CLUSTERS: Final = 9
 LEAST_SAMPLES: Final = 200
 REST_RATE_RADPS: Final = math.radians(1.0)  # means over a second may differ by that much at rest
 REST_FORCE_MPS2: Final = 0.6
@@ -44,9 +43,8 @@ SHORTEST_CORRELATION_S: Final = 10.0  # what forgets faster is noise to a filter
 _TIMES_TRIED: Final = 60  # correlation times on a logarithmic grid
 # Columns of ``_terms`` that may enter together
 _TERM_SETS: Final = ((1,), (0, 1), (1, 2), (0, 1, 2), (1, 2, 3), (0, 1, 2, 3))
-_WORTH_A_PARAMETER: Final = (
-    9.0  # of the weighted sum of squares, three sigma: less does not speak for one more
-)
+# of the weighted sum of squares, three sigma: less does not speak for one more
+_WORTH_A_PARAMETER: Final = 9.0
 
 
 @dataclass(frozen=True)

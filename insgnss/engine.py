@@ -111,7 +111,7 @@ class Engine(FilterEngine):
         ``supervision`` has a row for each satellite above the horizon and epoch: the state of its channel, what antenna
         and airframe hide, the predicted pseudorange and Doppler, their sigmas and the search window. ``transitions``
         has each change with its reason, ``search_times`` the seconds so far. This call decides the newest epoch; an
-        epoch that nobody has asked for is decided when the next one arrives.
+        epoch that was not asked for is decided when the next one arrives.
 
         Raises
         ------

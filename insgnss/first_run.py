@@ -12,9 +12,8 @@ from typing import Final
 
 from insgnss.compiled_ahead import compiled_ahead, is_complete
 
-_LIST: Final = (
-    "insgnss.kernel_list"  # run in processes of its own: one that finds everything compiled does not load it
-)
+# run in processes of its own: one that finds everything compiled does not load it
+_LIST: Final = "insgnss.kernel_list"
 _ABOUT: Final = "compiling, once per installation (half a minute to a minute)"
 
 

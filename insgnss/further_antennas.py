@@ -11,9 +11,8 @@ from insgnss.errors import InputError
 from insgnss.gnss.antenna_phases import epoch_of
 from insgnss.log.flight import Flight, FlightLogs
 
-Record = Callable[
-    [pd.DataFrame, int], pd.DataFrame
-]  # adds the antennas' differences to the ledger of a GPS week
+# adds the antennas' differences to the ledger of a GPS week
+Record = Callable[[pd.DataFrame, int], pd.DataFrame]
 
 
 def require_common_epochs(logs: FlightLogs, flight: Flight) -> None:

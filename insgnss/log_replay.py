@@ -341,9 +341,8 @@ def _prepared(
     sources = None
     if aided is not None:
         sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
-    most_rows = (
-        MOST_ROWS if flight.config.attitude is None else None
-    )  # several antennas look at the log as a whole
+    # several antennas look at the log as a whole
+    most_rows = MOST_ROWS if flight.config.attitude is None else None
     blocks, found = row_blocks(setup, logs, flight, most_rows)
     setup, ledger, told = with_antennas(setup, logs, flight, blocks[0])
     found = found + told

@@ -18,9 +18,8 @@ from insgnss.status import USED
 from insgnss.tables import Float64, Int64
 
 COLUMNS: Final = ("sd_slow_n_m", "sd_slow_e_m", "sd_slow_d_m")
-_LEAST_SHARE: Final = (
-    1e-4  # of an innovation's variance that is the range's own, as far as single precision tells
-)
+# of an innovation's variance that is the range's own, as far as single precision tells
+_LEAST_SHARE: Final = 1e-4
 
 
 class SlowVariances(NamedTuple):

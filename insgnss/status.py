@@ -31,16 +31,14 @@ SWITCHED_OFF: Final = 19  # a setting: this kind of measurement is not used
 NOT_STARTED: Final = 20  # before the filter had a start, or at the epoch at which it was lost
 NO_IMU: Final = 21  # outside the time the inertial log covers
 TOO_LATE: Final = 22  # it reached the engine after its latency limit
-CLOCK_JUMP: Final = (
-    23  # refused with its whole epoch: the receiver's clock jumped and the step is not yet known
-)
+# refused with its whole epoch: the receiver's clock jumped and the step is not yet known
+CLOCK_JUMP: Final = 23
 USED_FOR_START: Final = 24  # it went into the single-point solution that started or restarted the filter
 REFUSED_AT_START: Final = 25  # the single-point solution excluded it
 NO_CHANNEL: Final = 26  # GLONASS, satellite side: neither the messages nor the log tell its frequency channel
 COMBINED: Final = 27  # its value stands in another row of the satellite: the ionosphere-free combination
-NO_SECOND_SIGNAL: Final = (
-    28  # the ionosphere-free combination needs a second signal, and this satellite has one
-)
+# the ionosphere-free combination needs a second signal, and this satellite has one
+NO_SECOND_SIGNAL: Final = 28
 NO_SOLUTION: Final = 29  # the epoch has no point solution
 NO_CORRECTION: Final = 37  # the base station has none for this signal, message and time
 NO_EPOCH_BEFORE: Final = 30  # no carrier of this signal in the epoch before, or the filter was not there yet

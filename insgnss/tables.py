@@ -54,19 +54,16 @@ class GnssTable:
     cn0_dbhz: Float64  # (n,)
     sv_names: tuple[str, ...]
     signal_names: tuple[str, ...]
-    sat: Float64 | None = (
-        None  # (n, 8) x y z [m], vx vy vz [m/s] ECEF at transmit time, clock [m], drift [m/s]
-    )
+    # (n, 8) x y z [m], vx vy vz [m/s] ECEF at transmit time, clock [m], drift [m/s]
+    sat: Float64 | None = None
     sigma_pseudorange_m: Float64 | None = None  # (n,) where the log states it
     sigma_range_rate_mps: Float64 | None = None  # (n,)
     # rows with an unreadable range or rate
     bad_cells: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
-    carrier_cycles: Float64 | None = (
-        None  # (n,) carrier phase, RINEX sign: grows with the distance; NaN without
-    )
-    lli: Int8 | None = (
-        None  # (n,) loss-of-lock indicator as in RINEX: bit 0 slip, bit 1 half cycle unresolved
-    )
+    # (n,) carrier phase, RINEX sign: grows with the distance; NaN without
+    carrier_cycles: Float64 | None = None
+    # (n,) loss-of-lock indicator as in RINEX: bit 0 slip, bit 1 half cycle unresolved
+    lli: Int8 | None = None
     glonass_channels: dict[str, int] = field(default_factory=dict)  # where the log tells: "R07" -> -7..6
 
     def take(self, rows: npt.NDArray[np.intp] | slice) -> GnssTable:
@@ -183,6 +180,5 @@ class ReferenceTable:
     v_n: Float64  # (n, 3) [m/s]
     rpy_deg: Float64  # (n, 3) roll, pitch, yaw
     quality: Float64
-    sigma: Float64 | None = (
-        None  # (n, 9) of position north, east, down [m], velocity [m/s], roll, pitch, yaw [deg], where stated
-    )
+    # (n, 9) of position north, east, down [m], velocity [m/s], roll, pitch, yaw [deg], where stated
+    sigma: Float64 | None = None

@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-CONFIDENCE = (
-    0.999  # one test in a thousand fails by chance; the seeds are fixed, so a test that passes keeps passing
-)
+# one test in a thousand fails by chance; the seeds are fixed, so a test that passes keeps passing
+CONFIDENCE = 0.999
 
 
 def mean_chi_square_bounds(

@@ -182,13 +182,24 @@ def test_save_that_was_killed_while_it_wrote_leaves_nothing_behind_after_the_nex
 
 # ------------------------------------------------------------------------------------------------ runs
 
+# a copy of the process saves from each line on, so that only the first one has to import the package
 SAVER = """
-import sys, itertools
+import os, sys
 from tests.small_run import small_run
 runs = [small_run(mark) for mark in (1.0, 2.0)]
 print("ready", flush=True)
-for number in range(2000):
-    runs[number % 2].save(sys.argv[1], ("parquet", "csv")[number // 2 % 2])
+parent = os.getpid()
+for _ in sys.stdin:
+    child = os.fork()
+    number = 0
+    while not child:
+        if os.getppid() != parent:
+            os._exit(0)
+        runs[number % 2].save(sys.argv[1], ("parquet", "csv")[number // 2 % 2])
+        number += 1
+    print(child, flush=True)
+    os.waitpid(child, 0)
+    print("ended", flush=True)
 """
 
 
@@ -202,7 +213,11 @@ def marks(run: Run) -> set[float]:
 def saver(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Let another process save two runs into a folder, one over the other, until the block ends."""
     process = subprocess.Popen(
-        [sys.executable, "-c", SAVER, folder], stdout=subprocess.PIPE, cwd=REPOSITORY, env=WITH_TESTS
+        [sys.executable, "-c", SAVER, folder],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        cwd=REPOSITORY,
+        env=WITH_TESTS,
     )
     try:
         assert process.stdout is not None and process.stdout.readline() == b"ready\n"
@@ -212,22 +227,34 @@ def saver(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
         process.communicate()
 
 
+def saving_child(process: subprocess.Popen[bytes]) -> int:
+    """Let the other process start one that saves; return its number."""
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(b"\n")
+    process.stdin.flush()
+    return int(process.stdout.readline())
+
+
 @pytest.mark.slow
 def test_run_folder_is_the_old_or_the_new_run_at_any_kill(tmp_path: Path, rng: np.random.Generator) -> None:
     folder = tmp_path / "run"
     small_run(1.0).save(folder)
-    for wait_s in rng.uniform(0.0, 0.2, 8):
-        with saver(folder):
+    with saver(folder) as process:
+        for wait_s in rng.uniform(0.0, 0.2, 8):
+            child = saving_child(process)
             time.sleep(wait_s)
-        found = marks(Run.load(folder))
-        assert len(found) == 1
+            os.kill(child, signal.SIGKILL)
+            assert process.stdout is not None and process.stdout.readline() == b"ended\n"
+            found = marks(Run.load(folder))
+            assert len(found) == 1
     small_run(3.0).save(folder)
     assert not [p.name for p in folder.iterdir() if p.name.startswith(".") and p.name != RECORD]
 
 
 def test_run_read_while_another_process_saves_is_one_run(tmp_path: Path) -> None:
     small_run(1.0).save(tmp_path)
-    with saver(tmp_path):
+    with saver(tmp_path) as process:
+        saving_child(process)
         seen = [marks(Run.load(tmp_path)) for _ in range(15)]
     assert {len(found) for found in seen} == {1}
 

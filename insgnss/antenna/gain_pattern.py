@@ -31,18 +31,16 @@ class GainTable:
     polarisation: str
     source: str
     elevation_deg: Float64  # (n,) from -90 to 90, strictly increasing
-    azimuth_deg: (
-        Float64  # (m,) from 0, strictly increasing, below 360; one alone where the gain does not depend on it
-    )
+    # (m,) from 0, strictly increasing, below 360; one alone where the gain does not depend on it
+    azimuth_deg: Float64
     gain_dbic: Float64  # (n, m), one value in each pole's row
 
 
 class Pattern(NamedTuple):
     """The patterns of one or more antennas on even grids, one after another, as the kernels read them."""
 
-    gain_dbic: (
-        Float64  # (sum,) of each antenna n_rows x (n_columns + 1) values, the first column again as the last
-    )
+    # (sum,) of each antenna n_rows x (n_columns + 1) values, the first column again as the last
+    gain_dbic: Float64
     shape: Int64  # (k, 3) where the antenna's values begin, n_rows, n_columns
     per_rad: Float64  # (k, 2) rows and columns per radian
 

@@ -24,9 +24,8 @@ class Installation(NamedTuple):
     pattern: Pattern  # of all antennas
     C_ab: Float64  # (k, 3, 3) turns body components into those of the antenna
     lever_b: Float64  # (k, 3) IMU to phase centre, body axes [m]
-    clearance_deg: (
-        Int8  # (k, 180, 360) angle to the edge of the free sky, negative where the airframe hides it
-    )
+    # (k, 180, 360) angle to the edge of the free sky, negative where the airframe hides it
+    clearance_deg: Int8
     is_obstructed: npt.NDArray[np.bool_]  # (k,) whether anything hides this antenna
 
 

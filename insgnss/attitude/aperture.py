@@ -85,9 +85,8 @@ class Apertures:
     slope: Float64  # (n,) of the S-curve at the stable zero
     below: Float64  # (n,) offset of the nearest unstable point on the negative side [rad]
     above: Float64  # (n,) on the positive side [rad]
-    terms: tuple[
-        Float64, Float64
-    ]  # (n, k) slopes and bends of the phase differences, which give the whole curve
+    # (n, k) slopes and bends of the phase differences, which give the whole curve
+    terms: tuple[Float64, Float64]
 
     @property
     def width(self) -> Float64:

@@ -107,9 +107,8 @@ class Correction:
     """What became of an epoch's phase differences."""
 
     status: tuple[str, ...]  # for each signal: used, or why not
-    nis: (
-        Float64  # (N,) chi-square with M - 1 degrees of freedom where the filter is right; nan where not seen
-    )
+    # (N,) chi-square with M - 1 degrees of freedom where the filter is right; nan where not seen
+    nis: Float64
 
     @property
     def n_used(self) -> int:

@@ -46,9 +46,8 @@ ANGLE: Final = slice(0, 3)
 RATE: Final = slice(3, 6)
 # Euler angles: from here on roll and yaw are so nearly one angle that their rates exceed the body's tenfold
 _STEEPEST_PITCH_RAD: Final = math.radians(84.0)
-_SCAN_RAD: Final = math.radians(
-    0.5
-)  # of the range of lock: narrower than the lobes of any curve of 2 m baselines
+# of the range of lock: narrower than the lobes of any curve of 2 m baselines
+_SCAN_RAD: Final = math.radians(0.5)
 _BACK_SHARE: Final = 0.1  # of the first offset that may be left of a start that came back
 
 

@@ -69,9 +69,8 @@ def fit_attitude(start: npt.ArrayLike, rows: PhaseRows, cycles: npt.ArrayLike, r
         if step == _STEPS:
             break
         J = rows.derivatives(C)
-        J_rough = np.cross(np.eye(3)[None], l_n[:, None]).swapaxes(
-            1, 2
-        )  # phi x l, one column per component of phi
+        # phi x l, one column per component of phi
+        J_rough = np.cross(np.eye(3)[None], l_n[:, None]).swapaxes(1, 2)
         known = J.T @ W @ J + np.einsum("mai,mab,mbj->ij", J_rough, W_rough, J_rough)
         slope = J.T @ W @ residual + np.einsum("mai,mab,mb->i", J_rough, W_rough, rest)
         C = rotation_matrix(np.linalg.solve(known, slope)) @ C

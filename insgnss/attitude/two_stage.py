@@ -31,9 +31,8 @@ from insgnss.tables import Float64, Int64
 
 Clocks = Literal["common", "separate"]
 CANDIDATES: Final = 2000  # looked at for each baseline: ranges to 1 m and 5 satellites leave some hundreds
-RATIO: Final = (
-    2.0  # of the second loss to the first; a loss has tens of degrees of freedom and varies by a third
-)
+# of the second loss to the first; a loss has tens of degrees of freedom and varies by a third
+RATIO: Final = 2.0
 _SHARE_REFUSED: Final = 1e-4  # of right solutions, by the test of their fit
 _SIGMAS: Final = 4.5  # of a length or a product of two baselines
 _MOST_COMBINATIONS: Final = 2000  # of baselines, each a fit of a fifth of a millisecond
@@ -47,9 +46,8 @@ class Solution:
 
     is_valid: bool
     reason: str  # why not, or ""
-    C_nb: (
-        Float64 | None
-    )  # (3, 3) of the best whole cycles; None where nothing fits: not to be used if not valid
+    # (3, 3) of the best whole cycles; None where nothing fits: not to be used if not valid
+    C_nb: Float64 | None
     covariance_n: Float64 | None  # (3, 3) of its error as a rotation vector in n [rad^2]
     cycles: Int64 | None  # (M - 1, R)
     loss: float  # of the best

@@ -13,9 +13,8 @@ import numpy.typing as npt
 from insgnss.errors import GeometryError
 from insgnss.tables import Float64
 
-_ONE_LINE: Final = (
-    1e-4  # second singular value over the first, below which the vectors are one line (0.6 deg)
-)
+# second singular value over the first, below which the vectors are one line (0.6 deg)
+_ONE_LINE: Final = 1e-4
 
 
 class Attitude(NamedTuple):

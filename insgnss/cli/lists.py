@@ -15,7 +15,7 @@ def numbers_in(text: str, key: str) -> list[float]:
 
     Raises
     ------
-    ConfigError : one of them is no number; ``key`` is the option
+    ConfigError : one of them is not a number; ``key`` is the option
     """
     try:
         return [float(name) for name in names_in(text)]

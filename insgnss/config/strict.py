@@ -196,9 +196,8 @@ class _Problem:
 
 
 def _config_error(path: Path | None, problems: Sequence[_Problem]) -> ConfigError:
-    problems = sorted(
-        problems, key=lambda problem: not problem.unknown
-    )  # an unknown key often explains a missing one
+    # an unknown key often explains a missing one
+    problems = sorted(problems, key=lambda problem: not problem.unknown)
     first = problems[0]
     message, advice = first.message, first.advice
     if len(problems) > 1:

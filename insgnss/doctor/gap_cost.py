@@ -39,9 +39,8 @@ def outage_sigmas(grade: ImuGrade, length_s: float) -> tuple[float, float]:
     b_g = grade.gyro_bias_instability_deg_per_h * RAD_PER_DEG / S_PER_H
     N_a = grade.accel_vrw_mps_per_sqrt_h / SQRT_S_PER_SQRT_H
     N_g = grade.gyro_arw_deg_per_sqrt_h * RAD_PER_DEG / SQRT_S_PER_SQRT_H
-    tilt = (
-        grade.accel_bias_mg * MPS2_PER_MG / g
-    )  # what levelling cannot tell from the bias is common to both ...
+    # what levelling cannot tell from the bias is common to both ...
+    tilt = grade.accel_bias_mg * MPS2_PER_MG / g
     known = min(tilt, b_a / g)  # ... and cancels until the vehicle turns: its instability is left
     v2 = START_SD_MPS**2 + (b_a * T) ** 2 + (g * known * T) ** 2 + N_a**2 * T
     v2 += (g * b_g * T**2 / 2.0) ** 2 + (g * N_g) ** 2 * T**3 / 3.0

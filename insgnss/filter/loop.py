@@ -46,9 +46,8 @@ HEADING_WIDE: Final = 5  # a hypothesis is less certain of its heading than one 
 SUSPICION: Final = 6  # all satellites contradict the prediction again and again, or one has run away
 
 _FEW = 5  # rows of a kind, below which an epoch's fix has no redundancy
-_UNCERTAIN_APART_S = (
-    10.0  # satellites at an edge come and go: uncertainty that returns within it is one event
-)
+# satellites at an edge come and go: uncertainty that returns within it is one event
+_UNCERTAIN_APART_S = 10.0
 SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receiver's rate
 
 

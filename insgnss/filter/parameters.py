@@ -57,9 +57,8 @@ class Parameters(Record):
     accel_bias_time: float
     clock_bias_density: float  # [m^2/s]
     clock_drift_density: float  # [m^2/s^3]
-    optional_density: Annotated[
-        Float64, MAX_OPTIONAL
-    ]  # of each optional state [its unit^2 / s], zero of the clone
+    # of each optional state [its unit^2 / s], zero of the clone
+    optional_density: Annotated[Float64, MAX_OPTIONAL]
     n_optional: int  # optional states with a value of their own
     optional_rate: Annotated[Float64, MAX_OPTIONAL]  # inverse correlation time of each [1/s], zero: none
     n_couplings: int  # further errors of the sensors ...
@@ -81,9 +80,8 @@ class Parameters(Record):
     pressure_0: float  # air at sea level [hPa]
     temperature_0: float  # [K]
     humidity: float  # relative
-    kind: Annotated[
-        npt.NDArray[Any], KIND_DTYPE, N_KINDS
-    ]  # of pseudoranges, range rates, carrier differences
+    # of pseudoranges, range rates, carrier differences
+    kind: Annotated[npt.NDArray[Any], KIND_DTYPE, N_KINDS]
     robust: int  # 0 the gate alone, HUBER or STUDENT of ``faults``
     huber_k: float
     student_freedom: float

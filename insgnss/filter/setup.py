@@ -48,9 +48,8 @@ class FilterSetup:
     navigation: NavigationData | None = None  # None: the log carries satellite states
     with_carrier: bool = False  # the log has carrier phases
     products: PreciseProducts | None = None  # orbits and clocks instead of the messages'
-    installation: Installation = field(
-        default_factory=no_antenna
-    )  # the vehicle's antennas, none: nothing masked
+    # the vehicle's antennas, none: nothing masked
+    installation: Installation = field(default_factory=no_antenna)
     visibility_limits: Limits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own

@@ -30,9 +30,8 @@ from insgnss.tables import Float64, Int8, Int64
 OFFSETS: Final = FURTHER
 MAX_OPTIONAL: Final = 64  # room for all of them
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
-N_CLONE: Final = (
-    4  # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
-)
+# antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
+N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
 ABSENT_STATE: Final = -1
 N_MEMORY: Final = 10  # numbers kept of each band of a satellite
@@ -146,9 +145,8 @@ class Bank(NamedTuple):
     P: Float64  # (m, n, n) covariance of the error state
     head: StateArray  # (1,) of HEAD_DTYPE
     seen: Int8  # (m, N_SATELLITE_SLOTS) what the visibility stage decided last of each satellite
-    memory: (
-        Float64  # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
-    )
+    # (m, N_SLOTS, N_MEMORY) means of what each band shows against the others, see ``creeping``
+    memory: Float64
 
 
 def new_bank(n_hypotheses: int, n_optional: int) -> Bank:

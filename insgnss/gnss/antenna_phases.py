@@ -41,9 +41,8 @@ class AntennaPhases:
     ``channel`` numbers satellite and signal; ``antenna`` is 0 for the main one.
     """
 
-    names: tuple[
-        Channel, ...
-    ]  # of each channel, in their order: one epoch alone has them in that of the whole log
+    # of each channel, in their order: one epoch alone has them in that of the whole log
+    names: tuple[Channel, ...]
     epoch_ns: Int64  # (m,) time tags of the main log
     first: Int64  # (m + 1,) first row of each epoch; from the last on: rows of no epoch
     t_ns: Int64  # (n,) the row's own time tag

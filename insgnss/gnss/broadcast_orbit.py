@@ -35,9 +35,8 @@ from insgnss.tables import Float64
 
 _SIN_TILT: Final = math.sin(math.radians(BEIDOU_GEO_TILT_DEG))
 _COS_TILT: Final = math.cos(math.radians(BEIDOU_GEO_TILT_DEG))
-_MAX_STEPS: Final = (
-    100  # bisection alone halves the bracket to the last bit in less; Newton needs 2 to 4 for e < 0.1
-)
+# bisection alone halves the bracket to the last bit in less; Newton needs 2 to 4 for e < 0.1
+_MAX_STEPS: Final = 100
 
 
 @kernel

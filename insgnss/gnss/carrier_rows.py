@@ -53,9 +53,8 @@ _SLIP_LIT, _HALF_CYCLE_LIT = 1, 2  # bits of the loss-of-lock indicator
 # The trapezoid of two Dopplers misses jerk dt^3 / 12: 0.8 m at 10 m/s^3 and 1 s; a clock's is common to all
 _DOPPLER_LIMIT_M: Final = 1.0
 _DOPPLER_LIMIT_MPS3: Final = 1.0
-_CODE_LIMIT_M: Final = (
-    30.0  # where no Doppler is logged: a metre of noise, and what a street's echoes make of a code
-)
+# where no Doppler is logged: a metre of noise, and what a street's echoes make of a code
+_CODE_LIMIT_M: Final = 30.0
 # What the ionosphere changes between two carriers of one satellite: 1 cm/s in a scintillating sky, beside 2 cm of noise
 _GEOMETRY_FREE_LIMIT_M: Final = 0.05
 _GEOMETRY_FREE_LIMIT_MPS: Final = 0.01

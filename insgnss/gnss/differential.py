@@ -38,9 +38,8 @@ from insgnss.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
 
-LOWEST_SINE: Final = math.sin(
-    math.radians(5.0)
-)  # below, the base's own multipath is larger than what it corrects
+# below, the base's own multipath is larger than what it corrects
+LOWEST_SINE: Final = math.sin(math.radians(5.0))
 # Orbit, clock and atmosphere of a healthy satellite are within 30 m of their models; more is the base's own fault
 LARGEST_M: Final = 100.0
 FEWEST: Final = 3  # satellites of a constellation that make a median worth its name

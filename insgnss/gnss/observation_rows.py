@@ -74,14 +74,12 @@ class Observation(Record):
     ionosphere_rate: Annotated[float, np.float32]  # its growth [m/s], zero where the filter computes it
     variance_scale: Annotated[float, np.float32]  # of the pseudorange's variance
     sv: Annotated[int, np.int16]  # index into the log's satellite names
-    slot: Annotated[
-        int, np.int16
-    ]  # number of the satellite's band in any log, below N_SLOTS; over N_BANDS its own
+    # number of the satellite's band in any log, below N_SLOTS; over N_BANDS its own
+    slot: Annotated[int, np.int16]
     group: Annotated[int, np.int8]  # clock: 0 the reference, 1.. the others
     channel: Annotated[int, np.int8]  # GLONASS frequency channel, 0 for all others
-    status: Annotated[
-        npt.NDArray[np.int8], 2
-    ]  # per kind: USED when the filter may try it, ABSENT, or why not
+    # per kind: USED when the filter may try it, ABSENT, or why not
+    status: Annotated[npt.NDArray[np.int8], 2]
     no_satellite: Annotated[int, np.int8]  # 1: no satellite state, nothing can be predicted
 
 

@@ -39,9 +39,8 @@ class PointSettings(NamedTuple):
     cn0_mask: float  # [dBHz]
     troposphere_factor: float  # 1 or 0
     weather: Weather
-    range_noise: tuple[
-        float, float, float, float
-    ]  # floor2, elevation2, cn02 [m^2], thermal factor where missing
+    # floor2, elevation2, cn02 [m^2], thermal factor where missing
+    range_noise: tuple[float, float, float, float]
     rate_noise: tuple[float, float, float, float]  # [m^2/s^2]
     max_gdop: float
     missed_sigmas: float  # normal quantile of a missed detection, for the protection levels

@@ -37,9 +37,8 @@ from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64, PreciseProducts
 
 N_NODES: Final = 11
-WIDEST_STEP_NS: Final = (
-    1350 * NS_PER_S
-)  # one and a half of the usual 15 min: a node missing there ends an arc
+# one and a half of the usual 15 min: a node missing there ends an arc
+WIDEST_STEP_NS: Final = 1350 * NS_PER_S
 # The codes of the pair whose ionosphere-free combination the analysis centres' clocks refer to (IGS; MGEX for the rest)
 CLOCK_PAIRS: Final = {
     "G": ("C1W", "C2W"),
@@ -49,9 +48,8 @@ CLOCK_PAIRS: Final = {
     "J": ("C1C", "C2L"),
     "I": ("C5A", "C9A"),
 }
-_DELAY_PERIOD_NS: Final = (
-    900 * NS_PER_S
-)  # a group delay is looked up once in this time: messages change once an hour
+# a group delay is looked up once in this time: messages change once an hour
+_DELAY_PERIOD_NS: Final = 900 * NS_PER_S
 
 Rows = npt.NDArray[np.intp]
 

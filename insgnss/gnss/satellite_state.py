@@ -48,9 +48,8 @@ class SatelliteStates(NamedTuple):
     """One row per observation; NaN where there is no state, with the reason in ``status``."""
 
     sat: Float64  # (n, 9) position [m], velocity [m/s], acceleration [m/s^2], ECEF at transmission
-    clock_m: (
-        Float64  # (n,) satellite clock with relativity, less the signal's group delay: to be added to a range
-    )
+    # (n,) satellite clock with relativity, less the signal's group delay: to be added to a range
+    clock_m: Float64
     drift_mps: Float64  # (n,) its rate: to be added to a range rate
     age_s: Float64  # (n,) time of transmission minus toe; negative when the message lies ahead
     status: UInt8  # (n,) USED (0), NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, NO_CHANNEL, BAD_VALUE

@@ -26,12 +26,10 @@ _LAPSE_K_PER_M: Final = 0.0065
 _PRESSURE_EXPONENT: Final = 5.25588  # g0 M / (R L)
 _TROPOPAUSE_M: Final = 11_000.0
 _T_TROPOPAUSE_K: Final = _T0_K - _LAPSE_K_PER_M * _TROPOPAUSE_M
-_SCALE_HEIGHT_M: Final = (
-    6341.62  # R T / (g0 M) at the tropopause, kept above it (below 2 cm of delay above 30 km)
-)
-_HUMIDITY: Final = (
-    0.7  # relative, at sea level: 0.12 m of wet delay at the zenith, near the mean over the Earth
-)
+# R T / (g0 M) at the tropopause, kept above it (below 2 cm of delay above 30 km)
+_SCALE_HEIGHT_M: Final = 6341.62
+# relative, at sea level: 0.12 m of wet delay at the zenith, near the mean over the Earth
+_HUMIDITY: Final = 0.7
 
 # What weather at sea level can be: records of pressure 870 and 1085 hPa, of temperature -90 and +57 degC, with a margin
 _POSSIBLE_WEATHER: Final = ((850.0, 1100.0), (180.0, 335.0), (0.0, 1.0))
@@ -39,9 +37,8 @@ _POSSIBLE_WEATHER: Final = ((850.0, 1100.0), (180.0, 335.0), (0.0, 1.0))
 _LOWEST_H_M: Final = -1000.0  # no antenna is lower; a wrong height must not make a wild delay
 _HIGHEST_GRAVITY_H_M: Final = 100_000.0  # above, nothing is left to weigh
 _HIGHEST_MAPPING_H_M: Final = 15_000.0  # Niell fitted his height correction to radiosondes
-_LOWEST_SINE: Final = math.sin(
-    math.radians(2.0)
-)  # Niell is valid to 3 deg and finite to 2 deg; lower is as 2 deg
+# Niell is valid to 3 deg and finite to 2 deg; lower is as 2 deg
+_LOWEST_SINE: Final = math.sin(math.radians(2.0))
 
 # Niell (1996), J. Geophys. Res. 101(B2), tables 3 and 4, at latitudes 15, 30, 45, 60, 75 deg
 _HYDROSTATIC: Final = np.array(

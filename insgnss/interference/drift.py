@@ -25,9 +25,8 @@ from insgnss.units import deg_per_h_to_radps, mg_to_mps2
 
 _CARRIER_ADVICE: Final = "give the carrier in hertz, such as 1575.42e6"
 _TIME_ADVICE: Final = "give the time between two samples in seconds"
-_SIGMAS: Final = (
-    3.0  # which part of a Gaussian's largest increment counts as its sigma  [Shatilov 2009, (21)]
-)
+# which part of a Gaussian's largest increment counts as its sigma  [Shatilov 2009, (21)]
+_SIGMAS: Final = 3.0
 _FEWEST: Final = 3
 # The variance of the difference of two neighbouring means of a Wiener process, over that of its increment
 _OF_MEANS: Final = 2.0 / 3.0

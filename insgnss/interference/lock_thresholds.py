@@ -35,9 +35,8 @@ from insgnss.tables import Float64, Int64
 
 # From a lifetime of 2000 / B down to one of 70 / B: the lines through them reach what table 1 asks for
 LEVELS: Final = (0.066, 0.070, 0.074, 0.079, 0.085, 0.091)
-LIFETIME: Final = (
-    300.0  # mean time to slip times B at which table 1 was found      [by simulation, see the tests]
-)
+# mean time to slip times B at which table 1 was found      [by simulation, see the tests]
+LIFETIME: Final = 300.0
 SLIP: Final = 0.75  # of the aperture
 _LOOPS: Final = 64  # that one generator drives side by side
 _GENERATORS: Final = 8  # fixed: the result does not depend on the number of workers
@@ -155,9 +154,8 @@ class LockThreshold:
     lifetime: Float64  # (n,)
     low: Float64  # (n,) bounds of 95 %
     high: Float64  # (n,)
-    measured: (
-        Float64  # (n,) rms of the simulated error over the aperture: larger, the loop is not linear any more
-    )
+    # (n,) rms of the simulated error over the aperture: larger, the loop is not linear any more
+    measured: Float64
     slips: Int64  # (n,)
 
     def ratio(self, lifetime: float = LIFETIME) -> float:

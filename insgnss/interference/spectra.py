@@ -21,9 +21,8 @@ from insgnss.gnss.signals import SIGNALS, Signal, reason_unsupported, signal_of
 from insgnss.interference.checks import named, positive
 from insgnss.tables import Float64
 
-_POINTS: Final = (
-    8001  # of the integrals over frequency: lobes of 1 MHz in a front end of 50 MHz have 160 each
-)
+# of the integrals over frequency: lobes of 1 MHz in a front end of 50 MHz have 160 each
+_POINTS: Final = 8001
 _SYSTEMS: Final = {
     "G": "GPS", "R": "GLONASS", "E": "Galileo", "C": "BeiDou", "J": "QZSS", "I": "NavIC", "S": "SBAS"
 }  # fmt: skip

@@ -31,9 +31,8 @@ _ANGULAR_RATE: Final = (
     ("UncalGyro", ("UncalGyroXRadPerSec", "UncalGyroYRadPerSec", "UncalGyroZRadPerSec")),
     ("Gyro", ("GyroXRadPerSec", "GyroYRadPerSec", "GyroZRadPerSec")),
 )
-_DRIFT_FITTED_FROM_S: Final = (
-    60.0  # below, the scatter of single epochs (ms) would give a worse rate than zero
-)
+# below, the scatter of single epochs (ms) would give a worse rate than zero
+_DRIFT_FITTED_FROM_S: Final = 60.0
 
 
 def read_android(path: Path) -> ReceiverLog:

@@ -17,13 +17,8 @@ from insgnss.log.android_lines import Cells
 from insgnss.tables import Float64, Int64, ReferenceTable
 
 OWN_SOLUTION: Final = 2.0  # its quality: do not score tightly
-_PROVIDERS: Final = (
-    "gps",
-    "flp",
-    "fused",
-    "nlp",
-    "network",
-)  # the receiver alone before what networks helped with
+# the receiver alone before what networks helped with
+_PROVIDERS: Final = ("gps", "flp", "fused", "nlp", "network")
 _RADIUS_68: Final = 1.51  # of a round normal distribution, in sigmas of one axis
 _NS_PER_MS: Final = NS_PER_S // 1000
 

@@ -75,9 +75,8 @@ class Cells:
     columns: dict[str, Any]  # name in lower case -> pyarrow array of strings
     n: int
     refused: int
-    _parsed: dict[tuple[str, str], tuple[Any, Any]] = field(
-        default_factory=dict
-    )  # columns used several times
+    # columns used several times
+    _parsed: dict[tuple[str, str], tuple[Any, Any]] = field(default_factory=dict)
 
     def has(self, name: str) -> bool:
         """Return whether the file has a column of this name, in capitals or not."""

@@ -31,6 +31,7 @@ _THOUSANDS: Final = {
 _DATE: Final = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}|\d{8}(?=[Tt])")
 _CLOCK: Final = re.compile(r"(?:.*[Tt\s])?\d\d?:\d\d")
 _INT64_MAX: Final = 2**63 - 1
+_DIGITS_OF_INT64: Final = 19
 
 
 def _pointed(cells: pa.Array, decimal: str) -> tuple[pa.Array, pa.Array]:
@@ -62,7 +63,10 @@ def integers(cells: pa.Array, digits: int, decimal: str) -> tuple[Int64, Bool]:
         except ArithmeticError:  # an exponent beyond any date
             readable[i] = False
             continue
-        values[i] = min(max(int(scaled), -_INT64_MAX), _INT64_MAX)
+        if scaled.adjusted() < _DIGITS_OF_INT64:
+            values[i] = min(max(int(scaled), -_INT64_MAX), _INT64_MAX)
+        elif scaled:  # beyond it anyway: an integer of a million digits would take a second to write out
+            values[i] = _INT64_MAX if scaled > 0 else -_INT64_MAX
     return values, readable
 
 

@@ -13,6 +13,5 @@ class Declared:
 
     date: dt.date | None = None  # of the log's first epoch, for streams that do not say it
     imu_scales: tuple[float, float] | None = None  # [rad, m/s] of one count of a NovAtel sensor
-    topics: Mapping[str, str] = field(
-        default_factory=dict
-    )  # part ("imu", "gnss", "reference") -> topic of a bag
+    # part ("imu", "gnss", "reference") -> topic of a bag
+    topics: Mapping[str, str] = field(default_factory=dict)

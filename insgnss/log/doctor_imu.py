@@ -17,9 +17,8 @@ REST_DIRECTION_RAD: Final = np.deg2rad(0.5)  # f turns less than this from secon
 REST_RATE_CHANGE_RADPS: Final = np.deg2rad(0.5)  # ... and the mean rate changes less than this
 REST_NEAR_G: Final = 0.1
 MIN_REST_WINDOWS: Final = 3
-REST_SPEED_MPS: Final = (
-    0.5  # as [start] of the filter has it: range rates of a receiver at rest scatter by less
-)
+# as [start] of the filter has it: range rates of a receiver at rest scatter by less
+REST_SPEED_MPS: Final = 0.5
 REST_SIGMAS: Final = 3.0
 SPEED_NEAR_S: Final = 5.0  # between two epochs, for a speed between them
 SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples

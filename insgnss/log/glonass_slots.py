@@ -22,9 +22,8 @@ from insgnss.tables import Event, Float64, GnssTable, Int64, NavigationData, Sta
 
 _PIECE_NS: Final = 300 * NS_PER_S  # in which a satellite moves 3 deg
 _OLDEST_NS: Final = 1800 * NS_PER_S  # of a message: the satellite has moved 16 deg
-_CLEAR: Final = (
-    0.5  # between the cosines of the candidate and the next one; antipodes differ by 0.5 at the horizon
-)
+# between the cosines of the candidate and the next one; antipodes differ by 0.5 at the horizon
+_CLEAR: Final = 0.5
 
 
 def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[GnssTable, list[Event]]:

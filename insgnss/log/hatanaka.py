@@ -30,9 +30,8 @@ def epoch_starts(lines: list[str]) -> list[int]:
         if not (count.isascii() and count.isdigit()):
             break
         is_event = described[flag_at : flag_at + 1] in "2345" and described[flag_at : flag_at + 1] != ""
-        end = (
-            starts[-1] + 1 + int(count) + (0 if is_event else 1)
-        )  # the clock's line stands before the satellites
+        # the clock's line stands before the satellites
+        end = starts[-1] + 1 + int(count) + (0 if is_event else 1)
         if end > len(lines):
             break
         starts.append(end)

@@ -93,9 +93,8 @@ def imu_windows(imu: ImuTable, median_ns: float) -> ImuWindows | None:
     used = count * each
     f = imu.f_b[:used].reshape(count, each * 3)
     w = imu.w_ib_b[:used].reshape(count, each * 3)
-    mean = np.tile(
-        np.eye(3) / each, (each, 1)
-    )  # a matrix product is many times faster than ``mean`` over an axis
+    # a matrix product is many times faster than ``mean`` over an axis
+    mean = np.tile(np.eye(3) / each, (each, 1))
     mean_f = f @ mean
     rms = np.sqrt(np.einsum("mk,mk->m", f, f) / each)
     steady = np.divide(np.linalg.norm(mean_f, axis=1), rms, out=np.zeros(count), where=rms > 0.0)

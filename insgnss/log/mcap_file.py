@@ -22,9 +22,8 @@ from insgnss.tables import Event
 
 INSTALL: Final = "pip install 'insgnss[mcap]'"
 _RECORD_LIMIT: Final = 1 << 30
-_FIELD: Final = re.compile(
-    r"^[ \t]*(\w+/[\w/]+)[ \t]+(\w+)[ \t]*(?:#.*)?\r?$", re.MULTILINE
-)  # "pkg/Type name"
+# "pkg/Type name"
+_FIELD: Final = re.compile(r"^[ \t]*(\w+/[\w/]+)[ \t]+(\w+)[ \t]*(?:#.*)?\r?$", re.MULTILINE)
 
 
 @dataclass

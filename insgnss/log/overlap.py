@@ -14,9 +14,8 @@ from insgnss.gpstime import leap_seconds, ns_to_datetime, ns_to_week_seconds
 from insgnss.log.imu_csv import inertial
 from insgnss.tables import Event, Int64
 
-FROM_ZERO_S: Final = (
-    3600.0  # a first tag below it: counted from the recorder's own start rather than in a week
-)
+# a first tag below it: counted from the recorder's own start rather than in a week
+FROM_ZERO_S: Final = 3600.0
 MOST_HOURS: Final = 14  # between local time and UTC
 # Two recorders never stop at the same moment: one epoch before or after the inertial log is worth no word
 USUAL_EPOCHS_OUTSIDE: Final = 1

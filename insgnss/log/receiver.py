@@ -21,15 +21,11 @@ class ReceiverLog:
     imu: ImuTable | None = None  # in the sensor's own axes, as logged
     events: list[Event] = field(default_factory=list)
     solution: ReferenceTable | None = None  # the receiver's own, with its sigmas
-    imu_axes: tuple[str, str, str] = (
-        "+x",
-        "+y",
-        "+z",
-    )  # the sensor's, as far as its format says where they point
+    # the sensor's, as far as its format says where they point
+    imu_axes: tuple[str, str, str] = ("+x", "+y", "+z")
     imu_is_mean: bool = False  # samples are means over their intervals, as integrating sensors give
-    solution_point: Literal["imu", "antenna"] = (
-        "antenna"  # whose place the solution is, unless the user told otherwise
-    )
+    # whose place the solution is, unless the user told otherwise
+    solution_point: Literal["imu", "antenna"] = "antenna"
 
     def span_ns(self) -> tuple[int, int]:
         """Return the first and last GPS time of the measurements, without any of the samples, else of the solution."""

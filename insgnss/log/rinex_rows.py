@@ -29,9 +29,8 @@ class Layout:
 
     satellites: tuple[str, ...]  # of each row
     signals: tuple[str, ...]  # of each row
-    source: dict[
-        str, Int64
-    ]  # for each kind, the place of each row's value in the epoch's values; past the end if none
+    # for each kind, the place of each row's value in the epoch's values; past the end if none
+    source: dict[str, Int64]
     size: int  # values of an epoch
 
 

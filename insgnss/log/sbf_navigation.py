@@ -47,10 +47,8 @@ _KM: Final = 1000.0
 _INAV, _FNAV = 2, 16
 _GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))  # they send D2
 _SEMICIRCLES: Final = ("i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot")
-_FIT_S: Final = {
-    0: 4 * 3600.0,
-    1: 6 * 3600.0,
-}  # IS-GPS-200N, 20.3.4.4: "four hours", "greater than four hours"
+# IS-GPS-200N, 20.3.4.4: "four hours", "greater than four hours"
+_FIT_S: Final = {0: 4 * 3600.0, 1: 6 * 3600.0}
 _WEEK_ROLLOVER_GLONASS: Final = 1024
 
 

@@ -25,9 +25,8 @@ _DIGITS: Final = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 CROSSOVER_TOLERANCE_NS: Final = 3600 * NS_PER_S  # a log may pause that long over the week's end
 LATEST_NS: Final = 9_999 * NS_PER_WEEK  # what is later is no date of any log
 MAX_WEEK_SECONDS_NS: Final = 10 * NS_PER_WEEK  # seconds may be counted on over some week ends
-STRAY_NS: Final = (
-    183 * 86_400 * NS_PER_S
-)  # from the middle of the log: no log lasts a year, an unset clock is years off
+# from the middle of the log: no log lasts a year, an unset clock is years off
+STRAY_NS: Final = 183 * 86_400 * NS_PER_S
 
 
 def is_exact(scale: TimeScale) -> bool:

@@ -43,12 +43,8 @@ MEASUREMENT: Final = np.dtype(
     ]
 )
 LEAP_KNOWN, CLOCK_RESET = 1, 2  # bits of the epoch's status
-RANGE_VALID, CARRIER_VALID, HALF_CYCLE_KNOWN, HALF_CYCLE_SUBTRACTED = (
-    1,
-    2,
-    4,
-    8,
-)  # bits of the measurement's status
+# bits of the measurement's status
+RANGE_VALID, CARRIER_VALID, HALF_CYCLE_KNOWN, HALF_CYCLE_SUBTRACTED = 1, 2, 4, 8
 SLIP, HALF_CYCLE_OPEN = 1, 2  # bits of the loss-of-lock indicator (RINEX 3.05, table A3)
 LOCK_CEILING_MS: Final = 64_500  # the lock time counts no further
 CHANNEL_OFFSET: Final = 7

@@ -20,9 +20,8 @@ def of_satellites(ledger: pd.DataFrame) -> pd.DataFrame:
 
 def satellites_of(table: pd.DataFrame) -> tuple[Int64, list[str]]:
     """Return, of each row, its satellite's place in the list of names, and the names that occur, sorted."""
-    words = pd.Categorical(
-        table["sv"]
-    ).remove_unused_categories()  # no copy of the words: a ledger has millions
+    # no copy of the words: a ledger has millions
+    words = pd.Categorical(table["sv"]).remove_unused_categories()
     names = [str(name) for name in words.categories]
     order = sorted(range(len(names)), key=names.__getitem__)
     place = np.empty(len(names), np.int64)

@@ -23,13 +23,8 @@ def as_nmea(run: Run) -> bytes:
     the course of RMC and VTG while the speed is below its sigma.
     """
     s = solution(run)
-    sentences = (
-        _rmc(s),
-        _gga(s),
-        _vtg(s),
-        _hdt(s),
-        _gst(s),
-    )  # readers take the date of a GGA from the RMC before
+    # readers take the date of a GGA from the RMC before
+    sentences = (_rmc(s), _gga(s), _vtg(s), _hdt(s), _gst(s))
     signed = [_with_checksum(texts) for texts in sentences]
     return "".join(text for row in zip(*signed, strict=True) for text in row).encode("ascii")
 

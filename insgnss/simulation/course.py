@@ -24,9 +24,8 @@ from insgnss.tables import Float64
 from insgnss.units import deg_to_rad
 
 KNOT_S = 0.1  # a change of motion takes seconds: the splines follow it to 1e-9 of its size
-MARGIN_S = (
-    2.0  # knots before the first and after the last moment, for receiver clocks that are ahead or behind
-)
+# knots before the first and after the last moment, for receiver clocks that are ahead or behind
+MARGIN_S = 2.0
 
 
 def smoothstep(x: Float64) -> Float64:

@@ -35,9 +35,8 @@ class FurtherReceiver:
     name: str
     receiver: Receiver
     clock_bias_m: float = 0.0  # of a clock of its own, beyond the main one's at the first tag
-    C_ba: tuple[Float64, Float64] | None = (
-        None  # main antenna's and its own axes, where the wave's turn is put in
-    )
+    # main antenna's and its own axes, where the wave's turn is put in
+    C_ba: tuple[Float64, Float64] | None = None
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,8 @@ from insgnss.tables import Float64
 from insgnss.units import deg_to_rad, rad_to_deg
 
 WGS84_POLAR_RADIUS_M = WGS84_A_M**2 / WGS84_B_M  # of curvature, at the poles
-AIRFIELD = (
-    59.97,
-    30.32,
-    20.0,
-)  # latitude, longitude [deg], ellipsoidal height [m]: the place of the sample flight
+# latitude, longitude [deg], ellipsoidal height [m]: the place of the sample flight
+AIRFIELD = (59.97, 30.32, 20.0)
 
 
 def _level_place(lat_deg: float, lon_deg: float, h_m: float) -> tuple[Float64, Float64]:

@@ -77,9 +77,8 @@ class Receiver:
     rate_hz: float = 1.0
     first_tag_s: float = 0.0
     horizon_mask_deg: float = 5.0  # lowest elevation above the horizon
-    antenna_mask_deg: float | None = (
-        None  # lowest elevation above the antenna's own plane; None: no such mask
-    )
+    # lowest elevation above the antenna's own plane; None: no such mask
+    antenna_mask_deg: float | None = None
     boresight_cn0_dbhz: float = 48.0
     cn0_sigma_db: float = 0.5
     pseudorange_noise: Noise = NoiseTerms(2.0)

@@ -14,9 +14,8 @@ import numpy as np
 from insgnss.simulation.disturbance import PathErrors, SkyGeometry
 from insgnss.tables import Float64
 
-_IONOSPHERE_SHELL: Final = (
-    0.948  # Earth's radius over the shell's, 350 km higher up [IS-GPS-200N, 20.3.3.5.2.5]
-)
+# Earth's radius over the shell's, 350 km higher up [IS-GPS-200N, 20.3.3.5.2.5]
+_IONOSPHERE_SHELL: Final = 0.948
 _LOWEST_SINE: Final = 0.05
 
 

@@ -34,9 +34,8 @@ from insgnss.studies.scenario_equipment import sky_of
 from insgnss.tables import Float64, ImuTable, ReferenceTable
 from insgnss.units import deg_to_rad
 
-GPS_WEEK: Final = (
-    2385  # of no meaning: the scenario begins with the week, so that seconds of the week are its own
-)
+# of no meaning: the scenario begins with the week, so that seconds of the week are its own
+GPS_WEEK: Final = 2385
 START_NS: Final = int(week_seconds_to_ns(GPS_WEEK, 0.0))
 _TURN_STEP_S: Final = 0.01  # of the integral of the turn rate; it changes over ``roll_s``
 _LOOK_S: Final = 0.01  # how finely the true moments of loss and return are told

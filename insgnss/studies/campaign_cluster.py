@@ -12,9 +12,8 @@ from typing import Any, Final
 from insgnss.errors import ResultError
 from insgnss.studies.campaign_tasks import Task, TaskReport, run_task
 
-AHEAD: Final = (
-    4  # tasks a worker that the scheduler knows of: no worker waits, and a million tasks cost no memory
-)
+# tasks a worker that the scheduler knows of: no worker waits, and a million tasks cost no memory
+AHEAD: Final = 4
 PATIENCE_S: Final = 10.0  # for a scheduler to answer
 _RETRIES: Final = 3  # of a task whose worker died
 

@@ -96,8 +96,7 @@ def _sigma_reduction(axes: Axes, sigmas: pd.DataFrame) -> None:
         for i, column in enumerate(c for c in sigmas if str(c).startswith(prefix)):
             share = sigmas[column] / max(float(sigmas[column].iloc[0]), 1e-30)
             name = label if i == 0 else None
-            axes.plot(sigmas["time_s"], share, _LINES[i], lw=1.1,
-                      color=COLOURS[k], label=name)  # fmt: skip
+            axes.plot(sigmas["time_s"], share, _LINES[i], lw=1.1, color=COLOURS[k], label=name)
     axes.set_yscale("log")
     axes.set_xlabel("time, s")
     axes.set_ylabel("sigma over its first")

@@ -29,9 +29,8 @@ SIGMAS: Final = (
     *(f"sd_accel_bias_{axis}_mps2" for axis in "xyz"),
     *(f"sd_gyro_bias_{axis}_radps" for axis in "xyz"),
 )
-BIAS_KNOWN_AT: Final = (
-    0.5  # of its first sigma: below, what is known of a bias comes from the flight, not its grade
-)
+# of its first sigma: below, what is known of a bias comes from the flight, not its grade
+BIAS_KNOWN_AT: Final = 0.5
 _LEAST_ROWS: Final = 10
 _DECIMALS: Final = 6
 

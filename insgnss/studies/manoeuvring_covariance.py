@@ -42,11 +42,8 @@ from insgnss.tables import Float64, Int64
 from insgnss.units import deg_per_h_to_radps, mg_to_mps2
 
 _COLUMNS: Final = np.array([DR, DR + 1, DR + 2, CLOCK])
-_START: Final = {
-    DR: 1.0,
-    DV: 0.1,
-    PSI: 0.01,
-}  # one sigma of each axis [m], [m/s], [rad]; forgotten within seconds
+# one sigma of each axis [m], [m/s], [rad]; forgotten within seconds
+_START: Final = {DR: 1.0, DV: 0.1, PSI: 0.01}
 _HIGHEST_CN0_DBHZ: Final = 60.0
 _PRECISION_DB: Final = 0.002
 

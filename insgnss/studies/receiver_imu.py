@@ -18,6 +18,7 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.simulation.closed_loop_sky import ToldMotion
 from insgnss.tables import Float64
+from insgnss.units import RAD_PER_DEG
 
 TURNING: Final = (0.5, 1.0)  # one sigma of an unknown rate on each axis [rad/s], and its correlation time [s]
 _FULL: Final = 0.999  # of the range: a reading that stands at its end
@@ -58,7 +59,7 @@ def with_gaps(
     ahead = np.where(missing[:, None], 0.0, told.ahead_b)  # a replica is led on by the sample that is held
     densities = np.zeros((len(since_s), 2))
     turning = 2.0 * TURNING[0] ** 2 * TURNING[1]
-    densities[missing | _is_full(rate, grade.gyro_range_deg_per_s, np.pi / 180.0), 0] = turning
+    densities[missing | _is_full(rate, grade.gyro_range_deg_per_s, RAD_PER_DEG), 0] = turning
     densities[missing | _is_full(force, grade.accel_range_g, STANDARD_GRAVITY_MPS2), 1] = unknown.density
     return ToldMotion(rate, force, ahead), densities
 

@@ -68,9 +68,8 @@ class Receiver(NamedTuple):
     settle: int  # integrations whose offsets do not count
     # beyond which a channel is lost: range [m], rate [m/s], and for how long
     limits: tuple[float, float, int]
-    steps: tuple[
-        float, float
-    ]  # in which oscillators set replicas: range [m], rate [m/s]; 0: as finely as told
+    # in which oscillators set replicas: range [m], rate [m/s]; 0: as finely as told
+    steps: tuple[float, float]
 
 
 class Arriving(NamedTuple):

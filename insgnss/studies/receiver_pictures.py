@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -50,24 +51,13 @@ def error_figure(summary: pd.DataFrame, thresholds: pd.DataFrame, title: str) ->
 
 def epoch_figure(epochs: pd.DataFrame, title: str) -> Figure:
     """Return errors, NEES, share lost and C/N0 over time at the lowest C/N0, a line a receiver."""
-    figure = new_figure(10.0, 9.0)
-    lowest = epochs["cn0_dbhz"].min()
-    shown = epochs[epochs["cn0_dbhz"] == lowest]
-    for k, (column, label) in enumerate(_OVER_TIME):
-        axes = figure.add_subplot(5, 1, k + 1)
-        for name, rows, colour in _by_variant(shown):
-            if np.isfinite(rows[column]).any():
-                axes.plot(rows["time_s"], rows[column], lw=1.0, color=colour, label=name)
+    figure, panels = _over_time(epochs, [(column, label, 1.0) for column, label in _OVER_TIME], 9.0)
+    for (column, _), axes in zip(_OVER_TIME, panels, strict=True):
         if column in ("position_m", "velocity_mps", "nees"):
             axes.set_yscale("log")
         if column == "nees":
             axes.axhline(1.0, color="#333333", lw=0.8, ls=":")
-        axes.set_ylabel(label)
-        axes.grid(alpha=0.3)
-        if k == 0:
-            axes.legend(fontsize=8, ncols=3)
-    axes.set_xlabel("time, s")
-    figure.suptitle(f"{title}, {lowest:g} dBHz", fontsize=10)
+    figure.suptitle(f"{title}, {epochs['cn0_dbhz'].min():g} dBHz", fontsize=10)
     return figure
 
 
@@ -76,23 +66,31 @@ def channel_figure(epochs: pd.DataFrame, title: str, cycle_m: float | None) -> F
 
     ``cycle_m`` is the wavelength of a phase that is tracked: its range is shown in cycles; None: in metres.
     """
-    figure = new_figure(10.0, 7.0)
-    lowest = epochs["cn0_dbhz"].min()
-    shown = epochs[epochs["cn0_dbhz"] == lowest]
-    labels = ("range, m" if cycle_m is None else "phase, cycles", "range rate, m/s")
-    for k, column in enumerate(("channel_m", "channel_mps")):
-        axes = figure.add_subplot(2, 1, k + 1)
-        for name, rows, colour in _by_variant(shown):
-            unit = cycle_m if cycle_m is not None and column == "channel_m" else 1.0
-            axes.plot(rows["time_s"], rows[column] / unit, lw=1.0, color=colour, label=name)
-        axes.set_yscale("symlog", linthresh=1.0 if cycle_m is None or k else 0.25)
-        axes.set_ylabel(labels[k])
-        axes.grid(alpha=0.3)
-        if k == 0:
-            axes.legend(fontsize=8, ncols=3)
-    axes.set_xlabel("time, s")
-    figure.suptitle(f"{title}, {lowest:g} dBHz: truth minus replica of one channel of one run", fontsize=10)
+    ranges = ("channel_m", "range, m", 1.0) if cycle_m is None else ("channel_m", "phase, cycles", cycle_m)
+    figure, (upper, lower) = _over_time(epochs, [ranges, ("channel_mps", "range rate, m/s", 1.0)], 7.0)
+    upper.set_yscale("symlog", linthresh=1.0 if cycle_m is None else 0.25)
+    lower.set_yscale("symlog", linthresh=1.0)
+    words = f"{title}, {epochs['cn0_dbhz'].min():g} dBHz: truth minus replica of one channel of one run"
+    figure.suptitle(words, fontsize=10)
     return figure
+
+
+def _over_time(
+    epochs: pd.DataFrame, panels: Sequence[tuple[str, str, float]], height_in: float
+) -> tuple[Figure, list[Axes]]:
+    """Return columns over time at the lowest C/N0, a line a receiver; ``panels`` are column, label and unit."""
+    figure = new_figure(10.0, height_in)
+    shown = epochs[epochs["cn0_dbhz"] == epochs["cn0_dbhz"].min()]
+    drawn = [figure.add_subplot(len(panels), 1, k + 1) for k in range(len(panels))]
+    for axes, (column, label, unit) in zip(drawn, panels, strict=True):
+        for name, rows, colour in _by_variant(shown):
+            if np.isfinite(rows[column]).any():
+                axes.plot(rows["time_s"], rows[column] / unit, lw=1.0, color=colour, label=name)
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+    drawn[0].legend(fontsize=8, ncols=3)
+    drawn[-1].set_xlabel("time, s")
+    return figure, drawn
 
 
 def _draw_lock(axes: Axes, summary: pd.DataFrame, thresholds: pd.DataFrame) -> None:

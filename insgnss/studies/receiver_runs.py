@@ -69,14 +69,12 @@ class Setting:
     start: Start
     unknown: UnknownMotion  # of a receiver without INS
     latency_s: float = 0.0
-    imu_gaps_s: tuple[
-        tuple[float, float], ...
-    ] = ()  # without inertial samples, from the first integration on
+    # without inertial samples, from the first integration on
+    imu_gaps_s: tuple[tuple[float, float], ...] = ()
     estimates_cn0: bool = False
     least_cn0_dbhz: float = -math.inf  # below it a channel is not used
-    told_cn0_dbhz: float | None = (
-        None  # C/N0 that a receiver takes for true, whatever arrives; None: the true one
-    )
+    # C/N0 that a receiver takes for true, whatever arrives; None: the true one
+    told_cn0_dbhz: float | None = None
     masking: Masking | None = None  # by the filter's attitude
     divergence_density: float = 0.0  # of phase and code ranges, two-sided [m^2/s]
     steps: tuple[float, float] = (0.0, 0.0)  # in which replicas are set: range [m], rate [m/s]
@@ -218,11 +216,8 @@ def _run_blocks(
     ``whole`` is what is told in all of them, but for the levels of the channels.
     """
     (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
-    block, taken, estimates = (
-        _block(truth),
-        arriving.level[0],
-        [],
-    )  # the C/N0 that the receiver takes for true
+    # the C/N0 that the receiver takes for true
+    block, taken, estimates = _block(truth), arriving.level[0], []
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
         here = Arriving(

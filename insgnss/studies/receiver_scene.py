@@ -37,9 +37,8 @@ from insgnss.tracking.vector_loop import TRACKINGS, channels_of
 # eight satellites well spread, two of them low
 AZIMUTH_DEG: Final = (20.0, 65.0, 110.0, 155.0, 200.0, 245.0, 290.0, 335.0)
 ELEVATION_DEG: Final = (12.0, 40.0, 20.0, 65.0, 15.0, 35.0, 70.0, 25.0)
-_BEGINS_S: Final = (
-    1.0  # after the scenario's first moment: inertial samples come before the first integration
-)
+# after the scenario's first moment: inertial samples come before the first integration
+_BEGINS_S: Final = 1.0
 _RECORD_S: Final = 0.1
 _MAX_INTEGRATIONS: Final = 2_000_000
 
@@ -62,20 +61,17 @@ class ReceiverOptions:
     phase_kind: str = "iq"
     least_cn0_dbhz: float | None = None  # a channel below it is not used: its lock detector says no
     told_cn0_dbhz: float | None = None  # the receiver takes this C/N0 for true; None: it knows the true one
-    masking: bool = (
-        False  # channels of satellites that the antennas do not see at the filter's attitude are not used
-    )
+    # channels of satellites that the antennas do not see at the filter's attitude are not used
+    masking: bool = False
     estimates_cn0: bool = False  # the receiver estimates C/N0 over half a second instead of being told
     azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
     elevation_deg: tuple[float, ...] = ELEVATION_DEG
     orbit_radius_m: float = GPS_RADIUS_M
     divergence_density: float = 0.0  # by which phase and code ranges wander apart [m^2/s]: the ionosphere
-    replica_step_m: float = (
-        0.0  # in which an oscillator sets the replica's range: the wavelength over its phases ...
-    )
-    replica_step_mps: float = (
-        0.0  # ... and rate: the wavelength times its step of frequency; 0: as finely as told
-    )
+    # in which an oscillator sets the replica's range: the wavelength over its phases ...
+    replica_step_m: float = 0.0
+    # ... and rate: the wavelength times its step of frequency; 0: as finely as told
+    replica_step_mps: float = 0.0
     unknown_mps2: float = 49.03  # acceleration of a receiver without INS: one sigma of each axis ...
     unknown_s: float = 1.0 / 0.3  # ... and its correlation time
 

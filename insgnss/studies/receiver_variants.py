@@ -126,9 +126,8 @@ STARTS: Final = {
     "coherent": Start(0.003, 0.02, 0.005, 0.003, 0.02, 1.0),
     "noncoherent": Start(5.0, 0.5, 0.005, 5.0, 0.5, 1.0),
 }
-_FOUND_M: Final = (
-    5.0  # position and clock where the code is tracked beside the phase, and each phase less its code
-)
+# position and clock where the code is tracked beside the phase, and each phase less its code
+_FOUND_M: Final = 5.0
 
 
 def oscillator_of(drift_density: float, carrier_hz: float) -> Oscillator:

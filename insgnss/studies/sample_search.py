@@ -33,9 +33,8 @@ from insgnss.tracking.acquisition import Acquisition, SearchSpan, acquire
 from insgnss.tracking.codes import GPS_BIT_S, GPS_CA_CHIP_HZ, RangingCode, gps_ca
 from insgnss.tracking.signal import Samples as SignalSamples
 
-LEAST_WINDOW_CHIPS = (
-    1.0  # half width: the cells of the transform are a quarter of a chip, their noise is shared
-)
+# half width: the cells of the transform are a quarter of a chip, their noise is shared
+LEAST_WINDOW_CHIPS = 1.0
 
 GPS_ORBIT_PRNS: Final = range(1, 33)
 FOUND, NOT_FOUND, CROSS_CORRELATION = "found", "not_found", "cross_correlation"

@@ -77,7 +77,7 @@ def without_fault_tests(config: FilterConfig) -> FilterConfig:
         update={
             "gates": config.gates.model_copy(update={**wide, "clock_jump_min_m": _NO_LIMIT}),
             "faults": config.faults.model_copy(update=none),
-            "health": config.health.model_copy(update={"strain_nis": _NO_LIMIT}),
+            "health": config.health.model_copy(update={"strain_nis": _NO_LIMIT, "suspicion_sigma": 0.0}),
             "adaptation": config.adaptation.model_copy(update={"on": False}),
         }
     )

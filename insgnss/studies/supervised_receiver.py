@@ -25,9 +25,8 @@ from insgnss.studies.receiver_channels import presence_of
 from insgnss.supervision import SupervisionSetup, outlook
 from insgnss.tables import Float64, GnssTable, ImuTable
 
-_DIFFERENCE_S = (
-    1.0  # over which the satellites' acceleration is differenced: within 1e-9 m/s^2 of the law's own
-)
+# over which the satellites' acceleration is differenced: within 1e-9 m/s^2 of the law's own
+_DIFFERENCE_S = 1.0
 
 
 @dataclass(frozen=True)

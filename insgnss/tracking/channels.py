@@ -41,9 +41,8 @@ from insgnss.tracking.frequency_loop import FrequencyLoop
 from insgnss.tracking.loop_filters import LoopFilter
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
 
-_BLOCK: Final = (
-    4096  # integrations whose noise is drawn at once: 200 kB for a channel, few enough for the cache
-)
+# integrations whose noise is drawn at once: 200 kB for a channel, few enough for the cache
+_BLOCK: Final = 4096
 _NO_ASSISTANCE: Final = "none"
 Progress = Callable[[int], None]  # is told how many integrations of a channel are done
 

@@ -18,9 +18,8 @@ from insgnss.tracking.admissible import require_known, require_within
 
 GLONASS_ST_CHIP_HZ: Final = 511_000.0  # GLONASS ICD 5.1, 3.3.2.1
 GPS_CA_CHIP_HZ: Final = 1_023_000.0  # IS-GPS-200N, 3.3.2.3
-GLONASS_ST_SIGN_S: Final = (
-    0.010  # the meander turns each data bit's sign after 10 ms; GLONASS ICD 5.1, 3.3.2.2
-)
+# the meander turns each data bit's sign after 10 ms; GLONASS ICD 5.1, 3.3.2.2
+GLONASS_ST_SIGN_S: Final = 0.010
 GPS_BIT_S: Final = 0.020  # 50 bit/s; IS-GPS-200N, 3.2.2
 SBAS_SYMBOL_S: Final = 0.002  # 500 symbols/s on PRN 120 to 158; RTCA DO-229, A.4.2
 GPS_PRNS: Final = range(1, 211)

@@ -16,9 +16,8 @@ from insgnss.tracking.codes import triangle
 Complex = npt.NDArray[np.complex128]
 Correlation = Callable[[npt.ArrayLike], Float64]
 EARLY, PROMPT, LATE = 0, 1, 2
-_SPACING_LIMIT: Final = (
-    2.0  # beyond it the outer replicas have left the peak when the prompt one stands on it
-)
+# beyond it the outer replicas have left the peak when the prompt one stands on it
+_SPACING_LIMIT: Final = 2.0
 
 
 def replica_offsets(spacing_chips: float) -> Float64:

@@ -14,9 +14,8 @@ from scipy import optimize, special
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64
 
-_SCAN: Final = (
-    2000  # steps in which the first crossing is looked for: none of the curves turns within one of them
-)
+# steps in which the first crossing is looked for: none of the curves turns within one of them
+_SCAN: Final = 2000
 _BESSEL_SPREAD: Final = 9.0  # harmonics whose size is below exp(-9^2 / 2) of the first are left out
 
 

@@ -104,9 +104,8 @@ class CarrierAndCode:
     delay_chips: float = 0.0
     doppler_hz: float = 0.0
     phase_rad: float = 0.0
-    carrier_hz: float = (
-        math.inf
-    )  # the code's Doppler is that of the carrier in their ratio; inf: no code Doppler
+    # the code's Doppler is that of the carrier in their ratio; inf: no code Doppler
+    carrier_hz: float = math.inf
 
     def steps(self, code: RangingCode, sampling: Sampling) -> Steps:
         """Return code phase and step [chips], carrier phase and step [cycles], as the kernels want them."""

@@ -49,11 +49,8 @@ N_TABLE: Final = 7
 SEEN_RANGE, SEEN_RATE, SEEN_POWER, SEEN_CODE = range(4)
 N_SEEN: Final = 4
 OFFSET_RANGE, OFFSET_RATE, OFFSET_CODE = range(3)
-N_NOISE: Final = (
-    2,
-    12,
-    6,
-)  # normal numbers for each channel and integration: phase, no phase, phase and code
+# normal numbers for each channel and integration: phase, no phase, phase and code
+N_NOISE: Final = (2, 12, 6)
 
 
 class Channels(NamedTuple):
@@ -163,6 +160,25 @@ def observation_table(channels: Channels, correlators: Correlators) -> Float64:
     return table
 
 
+@kernel
+def correlate(
+    channels: Channels, r: int, delay: float, carrier: complex, sigma: float, noise: Float64
+) -> complex:
+    """Return the early (0), prompt (1) or late (2) correlator.
+
+    Parameters
+    ----------
+    delay : truth minus replica [chips]
+    carrier : the replica's mean over the integration where the code matches
+    sigma : of the noise
+    noise : (>= 6,) independent normal numbers, the same for all three
+    """
+    Z = triangle_at(delay - channels.offsets[r]) * carrier
+    for s in range(3):
+        Z += sigma * channels.noise_factor[r, s] * complex(noise[s], noise[3 + s])
+    return Z
+
+
 @kernel(inline=True)
 def observe_channel(
     channels: Channels, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
@@ -184,21 +200,11 @@ def observe_channel(
     turn = -channels.radians_per_m * offset[1] * channels.step_s
     seen[SEEN_CODE] = 0.0
     if channels.with_code:
-        delay, matched = (
-            offset[2] / channels.chip_m,
-            carrier_mean(a, -channels.radians_per_m * offset[0], turn),
-        )
-        early, prompt, late = complex(0.0, 0.0), complex(0.0, 0.0), complex(0.0, 0.0)
-        for r in range(3):
-            Z = triangle_at(delay - channels.offsets[r]) * matched
-            for s in range(3):
-                Z += sigma * channels.noise_factor[r, s] * complex(noise[s], noise[3 + s])
-            if r == 0:
-                early = Z
-            elif r == 1:
-                prompt = Z
-            else:
-                late = Z
+        delay = offset[2] / channels.chip_m
+        carrier = carrier_mean(a, -channels.radians_per_m * offset[0], turn)
+        early = correlate(channels, 0, delay, carrier, sigma, noise)
+        prompt = correlate(channels, 1, delay, carrier, sigma, noise)
+        late = correlate(channels, 2, delay, carrier, sigma, noise)
         seen[SEEN_RANGE] = phase_output(channels.kinds[0], prompt) * channels.table[told, RANGE_BY_OUTPUT]
         split = delay_output(channels.kinds[2], early, prompt, late)
         seen[SEEN_CODE] = split * channels.table[told, CODE_BY_OUTPUT]
@@ -212,24 +218,16 @@ def observe_channel(
         seen[SEEN_POWER] = Z.real * Z.real + Z.imag * Z.imag
     else:
         delay = offset[0] / channels.chip_m
-        # early, prompt and late of both halves, whose middles stand a quarter before and after
-        half = math.sqrt(0.5) * sigma
-        early, late = complex(0.0, 0.0), complex(0.0, 0.0)
-        first, second = complex(0.0, 0.0), complex(0.0, 0.0)
-        for r in range(3):
-            size = triangle_at(delay - channels.offsets[r])
-            before = size * carrier_mean(0.5 * a, -0.25 * turn, 0.5 * turn)
-            after = size * carrier_mean(0.5 * a, 0.25 * turn, 0.5 * turn)
-            for s in range(3):
-                factor = half * channels.noise_factor[r, s]
-                before += factor * complex(noise[s], noise[3 + s])
-                after += factor * complex(noise[6 + s], noise[9 + s])
-            if r == 0:
-                early = before + after
-            elif r == 1:
-                first, second = before, after
-            else:
-                late = before + after
+        # both halves, whose middles stand a quarter before and after
+        half, turned = math.sqrt(0.5) * sigma, 0.5 * turn
+        before = carrier_mean(0.5 * a, -0.25 * turn, turned)
+        after = carrier_mean(0.5 * a, 0.25 * turn, turned)
+        early = correlate(channels, 0, delay, before, half, noise)
+        early += correlate(channels, 0, delay, after, half, noise[6:])
+        first = correlate(channels, 1, delay, before, half, noise)
+        second = correlate(channels, 1, delay, after, half, noise[6:])
+        late = correlate(channels, 2, delay, before, half, noise)
+        late += correlate(channels, 2, delay, after, half, noise[6:])
         prompt = first + second
         rate = frequency_output(channels.kinds[1], first, second)
         seen[SEEN_RATE] = rate * channels.table[told, RATE_BY_OUTPUT]

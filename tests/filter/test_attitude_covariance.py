@@ -76,9 +76,8 @@ def test_a_new_heading_changes_nothing_of_what_was_measured(yaw_rad: float) -> N
     antenna.l_e[:] = m.C_eb @ lever_b
     up = np.array(up_direction(PLACE_E))
     rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
-    P[PSI : PSI + 3, PSI : PSI + 3] = np.outer(
-        up, up
-    )  # dr = -psi x l, db = -C^T (w x psi): known but for the heading
+    # dr = -psi x l, db = -C^T (w x psi): known but for the heading
+    P[PSI : PSI + 3, PSI : PSI + 3] = np.outer(up, up)
     J = np.eye(n)
     J[DR : DR + 3, PSI : PSI + 3] = cross_matrix(antenna.l_e)
     J[BG : BG + 3, PSI : PSI + 3] = -m.C_eb.T @ cross_matrix(rate)

@@ -266,9 +266,8 @@ def test_carriers_of_late_epochs_give_the_bits_of_replay(
     engine = Engine(dataclasses.replace(setup, config=longer))
     stream(engine, logs, iter(rng.integers(0, 3_490_000_000, 1000).tolist()))
     results = engine.take_results(all_of_them=True)
-    missing = sorted(
-        set(logs.gnss.t_ns.tolist()) - {r.t_ns for r in results}
-    )  # still on their way at the end
+    # still on their way at the end
+    missing = sorted(set(logs.gnss.t_ns.tolist()) - {r.t_ns for r in results})
     assert_same_carriers(results, without_epochs(logs, missing), flown)
 
 

@@ -125,7 +125,7 @@ def test_clean_epochs_lose_no_more_rows_than_the_gate_says(
     rng: np.random.Generator, sigmas: dict[int, float], correlation_s: float
 ) -> None:
     """At three sigmas, where there is something to count: each row is beyond with 0.27 %, whatever the prior."""
-    epochs, gate = 1500, 3.0
+    epochs, gate = 600, 3.0
     par = numbers(residual_gate2=gate**2, range_gate2=1e6, range_correlation=correlation_s)
     lost = 0
     for _ in range(epochs):

@@ -169,9 +169,8 @@ def test_turned_member_keeps_the_antenna_and_what_the_gyros_show(turn: float) ->
     np.testing.assert_allclose(m.r_e + m.C_eb @ LEVER_B, antenna, atol=1e-6)
     np.testing.assert_allclose(m.b_g + m.C_eb.T @ EARTH_RATE, apparent, atol=1e-6)
     l_e = m.C_eb @ LEVER_B
-    np.testing.assert_allclose(
-        m.l_clone, l_e, atol=1e-12
-    )  # a lever arm left behind would tell of the heading
+    # a lever arm left behind would tell of the heading
+    np.testing.assert_allclose(m.l_clone, l_e, atol=1e-12)
     H = np.zeros((3, N))
     H[:, DR : DR + 3] = np.eye(3)
     H[:, PSI : PSI + 3] = [[0.0, l_e[2], -l_e[1]], [-l_e[2], 0.0, l_e[0]], [l_e[1], -l_e[0], 0.0]]

@@ -1,4 +1,7 @@
-"""Ten thousand damaged files, and those of the field trial: a result or an error of ours, soon and in little memory."""
+"""Damaged files, and those of the field trial: a result or an error of ours, soon and in little memory.
+
+What one file in a thousand shows is found here with 92 %; ``python -m tests.benchmarks.fuzz`` reads a million.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,15 @@ from insgnss.errors import InsGnssError
 from tests.fuzz.cases import failures
 from tests.fuzz.targets import MINIMISED, targets
 
-CASES = 10_000
+CASES = 2_500
+PARTS = 2  # for as many processes
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(4))  # for as many processes
+@pytest.mark.parametrize("part", range(PARTS))
 def test_damaged_files_end_in_a_result_or_an_error_of_ours(tmp_path: Path, part: int) -> None:
-    found = list(
-        failures(targets(tmp_path), 20_251, range(part * CASES // 4, (part + 1) * CASES // 4), tmp_path)
-    )
+    numbers = range(part * CASES // PARTS, (part + 1) * CASES // PARTS)
+    found = list(failures(targets(tmp_path), 20_251, numbers, tmp_path))
 
     assert [f"{f.target}, case {f.number}: {f.told}" for f in found] == []
 

@@ -145,9 +145,8 @@ def test_message_that_describes_no_ellipse_counts_as_absent(
 
 
 def test_empty_table_has_no_satellites(sample: EphemerisTable) -> None:
-    empty = EphemerisTable(
-        **{name: value[:0] for name, value in vars(sample).items()}  # tuples and arrays alike
-    )
+    # tuples and arrays alike
+    empty = EphemerisTable(**{name: value[:0] for name, value in vars(sample).items()})
     messages = broadcast_messages(empty)
     assert messages.satellites == ()
     assert chosen(messages, 0.0) == (-1, NO_EPHEMERIS)

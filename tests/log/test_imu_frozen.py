@@ -92,9 +92,8 @@ def test_coarse_gyros_at_rest_while_the_accelerometers_are_fine_are_not_told(
     rng: np.random.Generator,
 ) -> None:
     columns = rng.normal(0.0, 0.01, (N, 6))
-    columns[:, GYROS] = (
-        np.round(columns[:, GYROS] / 0.04) * 0.04
-    )  # half a step is two sigma: a tenth flickers
+    # half a step is two sigma: a tenth flickers
+    columns[:, GYROS] = np.round(columns[:, GYROS] / 0.04) * 0.04
     assert told(columns) == []
     columns[:, GYROS] = 0.0  # a still coarser one never changes
     assert told(columns) == []

@@ -213,9 +213,8 @@ def kinds(run: Run) -> list[str]:
     return list(run.events["kind"])
 
 
-HONEST_SIGMAS = (
-    5.0  # one in two million for one component of one row; what a broken filter shows is ten and more
-)
+# one in two million for one component of one row; what a broken filter shows is ten and more
+HONEST_SIGMAS = 5.0
 
 
 def assert_honest(run: Run, from_s: float, to_s: float = np.inf, sigmas: float = HONEST_SIGMAS) -> None:

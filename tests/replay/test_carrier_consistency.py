@@ -40,13 +40,8 @@ from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds, nees
 
 RUNS = 200
 FEWER_RUNS = 60
-EPOCHS = (
-    10,
-    30,
-    60,
-    90,
-    118,
-)  # while it converges, in turns and on legs; the first difference is the second epoch's
+# while it converges, in turns and on legs; the first difference is the second epoch's
+EPOCHS = (10, 30, 60, 90, 118)
 PHASE_NOISE = NoiseTerms(floor=0.0015, elevation=0.0005, cn0=0.001)
 MEMS = GRADE.model_copy(
     update={
@@ -201,9 +196,8 @@ def test_nis_of_carrier_differences_is_one_within_the_shared_noise(runs: Carrier
 def test_successive_differences_share_their_noise_as_much_as_they_must(runs: CarrierRuns) -> None:
     """The neglect in one number, found -0.16: -1/2 of the shared noise, less what the update has put into the state."""
     whole = np.isfinite(runs.scaled).all(axis=-1, keepdims=True)
-    between = np.where(
-        whole, runs.scaled - runs.scaled.mean(axis=-1, keepdims=True), np.nan
-    )  # less the clock
+    # less the clock
+    between = np.where(whole, runs.scaled - runs.scaled.mean(axis=-1, keepdims=True), np.nan)
     found = np.nanmean(between[:, 1:] * between[:, :-1]) / np.nanmean(between**2)
     assert -0.25 < found < -0.1
 

@@ -202,9 +202,8 @@ def test_page_is_no_wider_than_a_phone(page: str, tmp_path: Path) -> None:
 
 def test_map_without_a_network_says_so_and_a_picture_carries_name_and_utc(page: str, tmp_path: Path) -> None:
     nowhere = "--host-resolver-rules=MAP *.openstreetmap.org 127.0.0.1:9"
-    mouse = (
-        "--blink-settings=primaryHoverType=2,availableHoverTypes=2"  # without one the buttons are not there
-    )
+    # without one the buttons are not there
+    mouse = "--blink-settings=primaryHoverType=2,availableHoverTypes=2"
     told, _ = opened(page, tmp_path, nowhere, mouse, probe=PICTURES)
 
     assert "tiles cannot be fetched" in told["unreachable"]

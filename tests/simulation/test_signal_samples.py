@@ -72,9 +72,8 @@ def test_data_bits_stand_where_the_satellites_clock_says() -> None:
     samples, s = clean(), sky()
     for satellite in (0, 5):
         signs = np.array([np.sign(at(samples, satellite, k).real) for k in range(100)])
-        first = math.ceil(
-            -s.pseudorange_m[0, satellite] / C_MPS / 1e-3
-        )  # number of the first whole code period
+        # number of the first whole code period
+        first = math.ceil(-s.pseudorange_m[0, satellite] / C_MPS / 1e-3)
         changes = np.flatnonzero(np.diff(signs)) + 1
         assert len(changes) > 0
         assert np.all((first + changes) % 20 == 0)

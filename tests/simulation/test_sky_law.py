@@ -73,9 +73,8 @@ def test_false_lock_stands_in_the_log_though_the_satellite_is_hidden() -> None:
     clean = observe_paths(
         paths, NAMES, np.zeros(len(NAMES)), START_NS, STILL, Receiver(horizon_mask_deg=45.0), None
     )
-    lock = false_lock(
-        "G16", 5.0, 9.0, offset_m=20.0, growth_mps=3.0, rate_error_mps=2.0, cn0_dbhz=33.0
-    )  # 13 deg high
+    # 13 deg high
+    lock = false_lock("G16", 5.0, 9.0, offset_m=20.0, growth_mps=3.0, rate_error_mps=2.0, cn0_dbhz=33.0)
 
     off = lock(clean)
 

@@ -18,7 +18,7 @@ from insgnss.studies.matched_flight import (
 )
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds
 
-RUNS = 150
+RUNS = 60  # a sigma wrong by 1.6 is found with as many, see the noisier measurements below
 DURATION_S = 60.0
 GRADES = ["navigation", "tactical", "industrial"]
 
@@ -29,8 +29,8 @@ def flown(imu: str, noise_factor: float = 1.0) -> MatchedFlight:
 
 
 @cache
-def drawn(imu: str, noise_factor: float = 1.0, runs: int = RUNS) -> MonteCarlo:
-    return monte_carlo(flown(imu, noise_factor), runs, seed=5)
+def drawn(imu: str, noise_factor: float = 1.0) -> MonteCarlo:
+    return monte_carlo(flown(imu, noise_factor), RUNS, seed=5)
 
 
 def beyond_variance_bounds(flight: MatchedFlight, found: MonteCarlo) -> int:
@@ -54,15 +54,15 @@ def test_covariance_of_one_run_without_errors_is_that_of_many_with(imu: str) -> 
 def test_covariance_of_one_run_holds_in_scenarios_of_the_library(scenario: str) -> None:
     flight = MatchedFlight.of("tactical", scenario=scenario, duration_s=40.0)
 
-    assert beyond_variance_bounds(flight, monte_carlo(flight, 60, seed=5)) == 0
+    assert beyond_variance_bounds(flight, monte_carlo(flight, RUNS, seed=5)) == 0
 
 
 def test_covariance_of_a_run_does_not_hold_for_noisier_measurements() -> None:
-    assert beyond_variance_bounds(flown("tactical"), drawn("tactical", 1.6, 60)) > 10
+    assert beyond_variance_bounds(flown("tactical"), drawn("tactical", 1.6)) > 10
 
 
 def test_covariance_of_one_run_is_the_filters_own_in_each_run() -> None:
-    """A start some degrees off in heading changes the lines it predicts with: up to 4 % of a sigma in 150 runs."""
+    """A start some degrees off in heading changes the lines it predicts with: up to 4 % of a sigma."""
     alone = covariance_analysis(flown("tactical")).sd
 
     assert np.abs(drawn("tactical").sd / alone - 1.0).max() < 0.06

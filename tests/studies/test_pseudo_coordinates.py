@@ -50,9 +50,8 @@ def pseudo_coordinates(sat: np.ndarray, offsets: np.ndarray) -> np.ndarray:
 
 def begun_at(offset: np.ndarray) -> np.ndarray:
     """Return what all phases' ranges are off by when they begin from one position that is off by ``offset``."""
-    return (
-        ranges(satellites(0.0), USER + offset) - ranges(satellites(0.0), USER) + 7.0
-    )  # a clock shifts all alike
+    # a clock shifts all alike
+    return ranges(satellites(0.0), USER + offset) - ranges(satellites(0.0), USER) + 7.0
 
 
 def turned_deg() -> float:

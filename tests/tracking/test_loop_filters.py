@@ -77,9 +77,8 @@ def test_digital_loop_at_its_limit_is_deadbeat(order: int) -> None:
     assert loop.closed_loop() @ loop.closed_loop() @ loop.closed_loop() == pytest.approx(
         np.zeros((order, order)), abs=3e-3 / T ** (order - 1)
     )
-    coefficients = {1: [1.0], 2: [2.0, -1.0], 3: [3.0, -3.0, 1.0]}[
-        order
-    ]  # of the extrapolation through the last values
+    # of the extrapolation through the last values
+    coefficients = {1: [1.0], 2: [2.0, -1.0], 3: [3.0, -3.0, 1.0]}[order]
     assert np.sum(np.square(coefficients)) / 2.0 == LARGEST_BT[order]
 
 

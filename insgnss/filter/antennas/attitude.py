@@ -56,9 +56,8 @@ from insgnss.tables import Event, Float64, Int64
 Bool = npt.NDArray[np.bool_]
 _PSI_COLUMNS: Final = np.arange(PSI, PSI + 3, dtype=np.int64)
 _LONGEST_GAP_S: Final = 1.5  # whole cycles of a phase that was away for longer are not the same for certain
-_ROUNDING_SIGMAS: Final = (
-    5.0  # half a cycle has to be that many of the prediction's sigma: 6e-7 are rounded wrongly
-)
+# half a cycle has to be that many of the prediction's sigma: 6e-7 are rounded wrongly
+_ROUNDING_SIGMAS: Final = 5.0
 _REFUSED_EPOCHS: Final = 8  # a difference refused for so long, by no whole cycles, is resolved anew
 _STRAINED_EPOCHS: Final = 5  # with most differences refused: the attitude or all whole cycles are wrong
 _MISFITS: Final = 5  # epochs in which no whole cycles fit, before other orders of the cables are tried

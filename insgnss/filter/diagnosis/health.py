@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
+from insgnss.filter.diagnosis.hindsight import NOISY
 from insgnss.filter.diagnosis.lockout import absorb, clock_steps, in_words, is_thin
 from insgnss.filter.diagnosis.past import Past
 from insgnss.filter.diagnosis.recovery import Doubt, contradicted_kind, is_lost, open_doubt
@@ -35,7 +36,6 @@ from insgnss.tables import Event
 
 _WRONG_VERTICAL_RAD = np.radians(0.5)  # a fix that turns the vertical by more leaves no attitude to keep
 _TELL_AGAIN_NS = 60 * NS_PER_S
-_NOISY = 4.0  # times the assumed variance of range rates: one that stands out for a while is no news then
 _LEAST_RANGES = 6  # fewer cannot tell a clock that stepped from a sensor that failed
 
 
@@ -107,7 +107,8 @@ class Health:
             verdict, self.past = judge(self.past, self.setup, imu, parameters)
         bank.head["doubted_ns"] = t_ns + self.past.respite_ns
         if verdict is None:
-            news = crept and bank.state[0].noise_factor[RANGE_RATE] < _NOISY
+            # where all range rates are noisy, one satellite that stands out for a while is not worth an event
+            news = crept and bank.state[0].noise_factor[RANGE_RATE] < NOISY
             return Remedy(bank, self._told(creeping_in_words(t_ns, left_out(bank, t_ns))) if news else [])
         event = verdict_in_words(t_ns, was[0], verdict)
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):

@@ -64,20 +64,8 @@ from insgnss.filter.update.wrong_rates import RATES_OUT_NS
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, Rows, some_epochs
 
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
-_ONSETS_S: Final = (
-    3.0,
-    5.0,
-    7.0,
-    9.0,
-    12.0,
-    15.0,
-    18.0,
-    22.0,
-    26.0,
-    32.0,
-    40.0,
-    50.0,
-)  # how long ago the fault may have begun
+# how long ago the fault may have begun
+_ONSETS_S: Final = (3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 18.0, 22.0, 26.0, 32.0, 40.0, 50.0)
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
 _NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
@@ -86,7 +74,7 @@ _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
 _GNSS_TAGS_BACK: Final = 3  # so many onsets back those of GNSS may have begun
 _SMALLEST_SHIFT_NS: Final = 10_000_000  # noise alone estimates some milliseconds
 _LONGEST_SHIFT_NS: Final = 110_000_000
-_STORMY: Final = 4.0  # by what a noise level rises when most rows of an epoch are noise
+NOISY: Final = 4.0  # times what it was, or is assumed to be: a variance that shows most rows to be noise
 _TAGS_EPOCHS: Final = 3
 
 
@@ -143,20 +131,19 @@ class Hindsight:
     def stormy(self) -> bool:
         """Whether the noise of what the satellites show against each other has risen at a stroke."""
         first, last = (bank.state["noise_factor"][0, :CARRIER] for bank in (self.before[0], self.before[-1]))
-        return bool(np.any(last > _STORMY * first))
+        return bool(np.any(last > NOISY * first))
 
     @property
     def noisy_ranges(self) -> bool:
         """Whether the pseudoranges' noise was far above what is assumed."""
-        return any(bank.state["noise_factor"][0, PSEUDORANGE] > _STORMY for bank in self.before)
+        return any(bank.state["noise_factor"][0, PSEUDORANGE] > NOISY for bank in self.before)
 
     def suspects(self) -> Iterator[Verdict]:
         """Yield all that may have failed."""
         for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
             if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, self.setup)[2].sigma > 0.0:
-                yield from self.sensor(
-                    suspect
-                )  # a sensor that is said to have no bias cannot have one that jumps
+                # a sensor that is said to have no bias cannot have one that jumps
+                yield from self.sensor(suspect)
         yield from self.without_satellites()
         yield from self.other_tags()
         yield from self.other_imu_tags()
@@ -324,9 +311,8 @@ class Hindsight:
 
     def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[Written]] | None:
         """Return what comes of leaving satellites out, their rows charged as those of ramps, and what was written."""
-        stretches = tuple(e._replace(rows=without(e.rows, satellites)) for e in self.stretches)
         bank = copy_bank(start)
-        written = self.until(bank, self.end_ns, stretches)
+        written = self.until(bank, self.end_ns, self.stretches_without(satellites))
         if written is None:
             return None
         since = [w for w in self.base if w.t_ns > int(start.head[0].now_ns)]
@@ -334,6 +320,10 @@ class Hindsight:
         total = float(bank.head[0].log_likelihood) + sum(each.log_likelihood for each in found)
         rates = tuple(each.rate_mps for each in found)
         return Verdict(SATELLITES, total, bank, fits(written, False), satellites, rates), written
+
+    def stretches_without(self, satellites: tuple[int, ...]) -> tuple[Stretch, ...]:
+        """Return the last minute's rows without those of some satellites."""
+        return tuple(each._replace(rows=without(each.rows, satellites)) for each in self.stretches)
 
     def until(
         self, bank: Bank, stop_ns: int, stretches: tuple[Stretch, ...] | None = None
@@ -371,8 +361,7 @@ class Hindsight:
         """Return a verdict whose filter stands at the last epoch."""
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return verdict
-        stretches = tuple(e._replace(rows=without(e.rows, verdict.satellites)) for e in self.stretches)
-        if self.until(verdict.bank, self.now_ns, stretches) is None:
+        if self.until(verdict.bank, self.now_ns, self.stretches_without(verdict.satellites)) is None:
             return None
         if verdict.suspect == RATES:
             verdict.bank.state["rates_out_ns"] = self.now_ns + RATES_OUT_NS

@@ -26,9 +26,8 @@ from insgnss.tables import Float64
 _RATE_MPS: Final = 2.0  # sigma of the rates at which satellites run away
 _WRONG_MPS: Final = 10.0 ** np.arange(-1.0, 3.0, 0.5)  # by so much wrong range rates wander in a second
 _ONSETS: Final = 12
-_RIDGE: Final = (
-    1e-6  # of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
-)
+# of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
+_RIDGE: Final = 1e-6
 
 
 class _Shown(NamedTuple):
@@ -77,10 +76,12 @@ def of_wrong_rates(written: list[Written], par: Parameters) -> float:
     y = e + n, e <- e + w, var w = s^2 a second, for each satellite; the mean of exp(-sum (q + ln S) / 2) over s, with q
     the innovation of that filter squared over its variance S
     """
+    if not written:
+        return 0.0
     times_s = np.array([epoch.t_ns for epoch in written]) / NS_PER_S
-    step_s = np.diff(times_s, prepend=times_s[0] - 1.0) if len(written) else times_s
-    spread = spread_of(par, RANGE_RATE, float(np.median(step_s))) if len(written) else 1.0
-    slots = np.unique(np.concatenate([epoch.slot for epoch in written])) if written else np.zeros(0, np.int64)
+    step_s = np.diff(times_s, prepend=times_s[0] - 1.0)
+    spread = spread_of(par, RANGE_RATE, float(np.median(step_s)))
+    slots = np.unique(np.concatenate([epoch.slot for epoch in written]))
     e, P = np.zeros((len(_WRONG_MPS), len(slots))), np.zeros((len(_WRONG_MPS), len(slots)))
     found = np.zeros(len(_WRONG_MPS))
     for epoch, dt_s in zip(written, step_s, strict=True):

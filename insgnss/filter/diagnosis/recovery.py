@@ -65,13 +65,11 @@ class Doubt:
     fix: Fix
     reason: str
     over: bool = False
-    filter_fits: list[tuple[float, float]] = field(
-        default_factory=list
-    )  # share of its rows, of its pseudoranges
+    # share of its rows, of its pseudoranges
+    filter_fits: list[tuple[float, float]] = field(default_factory=list)
     filter_ranges: int = 0  # that it used last
-    ranges: dict[int, tuple[float, int]] = field(
-        default_factory=dict
-    )  # the share that fits a leader, and how many
+    # the share that fits a leader, and how many
+    ranges: dict[int, tuple[float, int]] = field(default_factory=dict)
     fits: dict[int, list[bool]] = field(default_factory=dict)  # whether most rows fit a member that leads
     _work: Workspace | None = None
 

@@ -125,9 +125,8 @@ def run_away(
     verdict, _ = again.leaving_out(again.before[0], satellites) or (None, [])
     if verdict is None or not verdict.fits:
         return None, in_vain
-    told = explanations(
-        [verdict, *again.sensor(RATES)], again.as_it_was
-    )  # of rates all of which are wrong some creep
+    # of rates all of which are wrong some creep
+    told = explanations([verdict, *again.sensor(RATES)], again.as_it_was)
     if told[0].suspect == RATES and told[0].log_odds > _WORTH_A_LOOK and not again.noisy_ranges:
         return None, past.suspecting(_accused(told[0]))
     if log_odds([each for each in told if each.suspect == SATELLITES], told) < _SURE:

@@ -17,9 +17,8 @@ from insgnss.jit import kernel
 from insgnss.tables import Float64
 
 _SAME_HEADING: Final = 0.5  # sigmas of the lighter one
-_SAME_HEADING_RAD: Final = math.radians(
-    5.0
-)  # and no farther: together they are as linear as each of them was
+# and no farther: together they are as linear as each of them was
+_SAME_HEADING_RAD: Final = math.radians(5.0)
 _SMALLEST_DIFFERENCE_RAD: Final = 0.02
 
 

@@ -16,9 +16,8 @@ from insgnss.tables import Float64
 
 LEAST_SPEED_MPS: Final = 3.0
 MOST_SIGMA_RAD: Final = math.radians(5.0)  # of heading and course, for the angle to be known
-STEEPEST: Final = math.sin(
-    math.radians(45.0)
-)  # of the nose against the horizon, for the course to tell the heading
+# of the nose against the horizon, for the course to tell the heading
+STEEPEST: Final = math.sin(math.radians(45.0))
 LEAST_UPRIGHT: Final = math.cos(math.radians(75.0))
 LONGEST_PAUSE_S: Final = 10.0  # between two epochs whose change counts
 MEMORY_S: Final = 120.0

@@ -32,9 +32,8 @@ from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
-_EACH: Final = (
-    20  # of a kind that comes again and again so many are told one by one, then the 100th, the 1000th ...
-)
+# of a kind that comes again and again so many are told one by one, then the 100th, the 1000th ...
+_EACH: Final = 20
 _SENSORS: Final = ("gyros", "accelerometers")
 _FIRST_ROOM: Final = 1024
 

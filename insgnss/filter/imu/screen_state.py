@@ -24,15 +24,13 @@ OVER_RANGE: Final = 2.0  # no sensor shows twice its declared range, as in ``log
 # verdicts; a sample without an entry is good as it is
 BAD_SAMPLE: Final = 1  # left out: a value that no sensor gives; ``amount`` is 1 at the first of a run
 SPIKE: Final = 2  # left out: far off the samples before and after it; ``amount`` is the sensor
-BRIDGE: Final = (
-    3  # a sample is put in before this one, for the time without samples; ``amount`` is the step [s]
-)
+# a sample is put in before this one, for the time without samples; ``amount`` is the step [s]
+BRIDGE: Final = 3
 BRIDGE_TOLD: Final = 4  # the same, and long enough to be told
 CUT: Final = 5  # too long to bridge: the filter starts anew with this sample; ``amount`` is the step [s]
 REPLACED: Final = 6  # a sensor is out: the sample's values and noise are these
-OUT_BEGINS: Final = (
-    7  # ``amount`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)
-)
+# ``amount`` is the sensor, ``axes`` which of its axes (bits) and whether saturated (bit 3)
+OUT_BEGINS: Final = 7
 OUT_ENDS: Final = 8  # ``amount`` is how long it was [s]
 
 GYRO: Final = 0

@@ -15,9 +15,8 @@ from insgnss.geodesy.ellipsoid import radii
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
-_SMALLEST_COSINE = (
-    1e-3  # near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
-)
+# near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here
+_SMALLEST_COSINE = 1e-3
 
 
 @kernel(inline=True)

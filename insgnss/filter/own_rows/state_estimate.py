@@ -34,13 +34,10 @@ class StateEstimate:
     b_g: Float64  # (3,) gyro bias [rad/s]
     clock_bias_m: float
     clock_drift_mps: float
-    w_ib_b: (
-        Float64  # (3,) rate of the sample whose interval holds the time, the gyros' errors removed [rad/s]
-    )
+    w_ib_b: Float64  # (3,) rate of the sample whose interval holds the time, the gyros' error removed [rad/s]
     f_b: Float64  # (3,) its specific force, the accelerometers' errors removed [m/s^2]
-    optional: Mapping[
-        str, float | Float64
-    ]  # values of the further blocks by their names in the layout, SI units
+    # values of the further blocks by their names in the layout, SI units
+    optional: Mapping[str, float | Float64]
 
     @cached_property
     def _geodetic(self) -> tuple[float, float, float]:

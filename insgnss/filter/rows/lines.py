@@ -76,7 +76,6 @@ class Epoch(NamedTuple):
     lines: Lines  # room for the rows of the largest epoch
     antenna: npt.NDArray[Any]  # (1,) of ANTENNA_DTYPE
     air: npt.NDArray[Any]  # (2,) of AIR_DTYPE: now, and a little earlier
-    vectors: (
-        Float64  # (4 + N_CLONE, n or k): correction, two of scratch, one to sort; the old clone's rows of P
-    )
+    # (4 + N_CLONE, n or k): correction, two of scratch, one to sort; the old clone's rows of P
+    vectors: Float64
     fit: Float64  # (FIT_ROWS, 4) work space of ``integrity``

@@ -87,6 +87,8 @@ def _limits(most: int) -> Float64:
     """Return the value that chi-square exceeds once in 10 000, by its degrees of freedom 0..most.
 
     Equation: f (1 - s + z sqrt(s))^3, s = 2 / (9 f)                                        [Wilson and Hilferty 1931]
+    An approximation in place of ``point_solutions.chi_square_limits``: every replay would pay for the import of
+    ``scipy.special`` there.
     """
     freedom = np.arange(1.0, most + 1.0)
     s = 2.0 / (9.0 * freedom)

@@ -50,15 +50,13 @@ _LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
 _FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
-_ALIKE_S: Final = (
-    4.0  # errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
-)
+# errors of a rate in a street or of a walker stay alike for so long, twice their correlation time
+_ALIKE_S: Final = 4.0
 RATE_FLOOR2: Final = 0.03**2  # of a mean: rates of atmosphere and message that last [m^2/s^2]
-_HELD_S: Final = (
-    3.0,
-    20.0,
-)  # that long a band stays out once it was found by range or rate: turns hide satellites
-KEPT_OUT_S: Final = 120.0  # that long one stays out of which nobody can say any more whether it is wrong
+# that long a band stays out once it was found by range or rate: turns hide satellites
+_HELD_S: Final = (3.0, 20.0)
+# how long a satellite stays out while its rows cannot show whether it is still wrong
+KEPT_OUT_S: Final = 120.0
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
 _TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that nobody knows yet
@@ -84,9 +82,8 @@ def follow_satellites(
     if par.drift_gate <= 0.0:
         return False
     now = t_ns * 1e-9
-    refused = refuse_left_out(
-        memory, lines, observation, now
-    )  # they do not take part in what all have in common
+    # they do not take part in what all have in common
+    refused = refuse_left_out(memory, lines, observation, now)
     if t_ns - m.explained_ns >= _INTERVAL_NS:
         for kind in range(2):
             if fit_freely(lines, kind, fit) < _LEAST_AGREEING:
@@ -175,9 +172,9 @@ def stands_out(
     fit: Float64,
     gate2: float,
 ) -> bool:
-    """Return whether one of the means is beyond the gate from what all that are left in have in common.
+    """Return whether the mean of a satellite in use is beyond the gate, less the common part of all satellites in use.
 
-    A satellite that was left out is let back once its rate agrees with these, no sooner while it is in view.
+    An excluded satellite in view returns once its mean range rate agrees with theirs.
     """
     clear(fit)
     count = 0

@@ -93,33 +93,25 @@ def absorb_clock_step(
 
 @kernel(apart=True)
 def gate_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
-    """Mark the rows whose normalised innovation squared is above ``gate2``.
-
-    Return how many passed, how many not, and the mean of the normalised squares, none counting more than the gate.
+    """Mark the rows whose normalised innovation squared is above ``gate2``; return what ``count_rows`` does.
 
     The comparisons are written so that a NaN fails, and an innovation whose variance is not positive and finite.
     """
-    passed = 0
-    refused = 0
-    strain = 0.0
     for j in range(lines.shape[0]):
-        if lines[j].status[kind] != USED:
-            continue
-        variance = lines[j].predicted[kind] + lines[j].variance[kind]
-        nis = lines[j].innovation[kind] ** 2 / variance
-        if nis <= gate2 and 0.0 < variance < math.inf:
-            passed += 1
-            strain += nis
-        else:
-            lines[j].status[kind] = GATED
-            refused += 1
-            strain += gate2
-    return passed, refused, strain / max(passed + refused, 1)
+        if lines[j].status[kind] == USED:
+            variance = lines[j].predicted[kind] + lines[j].variance[kind]
+            nis = lines[j].innovation[kind] ** 2 / variance
+            if not (nis <= gate2 and 0.0 < variance < math.inf):
+                lines[j].status[kind] = GATED
+    return count_rows(lines, kind, gate2)
 
 
 @kernel(inline=True)
 def count_rows(lines: Lines, kind: int, gate2: float) -> tuple[int, int, float]:
-    """Return what ``gate_rows`` does, of the rows that are used or refused by the gate now."""
+    """Return how many rows passed the gate, how many did not, and the mean of their normalised innovations squared.
+
+    None of these counts more than the gate.
+    """
     passed = 0
     refused = 0
     strain = 0.0

@@ -63,9 +63,8 @@ class Masking(NamedTuple):
     installation: Installation  # the vehicle's antennas; none: nothing is masked
     limits: Limits
     P_b: Float64  # (3, 3) scratch: covariance of the attitude, body axes [rad^2]
-    counted: (
-        Int64  # (N_SATELLITE_SLOTS + 1,) in which pass each satellite was counted last; the last: which it is
-    )
+    # (N_SATELLITE_SLOTS + 1,) in which pass each satellite was counted last; the last: which it is
+    counted: Int64
 
 
 def new_masking(installation: Installation | None = None, limits: Limits = NO_LIMITS) -> Masking:

@@ -62,14 +62,11 @@ def use_phase_and_code(
 
     Parameters
     ----------
-    P : (n, n) covariance
+    P, u, h, v : as in ``use_offsets``
     columns : (5,) those of a range, and room for that state's
     own : where that state stands
-    u : (3,) direction
     z : range by the phase and by the code, observed minus predicted [m]
-    variances : theirs
-    h : (>= 5,) scratch
-    v : (3, n) correction, gain and scratch of ``scalar_update``
+    variances : theirs [m^2]
     """
     columns[RANGE_COLUMNS] = own
     offset_range_row(u, h)

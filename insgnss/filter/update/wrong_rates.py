@@ -10,16 +10,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from insgnss.filter.measurements.range_rate import COLUMNS
 from insgnss.filter.rows.lines import Line, Lines
-from insgnss.filter.state import DV, StateRecord
+from insgnss.filter.state import StateRecord
 from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION, REPEATED_VARIANCE
+from insgnss.filter.update.integrity import direction
 from insgnss.gnss.observation_rows import RANGE_RATE, Rows
 from insgnss.jit import kernel
 from insgnss.status import DRIFTING, STUCK, USED
 from insgnss.tables import Float64
 
-_VELOCITY: Final = COLUMNS.index(DV)
 # squared sigmas of the row, in the mean of all that repeat. What a resolution q rounds has a sigma of q / sqrt(12): a
 # number that is right repeats until the motion is q, three and a half sigmas
 _FAR2: Final = 16.0
@@ -32,9 +31,9 @@ _AGAIN_NS: Final = 60_000_000_000
 @kernel(inline=True)
 def satellite_rate(rows: Rows, i: int, line: Line) -> float:
     """Return the part of a row's range rate that is the satellite's own motion [m/s]."""
-    h = line.h[RANGE_RATE]
+    a, b, c = direction(line, RANGE_RATE)
     v = rows.sat[i, 3:6]
-    return float(-(h[_VELOCITY] * v[0] + h[_VELOCITY + 1] * v[1] + h[_VELOCITY + 2] * v[2]))
+    return float(-(a * v[0] + b * v[1] + c * v[2]))
 
 
 @kernel(inline=True)
@@ -52,11 +51,9 @@ def refuse_repeated(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lin
     for j in range(lines.shape[0]):
         if lines[j].status[RANGE_RATE] != USED:
             continue
-        seen = memory[rows.observation[first + j].slot]
-        value, motion = (
-            rows.observation[first + j].value[RANGE_RATE],
-            satellite_rate(rows, first + j, lines[j]),
-        )
+        one = rows.observation[first + j]
+        value, seen = one.value[RANGE_RATE], memory[one.slot]
+        motion = satellite_rate(rows, first + j, lines[j])
         if value == seen[REPEATED]:
             repeated += 1
             far2 += (motion - seen[REPEATED_MOTION]) ** 2 / seen[REPEATED_VARIANCE]
@@ -66,11 +63,12 @@ def refuse_repeated(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lin
     if repeated == 0 or far2 <= _FAR2 * repeated:
         return
     for j in range(lines.shape[0]):
-        seen = memory[rows.observation[first + j].slot]
-        same = rows.observation[first + j].value[RANGE_RATE] == seen[REPEATED]
-        if lines[j].status[RANGE_RATE] == USED and same:
-            if satellite_rate(rows, first + j, lines[j]) != seen[REPEATED_MOTION]:
-                lines[j].status[RANGE_RATE] = STUCK
+        if lines[j].status[RANGE_RATE] != USED:
+            continue
+        one = rows.observation[first + j]
+        motion, seen = satellite_rate(rows, first + j, lines[j]), memory[one.slot]
+        if one.value[RANGE_RATE] == seen[REPEATED] and motion != seen[REPEATED_MOTION]:
+            lines[j].status[RANGE_RATE] = STUCK
     if repeated >= _KIND:
         if t_ns - m.stuck_ns > _AGAIN_NS:
             m.stuck_since_ns = t_ns

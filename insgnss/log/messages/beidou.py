@@ -67,9 +67,8 @@ def take(
 ) -> None:
     """Add a complete message to ``broadcast``; ``sow`` is the second of the week at which its clock was sent."""
     if near_ns is None:
-        near_bdt_ns = (
-            int(values["week"]) * NS_PER_WEEK
-        ) + sow * NS_PER_S  # the first 157 years of BeiDou time
+        # the first 157 years of BeiDou time
+        near_bdt_ns = (int(values["week"]) * NS_PER_WEEK) + sow * NS_PER_S
     else:
         near_bdt_ns = near_ns - _BDT_TO_GPS_NS - BDT_WEEK_OFFSET * NS_PER_WEEK
     sent_ns = in_nearest_week(int(values["week"]), WEEK_ROLLOVER, sow, near_bdt_ns)

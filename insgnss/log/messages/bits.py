@@ -62,9 +62,8 @@ def joined(words: Sequence[int], bits: int) -> int:
     return message
 
 
-CRC24Q: Final = (
-    0x1864CFB  # x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1
-)
+# x^24 + x^23 + x^18 + x^17 + x^14 + x^11 + x^10 + x^7 + x^6 + x^5 + x^4 + x^3 + x + 1
+CRC24Q: Final = 0x1864CFB
 
 
 def _crc_table() -> tuple[int, ...]:

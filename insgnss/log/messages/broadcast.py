@@ -57,9 +57,8 @@ class Broadcast:
     def __init__(self) -> None:
         self.ephemerides: dict[Ephemeris, None] = {}
         self.states: dict[StateVector, None] = {}
-        self.ionosphere: dict[
-            str, tuple[float, ...]
-        ] = {}  # "gps", "galileo", "beidou", "qzss"; the first counts
+        # "gps", "galileo", "beidou", "qzss"; the first counts
+        self.ionosphere: dict[str, tuple[float, ...]] = {}
         self.leap_seconds: int | None = None
         self.refused: Counter[str] = Counter()
 

@@ -163,9 +163,8 @@ def ura_m(index: int) -> float:
         return math.nan
     if index > 6:
         return float(2 ** (index - 2))
-    return {1: 2.8, 3: 5.7, 5: 11.3}.get(
-        index, float(2 ** (1 + index // 2))
-    )  # rounded in the document itself
+    # rounded in the document itself
+    return {1: 2.8, 3: 5.7, 5: 11.3}.get(index, float(2 ** (1 + index // 2)))
 
 
 def fit_interval_s(system: str, flag: int, iodc: int) -> float:

@@ -125,9 +125,8 @@ def _state_trace(
     """Return one state's stretches of all satellites, as one broken line."""
     column, first, width = columns
     sv = place[here]
-    n_columns = (
-        int(column.max()) + 2
-    )  # one more: the last column of a satellite never touches the next one's first
+    # one more: the last column of a satellite never touches the next one's first
+    n_columns = int(column.max()) + 2
     cells = np.unique(sv * np.int64(n_columns) + column[here])
     starts = np.flatnonzero(np.diff(cells, prepend=cells[0] - 2) > 1)
     ends = np.append(starts[1:], len(cells)) - 1

@@ -32,10 +32,8 @@ RATE_HZ: Final = 50.0
 NUMBERS: Final = Check("every number is one", "most", "bad_numbers", high=0.0)
 QUIET: Final = Check("no Python warning", "most", "warnings", high=0.0)
 _OFFSET_WORDS: Final = r"(?i)\b(time[ _]offset|late|delay(ed)?|time[ _]tags?|synchron)"
-_LIMITS: Final = {
-    "gyro": 0.02,
-    "accel": 9.9,
-}  # a turn of 30 deg of bank turns at 0.05 rad/s and pulls 11.3 m/s^2
+# a turn of 30 deg of bank turns at 0.05 rad/s and pulls 11.3 m/s^2
+_LIMITS: Final = {"gyro": 0.02, "accel": 9.9}
 _SPIKES: Final = {"gyro": 5.0, "accel": 100.0}
 
 

@@ -50,9 +50,8 @@ class Check:
     at: str = ""  # of NEES: a look
     low: float | None = None
     high: float | None = None
-    modest: float = (
-        1.0  # the filter's variance may be that many times too large, for a reason that the row states
-    )
+    # the filter's variance may be that many times too large, for a reason that the row states
+    modest: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -94,15 +93,13 @@ class Row:
     rate_hz: float | None = None  # of the IMU, in place of the scenario's
     gnss_rate_hz: float | None = None
     duration_s: float | None = None
-    looks: Mapping[str, float] = field(
-        default_factory=dict
-    )  # seconds after the origin; negative: before the end of the scenario
+    # seconds after the origin; negative: before the end of the scenario
+    looks: Mapping[str, float] = field(default_factory=dict)
     windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # seconds after the origin
     measures: Mapping[str, Measure] = field(default_factory=dict)
     spoil: Spoiler | None = None
-    origin_s: float = (
-        0.0  # of looks and windows: where the fault begins; it moves by ``spread_s`` from seed to seed
-    )
+    # of looks and windows: where the fault begins; it moves by ``spread_s`` from seed to seed
+    origin_s: float = 0.0
     spread_s: float = 0.0
     event: str = ""  # pattern that an event's "kind: detail" must match after the origin
     start: Literal["automatic", "given"] = "automatic"
