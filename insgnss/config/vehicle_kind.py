@@ -215,6 +215,7 @@ class VehicleRows(StrictModel):
         if isinstance(holonomic, Mapping) and holonomic.get("axle_m") is not None:
             mended["non_holonomic"] = {
                 **mended["non_holonomic"],
+                "axle_m": _as_tuple(holonomic["axle_m"]),
                 "axle_sd_m": holonomic.get("axle_sd_m", _GIVEN_AXLE_SD_M),
             }
         return mended
@@ -224,3 +225,8 @@ class VehicleRows(StrictModel):
         """Names of the rows that are used."""
         tables = {name: getattr(self, name) for name in ROWS}
         return tuple(name for name, table in tables.items() if table is not None and table.on)
+
+
+def _as_tuple(given: Any) -> Any:
+    """Return an array of a file as the tuple that a strict schema wants."""
+    return tuple(given) if isinstance(given, list) else given

@@ -89,8 +89,10 @@ def use_own_rows(
     members, kinds = _members(bank, estimates, kinds, layout, imu, k, par)
     _require_alike(members, lead, t_ns)
     unused = contradicting(bank.head[0], kinds)
-    direct = _tells_heading(bank, lead, members[lead])
     count = len(members[lead].rows)
+    if count == 0 and len(sound) == 1:
+        return OwnUpdate([], np.zeros(n))
+    direct = _tells_heading(bank, lead, members[lead])
     log_likelihood = np.full((len(sound), count), -math.inf)
     information = np.zeros((len(sound), count))
     updates: dict[int, OwnUpdate] = {}
@@ -150,6 +152,8 @@ def _tells_heading(bank: Bank, lead: int, member: _Member) -> Bool:
     The turn is that to the farthest of the open headings. The antenna's position and velocity stay: what GNSS shows of
     all headings is the same. Only a rotation that was shown moves the antenna about the IMU.
     """
+    if len(bank.state) == 1:
+        return np.ones(len(member.rows), np.bool_)
     m, antenna = bank.state[lead], member.antenna
     turn = max(abs(turn_about(m, other)) for other in bank.state)
     up = np.array(up_direction(m.r_e))

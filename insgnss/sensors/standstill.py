@@ -13,9 +13,9 @@ does not fire and nothing is claimed.
 
 **False alarms.** Motion whose part means have r^2 times the variance that noise gives them passes one axis with the
 probability F_(k-1, k(n-1))(F_p / (1 + r^2)): 100 Hz, 1 s, p = 1 %: 0.08 at r = 3, 6e-5 at r = 10, of a single axis,
-all axes multiplied. A turn is refused by its mean rate, strong vibration that would hide motion by its size. A steady smooth
+all axes multiplied. A turn is refused by its mean rate, strong vibration that hides motion by its size. A steady smooth
 drive shows nothing to any inertial sensor. What remains of it is refused by the filter's own velocity: no row above
-``below_mps``, and the gate of g sigma lets a vehicle of speed v pass with the probability Phi(g sqrt(S) / s - v / s),
+``below_mps``, and the gate of g sigma lets a vehicle of speed v pass with the probability Phi((g sqrt(S) - v) / s),
 s the sigma of the predicted velocity, S = s^2 + r: at v = (g + 3) sqrt(S) it is 0.1 %.
 A log that repeats one sample has no noise at all, and is no rest.
 
@@ -39,7 +39,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import InertialWindow, StateEstimate
-from insgnss.sensors.correlation import Ticking, correlated
+from insgnss.sensors.ticking import Ticking, correlated, cross
 from insgnss.tables import Float64
 
 _PARTS: Final = 8
@@ -138,7 +138,7 @@ class ZeroRate(Ticking):
         return [
             Row(
                 float(innovation[i]),
-                {"gyro_bias": np.eye(3)[i], "attitude": np.cross(state.C_eb[:, i], _W_IE)},
+                {"gyro_bias": np.eye(3)[i], "attitude": cross(state.C_eb[:, i], _W_IE)},
                 own + float(noise[i]),
             )
             for i in range(3)

@@ -36,7 +36,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
-from insgnss.sensors.correlation import Ticking, correlated
+from insgnss.sensors.ticking import Ticking, correlated, cross
 from insgnss.tables import Float64
 
 MOUNTING: Final = "vehicle_mounting"  # the block of its pitch and yaw
@@ -71,7 +71,7 @@ class NonHolonomic(Ticking):
         """Return the lateral and the vertical row."""
         l_b, (pitch, yaw) = self._axle_b, self._mounting(state)
         w = _mean_rate(state)
-        u = state.C_eb.T @ state.v_e + np.cross(w, l_b)
+        u = state.C_eb.T @ state.v_e + cross(w, l_b)
         ahead, right, down = vehicle_axes(pitch, yaw)
         # of a = C_vb^T e by pitch and yaw
         right_by = (math.sin(yaw) * down, ahead)
@@ -81,8 +81,8 @@ class NonHolonomic(Ticking):
             a_e = state.C_eb @ a
             partials = {
                 "velocity": a_e,
-                "attitude": np.cross(a_e, state.v_e),
-                "gyro_bias": np.cross(a, l_b),
+                "attitude": cross(a_e, state.v_e),
+                "gyro_bias": cross(a, l_b),
             }
             if MOUNTING in layout:
                 partials[MOUNTING] = np.array([float(each @ u) for each in by])

@@ -17,7 +17,7 @@ from insgnss.filter.own_rows.rows import checked_rows, own_measurements
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.prediction import Imu
 from insgnss.filter.state import OFFSETS, Bank, new_bank
-from insgnss.sensors.correlation import correlated
+from insgnss.sensors.ticking import correlated
 from insgnss.sensors.vehicle_motion import vehicle_axes
 from insgnss.sensors.vehicle_rows import vehicle_measurements, vehicle_states
 from tests.filter.scene import START_NS, attitude, new_filter, place
@@ -39,7 +39,7 @@ CAR = vehicle("car", non_holonomic={"axle_m": AXLE_M, "mounting_pitch_deg": 3.0,
 SHIP = vehicle("ship")
 
 
-def bank_at(which: VehicleRows, yaw_deg: float = 60.0, v_n: Any = (12.0, -7.0, 1.0)) -> tuple[Bank, Layout]:
+def bank_at(which: VehicleRows, yaw_deg: float = 60.0, v_n: Any = (7.0, 12.0, 1.0)) -> tuple[Bank, Layout]:
     """Return a filter of one heading, 5 deg of roll and 10 deg of pitch, with the vehicle's states."""
     layout = Layout(vehicle_states(which))
     plain = new_filter(AT, v_n=v_n, C_eb=attitude(AT, 5.0, 10.0, yaw_deg))
@@ -78,7 +78,8 @@ def test_partials_are_those_of_the_prediction(which: VehicleRows) -> None:
     steps[:6], steps[12:15] = 1.0, 1e-4
     found = -finite_difference_jacobian(innovations, np.zeros(n), steps)
 
-    np.testing.assert_allclose(H[:, 3:], found[:, 3:], atol=2e-6)
+    # the Earth's rate at the axle turns with the attitude: 7e-5 rad/s times 1.6 m is left out
+    np.testing.assert_allclose(H[:, 3:], found[:, 3:], atol=2e-4)
     np.testing.assert_allclose(found[:, :3], 0.0, atol=2e-6)  # the vertical turns by 1.6e-7 rad/m
 
 

@@ -15,6 +15,7 @@ much the prediction grows when the position, the velocity, a bias grows, or when
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import MeasurementError
-from insgnss.filter.layout_names import StateLayout
+from insgnss.filter.layout_names import StateLayout, StatePlace
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.filter.state import MAX_WATCHED
 from insgnss.tables import Float64, Int64
@@ -300,11 +301,21 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
     if not parts:
         message = _at(kind, t_ns, "a row has no partials")
         raise MeasurementError(message, advice=f"name at least one of: {layout}")
-    h, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return CheckedRow(innovation, np.ascontiguousarray(h), np.ascontiguousarray(columns), variance)
+    h = np.concatenate([values for values, _, _ in parts])
+    return CheckedRow(innovation, h, _columns(tuple((first, last) for _, first, last in parts)), variance)
+
+
+@functools.lru_cache(maxsize=1024)
+def _columns(places: tuple[tuple[int, int], ...]) -> Int64:
+    """Return the columns of several blocks, each from its first to before its last."""
+    found = np.concatenate([np.arange(first, last, dtype=np.int64) for first, last in places])
+    found.flags.writeable = False
+    return found
 
 
 def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
+    if type(given) is float:
+        return given
     try:
         return float(np.asarray(given).astype(np.float64, casting="same_kind").reshape(()))
     except (TypeError, ValueError) as error:
@@ -314,20 +325,25 @@ def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
 
 def _partials(
     kind: Kind, t_ns: int, name: str, given: npt.ArrayLike, layout: StateLayout
-) -> tuple[Float64, Int64]:
+) -> tuple[Float64, int, int]:
+    """Return the partials by a block, and where the block begins and ends in the error state."""
     if name not in layout:
         near = difflib.get_close_matches(str(name), list(layout), n=2, cutoff=0.4)
         advice = f"nearest: {', '.join(near)}; " if near else ""
         message = _at(kind, t_ns, f"this filter has no state '{name}'")
         raise MeasurementError(message, advice=f"{advice}the blocks are: {layout}")
     block = layout[name]
-    advice = f"give {block} partials of the prediction by '{name}'".replace("] ", "], ")
     try:
         values = np.atleast_1d(np.array(given, np.float64))
     except (TypeError, ValueError) as error:
         message = _at(kind, t_ns, f"the partials of '{name}' are {str(given)[:60]}")
-        raise MeasurementError(message, advice=advice) from error
+        raise MeasurementError(message, advice=_wanted_partials(name, block)) from error
     if values.shape != (block.size,) or not np.isfinite(values).all():
         message = f"of shape {values.shape}" if values.shape != (block.size,) else f"{values.tolist()}"
+        advice = _wanted_partials(name, block)
         raise MeasurementError(_at(kind, t_ns, f"the partials of '{name}' are {message}"), advice=advice)
-    return values, np.arange(block.columns.start, block.columns.stop, dtype=np.int64)
+    return values, block.columns.start, block.columns.stop
+
+
+def _wanted_partials(name: str, block: StatePlace) -> str:
+    return f"give {block} partials of the prediction by '{name}'".replace("] ", "], ")
