@@ -168,6 +168,12 @@ class Standstill(StrictModel):
     missed_share: Annotated[float, Field(gt=0.0, lt=0.5)] = Field(
         0.01, description="of the windows at rest that the test takes for motion"
     )
+    rocking_deg_per_s: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
+        0.05, description="turning of a vehicle at rest, mean over an eighth of the window, one sigma"
+    )
+    rocking_mps2: Annotated[float, Field(ge=0.0, le=10.0)] = Field(
+        0.02, description="its acceleration, mean over an eighth of the window, one sigma"
+    )
     most_rate_deg_per_s: Annotated[float, Field(gt=0.0, le=10.0)] = Field(
         0.5, description="a mean rate above it is a turn, whatever the noise"
     )

@@ -3,15 +3,16 @@
 **The test.** A window of the samples that end with the tick is cut into k parts of n samples each. Of each of the six
 axes the variance between the means m_j of the parts is held against the variance inside them:
 
-    F = n sum_j (m_j - m)^2 / (k - 1)  :  sum_ij (x_ij - m_j)^2 / (k (n - 1))
+    F = n sum_j (m_j - m)^2 / (k - 1)  :  (W + n rho^2),  W = sum_ij (x_ij - m_j)^2 / (k (n - 1))
 
-For white noise of **any** level F has the F distribution of k - 1 and k (n - 1) degrees of freedom: the sensor's noise
-and an engine that idles need not be known, the window shows them. The vehicle stands where all six are below the
-quantile 1 - p/6, so of the windows at rest at most the share p (``missed_share``) is taken for motion. Vibration faster
-than a part averages out in m_j and makes F smaller still; a rocking as slow as the parts makes it larger: then the test
-does not fire and nothing is claimed.
+For white noise of **any** level and rho = 0, F has the F distribution of k - 1 and k (n - 1) degrees of freedom: the
+sensor's noise and an engine that idles need not be known, the window shows them. The vehicle stands where all six are
+below the quantile 1 - p/6, so of the windows at rest at most the share p (``missed_share``) is taken for motion.
+Vibration faster than a part averages out in m_j and makes F smaller still. A good gyro sees wind and passengers rock
+the vehicle more slowly than that: rho is the rocking that a part's mean may have (``rocking_deg_per_s``, ``rocking_mps2``).
+With more of it than that the test does not fire, and nothing is claimed.
 
-**False alarms.** Motion whose part means have r^2 times the variance that noise gives them passes one axis with the
+**False alarms.** Motion whose part means have r^2 times the variance of noise and rocking passes one axis with the
 probability F_(k-1, k(n-1))(F_p / (1 + r^2)): 100 Hz, 1 s, p = 1 %: 0.08 at r = 3, 6e-5 at r = 10, of a single axis,
 all axes multiplied. A turn is refused by its mean rate, strong vibration that hides motion by its size. A steady smooth
 drive shows nothing to any inertial sensor. What remains of it is refused by the filter's own velocity: no row above
@@ -52,15 +53,20 @@ _W_IE: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 class WindowStatistics:
     """What a window of inertial samples shows: rates first, specific forces behind them, body axes."""
 
-    f_ratio: Float64  # (6,) variance between parts over that inside them, F of the module's text
+    f_ratio: Float64  # (6,) F of the module's text
     inside: Float64  # (6,) variance inside the parts [rad^2/s^2], [m^2/s^4]
     mean: Float64  # (6,)
     parts: int
     samples: int  # of a part
 
 
-def window_statistics(window: InertialWindow) -> WindowStatistics | None:
-    """Return what a window shows, None where it has too few samples, some that are unknown, or one that repeats."""
+def window_statistics(
+    window: InertialWindow, rocking: tuple[float, float] = (0.0, 0.0)
+) -> WindowStatistics | None:
+    """Return what a window shows, None where it has too few samples, some that are unknown, or one that repeats.
+
+    ``rocking``: sigma of the parts' means of a vehicle at rest [rad/s], [m/s^2].
+    """
     count = len(window.t_ns)
     n = max(_LEAST_SAMPLES, count // _PARTS)
     k = count // n
@@ -74,7 +80,7 @@ def window_statistics(window: InertialWindow) -> WindowStatistics | None:
     inside = ((x - means[:, None]) ** 2).sum(axis=(0, 1)) / (k * (n - 1))
     between = n * ((means - mean) ** 2).sum(axis=0) / (k - 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        f_ratio = np.where(between == 0.0, 0.0, between / inside)
+        f_ratio = np.where(between == 0.0, 0.0, between / (inside + n * np.repeat(rocking, 3) ** 2))
     return WindowStatistics(f_ratio, inside, mean, k, n)
 
 
@@ -86,7 +92,8 @@ def critical_ratio(missed_share: float, parts: int, samples: int) -> float:
 
 def stands(state: StateEstimate, limits: Standstill) -> WindowStatistics | None:
     """Return the statistics of a window at rest, None where the samples or the filter's gyro bias show motion."""
-    found = window_statistics(state.recent(limits.window_s))
+    rocking = math.radians(limits.rocking_deg_per_s), limits.rocking_mps2
+    found = window_statistics(state.recent(limits.window_s), rocking)
     if found is None or found.f_ratio.max() > critical_ratio(limits.missed_share, found.parts, found.samples):
         return None
     turn = np.linalg.norm(found.mean[:3] - state.b_g)

@@ -67,6 +67,21 @@ def test_engine_that_idles_is_no_motion(rng: np.random.Generator) -> None:
     assert share_at_rest(rng, 1.0, line) > 0.95
 
 
+def test_good_gyro_that_sees_the_vehicle_rock_passes_with_the_rocking_that_is_allowed(
+    rng: np.random.Generator,
+) -> None:
+    """Noise of 1e-4 rad/s and parts that rock by 5e-4: motion without the allowance of 1e-3, rest with it."""
+    plain, allowed = 0, 0
+    for _ in range(200):
+        x = 1e-4 * rng.standard_normal((96, 6)) + np.repeat(5e-4 * rng.standard_normal((8, 6)), 12, axis=0)
+        for rocking in ((0.0, 0.0), (1e-3, 1e-3)):
+            found = window_statistics(window(x[:, :3], x[:, 3:]), rocking)
+            assert found is not None
+            rests = found.f_ratio.max() <= critical_ratio(0.01, found.parts, found.samples)
+            plain, allowed = plain + (rests and not any(rocking)), allowed + (rests and any(rocking))
+    assert plain == 0 and allowed == 200
+
+
 def test_stuck_unknown_or_few_samples_say_nothing() -> None:
     w, f = np.zeros((100, 3)), np.tile([0.0, 0.0, -9.8], (100, 1))
     assert window_statistics(window(w, f)) is None
