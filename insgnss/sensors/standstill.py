@@ -9,8 +9,8 @@ For white noise of **any** level and rho = 0, F has the F distribution of k - 1 
 sensor's noise and an engine that idles need not be known, the window shows them. The vehicle stands where all six are
 below the quantile 1 - p/6, so of the windows at rest at most the share p (``missed_share``) is taken for motion.
 Vibration faster than a part averages out in m_j and makes F smaller still. A good gyro sees wind and passengers rock
-the vehicle more slowly than that: rho is the rocking that a part's mean may have (``rocking_deg_per_s``, ``rocking_mps2``).
-With more of it than that the test does not fire, and nothing is claimed.
+the vehicle more slowly than that: rho is the rocking that a part's mean may have (``rocking_deg_per_s``,
+``rocking_mps2``). With more of it the test does not fire, and nothing is claimed.
 
 **False alarms.** Motion whose part means have r^2 times the variance of noise and rocking passes one axis with the
 probability F_(k-1, k(n-1))(F_p / (1 + r^2)): 100 Hz, 1 s, p = 1 %: 0.08 at r = 3, 6e-5 at r = 10, of a single axis,
