@@ -11,6 +11,7 @@ import numba
 import numpy as np
 import pandas as pd
 
+from insgnss.constants import NS_PER_S
 from insgnss.filter.own_rows.rows import Kind
 from insgnss.filter.setup import FilterSetup
 from insgnss.log.flight import Flight
@@ -44,5 +45,6 @@ def _described(kind: Kind) -> dict[str, Any]:
     """Return what is known of a user's own measurement; its code is not."""
     gate = None if kind.gate2 is None else "none" if math.isinf(kind.gate2) else math.sqrt(kind.gate2)
     source = type(kind.source)
-    times = {"times": len(kind.times_ns), "gate_sigma": gate, "unit": kind.unit}
+    count = {"period_s": kind.period_ns / NS_PER_S} if kind.period_ns else {"times": len(kind.times_ns)}
+    times = {**count, "gate_sigma": gate, "unit": kind.unit}
     return {"name": kind.name, "class": f"{source.__module__}.{source.__qualname__}", **times}

@@ -53,6 +53,9 @@ NO_DIFFERENCE: Final = 39  # no other antenna has the signal, or it is the one t
 CYCLES_OPEN: Final = 40  # whole cycles of the difference between two antennas are not known for certain
 CYCLES_WRONG: Final = 41  # they are known to be wrong: the difference is off by whole cycles
 STUCK: Final = 42  # the receiver repeats a number that the satellite's motion has changed: no measurement
+CONTRADICTS: Final = (
+    43  # the rows of its kind contradict the other measurements: none is used until they agree
+)
 
 NAMES: Final[dict[int, str]] = {
     USED: "used",
@@ -98,4 +101,5 @@ NAMES: Final[dict[int, str]] = {
     CYCLES_OPEN: "cycles_open",
     CYCLES_WRONG: "cycles_wrong",
     STUCK: "stuck",
+    CONTRADICTS: "contradicts",
 }

@@ -205,8 +205,9 @@ plt.show()
 # other four within a minute. After it the heading drifts again, but with a bias that is now known better.
 #
 # A turn also brings out scale factors, misalignments and what specific force does to the gyros. This simulated sensor
-# has scale factors alone; the filter has a state for each error that the grade names. And with a bias of 80 deg/h (industrial grade) the heading's error grew to 25 deg in straight flight,
-# where linear error dynamics no longer hold: sigma was 8 deg.
+# has scale factors alone; the filter has a state for each error that the grade names. And with a bias of 80 deg/h
+# (industrial grade) the heading's error grew to 25 deg in straight flight, where linear error dynamics no longer hold:
+# sigma was 8 deg.
 #
 # ## Answer
 

@@ -19,10 +19,12 @@ from insgnss.columns.sheet import Sheet, unit_of
 from insgnss.columns.statuses import STATUS_MEANINGS
 from insgnss.config.flight import GnssColumns, ImuColumns, MountedAntenna, ReferenceColumns
 from insgnss.config.log_table import NO_COLUMN
+from insgnss.config.vehicle_kind import VEHICLE_KINDS, VehicleRows
 from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.log.flight import Flight
 from insgnss.point_solutions import TABLES as POINT_TABLES
 from insgnss.run import TABLES, Run
+from insgnss.sensors.vehicle_rows import vehicle_states
 from insgnss.status import NAMES
 from tests.conftest import REPOSITORY
 from tests.replay.scenes import flight, turns
@@ -31,7 +33,8 @@ SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 # of a reference that states sigmas
 OF_REFERENCE = {c.name for c in SHEETS["errors"].columns() if c.name.startswith("sd_reference_")}
 # columns that only some runs have: of optional states, and of a log of the receiver's own
-FURTHER = ("offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m")
+OF_VEHICLES = ("mounting_pitch_deg", "mounting_yaw_deg", "leeway_deg")
+FURTHER = ("offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m", *OF_VEHICLES)
 SOMETIMES = {*FURTHER, *(f"sd_{name}" for name in FURTHER), "antenna"}
 
 
@@ -104,6 +107,14 @@ def test_schemas_of_navigation_and_aiding_are_described() -> None:
         SHEETS["nav"].undescribed(("time_s", *NAV_COLUMNS, "offset_E_m", "zenith_delay_m", "ionosphere_m"))
         == []
     )
+    made = [
+        column
+        for kind in VEHICLE_KINDS
+        for block in vehicle_states(VehicleRows.model_validate({"kind": kind}))
+        for column in block.columns
+    ]
+    assert set(made) == set(OF_VEHICLES)
+    assert SHEETS["nav"].undescribed([*made, *(f"sd_{name}" for name in made)]) == []
     assert SHEETS["aiding"].undescribed(aiding_table.COLUMNS) == []
 
 

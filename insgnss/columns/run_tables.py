@@ -29,6 +29,10 @@ offset_*_m: clock offset of each further constellation, and of each further band
 glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
 zenith_delay_m: residual tropospheric delay at the zenith, where estimated
 ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (carriers of one band)
+mounting_pitch_deg mounting_yaw_deg: pitch and yaw of the IMU against the vehicle, beyond those in the flight file; with
+  the rows `non_holonomic` of `[vehicle]`
+leeway_deg: angle from heading to course that lasts, of leeway, current or wind; with the rows `course` of `[vehicle]`
+sd_mounting_pitch_deg sd_mounting_yaw_deg sd_leeway_deg: one sigma of these
 sd_offset_*_m sd_glonass_bias_m_per_channel sd_zenith_delay_m sd_ionosphere_m: one sigma of these
 gyro_scale_factor_*_ppm accel_scale_factor_*_ppm gyro_misalignment_*_mrad accel_misalignment_*_mrad
   gyro_g_sensitivity_*_deg_per_h_per_g: further errors of the sensors by their axis, and the axis of the rate or force
@@ -69,7 +73,7 @@ time_s: receiver time tag, seconds of the GPS week
 sv: satellite, as G05; empty of a user's own measurement
 signal: RINEX code, as C1C; empty of a user's own measurement
 kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference; the name of a user's
-  own measurement
+  own measurement; of `[vehicle]` in the flight file non_holonomic, course, zero_velocity, zero_rate
 antenna: where there are several: which one an attitude difference is of
 innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a user's own measurement in its own
   unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of

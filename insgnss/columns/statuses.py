@@ -46,6 +46,7 @@ STATUS_MEANINGS: Final[dict[str, str]] = {
     "no_difference": "several antennas: no other one has the signal, or it is the one that the others count from",
     "cycles_open": "several antennas: the whole cycles of the difference are not known for certain",
     "stuck": "the receiver repeats a range rate to the last digit while the satellite's own motion has changed it",
+    "contradicts": "the rows of its kind contradict the other measurements: none is used until they agree again",
     "cycles_wrong": "several antennas: the difference is off by whole cycles",
     "no_channel": "GLONASS: neither messages, log nor flight file tell its frequency channel",
 }

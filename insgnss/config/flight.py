@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 
 from insgnss.config.log_table import NO_COLUMN, ColumnName, Columns, LogTable
 from insgnss.config.strict import StrictModel
+from insgnss.config.vehicle_kind import VehicleRows
 
 Vector3 = tuple[float, float, float]
 # No sensor, clock or time is larger in the units used here; squares of these are numbers still
@@ -371,6 +372,7 @@ class FlightConfig(StrictModel):
     imu: Imu | None = Field(None, description="the point solution needs none")
     gnss: Gnss
     attitude: Attitude | None = None
+    vehicle: VehicleRows | None = Field(None, description="its kind and the rows that its motion makes")
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None
     points: dict[str, LeverArm] = Field(

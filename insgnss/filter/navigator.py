@@ -33,6 +33,7 @@ from insgnss.filter.loop import (
     write_row,
 )
 from insgnss.filter.output.writing import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
+from insgnss.filter.own_rows.contradiction import changes, contradicting
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_update import OwnUpdate, before, use_own_rows
 from insgnss.filter.prediction import Imu
@@ -174,7 +175,10 @@ class Navigator:
         for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
             work = self.workspace(rows)
             run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
+            head, kinds = self.bank.head[0], self.setup.own.kinds
+            contradicted = contradicting(head, kinds)
             update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
+            self.events += changes(contradicted, head, kinds, t_ns)
             self.own[t_ns] = update.entries
             lead = int(self.bank.head[0].leader)
             if not is_sound(self.bank.state[lead], self.bank.P[lead]):

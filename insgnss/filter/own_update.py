@@ -22,12 +22,13 @@ from insgnss.errors import MeasurementError
 from insgnss.filter.headings.headings import turn_about, weigh_headings
 from insgnss.filter.headings.motion import place_turning
 from insgnss.filter.imu.sensor_errors import whole_errors
-from insgnss.filter.layout_names import StateLayout, state_layout
+from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.loop import DONE, current_sample, run_epochs
 from insgnss.filter.output.writing import Output, Table
+from insgnss.filter.own_rows.contradiction import contradicting, watch
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import CheckedRow, Kind, checked_rows
-from insgnss.filter.own_rows.state_estimate import state_estimate
+from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, Scratch, carry_bank, predict_covariance
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, Antenna
@@ -40,7 +41,7 @@ from insgnss.filter.update.observe import place_antenna
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.geodesy.local_level import up_direction
 from insgnss.gnss.observation_rows import Rows
-from insgnss.status import BAD_VALUE, GATED, USED
+from insgnss.status import BAD_VALUE, CONTRADICTS, GATED, USED
 from insgnss.tables import Float64
 
 Bool = npt.NDArray[np.bool_]
@@ -82,11 +83,15 @@ def use_own_rows(
     if not sound[lead]:
         return OwnUpdate([], np.zeros(n))
     k = current_sample(bank, imu)
-    kinds, asked, layout = setup.own.at(t_ns), np.flatnonzero(sound), state_layout(setup.layout)
-    members = {int(i): _asked(bank, int(i), kinds, t_ns, layout, imu, k, par) for i in asked}
+    kinds, asked, layout = setup.own.at(t_ns), np.flatnonzero(sound), setup.named_states
+    estimates = {int(i): _estimate(bank.state[i], t_ns, layout, imu, k, par) for i in asked}
+    members, kinds = _members(bank, estimates, kinds, layout, imu, k, par)
     _require_alike(members, lead, t_ns)
-    direct = _tells_heading(bank, lead, members[lead])
+    unused = contradicting(bank.head[0], kinds)
     count = len(members[lead].rows)
+    if count == 0 and len(sound) == 1:
+        return OwnUpdate([], np.zeros(n))
+    direct = _tells_heading(bank, lead, members[lead])
     log_likelihood = np.full((len(sound), count), -math.inf)
     information = np.zeros((len(sound), count))
     updates: dict[int, OwnUpdate] = {}
@@ -95,25 +100,46 @@ def use_own_rows(
             *(bank.state[i], bank.P[i], member, t_ns, par, log_likelihood[i], information[i]),
             gate2=setup.config.gates.pseudorange_sigma**2,
             several=len(sound) > 1,
+            unused=unused,
         )
     _weigh(bank, log_likelihood, information, direct, par)
+    if len(sound) > 1:
+        _charge_unlikely(bank, estimates, setup.own.at(t_ns), t_ns, par)
+    watch(bank.head[0], kinds, updates[lead].entries, t_ns)
     return updates[lead]
 
 
-def _asked(
-    bank: Bank, i: int, kinds: list[Kind], t_ns: int, layout: StateLayout, imu: Imu, k: int, par: Parameters
-) -> _Member:
-    """Return a hypothesis with the rows that it is given, and its antenna."""
-    m, P = bank.state[i], bank.P[i]
+def _estimate(
+    m: StateRecord, t_ns: int, layout: StateLayout, imu: Imu, k: int, par: Parameters
+) -> StateEstimate:
+    """Return a hypothesis as its rows see it, in sample ``k``."""
     accel, gyro = np.zeros(3), np.zeros(3)
     whole_errors(m, par, accel, gyro)
-    estimate = state_estimate(m, t_ns, imu.w_ib_b[k] - gyro, imu.f_b[k] - accel, layout)
-    rows = [(kind, row) for kind in kinds for row in checked_rows(kind, estimate, layout)]
-    variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
-    antenna = np.zeros(1, ANTENNA_DTYPE)[0]
-    place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
-    place_turning(m, P, par, antenna, 0.0)
-    return _Member(rows, variance, antenna)
+    return state_estimate(m, t_ns, imu.w_ib_b[k] - gyro, imu.f_b[k] - accel, layout, imu)
+
+
+def _members(
+    bank: Bank,
+    estimates: dict[int, StateEstimate],
+    kinds: list[Kind],
+    layout: StateLayout,
+    imu: Imu,
+    k: int,
+    par: Parameters,
+) -> tuple[dict[int, _Member], list[Kind]]:
+    """Return the hypotheses with their rows and antennas, and the kinds of which all of them were given rows."""
+    given = {i: [checked_rows(kind, each, layout) for kind in kinds] for i, each in estimates.items()}
+    kept = [j for j in range(len(kinds)) if all(rows[j] for rows in given.values())]
+    members = {}
+    for i, found in given.items():
+        m, P = bank.state[i], bank.P[i]
+        rows = [(kinds[j], row) for j in kept for row in found[j]]
+        variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
+        antenna = np.zeros(1, ANTENNA_DTYPE)[0]
+        place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
+        place_turning(m, P, par, antenna, 0.0)
+        members[i] = _Member(rows, variance, antenna)
+    return members, [kinds[j] for j in kept]
 
 
 def _require_alike(members: dict[int, _Member], lead: int, t_ns: int) -> None:
@@ -134,6 +160,8 @@ def _tells_heading(bank: Bank, lead: int, member: _Member) -> Bool:
     The turn is that to the farthest of the open headings. The antenna's position and velocity stay: what GNSS shows of
     all headings is the same. Only a rotation that was shown moves the antenna about the IMU.
     """
+    if len(bank.state) == 1:
+        return np.ones(len(member.rows), np.bool_)
     m, antenna = bank.state[lead], member.antenna
     turn = max(abs(turn_about(m, other)) for other in bank.state)
     up = np.array(up_direction(m.r_e))
@@ -158,8 +186,12 @@ def _updated(
     *,
     gate2: float,
     several: bool,
+    unused: frozenset[str] = frozenset(),
 ) -> OwnUpdate:
-    """Correct one hypothesis; fill the logarithm of each row's likelihood, NaN of a refused value, and information."""
+    """Correct one hypothesis; fill the logarithm of each row's likelihood, NaN of a refused value, and information.
+
+    Kinds that are ``unused`` have entries in the ledger and no effect.
+    """
     n = len(P)
     vectors, response, entries = np.zeros((3, n)), m.motion_response[:n], []
     for j, (kind, row) in enumerate(member.rows):
@@ -168,6 +200,8 @@ def _updated(
         log_likelihood[j] = math.nan
         if not math.isfinite(row.innovation):
             status = BAD_VALUE
+        elif kind.name in unused:
+            status = CONTRADICTS
         elif not row.innovation**2 <= gate * S:
             status = GATED
         else:
@@ -211,6 +245,23 @@ def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bo
             bank.state["log_likelihood"] = log_likelihood[:, rows].sum(axis=1)
             bank.state["motion_information"] = carried[:, rows].sum(axis=1)
             weigh_headings(bank, par)
+
+
+def _charge_unlikely(
+    bank: Bank, estimates: dict[int, StateEstimate], kinds: list[Kind], t_ns: int, par: Parameters
+) -> None:
+    """Lower the weight of the headings under which the vehicle does what it seldom does, of each once."""
+    log_likelihood, charged = bank.state["log_likelihood"], False
+    log_likelihood[:] = 0.0
+    for i, estimate in estimates.items():
+        if bank.state[i].unlikely_ns:
+            continue
+        charge = sum(min(float(kind.unlikely(estimate)), 0.0) for kind in kinds if kind.unlikely is not None)
+        if charge < 0.0:
+            log_likelihood[i], bank.state[i].unlikely_ns, charged = charge, t_ns, True
+    if charged:
+        bank.state["motion_information"] = 1.0  # it counts in full
+        weigh_headings(bank, par)
 
 
 def carry_through(

@@ -17,6 +17,7 @@ from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.layout import Layout, StateBlock
+from insgnss.filter.layout_names import StateLayout, state_layout
 from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
@@ -97,6 +98,11 @@ class FilterSetup:
         with_carrier = self.with_carrier and self.config.measurements.carrier
         wanted = StatesWanted(self.config, self.clock_groups, with_carrier, self.grade)
         return layout_of(wanted, self.states_wanted, tuple(self.ties.home.tolist()))
+
+    @cached_property
+    def named_states(self) -> StateLayout:
+        """The filter's states by name."""
+        return state_layout(self.layout)
 
     def parameters(self) -> npt.NDArray[Any]:
         """Return the numbers of the compiled filter, (1,) of ``PARAMETERS_DTYPE``."""

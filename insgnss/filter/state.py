@@ -30,6 +30,7 @@ from insgnss.tables import Float64, Int8, Int64
 OFFSETS: Final = FURTHER
 MAX_OPTIONAL: Final = 64  # room for all of them
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
+MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
 N_CLONE: Final = 4
 CLONE_CLOCK: Final = 3  # where among them the clock stands
@@ -97,6 +98,7 @@ class StateRecord(Record):
     cn0_level: float  # strongest signal of late, as it would be at the zenith [dBHz]; 0: none yet
     cn0_level_ns: int
     log_weight: float  # natural logarithm of the hypothesis' probability
+    unlikely_ns: int  # when what the vehicle seldom does was first held against it; 0: not yet
     # how far the motion that was shown has moved the state, and what of it the updates have left
     motion_response: Annotated[Float64, OFFSETS + MAX_OPTIONAL]
     log_likelihood: float  # of the epoch's rows
@@ -131,6 +133,9 @@ class HeadRecord(Record):
     slip_ns: int  # when that was; 0: never
     slip_walk: float  # density of its changes [rad^2/s]
     slip_s: float  # time over which they were seen [s]
+    own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
+    own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
+    own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
 
 
 HEAD_DTYPE: Final = dtype_of(HeadRecord)

@@ -14,6 +14,7 @@ from insgnss.errors import InsGnssError, UnitsError
 from insgnss.gnss.signals import CHANNELS
 from insgnss.log.doctor_gnss import ephemeris_findings, gnss_findings
 from insgnss.log.doctor_imu import imu_findings
+from insgnss.log.doctor_vehicle import vehicle_findings
 from insgnss.log.flight import Flight
 from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_log import has_messages, merged, missing_navigation, read_receiver
@@ -108,6 +109,8 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
     if imu is not None and gnss is not None:
         findings += _overlap_findings(flight, imu, gnss)
     findings.append(_lever_arm_finding(flight))
+    if config.vehicle is not None:
+        findings += vehicle_findings(config.vehicle)
     if config.attitude is not None:  # what this takes is loaded for such flights alone
         several = importlib.import_module("insgnss.log.doctor_antennas")
         findings += several.antenna_findings(flight, gnss)

@@ -8,6 +8,7 @@ from insgnss.config.flight import FlightConfig
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.own_rows.rows import Measurement
 from insgnss.log.flight import FlightLogs
+from insgnss.sensors.vehicle_rows import vehicle_measurements, vehicle_states
 
 
 class Fitted(NamedTuple):
@@ -24,4 +25,7 @@ def fitted(config: FlightConfig, logs: FlightLogs | None) -> Fitted:
     ----------
     logs : None where the logs are still to come, as in the streaming engine
     """
-    return Fitted()
+    vehicle = config.vehicle
+    if vehicle is None:
+        return Fitted()
+    return Fitted(vehicle_states(vehicle), vehicle_measurements(vehicle))

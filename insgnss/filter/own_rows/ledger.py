@@ -28,8 +28,8 @@ def complete_ledger(
 ) -> list[OwnEntry]:
     """Return the entries of all times after the first and up to the second of ``between_ns``, in their order.
 
-    A time at which the filter took no rows has one entry of each kind: it stands outside the inertial samples, or there
-    was no filter.
+    A listed time at which the filter took no rows has one entry of each kind: it stands outside the inertial samples,
+    or there was no filter. Of a period only the ticks that the filter took have entries.
 
     Parameters
     ----------
@@ -38,12 +38,15 @@ def complete_ledger(
     """
     entries: list[OwnEntry] = []
     spans = list(spans_ns)
-    for t_ns in own.due(*between_ns):
+    first_ns, last_ns = between_ns
+    taken = {t_ns for t_ns in found if first_ns < t_ns <= last_ns}
+    for t_ns in sorted(taken.union(own.listed(*between_ns))):
         if t_ns in found:
             entries += found[t_ns]
             continue
         status = NOT_STARTED if any(a <= t_ns <= b for a, b in spans) else NO_IMU
-        entries += [OwnEntry(t_ns, kind.name, math.nan, math.nan, status) for kind in own.at(t_ns)]
+        listed = [kind for kind in own.at(t_ns) if not kind.period_ns]
+        entries += [OwnEntry(t_ns, kind.name, math.nan, math.nan, status) for kind in listed]
     return entries
 
 

@@ -15,9 +15,10 @@ much the prediction grows when the position, the velocity, a bias grows, or when
 from __future__ import annotations
 
 import difflib
+import functools
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -25,10 +26,13 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import MeasurementError
-from insgnss.filter.layout_names import StateLayout
+from insgnss.filter.layout_names import StateLayout, StatePlace
 from insgnss.filter.own_rows.state_estimate import StateEstimate
+from insgnss.filter.state import MAX_WATCHED
 from insgnss.tables import Float64, Int64
 
+NOT_WATCHED: Final = -1
+_SHORTEST_PERIOD_NS: Final = 1_000_000
 _LARGEST_VALUE: Final = 1e18  # in any unit; its square is a number that every table holds
 _LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36
 # the ledger's other kinds
@@ -54,6 +58,11 @@ class Measurement(Protocol):
     - ``gate_sigma``: above so many sigmas of its predicted innovation a row is refused; None: no gate. Without it the
       gate is that of the pseudoranges.
     - ``unit``: of its innovations, for the report.
+    - ``period_ns``, in place of ``times_ns``: there are rows at all its whole multiples in GPS time inside the inertial
+      samples, as of a constraint that always holds. The ledger has what was used, nothing of the time before the start.
+    - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
+    - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
+      first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
     """
 
     @property
@@ -68,7 +77,8 @@ class Measurement(Protocol):
         """Return one row or a sequence of rows at ``state.t_ns``; an empty sequence where nothing was measured.
 
         It is called for each open heading, and again where the filter looks back or runs beside itself: the answer must
-        depend on ``state`` alone. Every heading must be given as many rows as the others.
+        depend on ``state`` alone. Every heading must be given as many rows as the others; where one is given none,
+        the kind has none at that time.
         """
 
 
@@ -87,9 +97,12 @@ class Kind:
 
     source: Measurement
     name: str
-    times_ns: Int64  # (k,)
+    times_ns: Int64  # (k,) empty where there is a period
     gate2: float | None  # squared; None: that of the pseudoranges; infinite: no gate
     unit: str
+    period_ns: int = 0  # of ticks without end; 0: none
+    watch: int = NOT_WATCHED  # its place among those that are watched
+    unlikely: Callable[[StateEstimate], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +110,8 @@ class OwnMeasurements:
     """All measurements that a user adds to a filter, on one time line."""
 
     kinds: tuple[Kind, ...]
-    times_ns: Int64  # (m,) at which there are rows, each once, increasing
+    times_ns: Int64  # (m,) at which there are rows, each once, increasing; without the periodic ones
+    periods_ns: tuple[int, ...] = ()  # of those
 
     @property
     def named(self) -> str:
@@ -106,24 +120,42 @@ class OwnMeasurements:
 
     def due(self, after_ns: int, until_ns: int) -> list[int]:
         """Return the times after ``after_ns``, up to ``until_ns``."""
+        times = self.listed(after_ns, until_ns)
+        if not self.periods_ns:
+            return times
+        ticks = {t for each in self.periods_ns for t in range(_next_tick(after_ns, each), until_ns + 1, each)}
+        return sorted(ticks.union(times))
+
+    def listed(self, after_ns: int, until_ns: int) -> list[int]:
+        """Return those of the times that measurements have listed."""
         first, last = np.searchsorted(self.times_ns, [after_ns, until_ns], side="right")
         return [int(t) for t in self.times_ns[first:last]]
 
     def at(self, t_ns: int) -> list[Kind]:
         """Return the kinds that have rows at a time, in the order in which they were given."""
-        return [kind for kind in self.kinds if _has(kind.times_ns, t_ns)]
+        return [kind for kind in self.kinds if _has(kind, t_ns)]
 
     def epochs_before_next(self, epoch_ns: Int64, epoch: int, last: int) -> int:
         """Return the epoch after those that come before the next rows: after ``epoch``, ``last`` at most."""
-        k = int(np.searchsorted(self.times_ns, epoch_ns[epoch], side="right"))
-        if k == len(self.times_ns):
+        now_ns = int(epoch_ns[epoch])
+        k = int(np.searchsorted(self.times_ns, now_ns, side="right"))
+        following = [int(t) for t in self.times_ns[k : k + 1]]
+        following += [_next_tick(now_ns, each) for each in self.periods_ns]
+        if not following:
             return last
-        return min(int(np.searchsorted(epoch_ns, self.times_ns[k])), last)
+        return min(int(np.searchsorted(epoch_ns, min(following))), last)
 
 
-def _has(times_ns: Int64, t_ns: int) -> bool:
-    k = int(np.searchsorted(times_ns, t_ns))
-    return k < len(times_ns) and int(times_ns[k]) == t_ns
+def _next_tick(after_ns: int, period_ns: int) -> int:
+    """Return the first whole multiple of a period after a time."""
+    return (after_ns // period_ns + 1) * period_ns
+
+
+def _has(kind: Kind, t_ns: int) -> bool:
+    if kind.period_ns:
+        return t_ns % kind.period_ns == 0
+    k = int(np.searchsorted(kind.times_ns, t_ns))
+    return k < len(kind.times_ns) and int(kind.times_ns[k]) == t_ns
 
 
 def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | None:
@@ -142,11 +174,16 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
     if twice:
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
     times_ns = np.unique(np.concatenate([kind.times_ns for kind in kinds]))
-    return OwnMeasurements(kinds, times_ns)
+    watched = [kind.name for kind in kinds if getattr(kind.source, "watched", False)][:MAX_WATCHED]
+    kinds = tuple(
+        replace(kind, watch=watched.index(kind.name)) if kind.name in watched else kind for kind in kinds
+    )
+    return OwnMeasurements(kinds, times_ns, tuple(sorted({kind.period_ns for kind in kinds} - {0})))
 
 
 def _checked_kind(source: Measurement, place: int) -> Kind:
-    missing = [name for name in ("name", "times_ns", "rows") if not hasattr(source, name)]
+    wanted = ("name", "rows") if hasattr(source, "period_ns") else ("name", "times_ns", "rows")
+    missing = [name for name in wanted if not hasattr(source, name)]
     if missing or not callable(source.rows):
         message = ", ".join(missing) or "a method 'rows'"
         raise MeasurementError(
@@ -162,7 +199,24 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
     if name in BUILT_IN:
         raise MeasurementError(f"'{name}' is a built-in kind", advice="call the measurement otherwise")
     unit = str(getattr(source, "unit", ""))
-    return Kind(source, name, _checked_times(name, source.times_ns), _gate2(name, source), unit)
+    period_ns = _checked_period(name, source)
+    times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
+    unlikely = getattr(source, "unlikely", None)
+    return Kind(source, name, times_ns, _gate2(name, source), unit, period_ns, unlikely=unlikely)
+
+
+def _checked_period(name: str, source: Measurement) -> int:
+    """Return the period of a measurement, 0 where it lists its times."""
+    period: object = getattr(source, "period_ns", 0)
+    if not hasattr(source, "period_ns"):
+        return 0
+    whole = isinstance(period, int | np.integer) and not isinstance(period, bool)
+    if not whole or not _SHORTEST_PERIOD_NS <= int(period) <= NS_PER_WEEK:  # type: ignore[call-overload]
+        raise MeasurementError(
+            f"period_ns of measurement '{name}' is {period!r}",
+            advice="give a whole number of nanoseconds, 1e6 (1 kHz) or more",
+        )
+    return int(period)  # type: ignore[call-overload,no-any-return]
 
 
 def _checked_times(name: str, times_ns: object) -> Int64:
@@ -247,11 +301,21 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
     if not parts:
         message = _at(kind, t_ns, "a row has no partials")
         raise MeasurementError(message, advice=f"name at least one of: {layout}")
-    h, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return CheckedRow(innovation, np.ascontiguousarray(h), np.ascontiguousarray(columns), variance)
+    h = np.concatenate([values for values, _, _ in parts])
+    return CheckedRow(innovation, h, _columns(tuple((first, last) for _, first, last in parts)), variance)
+
+
+@functools.lru_cache(maxsize=1024)
+def _columns(places: tuple[tuple[int, int], ...]) -> Int64:
+    """Return the columns of several blocks, each from its first to before its last."""
+    found = np.concatenate([np.arange(first, last, dtype=np.int64) for first, last in places])
+    found.flags.writeable = False
+    return found
 
 
 def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
+    if type(given) is float:
+        return given
     try:
         return float(np.asarray(given).astype(np.float64, casting="same_kind").reshape(()))
     except (TypeError, ValueError) as error:
@@ -261,20 +325,25 @@ def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
 
 def _partials(
     kind: Kind, t_ns: int, name: str, given: npt.ArrayLike, layout: StateLayout
-) -> tuple[Float64, Int64]:
+) -> tuple[Float64, int, int]:
+    """Return the partials by a block, and where the block begins and ends in the error state."""
     if name not in layout:
         near = difflib.get_close_matches(str(name), list(layout), n=2, cutoff=0.4)
         advice = f"nearest: {', '.join(near)}; " if near else ""
         message = _at(kind, t_ns, f"this filter has no state '{name}'")
         raise MeasurementError(message, advice=f"{advice}the blocks are: {layout}")
     block = layout[name]
-    advice = f"give {block} partials of the prediction by '{name}'".replace("] ", "], ")
     try:
         values = np.atleast_1d(np.array(given, np.float64))
     except (TypeError, ValueError) as error:
         message = _at(kind, t_ns, f"the partials of '{name}' are {str(given)[:60]}")
-        raise MeasurementError(message, advice=advice) from error
+        raise MeasurementError(message, advice=_wanted_partials(name, block)) from error
     if values.shape != (block.size,) or not np.isfinite(values).all():
         message = f"of shape {values.shape}" if values.shape != (block.size,) else f"{values.tolist()}"
+        advice = _wanted_partials(name, block)
         raise MeasurementError(_at(kind, t_ns, f"the partials of '{name}' are {message}"), advice=advice)
-    return values, np.arange(block.columns.start, block.columns.stop, dtype=np.int64)
+    return values, block.columns.start, block.columns.stop
+
+
+def _wanted_partials(name: str, block: StatePlace) -> str:
+    return f"give {block} partials of the prediction by '{name}'".replace("] ", "], ")

@@ -7,15 +7,30 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from insgnss.constants import NS_PER_S
 from insgnss.filter.layout_names import StatePlace
+from insgnss.filter.prediction import Imu
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
-from insgnss.tables import Float64
+from insgnss.tables import Float64, Int64
+
+LONGEST_WINDOW_S: Final = 5.0  # the streaming engine keeps a second more (``engine._HISTORY_S``)
+_NO_SAMPLES: Final = Imu(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+class InertialWindow(NamedTuple):
+    """Inertial samples as the filter takes them, biases in them."""
+
+    t_ns: Int64  # (k,) ends of their intervals, GPS time
+    w_ib_b: Float64  # (k, 3) rates [rad/s]
+    f_b: Float64  # (k, 3) specific forces [m/s^2]
+    unknown: bool  # whether motion is missing in them, as in samples that repeat or saturate
 
 
 @dataclass(frozen=True)
@@ -35,9 +50,28 @@ class StateEstimate:
     clock_bias_m: float
     clock_drift_mps: float
     w_ib_b: Float64  # (3,) rate of the sample whose interval holds the time, the gyros' error removed [rad/s]
-    f_b: Float64  # (3,) its specific force, the accelerometers' errors removed [m/s^2]
+    f_b: Float64  # (3,) its specific force, the accelerometers' error removed [m/s^2]
     # values of the further blocks by their names in the layout, SI units
     optional: Mapping[str, float | Float64]
+    _samples: Imu = _NO_SAMPLES  # of the unbroken stretch, later ones among them: ``recent`` is for use
+
+    def recent(self, seconds: float) -> InertialWindow:
+        """Return the samples whose intervals end in the last ``seconds``, 5 at most; fewer where the log begins.
+
+        Raises
+        ------
+        ValueError : a longer or a negative time
+        """
+        if not 0.0 <= seconds <= LONGEST_WINDOW_S:
+            raise ValueError(
+                f"the samples of {seconds} s are asked for: 0 to {LONGEST_WINDOW_S:g} s are kept"
+            )
+        ends = [self.t_ns - round(seconds * NS_PER_S), self.t_ns]
+        chosen = slice(*np.searchsorted(self._samples.t_ns, ends, side="right"))
+        unknown = bool(self._samples.unknown[chosen].any())
+        t_ns = self._samples.t_ns[chosen]
+        w_ib_b, f_b = (_read_only(each[chosen]) for each in (self._samples.w_ib_b, self._samples.f_b))
+        return InertialWindow(t_ns, w_ib_b, f_b, unknown)
 
     @cached_property
     def _geodetic(self) -> tuple[float, float, float]:
@@ -105,7 +139,12 @@ class StateEstimate:
 
 
 def state_estimate(
-    m: StateRecord, t_ns: int, w_ib_b: Float64, f_b: Float64, layout: Mapping[str, StatePlace]
+    m: StateRecord,
+    t_ns: int,
+    w_ib_b: Float64,
+    f_b: Float64,
+    layout: Mapping[str, StatePlace],
+    samples: Imu = _NO_SAMPLES,
 ) -> StateEstimate:
     """Return a hypothesis ``m`` as its user sees it.
 
@@ -113,6 +152,7 @@ def state_estimate(
     ----------
     w_ib_b, f_b : (3,) inertial sample, the sensors' errors removed
     layout : the blocks of the error state by name; those behind the fixed ones have a value in ``optional``
+    samples : those that the filter is carried over
     """
     values: dict[str, float | Float64] = {}
     for name, place in layout.items():
@@ -129,6 +169,7 @@ def state_estimate(
         w_ib_b=_read_only(w_ib_b),
         f_b=_read_only(f_b),
         optional=MappingProxyType(values),
+        _samples=samples,
     )
 
 

@@ -162,6 +162,7 @@ def _flight(row: Row, ready: Prepared, case: Case, seed: int) -> FlightInMemory:
             antenna=ready.antennas,
         ),
         start=start or "automatic",
+        vehicle=row.vehicle,
     )
     logs = FlightLogs(
         imu=imu,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from insgnss.config.vehicle_kind import VehicleRows
 from insgnss.tables import Event, GnssTable, ImuTable, NavigationData
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ class Row:
     event: str = ""  # pattern that an event's "kind: detail" must match after the origin
     start: Literal["automatic", "given"] = "automatic"
     cut: bool = False  # the log begins at a place drawn by the seed
+    vehicle: VehicleRows | None = None
     output: float | None = None  # rate of navigation rows; None: one for each epoch
     live: bool = False  # through the streaming engine
     times: int = 1  # as many runs as the campaign's seeds, times that

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from insgnss.config.vehicle_kind import VehicleRows
 from tests.benchmarks.trust.flying import Flown
+from tests.benchmarks.trust.measuring import position_m
 from tests.benchmarks.trust.motions import (
     CITY,
     CITY_S,
@@ -193,6 +195,41 @@ def _outage(grade: str, length_s: float) -> Row:
     )
 
 
+CAR: Final = VehicleRows.model_validate({"kind": "car", "non_holonomic": {"axle_m": (0.0, 0.0, 0.0)}})
+
+
+def _car_outage(grade: str, most_m: float) -> Row:
+    """Corners, a stop and a start without satellites, with the rows of a car."""
+    name = f"outage_60_car_{grade}"
+    from_s, to_s = 200.0, 260.0
+    known = Check(
+        "nees position before its end, error over sigma 0.5 to 1.3",
+        "nees",
+        "position",
+        "before its end",
+        low=0.25,
+        high=1.69,
+    )
+    return Row(
+        name,
+        "no satellite for 60 s in a city, vehicle kind car",
+        scenario(name, *CITY, grade=grade, faults=outage(from_s, to_s)),
+        (
+            known,
+            Check("position in its last second [m] (mean)", "mean", "position_m", high=most_m),
+            *honest(),
+            *UNHURT,
+            *no_event("rows_contradict"),
+            NO_FALSE_HEADING,
+        ),
+        grade,
+        looks={"before its end": to_s - 1.0, "end": CITY_S - 2.0},
+        vehicle=CAR,
+        output=1.0,
+        measures={"position_m": position_m(to_s - 1.5, to_s - 0.5)},
+    )
+
+
 def _static_hour(carrier: bool) -> Row:
     """A position that nothing moves: reflections, messages and air without error, so nothing lasts."""
     name = f"static_hour{'_carrier' * carrier}"
@@ -320,6 +357,8 @@ def situation_rows() -> tuple[Row, ...]:
         *(_city(grade, lasting) for grade in ("mems_consumer", "industrial") for lasting in both),
         _city_starts(),
         *(_outage(grade, s) for grade in ("mems_consumer", "industrial") for s in (10.0, 30.0, 60.0)),
+        _car_outage("industrial", 2.5),
+        _car_outage("mems_consumer", 9.0),
         *(_static_hour(carrier) for carrier in both),
         _carrier_air(),
         *(_air_errors(carrier) for carrier in both),
