@@ -34,6 +34,7 @@ from insgnss.filter.loop import (
 )
 from insgnss.filter.output.writing import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
 from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.watch import RefusalWatch
 from insgnss.filter.own_update import OwnUpdate, before, use_own_rows
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
@@ -62,6 +63,7 @@ class Snapshot(NamedTuple):
     aid: EpochAid | None
     trial: Trial | None
     health: Health
+    watch: RefusalWatch
 
     @property
     def banks(self) -> list[Bank]:
@@ -83,6 +85,7 @@ class Navigator:
     started_ns: int | None = None
     trial: Trial | None = None  # of a given start
     own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
+    watch: RefusalWatch = field(default_factory=RefusalWatch)  # of them
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
     before_antennas: Callable[[Bank], object] = lambda _: None  # called before several antennas' rows
     _parameters: npt.NDArray[Any] = field(init=False)
@@ -115,6 +118,7 @@ class Navigator:
             aid=None if self.aid is None else self.aid.copied(),
             trial=None if self.trial is None else self.trial.copied(),
             health=self.health.copied(),
+            watch=self.watch.copied(),
         )
 
     def restore(self, saved: Snapshot) -> None:
@@ -125,6 +129,7 @@ class Navigator:
         self.aid = None if saved.aid is None or self.aid is None else saved.aid.copied(self.aid.log)
         self.trial = None if saved.trial is None else saved.trial.copied()
         self.health = saved.health.copied()
+        self.watch = saved.watch.copied()
 
     def forget_own(self, after_ns: int) -> None:
         """Forget what became of a user's own rows after a time."""
@@ -165,10 +170,7 @@ class Navigator:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
 
     def use_own_rows(self, imu: Imu, rows: Rows, until_ns: int, out: Output) -> None:
-        """Carry the filter by way of a user's own rows up to ``until_ns`` and use them; it stays at the last of them.
-
-        ``rows`` tells how large the work space must be.
-        """
+        """Carry the filter by way of own rows up to ``until_ns``, work space as for ``rows``; it stays at the last."""
         if self.setup.own is None or self.bank is None:
             return
         for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
@@ -176,6 +178,7 @@ class Navigator:
             run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
             update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
             self.own[t_ns] = update.entries
+            self.events += self.watch.take(self.setup.own, t_ns, update.entries)
             lead = int(self.bank.head[0].leader)
             if not is_sound(self.bank.state[lead], self.bank.P[lead]):
                 del self.own[t_ns]

@@ -56,7 +56,7 @@ class _Member(NamedTuple):
     """One hypothesis and its rows."""
 
     rows: list[tuple[Kind, CheckedRow]]
-    variance: Float64  # (k,) of the innovations at the prior
+    variance: Float64  # (k,) of the innovations at the prior, as gate and ledger take them
     antenna: Antenna
 
 
@@ -106,7 +106,7 @@ def _asked(
     m, P = bank.state[i], bank.P[i]
     estimate = state_estimate(m, t_ns, imu.w_ib_b[k], imu.f_b[k], layout)
     rows = [(kind, row) for kind in kinds for row in checked_rows(kind, estimate, layout)]
-    variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
+    variance = np.array([row.single_variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
     antenna = np.zeros(1, ANTENNA_DTYPE)[0]
     place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
     place_turning(m, P, par, antenna, 0.0)
@@ -159,13 +159,14 @@ def _updated(
     """Correct one hypothesis; fill the logarithm of each row's likelihood, NaN of a refused value, and information."""
     n = len(P)
     vectors, response, entries = np.zeros((3, n)), m.motion_response[:n], []
+    refused = _refused(member, gate2)
     for j, (kind, row) in enumerate(member.rows):
         S, status = float(member.variance[j]), USED
         gate = gate2 if kind.gate2 is None else kind.gate2
         log_likelihood[j] = math.nan
         if not math.isfinite(row.innovation):
             status = BAD_VALUE
-        elif not row.innovation**2 <= gate * S:
+        elif refused[j]:
             status = GATED
         else:
             y, given = scalar_update(P, row.h, row.columns, row.innovation, row.variance, vectors)
@@ -178,8 +179,10 @@ def _updated(
             response -= vectors[1] * moved
             information[j] = moved**2 / given
         if status == GATED:  # a hypothesis must not gain by leaving out what contradicts it
-            charged = gate if math.isfinite(gate) else row.innovation**2 / S
-            log_likelihood[j] = -0.5 * (charged + (math.log(S) if 0.0 < S < math.inf else 0.0))
+            alone = row.single_variance == row.variance
+            counted = S if alone else S - row.single_variance + row.variance
+            charged = min(gate, row.innovation**2 / counted if counted > 0.0 else math.inf)
+            log_likelihood[j] = -0.5 * (charged + (math.log(counted) if 0.0 < counted < math.inf else 0.0))
         entries.append(OwnEntry(t_ns, kind.name, row.innovation, S, status))
     correction = vectors[0]
     if correction.any():
@@ -187,6 +190,20 @@ def _updated(
             turn_attitude_errors(m, P, correction, member.antenna)
         _feed_back(m, correction, int(par.at_clone))
     return OwnUpdate(entries, correction)
+
+
+def _refused(member: _Member, gate2: float) -> list[bool]:
+    """Return of each row whether a gate refuses it: its own, or that of a row that it stands or falls with."""
+    beyond = [
+        not row.innovation**2 <= (gate2 if kind.gate2 is None else kind.gate2) * float(S)
+        for (kind, row), S in zip(member.rows, member.variance, strict=True)
+    ]
+    fallen = {
+        kind.name
+        for (kind, row), out in zip(member.rows, beyond, strict=True)
+        if out and kind.together and math.isfinite(row.innovation)
+    }
+    return [out or kind.name in fallen for (kind, _), out in zip(member.rows, beyond, strict=True)]
 
 
 def _feed_back(m: StateRecord, correction: Float64, at_clone: int) -> None:

@@ -24,8 +24,9 @@ from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
 from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver
 from insgnss.log.imu_csv import inertial, read_imu
-from insgnss.log.overlap import check_overlap, outside_events
+from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
+from insgnss.log.sensor_csv import read_sensor
 from insgnss.shown import Shown
 from insgnss.tables import (
     Event,
@@ -35,6 +36,7 @@ from insgnss.tables import (
     NavigationData,
     PreciseProducts,
     ReferenceTable,
+    SensorTable,
 )
 
 # of a flight without an inertial log: nothing is computed with it
@@ -55,6 +57,9 @@ class FlightLogs(Shown):
     antennas: SatelliteAntennas | None = None
     base: GnssTable | None = None  # a base station's observations
     further: tuple[GnssTable, ...] = ()  # of the further antennas, in the order of [attitude]
+    sensors: tuple[
+        SensorTable, ...
+    ] = ()  # of the further sensors that have a log, in the order of [[sensor]]
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,10 +142,24 @@ class Flight(Shown):
             detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
             events.append(Event(None, "lever_arm_not_given", detail))
         further, found = read_further_antennas(config, logs.gnss)
+        sensors, told = self._sensors(imu)
         return FlightLogs(
-            *(imu, logs.gnss, logs.navigation, reference, events + found, {}),
-            *(logs.products, logs.antennas, logs.base, further),
+            *(imu, logs.gnss, logs.navigation, reference, events + found + told, {}),
+            *(logs.products, logs.antennas, logs.base, further, sensors),
         )
+
+    def _sensors(self, imu: ImuTable) -> tuple[tuple[SensorTable, ...], list[Event]]:
+        """Read the logs of the further sensors; one that has none is told and left out."""
+        tables, events = [], []
+        for sensor in self.config.sensor:
+            if not sensor.files:
+                detail = f"sensor '{sensor.label}' names no files: nothing of it is used in a replay"
+                events.append(Event(None, "sensor_without_log", detail))
+                continue
+            table, found = read_sensor(sensor, self.config.gps_week)
+            tables.append(table)
+            events += found + sensor_outside(imu.t_ns, table, self.config.gps_week)
+        return tuple(tables), events
 
     def files(self) -> tuple[Path, ...]:
         """Return every file the flight reads, the flight file first; an antenna's pattern may be the library's."""
@@ -156,7 +175,17 @@ class Flight(Shown):
         mounted = (*gnss.antenna, *others)
         patterns = tuple(antenna_file(antenna.pattern, (folder,)) for antenna in mounted)
         hiding = tuple(folder / antenna.obstruction for antenna in mounted if antenna.obstruction)
-        files = (self.path, *self.inertial_files(), *satellites, *told, *patterns, *hiding, *reference)
+        sensors = tuple(path for sensor in config.sensor for path in sensor.files)
+        files = (
+            self.path,
+            *self.inertial_files(),
+            *satellites,
+            *told,
+            *patterns,
+            *hiding,
+            *reference,
+            *sensors,
+        )
         return tuple(dict.fromkeys(files))  # two antennas of one type share a pattern
 
     def inertial_files(self) -> tuple[Path, ...]:
@@ -214,7 +243,10 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
             and config.gnss.base.model_copy(update={"files": tuple(map(absolute, config.gnss.base.files))}),
         }
     )
-    update: dict[str, object] = {"imu": imu, "gnss": gnss}
+    sensors = tuple(
+        sensor.model_copy(update={"files": tuple(map(absolute, sensor.files))}) for sensor in config.sensor
+    )
+    update: dict[str, object] = {"imu": imu, "gnss": gnss, "sensor": sensors}
     if config.attitude is not None:
         antennas = tuple(
             antenna.model_copy(update={"files": tuple(map(absolute, antenna.files))})

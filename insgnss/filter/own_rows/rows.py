@@ -17,7 +17,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -26,6 +26,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import MeasurementError
 from insgnss.filter.layout_names import StateLayout
+from insgnss.filter.own_rows.live_times import LiveTimes
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.tables import Float64, Int64
 
@@ -36,11 +37,14 @@ BUILT_IN: Final = ("pseudorange", "range_rate", "carrier_difference", "attitude_
 
 
 class Row(NamedTuple):
-    """One scalar measurement; a plain tuple of the three is as good."""
+    """One scalar measurement; a plain tuple of the first three is as good."""
 
     innovation: float  # measured minus predicted; NaN or beyond 1e18: the row is refused as 'bad_value'
     partials: Mapping[str, npt.ArrayLike]  # of the prediction, by the names of the layout
-    variance: float  # of the measurement's error
+    variance: float  # of the measurement's error, as it counts in the update
+    # of this one error, where ``variance`` is larger because the errors of successive rows go together: gate and ledger
+    # take this one; None: they are the same
+    single_variance: float | None = None
 
 
 RowsGiven: TypeAlias = Row | tuple[float, Mapping[str, npt.ArrayLike], float] | Iterable[Any]
@@ -54,6 +58,9 @@ class Measurement(Protocol):
     - ``gate_sigma``: above so many sigmas of its predicted innovation a row is refused; None: no gate. Without it the
       gate is that of the pseudoranges.
     - ``unit``: of its innovations, for the report.
+    - ``together``: True where one row beyond the gate refuses all of the same time.
+    - ``hint``: what to look at where its rows are refused for long, for the event that tells it.
+    - ``live``: True where its times are not known beforehand (``LiveTimes``).
     """
 
     @property
@@ -79,6 +86,7 @@ class CheckedRow(NamedTuple):
     h: Float64  # (k,)
     columns: Int64  # (k,) where its entries stand in the error state
     variance: float
+    single_variance: float  # for the gate
 
 
 @dataclass(frozen=True)
@@ -90,6 +98,8 @@ class Kind:
     times_ns: Int64  # (k,)
     gate2: float | None  # squared; None: that of the pseudoranges; infinite: no gate
     unit: str
+    together: bool = False  # one row beyond the gate refuses all of its time
+    hint: str = ""  # what to look at where its rows are refused
 
 
 @dataclass(frozen=True)
@@ -97,7 +107,8 @@ class OwnMeasurements:
     """All measurements that a user adds to a filter, on one time line."""
 
     kinds: tuple[Kind, ...]
-    times_ns: Int64  # (m,) at which there are rows, each once, increasing
+    times_ns: Int64  # (m,) at which there are rows, each once, increasing; without the live ones
+    arrived: LiveTimes = field(default_factory=LiveTimes)
 
     @property
     def named(self) -> str:
@@ -107,18 +118,20 @@ class OwnMeasurements:
     def due(self, after_ns: int, until_ns: int) -> list[int]:
         """Return the times after ``after_ns``, up to ``until_ns``."""
         first, last = np.searchsorted(self.times_ns, [after_ns, until_ns], side="right")
-        return [int(t) for t in self.times_ns[first:last]]
+        known = [int(t) for t in self.times_ns[first:last]]
+        live = self.arrived.due(after_ns, until_ns)
+        return sorted({*known, *live}) if live else known
 
     def at(self, t_ns: int) -> list[Kind]:
         """Return the kinds that have rows at a time, in the order in which they were given."""
-        return [kind for kind in self.kinds if _has(kind.times_ns, t_ns)]
+        live = self.arrived.names_at(t_ns)
+        return [kind for kind in self.kinds if kind.name in live or _has(kind.times_ns, t_ns)]
 
     def epochs_before_next(self, epoch_ns: Int64, epoch: int, last: int) -> int:
         """Return the epoch after those that come before the next rows: after ``epoch``, ``last`` at most."""
         k = int(np.searchsorted(self.times_ns, epoch_ns[epoch], side="right"))
-        if k == len(self.times_ns):
-            return last
-        return min(int(np.searchsorted(epoch_ns, self.times_ns[k])), last)
+        times = [int(t) for t in self.times_ns[k : k + 1]] + self.arrived.next_after(int(epoch_ns[epoch]))
+        return min([last, *(int(np.searchsorted(epoch_ns, t_ns)) for t_ns in times)])
 
 
 def _has(times_ns: Int64, t_ns: int) -> bool:
@@ -161,8 +174,9 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         )
     if name in BUILT_IN:
         raise MeasurementError(f"'{name}' is a built-in kind", advice="call the measurement otherwise")
-    unit = str(getattr(source, "unit", ""))
-    return Kind(source, name, _checked_times(name, source.times_ns), _gate2(name, source), unit)
+    times_ns, gate2 = _checked_times(name, source.times_ns), _gate2(name, source)
+    words = [str(getattr(source, key, "")) for key in ("unit", "hint")]
+    return Kind(source, name, times_ns, gate2, words[0], bool(getattr(source, "together", False)), words[1])
 
 
 def _checked_times(name: str, times_ns: object) -> Int64:
@@ -222,7 +236,7 @@ def checked_rows(kind: Kind, state: StateEstimate, layout: StateLayout) -> list[
 
 
 def _is_row(given: object) -> bool:
-    return isinstance(given, tuple) and len(given) == 3 and isinstance(given[1], Mapping)
+    return isinstance(given, tuple) and len(given) in (3, 4) and isinstance(given[1], Mapping)
 
 
 def _at(kind: Kind, t_ns: int, message: str) -> str:
@@ -236,19 +250,25 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
         raise MeasurementError(message, advice="a row is (innovation, {name: partials}, variance)")
     innovation = _number(kind, t_ns, "innovation", row[0])
     if not abs(innovation) < _LARGEST_VALUE:
-        return CheckedRow(math.nan, np.zeros(0), np.zeros(0, np.int64), math.nan)
-    variance = _number(kind, t_ns, "variance", row[2])
-    if not _LEAST_VARIANCE < variance < _LARGEST_VARIANCE:
-        message = _at(kind, t_ns, f"the variance is {variance:g}")
-        raise MeasurementError(
-            message, advice="give a positive number, the square of the measurement's sigma"
-        )
+        return CheckedRow(math.nan, np.zeros(0), np.zeros(0, np.int64), math.nan, math.nan)
+    variance = _variance(kind, t_ns, row[2])
+    single = variance if len(row) == 3 or row[3] is None else _variance(kind, t_ns, row[3])
     parts = [_partials(kind, t_ns, name, given, layout) for name, given in row[1].items()]
     if not parts:
         message = _at(kind, t_ns, "a row has no partials")
         raise MeasurementError(message, advice=f"name at least one of: {layout}")
     h, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return CheckedRow(innovation, np.ascontiguousarray(h), np.ascontiguousarray(columns), variance)
+    return CheckedRow(innovation, np.ascontiguousarray(h), np.ascontiguousarray(columns), variance, single)
+
+
+def _variance(kind: Kind, t_ns: int, given: Any) -> float:
+    variance = _number(kind, t_ns, "variance", given)
+    if not _LEAST_VARIANCE < variance < _LARGEST_VARIANCE:
+        message = _at(kind, t_ns, f"the variance is {variance:g}")
+        raise MeasurementError(
+            message, advice="give a positive number, the square of the measurement's sigma"
+        )
+    return variance
 
 
 def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
