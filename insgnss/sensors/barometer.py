@@ -1,6 +1,6 @@
 """Barometric height: the height of the pressure port, plus an offset that the weather moves, in a wrong scale.
 
-    altitude = h + d . C_nb l (up) + offset + scale altitude + noise
+    altitude = (1 + scale) h + offset + noise,    h = the IMU's height + up . C_eb l
 
 The pressure becomes an altitude by the standard atmosphere when it is read. The offset holds the day's pressure at sea
 level and the geoid (30 m are usual, 100 m occur) and wanders as a Gauss-Markov process; a temperature that is not the
@@ -44,15 +44,16 @@ class BarometerMeasurement(SensorMeasurement[Barometer]):
 
     def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:
         """Return the row of an altitude."""
-        measured, up = float(reading.values[0]), state.up_e
+        up = state.up_e
         arm_e = state.C_eb @ np.array(self.config.lever_arm_m)
-        offset, scale = self.value_of(state, "offset"), self.value_of(state, "scale")
-        predicted = state.h_m + up @ arm_e + offset + scale * measured
+        height, scale = state.h_m + float(up @ arm_e), self.value_of(state, "scale")
+        predicted = (1.0 + scale) * height + self.value_of(state, "offset")
         partials: dict[str, npt.ArrayLike] = {
-            "position": up,
-            "attitude": np.cross(arm_e, up),
+            "position": (1.0 + scale) * up,
+            "attitude": (1.0 + scale) * np.cross(arm_e, up),
             f"{self.name}_offset": 1.0,
-            f"{self.name}_scale": measured,
+            # not the altitude that was measured, whose noise is in the innovation too
+            f"{self.name}_scale": height,
         }
         sigma = float(sigma_or(reading.sigma, (self.config.sigma_m,))[0])
-        return (weighted(measured - predicted, partials, sigma, reading),)
+        return (weighted(reading.values[0] - predicted, partials, sigma, reading),)

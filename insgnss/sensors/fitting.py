@@ -26,7 +26,7 @@ from insgnss.sensors.position_fixes import PositionMeasurement, VelocityMeasurem
 from insgnss.sensors.readings import LiveReadings, readings_of
 from insgnss.sensors.sensor_measurement import SensorMeasurement
 
-_KINDS: Final[dict[type, type[SensorMeasurement[Any]]]] = {
+KINDS: Final[dict[type, type[SensorMeasurement[Any]]]] = {
     Odometer: OdometerMeasurement,
     Barometer: BarometerMeasurement,
     Magnetometer: MagnetometerMeasurement,
@@ -58,10 +58,10 @@ def fitted(config: FlightConfig, logs: FlightLogs | None) -> Fitted:
 def further_sensors(declared: tuple[Sensor, ...], logs: FlightLogs | None) -> list[SensorMeasurement[Any]]:
     """Return the measurements of the further sensors: all of them without logs, else those that have a log."""
     if logs is None:
-        return [_KINDS[type(sensor)](sensor, LiveReadings(sensor)) for sensor in declared]
+        return [KINDS[type(sensor)](sensor, LiveReadings(sensor)) for sensor in declared]
     tables = {table.name: table for table in logs.sensors}
     return [
-        _KINDS[type(sensor)](sensor, readings_of(sensor, tables[sensor.label]))
+        KINDS[type(sensor)](sensor, readings_of(sensor, tables[sensor.label]))
         for sensor in declared
         if sensor.label in tables
     ]
