@@ -58,6 +58,7 @@ from insgnss.result_tables import (
 from insgnss.run import Run
 from insgnss.run_settings import run_settings
 from insgnss.sensors.fitting import fitted
+from insgnss.sensors.reading_events import reading_events
 from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
@@ -244,6 +245,7 @@ def replay(
         filtered=forward,
         own=entries,
     )
+    events += reading_events(setup.own, entries)
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)

@@ -26,7 +26,7 @@ from insgnss.filter.layout import RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.sensors.readings import Reading
-from insgnss.sensors.sensor_measurement import SensorMeasurement, weighted
+from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, weighted
 from insgnss.tables import Float64
 from insgnss.units import RAD_PER_DEG, SQRT_S_PER_SQRT_H
 
@@ -68,7 +68,7 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
             direction_e: Float64, of_strength: float, of_declination: float
         ) -> dict[str, npt.ArrayLike]:
             return {
-                "attitude": -np.cross(field_e, direction_e),
+                "attitude": -cross(field_e, direction_e),
                 f"{name}_iron": state.C_eb.T @ direction_e,
                 f"{name}_strength": of_strength,
                 f"{name}_declination": of_declination,

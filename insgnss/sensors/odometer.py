@@ -21,7 +21,7 @@ from insgnss.filter.layout import RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.sensors.readings import Reading
-from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, velocity_of, weighted
+from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, sigma_or, velocity_of, weighted
 from insgnss.units import SQRT_S_PER_SQRT_H
 
 
@@ -54,8 +54,8 @@ class OdometerMeasurement(SensorMeasurement[Odometer]):
         partials: dict[str, npt.ArrayLike] = {
             "velocity": gain * forward_e,
             # forward turns with the body against v_e; the turn of the lever about the IMU turns with it
-            "attitude": gain * np.cross(forward_e, v_e - turning),
-            "gyro_bias": -gain * np.cross(lever, (1.0, 0.0, 0.0)),
+            "attitude": gain * cross(forward_e, v_e - turning),
+            "gyro_bias": -gain * cross(lever, np.array([1.0, 0.0, 0.0])),
             f"{self.name}_scale": sign * speed,
         }
         return (weighted(reading.values[0] - predicted, partials, sigma, reading),)

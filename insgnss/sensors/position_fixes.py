@@ -19,7 +19,7 @@ from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.sensors.readings import Reading
-from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, velocity_of, weighted
+from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, sigma_or, velocity_of, weighted
 from insgnss.tables import Float64
 
 _UNKNOWN = (np.nan,) * 3  # sigmas that neither settings nor log state: the reading is refused
@@ -42,9 +42,7 @@ class PositionMeasurement(SensorMeasurement[PositionSensor]):
         sigma = sigma_or(reading.sigma, self.config.sigma_m or _UNKNOWN)
         axes = [k for k in range(3) if k < 2 or self.config.columns.position[2] != "none"]
         return [
-            _row(
-                apart_n[k], sigma[k], reading, position=state.C_ne[k], attitude=np.cross(arm_e, state.C_ne[k])
-            )
+            _row(apart_n[k], sigma[k], reading, position=state.C_ne[k], attitude=cross(arm_e, state.C_ne[k]))
             for k in axes
         ]
 
@@ -65,9 +63,9 @@ class VelocityMeasurement(SensorMeasurement[VelocitySensor]):
             _row(
                 *(apart_n[k], sigma[k], reading),
                 velocity=state.C_ne[k],
-                attitude=np.cross(turning, state.C_ne[k]),
+                attitude=cross(turning, state.C_ne[k]),
                 # the rate is the gyro's less its bias, and b . (l x n) = n . (b x l)
-                gyro_bias=-np.cross(lever_b, state.C_eb.T @ state.C_ne[k]),
+                gyro_bias=-cross(lever_b, state.C_eb.T @ state.C_ne[k]),
             )
             for k in self._measured
         ]

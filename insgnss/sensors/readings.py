@@ -92,3 +92,10 @@ class LiveReadings:
         k = bisect_left(self.times, t_ns)
         before = self.times[k - 1] if k else None
         return Reading(*self.found[t_ns], weight_after(self.config, before, t_ns))
+
+    def forget_before(self, t_ns: int) -> None:
+        """Forget the readings before a time."""
+        gone = self.times[: bisect_left(self.times, t_ns)]
+        del self.times[: len(gone)]
+        for each in gone:
+            del self.found[each]

@@ -32,10 +32,9 @@ class LiveTimes:
         """Return the kinds that have rows at a time."""
         return self.names.get(t_ns, set())
 
-    def forget_before(self, t_ns: int) -> list[int]:
-        """Forget the times before ``t_ns``; return them."""
+    def forget_before(self, t_ns: int) -> None:
+        """Forget the times before ``t_ns``."""
         gone = self.times[: bisect_left(self.times, t_ns)]
         del self.times[: len(gone)]
         for each in gone:
             del self.names[each]
-        return gone
