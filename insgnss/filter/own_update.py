@@ -105,12 +105,24 @@ def _asked(
     """Return a hypothesis with the rows that it is given, and its antenna."""
     m, P = bank.state[i], bank.P[i]
     estimate = state_estimate(m, t_ns, imu.w_ib_b[k], imu.f_b[k], layout)
-    rows = [(kind, row) for kind in kinds for row in checked_rows(kind, estimate, layout)]
+    rows = [(kind, _bent(row, P)) for kind in kinds for row in checked_rows(kind, estimate, layout)]
     variance = np.array([row.single_variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
     antenna = np.zeros(1, ANTENNA_DTYPE)[0]
     place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
     place_turning(m, P, par, antenna, 0.0)
     return _Member(rows, variance, antenna)
+
+
+def _bent(row: CheckedRow, P: Float64) -> CheckedRow:
+    """Return a row with mean and variance of its second-order terms at the prior."""
+    for term in row.second:
+        mean, variance = term.moments(P)
+        row = row._replace(
+            innovation=row.innovation - mean,
+            variance=row.variance + variance,
+            single_variance=row.single_variance + variance,
+        )
+    return row
 
 
 def _require_alike(members: dict[int, _Member], lead: int, t_ns: int) -> None:

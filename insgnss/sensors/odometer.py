@@ -4,7 +4,9 @@
 
 with x forward and l from the IMU to a wheel that does not steer. The scale factor s (tyre, pressure, calibration) is a
 random walk. The mounting of the IMU about the vehicle's vertical enters by its cosine alone and is neglected: 0.15 %
-at 3 deg, which s takes. A reading without a sign is compared with the speed's size.
+at 3 deg, which s takes. In an outage neither heading nor the velocity across the way is known well; their product moves
+the forward speed by decimetres per second. It is a second-order term, which the update counts as noise. A reading
+without a sign is compared with the speed's size.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from insgnss.config.sensors import Odometer
 from insgnss.filter.layout import RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
+from insgnss.geodesy.rotations import cross_matrix
 from insgnss.sensors.readings import Reading
 from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, sigma_or, velocity_of, weighted
 from insgnss.units import SQRT_S_PER_SQRT_H
@@ -58,4 +61,16 @@ class OdometerMeasurement(SensorMeasurement[Odometer]):
             "gyro_bias": -gain * cross(lever, np.array([1.0, 0.0, 0.0])),
             f"{self.name}_scale": sign * speed,
         }
-        return (weighted(reading.values[0] - predicted, partials, sigma, reading),)
+        v_imu = v_e - turning
+        second = {
+            ("attitude", "velocity"): gain * cross_matrix(forward_e),
+            # of (psi x (psi x forward)) . v / 2
+            ("attitude", "attitude"): 0.5
+            * gain
+            * (
+                0.5 * (np.outer(forward_e, v_imu) + np.outer(v_imu, forward_e))
+                - float(forward_e @ v_imu) * np.eye(3)
+            ),
+        }
+        row = weighted(reading.values[0] - predicted, partials, sigma, reading)
+        return (row._replace(second=second),)

@@ -45,6 +45,9 @@ class Row(NamedTuple):
     # of this one error, where ``variance`` is larger because the errors of successive rows go together: gate and ledger
     # take this one; None: they are the same
     single_variance: float | None = None
+    # second-order terms of the prediction where its partials turn with the state: the matrix M of a^T M b for two
+    # blocks by their names. The update takes their mean out of the innovation and adds their variance
+    second: Mapping[tuple[str, str], npt.ArrayLike] | None = None
 
 
 RowsGiven: TypeAlias = Row | tuple[float, Mapping[str, npt.ArrayLike], float] | Iterable[Any]
@@ -79,6 +82,26 @@ class Measurement(Protocol):
         """
 
 
+class SecondOrder(NamedTuple):
+    """A term a^T M b of a prediction, a and b the errors of two blocks."""
+
+    a: Int64  # (n,) where the block stands in the error state
+    b: Int64  # (m,)
+    M: Float64  # (n, m)
+
+    def moments(self, P: Float64) -> tuple[float, float]:
+        """Return mean and variance of the term for errors of covariance P.
+
+        Equation: E = tr(M^T P_ab), Var = tr(M P_bb M^T P_aa) + tr(M P_ba M P_ba)
+        """
+        P_aa, P_bb, P_ab = (
+            P[np.ix_(*each)] for each in ((self.a, self.a), (self.b, self.b), (self.a, self.b))
+        )
+        turned = self.M @ P_ab.T
+        variance = np.sum((self.M @ P_bb @ self.M.T) * P_aa) + np.sum(turned * turned.T)
+        return float(np.sum(self.M * P_ab)), float(variance)
+
+
 class CheckedRow(NamedTuple):
     """A row as the update takes it."""
 
@@ -87,6 +110,7 @@ class CheckedRow(NamedTuple):
     columns: Int64  # (k,) where its entries stand in the error state
     variance: float
     single_variance: float  # for the gate
+    second: tuple[SecondOrder, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -236,7 +260,7 @@ def checked_rows(kind: Kind, state: StateEstimate, layout: StateLayout) -> list[
 
 
 def _is_row(given: object) -> bool:
-    return isinstance(given, tuple) and len(given) in (3, 4) and isinstance(given[1], Mapping)
+    return isinstance(given, tuple) and len(given) in (3, 4, 5) and isinstance(given[1], Mapping)
 
 
 def _at(kind: Kind, t_ns: int, message: str) -> str:
@@ -252,13 +276,31 @@ def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> Checke
     if not abs(innovation) < _LARGEST_VALUE:
         return CheckedRow(math.nan, np.zeros(0), np.zeros(0, np.int64), math.nan, math.nan)
     variance = _variance(kind, t_ns, row[2])
-    single = variance if len(row) == 3 or row[3] is None else _variance(kind, t_ns, row[3])
+    single = variance if len(row) < 4 or row[3] is None else _variance(kind, t_ns, row[3])
+    second = () if len(row) < 5 or row[4] is None else _second(kind, t_ns, row[4], layout)
     parts = [_partials(kind, t_ns, name, given, layout) for name, given in row[1].items()]
     if not parts:
         message = _at(kind, t_ns, "a row has no partials")
         raise MeasurementError(message, advice=f"name at least one of: {layout}")
     h, columns = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return CheckedRow(innovation, np.ascontiguousarray(h), np.ascontiguousarray(columns), variance, single)
+    h, columns = np.ascontiguousarray(h), np.ascontiguousarray(columns)
+    return CheckedRow(innovation, h, columns, variance, single, second)
+
+
+def _second(
+    kind: Kind, t_ns: int, given: Mapping[tuple[str, str], npt.ArrayLike], layout: StateLayout
+) -> tuple[SecondOrder, ...]:
+    terms = []
+    for (name_a, name_b), values in given.items():
+        M = np.asarray(values, np.float64)
+        places = [_columns(kind, t_ns, name, layout) for name in (name_a, name_b)]
+        if M.shape != tuple(map(len, places)) or not np.isfinite(M).all():
+            message = _at(
+                kind, t_ns, f"the second-order term of '{name_a}' and '{name_b}' has shape {M.shape}"
+            )
+            raise MeasurementError(message, advice="give a matrix of finite numbers, a row for each state")
+        terms.append(SecondOrder(places[0], places[1], M))
+    return tuple(terms)
 
 
 def _variance(kind: Kind, t_ns: int, given: Any) -> float:
@@ -282,12 +324,7 @@ def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
 def _partials(
     kind: Kind, t_ns: int, name: str, given: npt.ArrayLike, layout: StateLayout
 ) -> tuple[Float64, Int64]:
-    if name not in layout:
-        near = difflib.get_close_matches(str(name), list(layout), n=2, cutoff=0.4)
-        advice = f"nearest: {', '.join(near)}; " if near else ""
-        message = _at(kind, t_ns, f"this filter has no state '{name}'")
-        raise MeasurementError(message, advice=f"{advice}the blocks are: {layout}")
-    block = layout[name]
+    columns, block = _columns(kind, t_ns, name, layout), layout[name]
     advice = f"give {block} partials of the prediction by '{name}'".replace("] ", "], ")
     try:
         values = np.atleast_1d(np.array(given, np.float64))
@@ -297,4 +334,15 @@ def _partials(
     if values.shape != (block.size,) or not np.isfinite(values).all():
         message = f"of shape {values.shape}" if values.shape != (block.size,) else f"{values.tolist()}"
         raise MeasurementError(_at(kind, t_ns, f"the partials of '{name}' are {message}"), advice=advice)
-    return values, np.arange(block.columns.start, block.columns.stop, dtype=np.int64)
+    return values, columns
+
+
+def _columns(kind: Kind, t_ns: int, name: str, layout: StateLayout) -> Int64:
+    """Return where a block of the name stands in the error state."""
+    if name not in layout:
+        near = difflib.get_close_matches(str(name), list(layout), n=2, cutoff=0.4)
+        advice = f"nearest: {', '.join(near)}; " if near else ""
+        message = _at(kind, t_ns, f"this filter has no state '{name}'")
+        raise MeasurementError(message, advice=f"{advice}the blocks are: {layout}")
+    block = layout[name]
+    return np.arange(block.columns.start, block.columns.stop, dtype=np.int64)
