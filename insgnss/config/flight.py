@@ -365,7 +365,10 @@ class FlightConfig(StrictModel):
         NO_WEEK, description="that seconds of the week count in; left out: the one in which the log begins"
     )
     imu: Imu | None = Field(None, description="the point solution needs none")
-    gnss: Gnss
+    gnss: Gnss = Field(
+        Gnss.model_construct(files=()),
+        description="without it position fixes of a [[sensor]] have to carry the filter",
+    )
     attitude: Attitude | None = None
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None
@@ -376,6 +379,8 @@ class FlightConfig(StrictModel):
 
     @model_validator(mode="after")
     def _sensors_are_told_apart(self) -> Self:
+        if not self.gnss.files and all(sensor.kind != "position" for sensor in self.sensor):
+            raise ValueError("no GNSS: give [gnss] with its files, or a [[sensor]] of kind 'position'")
         labels = [sensor.label for sensor in self.sensor]
         twice = next((label for label in labels if labels.count(label) > 1), None)
         if twice is not None:

@@ -22,7 +22,7 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
-from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver
+from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver, without_gnss
 from insgnss.log.imu_csv import inertial, read_imu
 from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
@@ -121,7 +121,7 @@ class Flight(Shown):
         """
         declared = inertial(self.config)
         with ThreadPoolExecutor(2) as beside:  # parsing and hashing leave Python's lock free
-            gnss = beside.submit(read_gnss_logs, self.config.gnss, self.config.gps_week, self.path)
+            gnss = beside.submit(self._gnss_logs)
             hashes = beside.submit(self._hashes)
             imu, events = read_imu(declared, self.config.gps_week, self.imu_grade)
             logs = self._checked_logs(imu, gnss.result(), events + gnss.result().events)
@@ -129,16 +129,23 @@ class Flight(Shown):
         pa.default_memory_pool().release_unused()  # what the parsing threads have left there
         return logs
 
+    def _gnss_logs(self) -> GnssLogs:
+        """Return the GNSS log and what goes with it; empty where the flight has position fixes alone."""
+        if not self.config.gnss.files:
+            return without_gnss()
+        return read_gnss_logs(self.config.gnss, self.config.gps_week, self.path)
+
     def _checked_logs(self, imu: ImuTable, logs: GnssLogs, events: list[Event]) -> FlightLogs:
         """Hold both logs against each other and read the reference."""
         config = self.config
-        check_overlap(imu.t_ns, logs.gnss.t_ns, config)
-        events += outside_events(imu.t_ns, logs.gnss.t_ns)
+        if config.gnss.files:
+            check_overlap(imu.t_ns, logs.gnss.t_ns, config)
+            events += outside_events(imu.t_ns, logs.gnss.t_ns)
         reference = None
         if config.reference is not None:
             reference, found = read_reference(config.reference, config.gps_week)
             events += found
-        if config.gnss.lever_b is None:
+        if config.gnss.lever_b is None and config.gnss.files:
             detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
             events.append(Event(None, "lever_arm_not_given", detail))
         further, found = read_further_antennas(config, logs.gnss)
@@ -215,7 +222,7 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
     ConfigError : the times of all logs are seconds of a week that nothing tells
     """
     t_ns = np.zeros(0, np.int64)
-    if config.gnss.format != "csv" or not config.gnss.counts_in_gps_week:
+    if config.gnss.files and (config.gnss.format != "csv" or not config.gnss.counts_in_gps_week):
         t_ns = read_receiver(config.gnss, 0).gnss.t_ns
     elif config.imu is not None and not config.imu.counts_in_gps_week:
         t_ns = read_imu(config.imu, 0, grade)[0].t_ns

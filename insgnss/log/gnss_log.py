@@ -84,6 +84,14 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
     return GnssLogs(gnss, navigation, products, antennas, base, events)
 
 
+def without_gnss() -> GnssLogs:
+    """Return the log of a flight that has no raw GNSS data."""
+    none, numbers = np.zeros(0, np.int64), np.zeros(0)
+    few = np.zeros(0, np.int16)
+    table = GnssTable(none, few, few, numbers, numbers, numbers, numbers, (), (), np.zeros((0, 8)))
+    return GnssLogs(table, None, None, None, None, [])
+
+
 def read_receiver(config: Gnss, week: int) -> ReceiverLog:
     """Read the observations in the format that the flight file names, range rates with their standard sign."""
     log = _read_format(config, week)

@@ -20,7 +20,7 @@ from tests.sensors.scenes import city_car, fault, flown, simulated, with_sensors
 from tests.statistics_bounds import mean_chi_square_bounds
 
 GONE_S = (70.0, 130.0)
-SEEDS = 6
+SEEDS = 5
 LEVER = (-1.5, 0.7, 0.4)
 
 
@@ -36,8 +36,8 @@ def at(run: Run, seconds: float) -> Any:
 def tunnel(with_them: bool) -> tuple[Float64, Float64]:
     """Return errors and sigmas north, east, down (seeds, 3) of a car after 59 s without satellites."""
     sensors = [
-        simulated("odometer", rate_hz=4.0, lever_arm_m=LEVER, noise_mps=0.1, noise_time_s=1.0),
-        simulated("barometer", rate_hz=2.0, noise_time_s=2.0),
+        simulated("odometer", rate_hz=2.0, lever_arm_m=LEVER, noise_mps=0.1, noise_time_s=1.0),
+        simulated("barometer", rate_hz=1.0, noise_time_s=2.0),
     ]
     base = with_faults(city_car(), [outage(None, *GONE_S)])
     base = with_sensors(base, sensors if with_them else [])
@@ -174,15 +174,14 @@ def told(run: Run, kind: str) -> str:
 def test_wheel_that_slips_is_refused_and_named() -> None:
     """30 % for 14 s in the tunnel, at 14 m/s: 59 m of way that was not gone."""
     base = with_faults(city_car(), [outage(None, *GONE_S)])
-    odometer = simulated("odometer", rate_hz=4.0, lever_arm_m=LEVER, noise_mps=0.1, noise_time_s=1.0)
+    odometer = simulated("odometer", rate_hz=2.0, lever_arm_m=LEVER, noise_mps=0.1, noise_time_s=1.0)
     sound, spoilt = faulty(base, odometer, fault("slip", 72.0, 86.0))
 
     assert "'odometer' is refused" in told(spoilt, "sensor_refused")
     assert "slips" in told(spoilt, "sensor_refused")
     assert "agrees" in told(spoilt, "sensor_agrees")
     assert told(sound, "sensor_refused") == ""
-    assert worst_ratio(spoilt, ("n_m", "e_m"), 30.0) < 4.5
-    assert furthest(sound, spoilt, ("n_m", "e_m"), 30.0) < 20.0
+    assert furthest(sound, spoilt, ("n_m", "e_m"), 30.0) < 5.0
     assert (
         abs(spoilt.nav["odometer_scale_percent"].iloc[-1] - sound.nav["odometer_scale_percent"].iloc[-1])
         < 2.0
