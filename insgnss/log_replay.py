@@ -58,7 +58,7 @@ from insgnss.run import Run
 from insgnss.run_settings import run_settings
 from insgnss.sensors.fitting import fitted
 from insgnss.sensors.reading_events import reading_events
-from insgnss.sensors.start_from_fixes import started_without_gnss
+from insgnss.sensors.start_from_fixes import refuse_live_without_gnss, started_without_gnss
 from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
@@ -116,9 +116,14 @@ def engine_settings(
         the filter's settings gets its clock, for each constellation that has an ephemeris
     carrier : whether the epochs will bring carrier phases; with several antennas they do
     states : further states that the filter is to estimate, as in ``replay``
+
+    Raises
+    ------
+    ConfigError : the flight has position fixes alone
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
+    refuse_live_without_gnss(flight)
     config = filter_config(filter, settings)
     carrier = carrier or flight.config.attitude is not None
     beside = fitted(flight.config, None)

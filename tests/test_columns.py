@@ -32,7 +32,11 @@ SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 OF_REFERENCE = {c.name for c in SHEETS["errors"].columns() if c.name.startswith("sd_reference_")}
 # columns that only some runs have: of optional states, and of a log of the receiver's own
 FURTHER = ("offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m")
-SOMETIMES = {*FURTHER, *(f"sd_{name}" for name in FURTHER), "antenna"}
+OF_SENSORS = {
+    *("*_scale_percent", "*_offset_m", "*_strength_ut", "*_declination_deg", "*_offset_deg"),
+    *(f"*_iron_{axis}_ut" for axis in "xyz"),
+}
+SOMETIMES = {*FURTHER, *(f"sd_{name}" for name in FURTHER), "antenna", *OF_SENSORS}
 
 
 def with_everything(folder: Path) -> Flight:

@@ -381,6 +381,8 @@ class FlightConfig(StrictModel):
     def _sensors_are_told_apart(self) -> Self:
         if not self.gnss.files and all(sensor.kind != "position" for sensor in self.sensor):
             raise ValueError("no GNSS: give [gnss] with its files, or a [[sensor]] of kind 'position'")
+        if not self.gnss.files and self.attitude is not None:
+            raise ValueError("[attitude] needs the carrier phases of [gnss]: give it too")
         labels = [sensor.label for sensor in self.sensor]
         twice = next((label for label in labels if labels.count(label) > 1), None)
         if twice is not None:

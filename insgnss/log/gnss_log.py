@@ -12,7 +12,7 @@ import numpy as np
 from insgnss.config.flight import Base, Gnss, Observations
 from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S
-from insgnss.errors import InputError, NavigationDataError
+from insgnss.errors import ConfigError, InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android import read_android
@@ -93,7 +93,16 @@ def without_gnss() -> GnssLogs:
 
 
 def read_receiver(config: Gnss, week: int) -> ReceiverLog:
-    """Read the observations in the format that the flight file names, range rates with their standard sign."""
+    """Read the observations in the format that the flight file names, range rates with their standard sign.
+
+    Raises
+    ------
+    ConfigError : the flight has position fixes alone
+    InputError and its kin : a file is missing or cannot be read
+    """
+    if not config.files:
+        advice = "give [gnss] with its files; 'insgnss replay' runs on position fixes alone"
+        raise ConfigError("the flight has no raw GNSS data", key="gnss.files", advice=advice)
     log = _read_format(config, week)
     if config.rate_sign == "standard":
         return log

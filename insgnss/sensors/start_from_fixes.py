@@ -17,6 +17,7 @@ import numpy as np
 from insgnss.config.flight import GivenStart
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S
+from insgnss.errors import ConfigError
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.without_gnss import TimedStart
@@ -110,6 +111,21 @@ def started_without_gnss(setup: FilterSetup, flight: Flight, logs: FlightLogs) -
     positions = kinds.get(PositionSensor)
     alone = None if positions is None else StartFromFixes(given, positions, kinds.get(VelocitySensor))
     return replace(setup, start=None, start_ns=None, start_alone=alone)
+
+
+def refuse_live_without_gnss(flight: Flight) -> None:
+    """Refuse a streaming engine that would wait for ever.
+
+    Raises
+    ------
+    ConfigError : the flight has position fixes alone
+    """
+    if not flight.config.gnss.files:
+        raise ConfigError(
+            "the streaming engine starts with raw GNSS epochs, and the flight has position fixes alone",
+            key="gnss.files",
+            advice="give [gnss] for the engine; replay runs on position fixes alone",
+        )
 
 
 def _sigma(stated: Float64, given: Sequence[float] | None) -> float:

@@ -90,6 +90,10 @@ def test_check_and_replay_of_a_saved_flight_of_fixes_alone(tmp_path: Path) -> No
 
     report = insgnss.check_flight(insgnss.Flight.load(path))
     assert not report.of("error") and any("no raw GNSS data" in f.text for f in report.findings)
+    with pytest.raises(ConfigError, match="no raw GNSS data"):
+        insgnss.point(path)
+    with pytest.raises(ConfigError, match="starts with raw GNSS epochs"):
+        insgnss.engine_settings(path)
     run = insgnss.replay(path)
     assert run.errors is not None
     assert run.errors[["d_n_m", "d_e_m", "d_d_m"]].abs().to_numpy().max() < 15.0

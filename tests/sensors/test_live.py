@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -15,6 +16,7 @@ from insgnss.log.flight import FlightInMemory
 from insgnss.log_replay import setup_filter
 from insgnss.sensors.fitting import fitted
 from insgnss.simulation.faults import outage
+from tests.conftest import REPOSITORY
 from tests.filter.test_engine import epochs
 from tests.replay.scenes import true_start, turns, with_faults
 from tests.sensors.scenes import flown, simulated, with_sensors
@@ -102,6 +104,18 @@ def test_reading_beyond_the_latency_is_refused_with_an_event() -> None:
     fed(engine, flight)
     engine.sensor("odometer", int(flight.logs.imu.t_ns[0]) + 10**9, 70.0)
     assert "sensor_too_late" in [event.kind for event in engine.events]
+
+
+def test_settings_of_an_engine_have_the_sensors_of_the_flight_file(tmp_path: Path) -> None:
+    """``engine_settings`` opens no log: the readings are to come, whatever files the entry names."""
+    path = tmp_path / "flight.toml"
+    said = (REPOSITORY / "data" / "sample_flight" / "flight.toml").read_text(encoding="utf-8")
+    said = said.replace('files = ["', f'files = ["{REPOSITORY}/data/sample_flight/')
+    said = said.replace('navigation = ["', f'navigation = ["{REPOSITORY}/data/sample_flight/')
+    path.write_text(f'{said}\n[[sensor]]\nkind = "barometer"\n', encoding="utf-8")
+    engine = insgnss.Engine(insgnss.engine_settings(path))
+    engine.sensor("barometer", 1_400_000_000_000_000_000, 350.0)
+    assert "barometer_offset_m" in engine._setup.layout.columns
 
 
 def test_unknown_sensor_and_wrong_number_of_values_are_errors() -> None:
