@@ -18,7 +18,7 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import copy_bank
-from insgnss.sensors.live import forget_before, live_sensor
+from insgnss.sensors.live import forget_before, live_sensor, with_own_readings
 from insgnss.supervision import SupervisedRun
 from insgnss.supervision.live import LiveSupervision
 from insgnss.supervision.sources import LATEST_SAMPLE_NS, setup_and_satellites
@@ -92,7 +92,7 @@ class Engine(FilterEngine):
             latency_ns = int(setup.config.latency_s * NS_PER_S)
             sources = setup_and_satellites(setup, letters)
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
-        super().__init__(setup.with_further(measurements=measurements))
+        super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
 
     @property
     def events(self) -> list[Event]:

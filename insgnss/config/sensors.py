@@ -273,6 +273,14 @@ class PositionSensor(SensorLog):
     sigma_m: Sigmas3 | None = Field(None, description="north, east, down, where the log has no sigmas")
     correlation_time_s: NonNegativeFloat = 5.0
 
+    @model_validator(mode="after")
+    def _heights_fit_the_frame(self) -> Self:
+        if self.frame == "ecef" and self.height != "ellipsoid":
+            raise ValueError(
+                "height = 'sea_level' is of geodetic fixes: x, y and z say the height themselves"
+            )
+        return self
+
     @property
     def value_columns(self) -> tuple[str, ...]:
         """The columns of latitude, longitude and height, or of x, y and z."""

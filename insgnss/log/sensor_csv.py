@@ -132,7 +132,7 @@ def _position(config: Any, values: Float64) -> Float64:
             found[k] = ecef_to_geodetic(values[k])
     else:
         found = values * (RAD_PER_DEG, RAD_PER_DEG, 1.0)
-    if config.height == "sea_level" and config.frame == "geodetic":
+    if config.height == "sea_level":
         found[:, 2] += geoid_height(*np.degrees(found[:, :2].T))
     return np.asarray(found)
 

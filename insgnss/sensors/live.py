@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from insgnss.errors import MeasurementError
+from insgnss.filter.own_rows.live_times import LiveTimes
 from insgnss.filter.own_rows.rows import OwnMeasurements
+from insgnss.filter.setup import FilterSetup
 from insgnss.sensors.readings import LiveReadings
 from insgnss.sensors.sensor_measurement import SensorMeasurement
 
@@ -30,6 +33,19 @@ def live_sensor(own: OwnMeasurements | None, name: str) -> SensorMeasurement[Any
             advice=f"declare it as [[sensor]] in the flight file that engine_settings is given; it has: {known}",
         )
     return live[name]
+
+
+def with_own_readings(setup: FilterSetup) -> FilterSetup:
+    """Return a setup whose live sensors have no readings yet and share them with no other engine."""
+    if setup.own is None:
+        return setup
+    kinds = []
+    for kind in setup.own.kinds:
+        source = kind.source
+        if isinstance(source, SensorMeasurement) and source.live:
+            kind = replace(kind, source=replace(source, readings=LiveReadings(source.config)))
+        kinds.append(kind)
+    return replace(setup, own=replace(setup.own, kinds=tuple(kinds), arrived=LiveTimes()))
 
 
 def forget_before(own: OwnMeasurements, t_ns: int) -> None:

@@ -10,6 +10,7 @@ import pytest
 import insgnss
 from insgnss.errors import MeasurementError
 from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_blocks
 from insgnss.library import filter_config
 from insgnss.log.flight import FlightInMemory
@@ -34,9 +35,13 @@ def made() -> FlightInMemory:
     return flown(base, 1, true_start(base, 2.0))
 
 
-def live_engine(flight: FlightInMemory) -> insgnss.Engine:
+def live_setup(flight: FlightInMemory) -> FilterSetup:
     setup = setup_filter(flight, replace(flight.logs, sensors=()), filter_config("tight"))
-    return insgnss.Engine(setup.with_further(*fitted(flight.config, None)))
+    return setup.with_further(*fitted(flight.config, None))
+
+
+def live_engine(flight: FlightInMemory) -> insgnss.Engine:
+    return insgnss.Engine(live_setup(flight))
 
 
 def fed(engine: insgnss.Engine, flight: FlightInMemory, late_ns: int = 0) -> None:
@@ -91,7 +96,8 @@ def test_readings_that_come_live_give_the_bits_of_replay(late_ns: int) -> None:
 
 def test_state_between_epochs_has_the_readings_that_have_come() -> None:
     flight = made()
-    engine, blind = live_engine(flight), live_engine(flight)
+    setup = live_setup(flight)
+    engine, blind = insgnss.Engine(setup), insgnss.Engine(setup)  # readings of one are none of the other's
     fed(engine, flight)
     fed(blind, replace(flight, logs=replace(flight.logs, sensors=())))
     known, unknown = engine.state.values, blind.state.values

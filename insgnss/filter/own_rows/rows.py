@@ -63,7 +63,6 @@ class Measurement(Protocol):
     - ``unit``: of its innovations, for the report.
     - ``together``: True where one row beyond the gate refuses all of the same time.
     - ``hint``: what to look at where its rows are refused for long, for the event that tells it.
-    - ``live``: True where its times are not known beforehand (``LiveTimes``).
     """
 
     @property
