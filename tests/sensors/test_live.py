@@ -23,14 +23,14 @@ from tests.replay.scenes import true_start, turns, with_faults
 from tests.sensors.scenes import flown, simulated, with_sensors
 
 SENSORS = (
-    simulated("odometer", rate_hz=4.0, noise_time_s=1.0),
+    simulated("odometer", rate_hz=2.0, noise_time_s=1.0),
     simulated("barometer", rate_hz=3.0),
     simulated("position", rate_hz=1.0),
 )
 
 
 def made() -> FlightInMemory:
-    base = with_faults(turns(50.0), [outage(None, 20.0, 35.0)])
+    base = with_faults(turns(30.0), [outage(None, 12.0, 20.0)])
     base = with_sensors(base, SENSORS)
     return flown(base, 1, true_start(base, 2.0))
 
@@ -74,7 +74,7 @@ def batch(flight: FlightInMemory) -> tuple[dict[int, bytes], list[OwnEntry]]:
 
 @pytest.mark.parametrize("late_ns", [0, 430_000_000])
 def test_readings_that_come_live_give_the_bits_of_replay(late_ns: int) -> None:
-    """Between epochs and samples, in an outage of 15 s; in time, and 0.43 s late after the epochs they precede."""
+    """Between epochs and samples, in an outage of 8 s; in time, and 0.43 s late after the epochs they precede."""
     flight = made()
     engine = live_engine(flight)
     fed(engine, flight, late_ns)
@@ -88,10 +88,10 @@ def test_readings_that_come_live_give_the_bits_of_replay(late_ns: int) -> None:
     assert {t: b for t, b in written.items() if t <= last_ns} == {
         t: b for t, b in wanted_nav.items() if t <= last_ns
     }
-    assert len(written) > 25 and len(early) > 50
+    assert len(written) > 15 and len(early) > 50
     came = [entry for entry in wanted if entry.t_ns <= last_ns]
     assert [str(entry) for entry in entries][: len(came)] == [str(entry) for entry in came]
-    assert len(came) > 300
+    assert len(came) > 180
 
 
 def test_state_between_epochs_has_the_readings_that_have_come() -> None:
