@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy.typing as npt
+
 from insgnss.aiding.live import AidingSink, LiveAiding
 from insgnss.aiding.sources import aiding_sources
 from insgnss.aiding.stream import AidingStream, Message
@@ -16,10 +18,14 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import copy_bank
+from insgnss.sensors.live import forget_before, live_sensor, with_own_readings
 from insgnss.supervision import SupervisedRun
 from insgnss.supervision.live import LiveSupervision
 from insgnss.supervision.sources import LATEST_SAMPLE_NS, setup_and_satellites
 from insgnss.tables import Event, GnssTable
+
+# what looks back on the log, as a satellite under suspicion, goes back a minute
+_READINGS_KEPT_NS = 600 * NS_PER_S
 
 
 class Engine(FilterEngine):
@@ -29,7 +35,8 @@ class Engine(FilterEngine):
     setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
     what has become final since the last call, ``engine.events`` all that happened. Of several antennas ([attitude] in
     the flight file) ``engine.gnss(epoch, "ahead")`` takes the epochs of a further one by its name, and
-    ``EpochResult.differences`` has what became of their phases.
+    ``EpochResult.differences`` has what became of their phases. ``engine.sensor("odometer", t_ns, speed)`` takes the
+    readings of further sensors ([[sensor]]).
 
     With ``aiding``, each call of ``imu`` that reaches an output time hands the aiding on before it returns. It rests on
     the epochs known by then and before the sample: where none comes late it is ``run.aiding`` of a replay, to the last
@@ -85,7 +92,7 @@ class Engine(FilterEngine):
             latency_ns = int(setup.config.latency_s * NS_PER_S)
             sources = setup_and_satellites(setup, letters)
             self._supervision = LiveSupervision(*sources, setup.n_offsets, latency_ns)
-        super().__init__(setup.with_further(measurements=measurements))
+        super().__init__(with_own_readings(setup.with_further(measurements=measurements)))
 
     @property
     def events(self) -> list[Event]:
@@ -95,6 +102,45 @@ class Engine(FilterEngine):
             told = sorted(told + self._sink.events, key=lambda e: -1 if e.t_ns is None else e.t_ns)
         return told
 
+    def sensor(self, name: str, t_ns: int, values: npt.ArrayLike, sigma: npt.ArrayLike | None = None) -> None:
+        """Take a reading of a further sensor of the flight file ([[sensor]]), at most ``latency_s`` late.
+
+        One that comes before the samples of its time waits for them; a later one lets the filter go back. A reading
+        within ``interval_s`` of another of the sensor is left out, as in a replay. Where readings come in the order of
+        their times, all results are those of a replay to the last bit.
+
+        Parameters
+        ----------
+        name : of the sensor
+        t_ns : GPS time
+        values : SI units, as ``insgnss.tables.SensorTable`` has them for each kind: of an odometer [m/s], of a
+            barometer pressure altitude [m], of positions latitude, longitude [rad], height [m]; NaN: no reading
+        sigma : of the values, those of the flight file when None
+
+        Raises
+        ------
+        MeasurementError : there is no such sensor, or it has another number of values
+        """
+        source = live_sensor(self._setup.own, name)
+        reading = source.live_reading(values, sigma)
+        t_ns, newest = int(t_ns), self._samples.last_ns
+        if newest is not None and (t_ns <= self._closed_ns or t_ns < newest - self._latency_ns):
+            late_s = (newest - t_ns) / NS_PER_S
+            detail = f"a reading of '{name}' came {late_s:.2f} s after the samples of its time: refused"
+            self._done.append(Event(t_ns, "sensor_too_late", detail))
+            return
+        if not source.take(t_ns, *reading):
+            return
+        assert self._setup.own is not None  # a sensor was found in it
+        self._setup.own.arrived.add(name, t_ns)
+        if newest is None or t_ns > newest:
+            return
+        since = [result.gnss for result in self._recent if result.t_ns >= t_ns]
+        if since:
+            self._insert(since[0])
+        self._live = None
+        self._carry_live()
+
     def take_measurements(self, *, all_of_them: bool = False) -> list[OwnEntry]:
         """Return what became of the rows of ``measurements`` that no late epoch can change any more, each once.
 
@@ -103,7 +149,10 @@ class Engine(FilterEngine):
         newest = self._samples.last_ns
         spans = [] if newest is None else [(self._first_ns, newest)]
         until_ns = 2**62 if all_of_them else self._kept[0].t_ns
-        return self._own.taken(self._navigator.own, spans, until_ns)
+        taken = self._own.taken(self._navigator.own, spans, until_ns)
+        if self._setup.own is not None and newest is not None:
+            forget_before(self._setup.own, min(until_ns, newest) - _READINGS_KEPT_NS)
+        return taken
 
     def take_supervision(self) -> SupervisedRun:
         """Return the search supervisor's decisions that have not been taken yet, in the tables of a replay.

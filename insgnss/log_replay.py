@@ -20,7 +20,6 @@ from insgnss.compiled_ahead import is_complete
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
 from insgnss.corrected_rows import MOST_ROWS, row_blocks
-from insgnss.errors import ConfigError
 from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.loop_calls import fetch_loop
@@ -58,6 +57,8 @@ from insgnss.result_tables import (
 from insgnss.run import Run
 from insgnss.run_settings import run_settings
 from insgnss.sensors.fitting import fitted
+from insgnss.sensors.reading_events import reading_events
+from insgnss.sensors.start_from_fixes import refuse_live_without_gnss, started_without_gnss
 from insgnss.slow_sigmas import slow_columns, slow_variances
 from insgnss.supervision.sources import SupervisionSources, supervision_sources
 from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
@@ -67,6 +68,7 @@ from insgnss.wanted_rows import (
     described,
     further_of,
     output_of,
+    refuse_smoothing,
     times_without_row,
     with_further,
 )
@@ -86,6 +88,8 @@ def setup_filter(
     setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
     setup = replace(setup, products=logs.products, antennas=logs.antennas)
     setup = setup.with_further(*fitted(flight.config, logs))
+    if not flight.config.gnss.files:
+        setup = started_without_gnss(setup, flight, logs)
     return with_aid(setup, flight) if several else setup
 
 
@@ -112,9 +116,14 @@ def engine_settings(
         the filter's settings gets its clock, for each constellation that has an ephemeris
     carrier : whether the epochs will bring carrier phases; with several antennas they do
     states : further states that the filter is to estimate, as in ``replay``
+
+    Raises
+    ------
+    ConfigError : the flight has position fixes alone
     """
     if not isinstance(flight, Flight):
         flight = Flight.load(flight)
+    refuse_live_without_gnss(flight)
     config = filter_config(filter, settings)
     carrier = carrier or flight.config.attitude is not None
     beside = fitted(flight.config, None)
@@ -224,9 +233,8 @@ def replay(
         flight = Flight.load(flight)
     config = filter_config(filter, settings)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
-    if smooth and (aided is not None or supervise):
-        raise _not_smoothed()
-    rows_at = output_of(output, flight.config.gps_week)
+    refuse_smoothing(flight, smooth=smooth, beside=aided is not None or supervise)
+    rows_at = output_of(output, flight.config.gps_week, has_epochs=bool(flight.config.gnss.files))
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
     setup, work, record = _prepared(flight, config, aided, supervise, (states, measurements), tell)
     read = time.perf_counter()
@@ -244,6 +252,7 @@ def replay(
         filtered=forward,
         own=entries,
     )
+    events += reading_events(setup.own, entries)
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
@@ -266,15 +275,10 @@ def replay(
     took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - settled}
     took |= {} if aided is None else {"aiding_s": given - filtered}
     took |= {"supervision_s": settled - given} if supervise else {}
-    resolved = None if aided is None else aided.model_dump(mode="json")
     run.settings = {**run.settings, "took": took, "output": described(output), "smooth": smooth}
-    run.settings |= {"aiding": resolved, "point": None if further is None else further.wanted.lever_b}
+    run.settings["aiding"] = None if aided is None else aided.model_dump(mode="json")
+    run.settings["point"] = None if further is None else further.wanted.lever_b
     return run
-
-
-def _not_smoothed() -> ConfigError:
-    advice = "leave aiding and supervise out, or replay without smoothing"
-    return ConfigError("a smoothed run has no aiding and no supervision", key="smooth", advice=advice)
 
 
 def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:

@@ -37,7 +37,14 @@ from insgnss.simulation.flight_text import (
     flight_text,
 )
 from insgnss.simulation.itinerary import ManoeuvreError
-from insgnss.simulation.log_files import write_gnss, write_imu, write_increments, write_reference
+from insgnss.simulation.log_files import (
+    sensor_file_name,
+    write_gnss,
+    write_imu,
+    write_increments,
+    write_reference,
+    write_sensor,
+)
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.rinex_nav import write_rinex_navigation
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog, Simulator
@@ -81,10 +88,11 @@ class Simulation(Shown):
         return [folder / name for name in names]
 
     def _paths(self, folder: Path) -> list[Path]:
-        """Return the files of the logs, those of further antennas last."""
+        """Return the files of the logs, those of further antennas and sensors last."""
         further = () if self.config.attitude is None else self.config.attitude.antenna
         names = (IMU_FILE, GNSS_FILE, NAVIGATION_FILE, REFERENCE_FILE, FLIGHT_FILE)
-        return [folder / name for name in (*names, *(antenna_file_name(a.name) for a in further))]
+        sensors = (sensor_file_name(sensor.label) for sensor in self.config.sensor)
+        return [folder / name for name in (*names, *(antenna_file_name(a.name) for a in further), *sensors)]
 
     def _write(self, paths: list[Path]) -> None:
         week, imu = self.config.gps_week, self.config.imu
@@ -97,8 +105,12 @@ class Simulation(Shown):
         write_rinex_navigation(paths[2], sent, ns_to_datetime(self.scenario.start_ns))
         write_reference(paths[3], self.reference(), week)
         paths[4].write_bytes(flight_text(self.config, self.scenario).encode("utf-8"))
-        for path, log in zip(paths[5:], self.log.further, strict=True):
+        n_further = len(self.log.further)
+        for path, log in zip(paths[5 : 5 + n_further], self.log.further, strict=True):
             write_gnss(path, log, week)
+        of_sensors = zip(paths[5 + n_further :], self.config.sensor, self.log.sensors, strict=True)
+        for path, sensor, readings in of_sensors:
+            write_sensor(path, sensor.kind, readings, week)
 
 
 def simulate(

@@ -44,6 +44,8 @@ def slow_variances(
     factor = _ionosphere_factors(names)
     t_ns, variances = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
     for part, key in zip(ledger, keys, strict=True):
+        if not len(key.sv):  # a log without raw GNSS data
+            continue
         rows = _rows(part, key, group, factor)
         epoch, variance = slow_position_variances(rows, sigmas, setup.ties)
         t_ns.append(key.epoch_ns[epoch])

@@ -182,3 +182,25 @@ class ReferenceTable:
     quality: Float64
     # (n, 9) of position north, east, down [m], velocity [m/s], roll, pitch, yaw [deg], where stated
     sigma: Float64 | None = None
+
+
+@dataclass(frozen=True)
+class SensorTable:
+    """The readings of a further sensor, strictly increasing in time; NaN where a cell holds none.
+
+    | kind | values |
+    |---|---|
+    | odometer | speed [m/s] |
+    | barometer | pressure altitude [m] |
+    | magnetometer | field, body axes [uT] |
+    | heading | [rad] from true north |
+    | attitude | roll, pitch, yaw of the body [rad] |
+    | position | latitude, longitude [rad], height above the ellipsoid [m] |
+    | velocity | north, east, down [m/s] |
+    """
+
+    name: str
+    t_ns: Int64  # (n,)
+    values: Float64  # (n, k)
+    # (n, s) of the values, of positions north, east, down [m]; NaN where not stated, s = 0 for a magnetometer
+    sigma: Float64

@@ -77,8 +77,26 @@ def named_points(flight: Flight) -> dict[str, tuple[float, float, float]]:
     return {name: lever for name, lever in found.items() if lever is not None}
 
 
-def output_of(output: AtTimes, week: int) -> OutputRate:
+def refuse_smoothing(flight: Flight, *, smooth: bool, beside: bool) -> None:
+    """Refuse a smoothed replay where there is none.
+
+    Raises
+    ------
+    ConfigError : it is to be smoothed, and has aiding or supervision ``beside``, or no raw GNSS data
+    """
+    if not smooth or (flight.config.gnss.files and not beside):
+        return
+    if beside:
+        advice = "leave aiding and supervise out, or replay without smoothing"
+        raise ConfigError("a smoothed run has no aiding and no supervision", key="smooth", advice=advice)
+    message = "a flight without raw GNSS data is not smoothed: the smoother goes from epoch to epoch"
+    raise ConfigError(message, key="smooth", advice="replay without smoothing, or give [gnss]")
+
+
+def output_of(output: AtTimes, week: int, *, has_epochs: bool = True) -> OutputRate:
     """Return the output as the filter takes it: times [s] of the GPS week become nanoseconds.
+
+    Without epochs a row at each epoch becomes one a second.
 
     Raises
     ------
@@ -86,6 +104,8 @@ def output_of(output: AtTimes, week: int) -> OutputRate:
     """
     try:
         if np.ndim(output) == 0:
+            if not has_epochs and str(output) == "gnss":
+                return 1.0
             return output  # type: ignore[return-value]  # what it says is looked at beside the samples' rate
         times_s = np.asarray(output, np.float64)
     except (TypeError, ValueError):

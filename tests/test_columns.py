@@ -21,6 +21,7 @@ from insgnss.config.flight import GnssColumns, ImuColumns, MountedAntenna, Refer
 from insgnss.config.log_table import NO_COLUMN
 from insgnss.config.vehicle_kind import VEHICLE_KINDS, VehicleRows
 from insgnss.filter.output.writing import NAV_COLUMNS
+from insgnss.inertial.sensor_model import UNIT_OF_ERROR
 from insgnss.log.flight import Flight
 from insgnss.point_solutions import TABLES as POINT_TABLES
 from insgnss.run import TABLES, Run
@@ -35,7 +36,16 @@ OF_REFERENCE = {c.name for c in SHEETS["errors"].columns() if c.name.startswith(
 # columns that only some runs have: of optional states, and of a log of the receiver's own
 OF_VEHICLES = ("mounting_pitch_deg", "mounting_yaw_deg", "leeway_deg")
 FURTHER = ("offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m", *OF_VEHICLES)
-SOMETIMES = {*FURTHER, *(f"sd_{name}" for name in FURTHER), "antenna"}
+OF_SENSORS = {
+    *("*_scale_percent", "*_offset_m", "*_strength_ut", "*_declination_deg", "*_offset_deg"),
+    *(f"*_iron_{axis}_ut" for axis in "xyz"),
+}
+OF_INERTIAL_SENSORS = {
+    column.name
+    for column in SHEETS["nav"].columns()
+    if any(f"{kind}_*" in column.name for kind in UNIT_OF_ERROR)
+}
+SOMETIMES = {*FURTHER, *(f"sd_{name}" for name in FURTHER), "antenna", *OF_SENSORS, *OF_INERTIAL_SENSORS}
 
 
 def with_everything(folder: Path) -> Flight:

@@ -46,6 +46,21 @@ time_s: seconds, in the time of the GNSS log
 sv: satellite
 event: lock, loss, search or detection
 """
+_SENSOR = """
+time_s: seconds; `time` of the entry tells unit, origin and scale; dates and weeks as in `imu.csv`
+speed: odometer: speed of the wheel, m/s unless `unit` says otherwise; with `metres_per_count` a count of pulses
+sd_speed: its one sigma, in the same unit; optional, as every sigma here
+pressure_hpa: barometer: static pressure, or with `unit` m or ft the pressure altitude
+sd_altitude_m: one sigma of the altitude
+mag_x mag_y mag_z: magnetometer: field along the sensor's axes, uT unless `unit` says otherwise
+heading_deg sd_heading_deg: heading: clockwise from north, and its one sigma
+roll_deg pitch_deg yaw_deg: attitude of the device
+sd_roll_deg sd_pitch_deg sd_yaw_deg: one sigma of each
+lat_deg lon_deg h_m: position: WGS-84; x, y, z [m] with `frame` ecef
+sd_n_m sd_e_m sd_d_m: one sigma north, east, down
+vn_mps ve_mps vd_mps: velocity: north, east, down; with `axes` enu name the columns of east, north, up in this order
+sd_vn_mps sd_ve_mps sd_vd_mps: one sigma of each
+"""
 INPUT_SHEETS: Final = (
     Sheet(
         "imu.csv",
@@ -60,5 +75,12 @@ INPUT_SHEETS: Final = (
         "`[gnss.columns]` maps other names. An empty cell is a missing value.",
     ),
     Sheet("reference.csv", "time", _REFERENCE, "`[reference.columns]` maps other names."),
+    Sheet(
+        "sensor.csv",
+        "reading of a further sensor",
+        _SENSOR,
+        "The files of a `[[sensor]]`, each with the columns of its kind. `columns` maps other names; `none` stands for"
+        " a column that the log lacks.",
+    ),
     Sheet("receiver_events.csv", "event", _RECEIVER_EVENTS, "The file that `gnss.receiver_events` names."),
 )

@@ -39,6 +39,13 @@ gyro_scale_factor_*_ppm accel_scale_factor_*_ppm gyro_misalignment_*_mrad accel_
   that they go with; with `process.sensor_error_columns`
 sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mrad sd_accel_misalignment_*_mrad
   sd_gyro_g_sensitivity_*_deg_per_h_per_g: one sigma of these
+*_scale_percent: scale factor of an odometer, or of a barometer's heights; this and the next five of a [[sensor]],
+  whose name comes first, each with its one sigma under sd_
+*_offset_m: height of a barometer's zero: what it reads more than the height above the ellipsoid
+*_iron_x_ut *_iron_y_ut *_iron_z_ut: magnetic field of the vehicle itself at a magnetometer, along forward, right, down
+*_strength_ut: horizontal intensity of the Earth's field beyond `horizontal_ut`
+*_declination_deg: declination beyond `declination_deg`
+*_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (orbits and clocks of the
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
   empty where no epoch of the log has used ranges enough to tell
@@ -70,10 +77,11 @@ posix_s: seconds of UTC since 1970, in MAT files
 """
 _MEASUREMENTS = """
 time_s: receiver time tag, seconds of the GPS week
-sv: satellite, as G05; empty of a user's own measurement
+sv: satellite, as G05; empty of a further sensor or a user's own measurement
 signal: RINEX code, as C1C; empty of a user's own measurement
-kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference; the name of a user's
-  own measurement; of `[vehicle]` in the flight file non_holonomic, course, zero_velocity, zero_rate
+kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference; the name of a further
+  sensor ([[sensor]]) or of a user's own measurement; of `[vehicle]` in the flight file non_holonomic, course,
+  zero_velocity, zero_rate
 antenna: where there are several: which one an attitude difference is of
 innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a user's own measurement in its own
   unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of
@@ -99,7 +107,8 @@ EVENTS: Final = Sheet(
     "thing worth telling: a gap, a reset, a clock jump, the heading known",
     """
 time_s: seconds of the GPS week; empty for what concerns a whole file
-kind: one word: imu_gap, heading_known, clock_jump, ...
+kind: one word: imu_gap, heading_known, clock_jump, ...; of further sensors sensor_refused (for ten seconds and more),
+  sensor_agrees (again), sensor_frozen, sensor_bad_values, sensor_no_overlap, sensor_readings_left_out, ...
 detail: the same in a sentence, with numbers
 """,
 )

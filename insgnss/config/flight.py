@@ -12,25 +12,21 @@ from typing import Annotated, Final, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from insgnss.config.log_table import NO_COLUMN, ColumnName, Columns, LogTable
+from insgnss.config.quantities import AXES as AXES
+from insgnss.config.quantities import Angles as Angles
+from insgnss.config.quantities import AngleSigma as AngleSigma
+from insgnss.config.quantities import Height as Height
+from insgnss.config.quantities import LeverArm as LeverArm
+from insgnss.config.quantities import NonNegativeFloat as NonNegativeFloat
+from insgnss.config.quantities import PositiveFloat as PositiveFloat
+from insgnss.config.quantities import Vector3 as Vector3
+from insgnss.config.quantities import Velocity as Velocity
+from insgnss.config.sensors import Sensor
 from insgnss.config.strict import StrictModel
 from insgnss.config.vehicle_kind import VehicleRows
 
-Vector3 = tuple[float, float, float]
-# No sensor, clock or time is larger in the units used here; squares of these are numbers still
-PositiveFloat = Annotated[float, Field(gt=0.0, le=1e9)]
-NonNegativeFloat = Annotated[float, Field(ge=0.0, le=1e9)]
-# Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers
-_Arm = Annotated[float, Field(ge=-1e3, le=1e3)]
-_Speed = Annotated[float, Field(ge=-2e4, le=2e4)]
-_Angle = Annotated[float, Field(ge=-360.0, le=360.0)]
-LeverArm = tuple[_Arm, _Arm, _Arm]  # [m]
-Velocity = tuple[_Speed, _Speed, _Speed]  # [m/s]
-Angles = tuple[_Angle, _Angle, _Angle]  # [deg]
-Height = Annotated[float, Field(ge=-1e4, le=1e7)]  # [m]
-AngleSigma = Annotated[float, Field(gt=0.0, le=180.0)]  # [deg]
 _ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
-AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
 class ImuColumns(Columns):
@@ -370,11 +366,27 @@ class FlightConfig(StrictModel):
         NO_WEEK, description="that seconds of the week count in; left out: the one in which the log begins"
     )
     imu: Imu | None = Field(None, description="the point solution needs none")
-    gnss: Gnss
+    gnss: Gnss = Field(
+        Gnss.model_construct(files=()),
+        description="without it position fixes of a [[sensor]] have to carry the filter",
+    )
     attitude: Attitude | None = None
     vehicle: VehicleRows | None = Field(None, description="its kind and the rows that its motion makes")
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None
+    sensor: tuple[Sensor, ...] = Field((), description="further sensors, each with a log of its own")
     points: dict[str, LeverArm] = Field(
         {}, description="points of the body by their names, IMU to the point in metres, forward, right, down"
     )
+
+    @model_validator(mode="after")
+    def _sensors_are_told_apart(self) -> Self:
+        if not self.gnss.files and all(sensor.kind != "position" for sensor in self.sensor):
+            raise ValueError("no GNSS: give [gnss] with its files, or a [[sensor]] of kind 'position'")
+        if not self.gnss.files and self.attitude is not None:
+            raise ValueError("[attitude] needs the carrier phases of [gnss]: give it too")
+        labels = [sensor.label for sensor in self.sensor]
+        twice = next((label for label in labels if labels.count(label) > 1), None)
+        if twice is not None:
+            raise ValueError(f"two sensors are called '{twice}': give each a name of its own")
+        return self

@@ -12,12 +12,14 @@ Satellite = Annotated[str, Field(pattern=r"^G\d\d$")]
 Moment = Annotated[float, Field(ge=0.0)]
 
 
-class _Windowed(StrictModel):
+class Windowed(StrictModel):
+    """A fault that begins and may end."""
+
     from_s: Moment
     to_s: Moment | None = Field(None, description="until the end when left out")
 
     @model_validator(mode="after")
-    def _goes_forward(self) -> _Windowed:
+    def _goes_forward(self) -> Windowed:
         if self.to_s is not None and self.to_s <= self.from_s:
             raise ValueError(f"to_s = {self.to_s:g} is not after from_s = {self.from_s:g}")
         return self
@@ -28,7 +30,7 @@ class _Windowed(StrictModel):
         return float("inf") if self.to_s is None else self.to_s
 
 
-class RangeStep(_Windowed):
+class RangeStep(Windowed):
     """A pseudorange that is wrong by a constant."""
 
     kind: Literal["range_step"]
@@ -36,7 +38,7 @@ class RangeStep(_Windowed):
     size_m: float
 
 
-class RangeRamp(_Windowed):
+class RangeRamp(Windowed):
     """A pseudorange that runs away; its Doppler stays right."""
 
     kind: Literal["range_ramp"]
@@ -44,7 +46,7 @@ class RangeRamp(_Windowed):
     rate_mps: float
 
 
-class Outage(_Windowed):
+class Outage(Windowed):
     """Satellites that are not received; all of them when none is named."""
 
     kind: Literal["outage"]
@@ -59,7 +61,7 @@ class ClockJump(StrictModel):
     size_m: float
 
 
-class FalseLock(_Windowed):
+class FalseLock(Windowed):
     """A carrier loop locked beside its frequency: the Doppler is off by a multiple of half the data rate."""
 
     kind: Literal["false_lock"]
@@ -78,7 +80,7 @@ class CycleSlip(StrictModel):
     indicated: bool = False
 
 
-class HalfCycle(_Windowed):
+class HalfCycle(Windowed):
     """A carrier that is half a cycle off."""
 
     kind: Literal["half_cycle"]
@@ -99,7 +101,7 @@ class ReversedRangeRate(StrictModel):
     kind: Literal["reversed_range_rate"]
 
 
-SignalFault = Annotated[
+SignalFault = (
     RangeStep
     | RangeRamp
     | Outage
@@ -108,6 +110,5 @@ SignalFault = Annotated[
     | CycleSlip
     | HalfCycle
     | MissingMessage
-    | ReversedRangeRate,
-    Field(discriminator="kind"),
-]
+    | ReversedRangeRate
+)

@@ -20,6 +20,7 @@ from insgnss.config.flight import (
 from insgnss.config.log_table import LogTable
 from insgnss.config.manoeuvres import Manoeuvre
 from insgnss.config.signal_faults import SignalFault
+from insgnss.config.simulated_sensors import SensorFault, SensorStep, SimulatedSensor
 from insgnss.config.strict import StrictModel
 
 GpsSatellite = Annotated[str, Field(pattern=r"^G\d\d$")]
@@ -280,7 +281,33 @@ class SimulationConfig(StrictModel):
     sky: Sky = NominalSky()
     gnss: SimulatedGnss = SimulatedGnss()
     attitude: SimulatedAttitude | None = None
-    fault: tuple[SignalFault, ...] = ()
+    sensor: tuple[SimulatedSensor, ...] = ()
+    fault: tuple[Annotated[SignalFault | SensorFault, Field(discriminator="kind")], ...] = ()
+
+    @property
+    def sensor_faults(self) -> tuple[SensorFault, ...]:
+        """The faults of further sensors."""
+        return tuple(fault for fault in self.fault if isinstance(fault, SensorFault))
+
+    @model_validator(mode="after")
+    def _sensors_are_told_apart(self) -> SimulationConfig:
+        kinds = {sensor.label: sensor.kind for sensor in self.sensor}
+        if len(kinds) != len(self.sensor):
+            raise ValueError("two sensors have the same name")
+        for fault in self.sensor_faults:
+            if fault.sensor not in kinds:
+                raise ValueError(
+                    f"the fault '{fault.kind}' is of a sensor '{fault.sensor}' that there is not"
+                )
+            alone = kinds[fault.sensor] in ("odometer", "barometer", "heading")
+            if isinstance(fault, SensorStep) and len(fault.size) != (1 if alone else 3):
+                raise ValueError(f"a step of '{fault.sensor}' has {1 if alone else 3} component(s)")
+            wanted = {"slip": "odometer", "draught": "barometer", "disturbance": "magnetometer"}.get(
+                fault.kind
+            )
+            if wanted not in (None, kinds[fault.sensor]):
+                raise ValueError(f"the fault '{fault.kind}' is of kind {wanted}, '{fault.sensor}' is not")
+        return self
 
     @model_validator(mode="after")
     def _moves_in_one_way(self) -> SimulationConfig:

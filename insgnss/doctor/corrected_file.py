@@ -42,6 +42,8 @@ def corrected_flight(flight: Flight, proposals: Iterable[Proposal]) -> Flight:
     ConfigError : the proposals contradict each other or the rest of the file
     """
     data = flight.config.model_dump(mode="json")
+    if not flight.config.gnss.files:  # a flight without raw GNSS data
+        del data["gnss"]
     for proposal in proposals:
         table = data
         *parents, last = proposal.key.split(".")

@@ -19,6 +19,7 @@ from insgnss.doctor.declaration import Declared, declared_log
 from insgnss.doctor.gap_cost import gap_findings
 from insgnss.doctor.gnss_time import gnss_time_findings
 from insgnss.doctor.motion_findings import match_of, motion_findings
+from insgnss.doctor.sensor_findings import sensor_findings
 from insgnss.doctor.time_offset import HOUR_S, WEEK_S, overlapping_shifts, time_proposals
 from insgnss.doctor.track import Track, solve_track
 from insgnss.errors import InsGnssError
@@ -74,7 +75,7 @@ def _against_each_other(
     """
     more: list[Finding] = []
     if logs.receiver is None:
-        return more, False
+        return sensor_findings(flight, None, logs.imu), False
     gnss = logs.receiver.gnss
     if any(p.key.startswith("gnss.") for finding in findings for p in finding.proposals):
         gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
@@ -86,6 +87,7 @@ def _against_each_other(
     track = solve_track(flight, gnss, logs.navigation)
     if track is not None:
         more += clock_findings(track)
+    more += sensor_findings(flight, track, logs.imu)
     if flight.config.imu is None:
         return more, False
     if track is not None:

@@ -35,6 +35,7 @@ from insgnss.filter.loop import (
 from insgnss.filter.output.writing import MASKING_UNCERTAIN, N_USED, NO_MEASUREMENTS, Output, event_in_words
 from insgnss.filter.own_rows.contradiction import changes, contradicting
 from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.watch import RefusalWatch
 from insgnss.filter.own_update import OwnUpdate, before, use_own_rows
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
@@ -63,6 +64,7 @@ class Snapshot(NamedTuple):
     aid: EpochAid | None
     trial: Trial | None
     health: Health
+    watch: RefusalWatch
 
     @property
     def banks(self) -> list[Bank]:
@@ -84,6 +86,7 @@ class Navigator:
     started_ns: int | None = None
     trial: Trial | None = None  # of a given start
     own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
+    watch: RefusalWatch = field(default_factory=RefusalWatch)  # of them
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
     before_antennas: Callable[[Bank], object] = lambda _: None  # called before several antennas' rows
     _parameters: npt.NDArray[Any] = field(init=False)
@@ -116,6 +119,7 @@ class Navigator:
             aid=None if self.aid is None else self.aid.copied(),
             trial=None if self.trial is None else self.trial.copied(),
             health=self.health.copied(),
+            watch=self.watch.copied(),
         )
 
     def restore(self, saved: Snapshot) -> None:
@@ -126,6 +130,7 @@ class Navigator:
         self.aid = None if saved.aid is None or self.aid is None else saved.aid.copied(self.aid.log)
         self.trial = None if saved.trial is None else saved.trial.copied()
         self.health = saved.health.copied()
+        self.watch = saved.watch.copied()
 
     def forget_own(self, after_ns: int) -> None:
         """Forget what became of a user's own rows after a time."""
@@ -166,22 +171,19 @@ class Navigator:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
 
     def use_own_rows(self, imu: Imu, rows: Rows, until_ns: int, out: Output) -> None:
-        """Carry the filter by way of a user's own rows up to ``until_ns`` and use them; it stays at the last of them.
-
-        ``rows`` tells how large the work space must be.
-        """
+        """Carry the filter by way of own rows up to ``until_ns``, work space as for ``rows``; it stays at the last."""
         if self.setup.own is None or self.bank is None:
             return
         for t_ns in self.setup.own.due(int(self.bank.head[0].now_ns), until_ns):
             work = self.workspace(rows)
             run_to(self.bank, t_ns, imu, self._parameters, before(out, t_ns), work)
-            head, kinds = self.bank.head[0], self.setup.own.kinds
-            contradicted = contradicting(head, kinds)
+            own, head = self.setup.own, self.bank.head[0]
+            contradicted = contradicting(head, own.kinds)
             update = use_own_rows(self.bank, t_ns, self.setup, imu, self._parameters, work.scratch)
-            self.events += changes(contradicted, head, kinds, t_ns)
+            self.events += changes(contradicted, head, own.kinds, t_ns)
+            self.events += self.watch.take(own, t_ns, update.entries)
             self.own[t_ns] = update.entries
-            lead = int(self.bank.head[0].leader)
-            if not is_sound(self.bank.state[lead], self.bank.P[lead]):
+            if not is_sound(self.bank.state[head.leader], self.bank.P[head.leader]):
                 del self.own[t_ns]
                 self._restart(t_ns, "the state is not finite any more, or a variance not positive")
                 return
@@ -388,13 +390,11 @@ class Navigator:
     def _collect_events(self, out: Output) -> None:
         """Turn the compiled loop's events into words."""
         count = out.counts[0]
+        visibility, left = self.setup.config.visibility, self._left_without_gnss
+        became = {MASKING_UNCERTAIN: became_of_uncertain(visibility), NO_MEASUREMENTS: left}
         for row in out.events[: min(count.events, len(out.events))]:
-            kind, became = int(row["kind"]), ""
-            if kind == MASKING_UNCERTAIN:
-                became = became_of_uncertain(self.setup.config.visibility)
-            elif kind == NO_MEASUREMENTS:
-                became = self._left_without_gnss
-            self.events.append(event_in_words(int(row["t_ns"]), kind, float(row["a"]), became))
+            kind, t_ns, a = int(row["kind"]), int(row["t_ns"]), float(row["a"])
+            self.events.append(event_in_words(t_ns, kind, a, became.get(kind, "")))
         if count.events > len(out.events):
             self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
         count.events = 0

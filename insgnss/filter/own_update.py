@@ -21,17 +21,18 @@ import numpy.typing as npt
 from insgnss.errors import MeasurementError
 from insgnss.filter.headings.headings import turn_about, weigh_headings
 from insgnss.filter.headings.motion import place_turning
-from insgnss.filter.imu.sensor_errors import whole_errors
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.loop import DONE, current_sample, run_epochs
 from insgnss.filter.output.writing import Output, Table
+from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
 from insgnss.filter.own_rows.contradiction import contradicting, watch
 from insgnss.filter.own_rows.ledger import OwnEntry
-from insgnss.filter.own_rows.rows import CheckedRow, Kind, checked_rows
+from insgnss.filter.own_rows.rows import Kind
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, Scratch, carry_bank, predict_covariance
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, Antenna
+from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
@@ -58,7 +59,7 @@ class _Member(NamedTuple):
     """One hypothesis and its rows."""
 
     rows: list[tuple[Kind, CheckedRow]]
-    variance: Float64  # (k,) of the innovations at the prior
+    variance: Float64  # (k,) of the innovations at the prior, as gate and ledger take them
     antenna: Antenna
 
 
@@ -133,13 +134,27 @@ def _members(
     members = {}
     for i, found in given.items():
         m, P = bank.state[i], bank.P[i]
-        rows = [(kinds[j], row) for j in kept for row in found[j]]
-        variance = np.array([row.variance + predicted_variance(P, row.h, row.columns) for _, row in rows])
+        rows = [(kinds[j], _bent(row, P)) for j in kept for row in found[j]]
+        variance = np.array(
+            [row.single_variance + predicted_variance(P, row.h, row.columns) for _, row in rows]
+        )
         antenna = np.zeros(1, ANTENNA_DTYPE)[0]
         place_antenna(m, par, imu.w_ib_b[k], imu.f_b[k], antenna)
         place_turning(m, P, par, antenna, 0.0)
         members[i] = _Member(rows, variance, antenna)
     return members, [kinds[j] for j in kept]
+
+
+def _bent(row: CheckedRow, P: Float64) -> CheckedRow:
+    """Return a row with mean and variance of its second-order terms at the prior."""
+    for term in row.second:
+        mean, variance = term.moments(P)
+        row = row._replace(
+            innovation=row.innovation - mean,
+            variance=row.variance + variance,
+            single_variance=row.single_variance + variance,
+        )
+    return row
 
 
 def _require_alike(members: dict[int, _Member], lead: int, t_ns: int) -> None:
@@ -194,6 +209,7 @@ def _updated(
     """
     n = len(P)
     vectors, response, entries = np.zeros((3, n)), m.motion_response[:n], []
+    refused = _refused(member, gate2)
     for j, (kind, row) in enumerate(member.rows):
         S, status = float(member.variance[j]), USED
         gate = gate2 if kind.gate2 is None else kind.gate2
@@ -202,7 +218,7 @@ def _updated(
             status = BAD_VALUE
         elif kind.name in unused:
             status = CONTRADICTS
-        elif not row.innovation**2 <= gate * S:
+        elif refused[j]:
             status = GATED
         else:
             y, given = scalar_update(P, row.h, row.columns, row.innovation, row.variance, vectors)
@@ -215,8 +231,10 @@ def _updated(
             response -= vectors[1] * moved
             information[j] = moved**2 / given
         if status == GATED:  # a hypothesis must not gain by leaving out what contradicts it
-            charged = gate if math.isfinite(gate) else row.innovation**2 / S
-            log_likelihood[j] = -0.5 * (charged + (math.log(S) if 0.0 < S < math.inf else 0.0))
+            alone = row.single_variance == row.variance
+            counted = S if alone else S - row.single_variance + row.variance
+            charged = min(gate, row.innovation**2 / counted if counted > 0.0 else math.inf)
+            log_likelihood[j] = -0.5 * (charged + (math.log(counted) if 0.0 < counted < math.inf else 0.0))
         entries.append(OwnEntry(t_ns, kind.name, row.innovation, S, status))
     correction = vectors[0]
     if correction.any():
@@ -224,6 +242,20 @@ def _updated(
             turn_attitude_errors(m, P, correction, member.antenna)
         _feed_back(m, correction, int(par.at_clone))
     return OwnUpdate(entries, correction)
+
+
+def _refused(member: _Member, gate2: float) -> list[bool]:
+    """Return of each row whether a gate refuses it: its own, or that of a row that it stands or falls with."""
+    beyond = [
+        not row.innovation**2 <= (gate2 if kind.gate2 is None else kind.gate2) * float(S)
+        for (kind, row), S in zip(member.rows, member.variance, strict=True)
+    ]
+    fallen = {
+        kind.name
+        for (kind, row), out in zip(member.rows, beyond, strict=True)
+        if out and kind.together and math.isfinite(row.innovation)
+    }
+    return [out or kind.name in fallen for (kind, _), out in zip(member.rows, beyond, strict=True)]
 
 
 def _feed_back(m: StateRecord, correction: Float64, at_clone: int) -> None:

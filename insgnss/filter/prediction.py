@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
-from insgnss.filter.imu.sensor_errors import correct_sensors, factor_of
 from insgnss.filter.parameters import Parameters
+from insgnss.filter.sensor_errors import correct_sensors, factor_of
 from insgnss.filter.state import (
     BA,
     BG,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -56,6 +56,8 @@ class FilterSetup:
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
     aid: EpochAid | None = None  # what several antennas add at epochs, before the first one; None: nothing
     own: OwnMeasurements | None = None  # of further sensors and a user's own; None: none
+    # where a stretch of samples starts that has no raw GNSS data (``start.without_gnss``); None: at its epochs
+    start_alone: Callable[[Any], Any] | None = None
 
     def with_further(
         self, states: Sequence[StateBlock] = (), measurements: Sequence[Measurement] = ()

@@ -21,11 +21,13 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
 from insgnss.filter.output.writing import Output, Table, mark_without_imu, new_ledger, new_output
 from insgnss.filter.own_rows.ledger import OwnEntry, complete_ledger
+from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.body_points import Further
 from insgnss.filter.smoothing.row_covariances import RowCovariances
 from insgnss.filter.smoothing.smoother import Smoother
 from insgnss.filter.start.carried_start import Carried, kept_over
+from insgnss.filter.start.without_gnss import TimedStart, opened_at
 from insgnss.filter.update.masking import still_uncertain
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gpstime import ns_to_week_seconds
@@ -128,6 +130,8 @@ def run_blocks(
                 RowCovariances(navigator, part, further).forward(rows, begin, end, written)
             else:
                 navigator.run(part, rows, begin, end, written)
+        if setup.start_alone is not None:
+            _open_alone(navigator, setup, part)
         if further is not None:
             RowCovariances(navigator, part, further).own_to_the_end(no_rows, out)
         else:
@@ -151,11 +155,25 @@ def run_blocks(
         raise _no_start(setup, samples.logged_ns, epoch_ns)
     if own is not None and setup.own is not None:
         own += complete_ledger(setup.own, found, spans_ns, (-(2**62), 2**62))
-    return out, passage.ledger, events
+    return out, passage.ledger or [LedgerPart(*new_ledger(no_rows))], events
+
+
+def _open_alone(navigator: Navigator, setup: FilterSetup, part: Imu) -> None:
+    """Start a stretch that has no raw GNSS data."""
+    start: TimedStart | None = None if setup.start_alone is None else setup.start_alone(part)
+    if start is not None:
+        navigator.bank = opened_at(start, setup, part, navigator.parameters[0])
+        navigator.started_ns = start.t_ns
+        navigator.events.append(Event(start.t_ns, "start", f"without raw GNSS data, {start.source}"))
 
 
 def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
     """Return the error of a log on which the filter never started."""
+    if setup.start_alone is not None:
+        return StartError(
+            "no two position fixes lie inside the inertial samples: the filter without raw GNSS data cannot start",
+            advice="check the time of the [[sensor]] of kind 'position', or give [start] with its time_s",
+        )
     if setup.start is None:
         return StartError(
             "no epoch allowed the filter to start",

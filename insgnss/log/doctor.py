@@ -90,7 +90,13 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
         imu = _attempt(findings, "imu", lambda: read_imu(declared, config.gps_week, flight.imu_grade))
     if imu is not None:
         findings += imu_findings(imu, config.gps_week)
-    receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))
+    receiver = None
+    if config.gnss.files:
+        receiver = _attempt(findings, "gnss", lambda: _told(read_receiver(config.gnss, config.gps_week)))
+    else:
+        findings.append(
+            Finding("ok", "gnss", "no raw GNSS data: position fixes of [[sensor]] carry the filter")
+        )
     of_messages: list[Finding] = []
     navigation = _read_messages(of_messages, flight, receiver)
     gnss = None
@@ -108,7 +114,8 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
             findings += _reference_findings(reference, imu, reference_config.quality_max)
     if imu is not None and gnss is not None:
         findings += _overlap_findings(flight, imu, gnss)
-    findings.append(_lever_arm_finding(flight))
+    if config.gnss.files:
+        findings.append(_lever_arm_finding(flight))
     if config.vehicle is not None:
         findings += vehicle_findings(config.vehicle)
     if config.attitude is not None:  # what this takes is loaded for such flights alone

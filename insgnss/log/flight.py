@@ -22,10 +22,11 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
-from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver
+from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver, without_gnss
 from insgnss.log.imu_csv import inertial, read_imu
-from insgnss.log.overlap import check_overlap, outside_events
+from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
+from insgnss.log.sensor_csv import read_sensor
 from insgnss.shown import Shown
 from insgnss.tables import (
     Event,
@@ -35,6 +36,7 @@ from insgnss.tables import (
     NavigationData,
     PreciseProducts,
     ReferenceTable,
+    SensorTable,
 )
 
 # of a flight without an inertial log: nothing is computed with it
@@ -55,6 +57,9 @@ class FlightLogs(Shown):
     antennas: SatelliteAntennas | None = None
     base: GnssTable | None = None  # a base station's observations
     further: tuple[GnssTable, ...] = ()  # of the further antennas, in the order of [attitude]
+    sensors: tuple[
+        SensorTable, ...
+    ] = ()  # of the further sensors that have a log, in the order of [[sensor]]
 
 
 @dataclass(frozen=True, repr=False)
@@ -116,7 +121,7 @@ class Flight(Shown):
         """
         declared = inertial(self.config)
         with ThreadPoolExecutor(2) as beside:  # parsing and hashing leave Python's lock free
-            gnss = beside.submit(read_gnss_logs, self.config.gnss, self.config.gps_week, self.path)
+            gnss = beside.submit(self._gnss_logs)
             hashes = beside.submit(self._hashes)
             imu, events = read_imu(declared, self.config.gps_week, self.imu_grade)
             logs = self._checked_logs(imu, gnss.result(), events + gnss.result().events)
@@ -124,23 +129,44 @@ class Flight(Shown):
         pa.default_memory_pool().release_unused()  # what the parsing threads have left there
         return logs
 
+    def _gnss_logs(self) -> GnssLogs:
+        """Return the GNSS log and what goes with it; empty where the flight has position fixes alone."""
+        if not self.config.gnss.files:
+            return without_gnss()
+        return read_gnss_logs(self.config.gnss, self.config.gps_week, self.path)
+
     def _checked_logs(self, imu: ImuTable, logs: GnssLogs, events: list[Event]) -> FlightLogs:
         """Hold both logs against each other and read the reference."""
         config = self.config
-        check_overlap(imu.t_ns, logs.gnss.t_ns, config)
-        events += outside_events(imu.t_ns, logs.gnss.t_ns)
+        if config.gnss.files:
+            check_overlap(imu.t_ns, logs.gnss.t_ns, config)
+            events += outside_events(imu.t_ns, logs.gnss.t_ns)
         reference = None
         if config.reference is not None:
             reference, found = read_reference(config.reference, config.gps_week)
             events += found
-        if config.gnss.lever_b is None:
+        if config.gnss.lever_b is None and config.gnss.files:
             detail = "gnss.lever_arm_m is not given: taken as zero, which it is not known to be"
             events.append(Event(None, "lever_arm_not_given", detail))
         further, found = read_further_antennas(config, logs.gnss)
+        sensors, told = self._sensors(imu)
         return FlightLogs(
-            *(imu, logs.gnss, logs.navigation, reference, events + found, {}),
-            *(logs.products, logs.antennas, logs.base, further),
+            *(imu, logs.gnss, logs.navigation, reference, events + found + told, {}),
+            *(logs.products, logs.antennas, logs.base, further, sensors),
         )
+
+    def _sensors(self, imu: ImuTable) -> tuple[tuple[SensorTable, ...], list[Event]]:
+        """Read the logs of the further sensors; one that has none is told and left out."""
+        tables, events = [], []
+        for sensor in self.config.sensor:
+            if not sensor.files:
+                detail = f"sensor '{sensor.label}' names no files: nothing of it is used in a replay"
+                events.append(Event(None, "sensor_without_log", detail))
+                continue
+            table, found = read_sensor(sensor, self.config.gps_week)
+            tables.append(table)
+            events += found + sensor_outside(imu.t_ns, table, self.config.gps_week)
+        return tuple(tables), events
 
     def files(self) -> tuple[Path, ...]:
         """Return every file the flight reads, the flight file first; an antenna's pattern may be the library's."""
@@ -156,7 +182,17 @@ class Flight(Shown):
         mounted = (*gnss.antenna, *others)
         patterns = tuple(antenna_file(antenna.pattern, (folder,)) for antenna in mounted)
         hiding = tuple(folder / antenna.obstruction for antenna in mounted if antenna.obstruction)
-        files = (self.path, *self.inertial_files(), *satellites, *told, *patterns, *hiding, *reference)
+        sensors = tuple(path for sensor in config.sensor for path in sensor.files)
+        files = (
+            self.path,
+            *self.inertial_files(),
+            *satellites,
+            *told,
+            *patterns,
+            *hiding,
+            *reference,
+            *sensors,
+        )
         return tuple(dict.fromkeys(files))  # two antennas of one type share a pattern
 
     def inertial_files(self) -> tuple[Path, ...]:
@@ -186,7 +222,7 @@ def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
     ConfigError : the times of all logs are seconds of a week that nothing tells
     """
     t_ns = np.zeros(0, np.int64)
-    if config.gnss.format != "csv" or not config.gnss.counts_in_gps_week:
+    if config.gnss.files and (config.gnss.format != "csv" or not config.gnss.counts_in_gps_week):
         t_ns = read_receiver(config.gnss, 0).gnss.t_ns
     elif config.imu is not None and not config.imu.counts_in_gps_week:
         t_ns = read_imu(config.imu, 0, grade)[0].t_ns
@@ -214,7 +250,10 @@ def _with_absolute_paths(config: FlightConfig, folder: Path) -> FlightConfig:
             and config.gnss.base.model_copy(update={"files": tuple(map(absolute, config.gnss.base.files))}),
         }
     )
-    update: dict[str, object] = {"imu": imu, "gnss": gnss}
+    sensors = tuple(
+        sensor.model_copy(update={"files": tuple(map(absolute, sensor.files))}) for sensor in config.sensor
+    )
+    update: dict[str, object] = {"imu": imu, "gnss": gnss, "sensor": sensors}
     if config.attitude is not None:
         antennas = tuple(
             antenna.model_copy(update={"files": tuple(map(absolute, antenna.files))})

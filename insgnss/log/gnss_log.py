@@ -12,7 +12,7 @@ import numpy as np
 from insgnss.config.flight import Base, Gnss, Observations
 from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S
-from insgnss.errors import InputError, NavigationDataError
+from insgnss.errors import ConfigError, InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
 from insgnss.log.android import read_android
@@ -84,8 +84,25 @@ def read_gnss_logs(config: Gnss, week: int, flight_file: Path) -> GnssLogs:
     return GnssLogs(gnss, navigation, products, antennas, base, events)
 
 
+def without_gnss() -> GnssLogs:
+    """Return the log of a flight that has no raw GNSS data."""
+    none, numbers = np.zeros(0, np.int64), np.zeros(0)
+    few = np.zeros(0, np.int16)
+    table = GnssTable(none, few, few, numbers, numbers, numbers, numbers, (), (), np.zeros((0, 8)))
+    return GnssLogs(table, None, None, None, None, [])
+
+
 def read_receiver(config: Gnss, week: int) -> ReceiverLog:
-    """Read the observations in the format that the flight file names, range rates with their standard sign."""
+    """Read the observations in the format that the flight file names, range rates with their standard sign.
+
+    Raises
+    ------
+    ConfigError : the flight has position fixes alone
+    InputError and its kin : a file is missing or cannot be read
+    """
+    if not config.files:
+        advice = "give [gnss] with its files; 'insgnss replay' runs on position fixes alone"
+        raise ConfigError("the flight has no raw GNSS data", key="gnss.files", advice=advice)
     log = _read_format(config, week)
     if config.rate_sign == "standard":
         return log

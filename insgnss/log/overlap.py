@@ -12,7 +12,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import TimeError
 from insgnss.gpstime import leap_seconds, ns_to_datetime, ns_to_week_seconds
 from insgnss.log.imu_csv import inertial
-from insgnss.tables import Event, Int64
+from insgnss.tables import Event, Int64, SensorTable
 
 # a first tag below it: counted from the recorder's own start rather than in a week
 FROM_ZERO_S: Final = 3600.0
@@ -57,6 +57,17 @@ def outside_events(imu_ns: Int64, gnss_ns: Int64) -> list[Event]:
         detail = f"{after} GNSS epoch(s) after the inertial log ends: not used"
         events.append(Event(int(imu_ns[-1]), "epochs_without_imu", detail))
     return events
+
+
+def sensor_outside(imu_ns: Int64, sensor: SensorTable, week: int) -> list[Event]:
+    """Return an event for a further sensor's log that has no time in common with the inertial one."""
+    if sensor.t_ns[0] <= imu_ns[-1] and imu_ns[0] <= sensor.t_ns[-1]:
+        return []
+    detail = (
+        f"sensor '{sensor.name}' has no time in common with the IMU log: {_span(sensor.t_ns, week)}, IMU"
+        f" {_span(imu_ns, week)}; none of its readings is used: check its time.unit, time.origin and time.offset_s"
+    )
+    return [Event(None, "sensor_no_overlap", detail)]
 
 
 def _span(t_ns: Int64, week: int) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from insgnss.antenna.equipment import mounting
 from insgnss.config import signal_faults as told
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.config.simulated_sensors import SensorFault
 from insgnss.config.simulation import (
     NominalSky,
     SimulatedGnss,
@@ -120,6 +121,8 @@ def assemble(
             shaking, shaking.accel_g2_per_hz, shaking.accel_lines_hz_g, STANDARD_GRAVITY_MPS2
         ),
         record=ImuRecord(config.imu.tag_jitter_s, config.imu.lost_share, config.imu.lost_at_once),
+        sensors=config.sensor,
+        sensor_faults=config.sensor_faults,
     )
 
 
@@ -322,8 +325,11 @@ def _disturbances(gnss: SimulatedGnss) -> tuple[Disturbance, ...]:
     return tuple(sources)
 
 
-def _faults(entry: told.SignalFault) -> tuple[Fault, ...]:
-    """Return what a fault does to the observations; a clock's jump and a missing message do nothing to them."""
+def _faults(entry: told.SignalFault | SensorFault) -> tuple[Fault, ...]:
+    """Return what a fault does to the observations; a clock's jump and a missing message do nothing to them.
+
+    Nor do the faults of further sensors.
+    """
     match entry:
         case told.RangeStep():
             return (faults.range_step(entry.sv, entry.size_m, entry.from_s, entry.end_s),)

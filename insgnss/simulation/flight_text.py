@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from insgnss.config.flight import ImuGrade, MountedAntenna, Oscillator
+from insgnss.config.simulated_sensors import SimulatedSensor
 from insgnss.config.simulation import SimulatedGnss, SimulationConfig
 from insgnss.gnss.signals import wavelength_m
+from insgnss.simulation.log_files import sensor_file_name
 from insgnss.simulation.loop_noise import CarrierLoopNoise
 from insgnss.simulation.observations import REFERENCE_CN0_DBHZ
 from insgnss.simulation.simulated_log import Scenario
@@ -58,6 +61,8 @@ def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
         for antenna in config.attitude.antenna:
             lines += ["", "[[attitude.antenna]]", f'files = ["{antenna_file_name(antenna.name)}"]']
             lines += _antenna_lines(antenna)
+    for sensor in config.sensor:
+        lines += ["", "[[sensor]]", *sensor_lines(sensor)]
     return "\n".join([*lines, "", "[reference]", f'file = "{REFERENCE_FILE}"', 'point = "imu"', ""])
 
 
@@ -92,6 +97,30 @@ def _phase_noise_lines(gnss: SimulatedGnss) -> list[str]:
 def antenna_file_name(name: str) -> str:
     """Return the file of a further antenna's log."""
     return f"gnss_{re.sub(r'[^A-Za-z0-9]+', '_', name)}.csv"
+
+
+_DECLARED: Final = {  # keys of a simulated sensor that the flight file has under another name
+    "noise_time_s": "correlation_time_s",
+    "noise_m": "sigma_m",
+    "noise_mps": "sigma_mps",
+    "noise_deg": "sigma_deg",
+    "noise_ut": "sigma_ut",
+}
+_OF_THE_TRUTH: Final = {"kind", "name", "rate_hz", "time_offset_s", "down_ut"}
+
+
+def sensor_lines(sensor: SimulatedSensor) -> list[str]:
+    """Return the lines of a further sensor: where it is, and the sigmas that its errors were drawn with."""
+    values = sensor.model_dump(exclude=_OF_THE_TRUTH, mode="json")
+    declared = {_DECLARED.get(key, key): value for key, value in values.items()}
+    if sensor.kind == "odometer":
+        declared |= {"sigma_share": 0.0, "scale_walk_per_sqrt_h": 0.0}
+    lines = [
+        f'kind = "{sensor.kind}"',
+        f'name = "{sensor.label}"',
+        f'files = ["{sensor_file_name(sensor.label)}"]',
+    ]
+    return lines + [f"{key} = {json.dumps(value)}" for key, value in declared.items()]
 
 
 def grade_lines(model: ImuGrade | Oscillator) -> list[str]:

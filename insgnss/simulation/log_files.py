@@ -5,11 +5,14 @@ from __future__ import annotations
 import gzip
 import io
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from insgnss.geodesy.standard_atmosphere import standard_pressure
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.tables import Float64, GnssTable, ImuTable, Int64, ReferenceTable
+from insgnss.tables import Float64, GnssTable, ImuTable, Int64, ReferenceTable, SensorTable
+from insgnss.units import RAD_PER_DEG
 
 GYRO_DECIMALS = 7  # rad/s: a thousandth of a tactical gyro's noise at 100 Hz
 ACCEL_DECIMALS = 5  # m/s^2: a thousandth of a tactical accelerometer's noise at 100 Hz
@@ -83,6 +86,35 @@ def write_reference(path: Path, reference: ReferenceTable, week: int) -> None:
     ]
     rounded = [np.round(column, d) for column, d in zip(columns, decimals, strict=True)]
     _write(path, header, [f"%.{d}f" for d in decimals], np.column_stack(rounded))
+
+
+def sensor_file_name(name: str) -> str:
+    """Return the file of a further sensor's log."""
+    return f"sensor_{name}.csv"
+
+
+# names, factors from the units of ``SensorTable`` and decimals of the columns of each kind
+_SENSOR_COLUMNS: Final = {
+    "odometer": (("speed",), (1.0,), (4,)),
+    "barometer": (("pressure_hpa",), (1.0,), (4,)),  # of the pressure, see below
+    "magnetometer": (("mag_x", "mag_y", "mag_z"), (1.0,) * 3, (3,) * 3),
+    "heading": (("heading_deg",), (1.0 / RAD_PER_DEG,), (4,)),
+    "attitude": (("roll_deg", "pitch_deg", "yaw_deg"), (1.0 / RAD_PER_DEG,) * 3, (4,) * 3),
+    "position": (("lat_deg", "lon_deg", "h_m"), (1.0 / RAD_PER_DEG, 1.0 / RAD_PER_DEG, 1.0), (9, 9, 3)),
+    "velocity": (("vn_mps", "ve_mps", "vd_mps"), (1.0,) * 3, (4,) * 3),
+}
+
+
+def write_sensor(path: Path, kind: str, sensor: SensorTable, week: int) -> None:
+    """Write a further sensor's readings, a barometer's as pressures [hPa]; a reading that is not there is empty."""
+    names, factors, decimals = _SENSOR_COLUMNS[kind]
+    values = standard_pressure(sensor.values) if kind == "barometer" else sensor.values * factors
+    time_s, digits = ns_to_week_seconds(sensor.t_ns, week), _time_decimals(sensor.t_ns)
+    lines = [",".join(("time_s", *names))]
+    for t, row in zip(time_s, values, strict=True):
+        cells = ["" if np.isnan(v) else f"{v + 0.0:.{d}f}" for v, d in zip(row, decimals, strict=True)]
+        lines.append(",".join((f"{t:.{digits}f}", *cells)))
+    path.write_bytes(("\n".join(lines) + "\n").encode("ascii"))
 
 
 def _write(path: Path, header: str, formats: list[str], rows: Float64) -> None:

@@ -13,15 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.config.simulated_sensors import SensorFault, SimulatedSensor
 from insgnss.constants import NS_PER_S
 from insgnss.simulation.further_receivers import FurtherReceivers
 from insgnss.simulation.imu import SensorOutput, accelerometer_model, gyro_model, measure
 from insgnss.simulation.imu_record import ImuRecord
 from insgnss.simulation.observations import Fault, Receiver, observe, to_table
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock, with_clock_jump
+from insgnss.simulation.sensors import draw_sensor, faults_of
 from insgnss.simulation.trajectory import Motion, Trajectory
 from insgnss.simulation.vibration import VibrationSpectrum, vibration
-from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData
+from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData, SensorTable
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Scenario:
     accel_vibration: VibrationSpectrum | None = None  # [m/s^2]
     record: ImuRecord = field(default_factory=ImuRecord)
     further: FurtherReceivers = field(default_factory=FurtherReceivers)
+    sensors: tuple[SimulatedSensor, ...] = ()
+    sensor_faults: tuple[SensorFault, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class SimulatedLog:
     gyro_scale_factor: Float64  # (3,) [-]
     accel_scale_factor: Float64  # (3,) [-]
     further: tuple[GnssTable, ...] = ()  # of the further antennas
+    sensors: tuple[SensorTable, ...] = ()  # of the further sensors
 
 
 class Simulator:
@@ -133,6 +138,12 @@ class Simulator:
                 clock,
                 lambda bias_m: self._clock(rng, bias_m),
                 rng,
+            ),
+            sensors=tuple(
+                draw_sensor(
+                    sensor, s.trajectory, s.duration_s, s.start_ns, rng, faults_of(sensor, s.sensor_faults)
+                )
+                for sensor in s.sensors
             ),
         )
 

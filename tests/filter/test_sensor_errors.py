@@ -14,7 +14,9 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.diagnosis.resetting import doubt_sensors
 from insgnss.filter.headings.motion import unknown_force
-from insgnss.filter.imu.sensor_errors import (
+from insgnss.filter.layout import SENSORS, Layout
+from insgnss.filter.registry import layout_of
+from insgnss.filter.sensor_errors import (
     BIAS_OF,
     accel_error_covariance,
     biases_to_whole_errors,
@@ -22,8 +24,6 @@ from insgnss.filter.imu.sensor_errors import (
     whole_error_rows,
     whole_errors,
 )
-from insgnss.filter.layout import SENSORS, Layout
-from insgnss.filter.registry import layout_of
 from insgnss.filter.start.start import LEVEL_FLOOR_RAD, Attitude, open_bank
 from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.states.wanted import StatesWanted

@@ -13,7 +13,8 @@ from insgnss.config.vehicle_kind import VehicleRows
 from insgnss.filter.headings.heading_bank import add_to_state
 from insgnss.filter.layout import Layout
 from insgnss.filter.layout_names import state_layout
-from insgnss.filter.own_rows.rows import checked_rows, own_measurements
+from insgnss.filter.own_rows.checked_rows import checked_rows
+from insgnss.filter.own_rows.rows import own_measurements
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.prediction import Imu
 from insgnss.filter.state import OFFSETS, Bank, new_bank

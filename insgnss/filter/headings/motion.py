@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.constants import WGS84_OMEGA_RADPS
-from insgnss.filter.imu.sensor_errors import accel_error_covariance, gyro_error_variance
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.sensor_errors import accel_error_covariance, gyro_error_variance
 from insgnss.filter.state import BA, DR, DV, PSI, StateRecord
 from insgnss.jit import kernel
 from insgnss.tables import Float64

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.imu.sensor_errors import whole_errors
 from insgnss.filter.parameters import Parameters
+from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, HeadRecord, StateRecord
 from insgnss.jit import kernel
 from insgnss.tables import Float64, Int64

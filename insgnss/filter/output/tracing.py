@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from insgnss.filter.imu.sensor_errors import biases_to_whole_errors
 from insgnss.filter.output.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
 from insgnss.filter.output.writing import mixture_covariance
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Scratch, propagate_covariance
+from insgnss.filter.sensor_errors import biases_to_whole_errors
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import Bank, HeadRecord
 from insgnss.jit import kernel

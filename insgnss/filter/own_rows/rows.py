@@ -14,37 +14,40 @@ much the prediction grows when the position, the velocity, a bias grows, or when
 
 from __future__ import annotations
 
-import difflib
-import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import MeasurementError
-from insgnss.filter.layout_names import StateLayout, StatePlace
+from insgnss.filter.layout_names import StateLayout
+from insgnss.filter.own_rows.live_times import LiveTimes
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.filter.state import MAX_WATCHED
-from insgnss.tables import Float64, Int64
+from insgnss.tables import Int64
 
 NOT_WATCHED: Final = -1
 _SHORTEST_PERIOD_NS: Final = 1_000_000
-_LARGEST_VALUE: Final = 1e18  # in any unit; its square is a number that every table holds
-_LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36
 # the ledger's other kinds
 BUILT_IN: Final = ("pseudorange", "range_rate", "carrier_difference", "attitude_difference")
 
 
 class Row(NamedTuple):
-    """One scalar measurement; a plain tuple of the three is as good."""
+    """One scalar measurement; a plain tuple of the first three is as good."""
 
     innovation: float  # measured minus predicted; NaN or beyond 1e18: the row is refused as 'bad_value'
     partials: Mapping[str, npt.ArrayLike]  # of the prediction, by the names of the layout
-    variance: float  # of the measurement's error
+    variance: float  # of the measurement's error, as it counts in the update
+    # of this one error, where ``variance`` is larger because the errors of successive rows go together: gate and ledger
+    # take this one; None: they are the same
+    single_variance: float | None = None
+    # second-order terms of the prediction where its partials turn with the state: the matrix M of a^T M b for two
+    # blocks by their names. The update takes their mean out of the innovation and adds their variance
+    second: Mapping[tuple[str, str], npt.ArrayLike] | None = None
 
 
 RowsGiven: TypeAlias = Row | tuple[float, Mapping[str, npt.ArrayLike], float] | Iterable[Any]
@@ -63,6 +66,8 @@ class Measurement(Protocol):
     - ``watched``: True lets the filter stop using the kind while its rows contradict everything else (``watch``).
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
+    - ``together``: True where one row beyond the gate refuses all of the same time.
+    - ``hint``: what to look at where its rows are refused for long, for the event that tells it.
     """
 
     @property
@@ -82,15 +87,6 @@ class Measurement(Protocol):
         """
 
 
-class CheckedRow(NamedTuple):
-    """A row as the update takes it."""
-
-    innovation: float
-    h: Float64  # (k,)
-    columns: Int64  # (k,) where its entries stand in the error state
-    variance: float
-
-
 @dataclass(frozen=True)
 class Kind:
     """A measurement whose name, times and gate are in order."""
@@ -103,6 +99,8 @@ class Kind:
     period_ns: int = 0  # of ticks without end; 0: none
     watch: int = NOT_WATCHED  # its place among those that are watched
     unlikely: Callable[[StateEstimate], float] | None = None
+    together: bool = False  # one row beyond the gate refuses all of its time
+    hint: str = ""  # what to look at where its rows are refused
 
 
 @dataclass(frozen=True)
@@ -110,8 +108,9 @@ class OwnMeasurements:
     """All measurements that a user adds to a filter, on one time line."""
 
     kinds: tuple[Kind, ...]
-    times_ns: Int64  # (m,) at which there are rows, each once, increasing; without the periodic ones
-    periods_ns: tuple[int, ...] = ()  # of those
+    times_ns: Int64  # (m,) at which there are rows, each once, increasing; without periodic and live ones
+    periods_ns: tuple[int, ...] = ()  # of the periodic ones
+    arrived: LiveTimes = field(default_factory=LiveTimes)
 
     @property
     def named(self) -> str:
@@ -129,17 +128,20 @@ class OwnMeasurements:
     def listed(self, after_ns: int, until_ns: int) -> list[int]:
         """Return those of the times that measurements have listed."""
         first, last = np.searchsorted(self.times_ns, [after_ns, until_ns], side="right")
-        return [int(t) for t in self.times_ns[first:last]]
+        known = [int(t) for t in self.times_ns[first:last]]
+        live = self.arrived.due(after_ns, until_ns)
+        return sorted({*known, *live}) if live else known
 
     def at(self, t_ns: int) -> list[Kind]:
         """Return the kinds that have rows at a time, in the order in which they were given."""
-        return [kind for kind in self.kinds if _has(kind, t_ns)]
+        live = self.arrived.names_at(t_ns)
+        return [kind for kind in self.kinds if kind.name in live or _has(kind, t_ns)]
 
     def epochs_before_next(self, epoch_ns: Int64, epoch: int, last: int) -> int:
         """Return the epoch after those that come before the next rows: after ``epoch``, ``last`` at most."""
         now_ns = int(epoch_ns[epoch])
         k = int(np.searchsorted(self.times_ns, now_ns, side="right"))
-        following = [int(t) for t in self.times_ns[k : k + 1]]
+        following = [int(t) for t in self.times_ns[k : k + 1]] + self.arrived.next_after(now_ns)
         following += [_next_tick(now_ns, each) for each in self.periods_ns]
         if not following:
             return last
@@ -198,11 +200,15 @@ def _checked_kind(source: Measurement, place: int) -> Kind:
         )
     if name in BUILT_IN:
         raise MeasurementError(f"'{name}' is a built-in kind", advice="call the measurement otherwise")
-    unit = str(getattr(source, "unit", ""))
+    unit, hint = (str(getattr(source, key, "")) for key in ("unit", "hint"))
+    together = bool(getattr(source, "together", False))
     period_ns = _checked_period(name, source)
     times_ns = np.zeros(0, np.int64) if period_ns else _checked_times(name, source.times_ns)
     unlikely = getattr(source, "unlikely", None)
-    return Kind(source, name, times_ns, _gate2(name, source), unit, period_ns, unlikely=unlikely)
+    gate2 = _gate2(name, source)
+    return Kind(
+        source, name, times_ns, gate2, unit, period_ns, unlikely=unlikely, together=together, hint=hint
+    )
 
 
 def _checked_period(name: str, source: Measurement) -> int:
@@ -254,96 +260,3 @@ def _gate2(name: str, source: Measurement) -> float | None:
             advice="give a positive number, or None for no gate",
         )
     return float(gate) ** 2
-
-
-def checked_rows(kind: Kind, state: StateEstimate, layout: StateLayout) -> list[CheckedRow]:
-    """Return the rows that a user's measurement gives for a state.
-
-    Raises
-    ------
-    MeasurementError : its code raised an exception, or a row is not one
-    """
-    try:
-        given = kind.source.rows(state, layout)
-        rows = [given] if _is_row(given) else list(given)
-    except Exception as error:
-        message = f"{type(error).__name__}: {error}"
-        advice = "return (innovation, {name: partials}, variance) or a sequence of them, () for none"
-        raise MeasurementError(
-            _at(kind, state.t_ns, f"rows() failed with {message}"), advice=advice
-        ) from error
-    return [_checked_row(kind, state.t_ns, row, layout) for row in rows]
-
-
-def _is_row(given: object) -> bool:
-    return isinstance(given, tuple) and len(given) == 3 and isinstance(given[1], Mapping)
-
-
-def _at(kind: Kind, t_ns: int, message: str) -> str:
-    seconds = (t_ns % NS_PER_WEEK) / NS_PER_S
-    return f"measurement '{kind.name}' at {seconds:.3f} s of the week ({t_ns} ns): {message}"
-
-
-def _checked_row(kind: Kind, t_ns: int, row: Any, layout: StateLayout) -> CheckedRow:
-    if not _is_row(row):
-        message = _at(kind, t_ns, f"a row is {str(row)[:60]}")
-        raise MeasurementError(message, advice="a row is (innovation, {name: partials}, variance)")
-    innovation = _number(kind, t_ns, "innovation", row[0])
-    if not abs(innovation) < _LARGEST_VALUE:
-        return CheckedRow(math.nan, np.zeros(0), np.zeros(0, np.int64), math.nan)
-    variance = _number(kind, t_ns, "variance", row[2])
-    if not _LEAST_VARIANCE < variance < _LARGEST_VARIANCE:
-        message = _at(kind, t_ns, f"the variance is {variance:g}")
-        raise MeasurementError(
-            message, advice="give a positive number, the square of the measurement's sigma"
-        )
-    parts = [_partials(kind, t_ns, name, given, layout) for name, given in row[1].items()]
-    if not parts:
-        message = _at(kind, t_ns, "a row has no partials")
-        raise MeasurementError(message, advice=f"name at least one of: {layout}")
-    h = np.concatenate([values for values, _, _ in parts])
-    return CheckedRow(innovation, h, _columns(tuple((first, last) for _, first, last in parts)), variance)
-
-
-@functools.lru_cache(maxsize=1024)
-def _columns(places: tuple[tuple[int, int], ...]) -> Int64:
-    """Return the columns of several blocks, each from its first to before its last."""
-    found = np.concatenate([np.arange(first, last, dtype=np.int64) for first, last in places])
-    found.flags.writeable = False
-    return found
-
-
-def _number(kind: Kind, t_ns: int, what: str, given: Any) -> float:
-    if type(given) is float:
-        return given
-    try:
-        return float(np.asarray(given).astype(np.float64, casting="same_kind").reshape(()))
-    except (TypeError, ValueError) as error:
-        message = _at(kind, t_ns, f"the {what} is {str(given)[:60]}")
-        raise MeasurementError(message, advice="give one number") from error
-
-
-def _partials(
-    kind: Kind, t_ns: int, name: str, given: npt.ArrayLike, layout: StateLayout
-) -> tuple[Float64, int, int]:
-    """Return the partials by a block, and where the block begins and ends in the error state."""
-    if name not in layout:
-        near = difflib.get_close_matches(str(name), list(layout), n=2, cutoff=0.4)
-        advice = f"nearest: {', '.join(near)}; " if near else ""
-        message = _at(kind, t_ns, f"this filter has no state '{name}'")
-        raise MeasurementError(message, advice=f"{advice}the blocks are: {layout}")
-    block = layout[name]
-    try:
-        values = np.atleast_1d(np.array(given, np.float64))
-    except (TypeError, ValueError) as error:
-        message = _at(kind, t_ns, f"the partials of '{name}' are {str(given)[:60]}")
-        raise MeasurementError(message, advice=_wanted_partials(name, block)) from error
-    if values.shape != (block.size,) or not np.isfinite(values).all():
-        message = f"of shape {values.shape}" if values.shape != (block.size,) else f"{values.tolist()}"
-        advice = _wanted_partials(name, block)
-        raise MeasurementError(_at(kind, t_ns, f"the partials of '{name}' are {message}"), advice=advice)
-    return values, block.columns.start, block.columns.stop
-
-
-def _wanted_partials(name: str, block: StatePlace) -> str:
-    return f"give {block} partials of the prediction by '{name}'".replace("] ", "], ")

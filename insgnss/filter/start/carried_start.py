@@ -21,11 +21,11 @@ from insgnss.filter.headings.heading_bank import attitude
 from insgnss.filter.headings.headings import yaw_variance
 from insgnss.filter.headings.sideslip import LEAST_SPEED_MPS, sideslip
 from insgnss.filter.imu.inertial_stream import Cut
-from insgnss.filter.imu.sensor_errors import whole_error_rows, whole_errors
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.layout import Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.sensor_errors import whole_error_rows, whole_errors
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.start import (

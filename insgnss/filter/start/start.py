@@ -11,10 +11,10 @@ import numpy as np
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
-from insgnss.filter.imu.sensor_errors import whole_error_rows
 from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.tied_offsets import tie_offsets
+from insgnss.filter.sensor_errors import whole_error_rows
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
@@ -56,7 +56,7 @@ class Attitude:
     sd_yaw: float
     weight: float
     b_g: Float64  # (3,) [rad/s], with what further errors add in this attitude
-    sd_b_g: float | None  # of the gyros' whole error (``imu.sensor_errors``); None: as it is of such sensors
+    sd_b_g: float | None  # of the gyros' whole error (``sensor_errors``); None: as it is of such sensors
     level_from_bias: bool  # the tilt error is the accelerometer bias' doing
 
 

@@ -10,10 +10,10 @@ import math
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import place_turning
-from insgnss.filter.imu.sensor_errors import whole_errors
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
+from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import StateRecord
 from insgnss.filter.update.predictions import predict
 from insgnss.filter.update.scalar_update import predicted_variance

@@ -1,0 +1,88 @@
+"""The horizontal magnetic field: it points to magnetic north, east of true north by the declination D.
+
+With the field m along body axes, the vehicle's own field b (hard iron) and the horizontal intensity H, in level axes
+
+    n . C_nb (m - b) = H cos D,    e . C_nb (m - b) = H sin D.
+
+The two rows are these along and across magnetic north (u, a): 0 = a . C_nb (m - b) tells the heading, with a sigma of
+sigma / H, and H = u . C_nb (m - b) tells whether the field is the Earth's. Both stand or fall together: a motor or a
+bridge that bends the field past the gate is refused as a whole. States: b, H and D, each with what is known of it, so
+that a heading is never better than its declination and hard iron. The vertical field is not used.
+Neglects: soft iron (3 % of the field in a car's cabin, 1 deg) but for what H takes; the Earth field's change with the
+place, 1 deg of declination in 100 km.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.sensors import Magnetometer
+from insgnss.filter.layout import RandomWalk, StateBlock
+from insgnss.filter.own_rows.rows import Row
+from insgnss.filter.own_rows.state_estimate import StateEstimate
+from insgnss.sensors.readings import Reading
+from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, weighted
+from insgnss.tables import Float64
+from insgnss.units import RAD_PER_DEG, SQRT_S_PER_SQRT_H
+
+
+class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
+    """A magnetometer's rows, its hard iron, and what is not known of the field."""
+
+    unit: ClassVar[str] = "uT"
+    hint: ClassVar[str] = "motors, currents and steel nearby; its axes and unit, declination and intensity"
+
+    def states(self) -> tuple[StateBlock, ...]:
+        """Return hard iron, intensity and declination."""
+        config, name = self.config, self.name
+        walk = RandomWalk(config.hard_iron_walk_ut_per_sqrt_h / SQRT_S_PER_SQRT_H)
+        iron = tuple(f"{name}_iron_{axis}_ut" for axis in "xyz")
+        strength = config.horizontal_share * config.horizontal_ut
+        declination = (f"{name}_declination_deg",)
+        return (
+            StateBlock(f"{name}_iron", iron, "uT", config.hard_iron_sigma_ut, walk),
+            StateBlock(f"{name}_strength", (f"{name}_strength_ut",), "uT", strength),
+            StateBlock(
+                *(f"{name}_declination", declination, "deg", config.declination_sigma_deg),
+                si_per_unit=RAD_PER_DEG,
+            ),
+        )
+
+    def rows_of(self, reading: Reading, state: StateEstimate) -> Sequence[Row]:
+        """Return the rows across and along magnetic north."""
+        config, name = self.config, self.name
+        strength = config.horizontal_ut + self.value_of(state, "strength")
+        D = RAD_PER_DEG * config.declination_deg + self.value_of(state, "declination")
+        field_b = reading.values - np.asarray(state.optional[f"{name}_iron"])
+        along_e, across_e = self._directions(state, D)
+        field_e = state.C_eb @ field_b
+        across, along = float(across_e @ field_e), float(along_e @ field_e)
+
+        # predicted is what stands on the right less C_nb (m - b), measured is zero
+        def partials(
+            direction_e: Float64, of_strength: float, of_declination: float
+        ) -> dict[str, npt.ArrayLike]:
+            return {
+                "attitude": -cross(field_e, direction_e),
+                f"{name}_iron": state.C_eb.T @ direction_e,
+                f"{name}_strength": of_strength,
+                f"{name}_declination": of_declination,
+            }
+
+        # by D: u' = a, a' = -u
+        return (
+            weighted(across, partials(across_e, 0.0, along), config.sigma_ut, reading),
+            weighted(along - strength, partials(along_e, 1.0, -across), config.sigma_ut, reading),
+        )
+
+    @staticmethod
+    def _directions(state: StateEstimate, D: float) -> tuple[Float64, Float64]:
+        """Return the horizontal unit vectors along and across magnetic north, ECEF."""
+        north, east = state.C_ne[0], state.C_ne[1]
+        along = math.cos(D) * north + math.sin(D) * east
+        return along, -math.sin(D) * north + math.cos(D) * east

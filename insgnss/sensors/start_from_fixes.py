@@ -1,0 +1,134 @@
+"""Where a filter without raw GNSS data starts: at a given state, or at the first two position fixes.
+
+Position: the second fix. Velocity: that of a velocity sensor at its time, else the way between the fixes over their
+time, an acceleration of 1 m/s^2 in its sigma. Roll and pitch: the mean specific force of the last second. Heading:
+open, around the course where there is one; the fixes and whatever tells a heading decide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.config.flight import GivenStart
+from insgnss.config.sensors import PositionSensor, VelocitySensor
+from insgnss.constants import NS_PER_S
+from insgnss.errors import ConfigError
+from insgnss.filter.prediction import Imu
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.start.without_gnss import TimedStart
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.log.flight import Flight, FlightLogs
+from insgnss.sensors.position_fixes import fix_ecef
+from insgnss.tables import Float64, SensorTable
+
+_LEVELLING_NS: Final = NS_PER_S
+_LONGEST_PAIR_NS: Final = 10 * NS_PER_S
+_SAME_TIME_NS: Final = NS_PER_S // 5
+_ACCELERATION_MPS2: Final = 1.0  # of what drives and flies, one sigma
+_COURSE_MPS: Final = 3.0
+_SD_LEVEL_DEG: Final = (2.0, 6.0)  # at rest, in motion
+_REST_MPS: Final = 0.5
+
+
+@dataclass(frozen=True)
+class StartFromFixes:
+    """The start of each stretch of inertial samples."""
+
+    given: TimedStart | None
+    positions: tuple[PositionSensor, SensorTable]
+    velocities: tuple[VelocitySensor, SensorTable] | None
+
+    def __call__(self, imu: Imu) -> TimedStart | None:
+        """Return the start of a stretch: the given one inside it, else that of the first two fixes; None without."""
+        if self.given is not None and imu.t_ns[0] < self.given.t_ns < imu.t_ns[-1]:
+            return self.given
+        _, table = self.positions
+        inside = (table.t_ns > imu.t_ns[0] + _LEVELLING_NS) & (table.t_ns < imu.t_ns[-1])
+        good = np.flatnonzero(inside & np.isfinite(table.values).all(axis=1))
+        for first, second in zip(good[:-1].tolist(), good[1:].tolist(), strict=True):
+            if _LEVELLING_NS // 2 <= table.t_ns[second] - table.t_ns[first] <= _LONGEST_PAIR_NS:
+                return self._start(imu, first, second)
+        return None
+
+    def _start(self, imu: Imu, first: int, second: int) -> TimedStart:
+        config, table = self.positions
+        t_ns, place = int(table.t_ns[second]), table.values[second]
+        sigma = _sigma(table.sigma[second], config.sigma_m)
+        v_n, sd_v = self._velocity(first, second, sigma)
+        speed = float(np.linalg.norm(v_n))
+        samples = (imu.t_ns > t_ns - _LEVELLING_NS) & (imu.t_ns <= t_ns)
+        f = imu.f_b[samples].mean(axis=0)
+        roll, pitch = math.atan2(-f[1], -f[2]), math.atan2(f[0], math.hypot(f[1], f[2]))
+        moving = math.hypot(v_n[0], v_n[1]) > max(_COURSE_MPS, 3.0 * sd_v)
+        yaw = math.atan2(v_n[1], v_n[0]) if moving else 0.0
+        state = GivenStart(
+            lat_deg=math.degrees(place[0]),
+            lon_deg=math.degrees(place[1]),
+            h_m=float(place[2]),
+            v_ned_mps=(float(v_n[0]), float(v_n[1]), float(v_n[2])),
+            rpy_deg=(math.degrees(roll), math.degrees(pitch), math.degrees(yaw)),
+            sd_position_m=math.hypot(sigma, float(np.linalg.norm(config.lever_arm_m))),
+            sd_velocity_mps=sd_v,
+            sd_roll_pitch_deg=_SD_LEVEL_DEG[speed > _REST_MPS],
+            sd_yaw_deg=90.0 if moving else 180.0,
+        )
+        return TimedStart(
+            t_ns, state, f"from two fixes of '{config.label}', at {speed:.1f} m/s; heading open"
+        )
+
+    def _velocity(self, first: int, second: int, sigma: float) -> tuple[Float64, float]:
+        """Return the velocity north, east, down at the second fix and its sigma."""
+        _, table = self.positions
+        if self.velocities is not None:
+            config, found = self.velocities
+            k = int(np.argmin(np.abs(found.t_ns - table.t_ns[second])))
+            near = abs(int(found.t_ns[k] - table.t_ns[second])) <= _SAME_TIME_NS
+            if near and np.isfinite(found.values[k]).all():
+                return found.values[k], math.hypot(_sigma(found.sigma[k], config.sigma_mps), 0.3)
+        C_ne = np.zeros((3, 3))
+        ecef_to_ned_matrix(table.values[second, 0], table.values[second, 1], C_ne)
+        dt = float(table.t_ns[second] - table.t_ns[first]) / NS_PER_S
+        way = fix_ecef(table.values[second], 0.0) - fix_ecef(table.values[first], 0.0)
+        return C_ne @ way / dt, math.hypot(math.sqrt(2.0) * sigma / dt, _ACCELERATION_MPS2 * dt)
+
+
+def started_without_gnss(setup: FilterSetup, flight: Flight, logs: FlightLogs) -> FilterSetup:
+    """Return the setup of a flight without raw GNSS data, which its position fixes start and carry."""
+    given = None
+    if setup.start is not None:
+        t_ns = int(logs.imu.t_ns[1]) if setup.start_ns is None else setup.start_ns
+        given = TimedStart(t_ns, setup.start, "from the given state")
+    kinds: dict[type, Any] = {}
+    by_name = {table.name: table for table in logs.sensors}
+    for sensor in flight.config.sensor:
+        if sensor.label in by_name:
+            kinds.setdefault(type(sensor), (sensor, by_name[sensor.label]))
+    positions = kinds.get(PositionSensor)
+    alone = None if positions is None else StartFromFixes(given, positions, kinds.get(VelocitySensor))
+    return replace(setup, start=None, start_ns=None, start_alone=alone)
+
+
+def refuse_live_without_gnss(flight: Flight) -> None:
+    """Refuse a streaming engine that would wait for ever.
+
+    Raises
+    ------
+    ConfigError : the flight has position fixes alone
+    """
+    if not flight.config.gnss.files:
+        raise ConfigError(
+            "the streaming engine starts with raw GNSS epochs, and the flight has position fixes alone",
+            key="gnss.files",
+            advice="give [gnss] for the engine; replay runs on position fixes alone",
+        )
+
+
+def _sigma(stated: Float64, given: Sequence[float] | None) -> float:
+    """Return the largest of a reading's sigmas."""
+    known = np.where(np.isfinite(stated), stated, np.nan if given is None else np.array(given))
+    return float(np.nanmax(known)) if np.isfinite(known).any() else 10.0

@@ -1,0 +1,99 @@
+"""Flights without raw GNSS data: position fixes start and carry the filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insgnss
+from insgnss.config.flight import FlightConfig, GivenStart
+from insgnss.errors import ConfigError, StartError
+from insgnss.library import find
+from insgnss.log.flight import FlightInMemory
+from insgnss.log.gnss_log import without_gnss
+from insgnss.simulate import simulate
+from insgnss.simulation.simulated_log import Simulator
+from tests.replay.scenes import START_S, kinds, true_start, turns
+from tests.sensors.scenes import flown, simulated, with_sensors
+from tests.statistics_bounds import mean_chi_square_bounds
+
+FIXES = (simulated("position", noise_time_s=0.0, noise_m=(1.0, 1.0, 2.0)), simulated("velocity"))
+
+
+def fixes_alone(base: Simulator, seed: int, start: GivenStart | None = None) -> FlightInMemory:
+    """Return a flight whose flight file has no [gnss]."""
+    made = flown(with_sensors(base, FIXES), seed)
+    data = made.config.model_dump(exclude={"gnss", "start"}) | {"start": start or "automatic"}
+    config = FlightConfig.model_validate(data)
+    assert not config.gnss.files
+    return replace(made, config=config, logs=replace(made.logs, gnss=without_gnss().gnss, navigation=None))
+
+
+@pytest.mark.parametrize("start", ["automatic", "given"])
+def test_fixes_alone_give_position_velocity_and_attitude(start: str) -> None:
+    """An aircraft that turns for a minute: the heading is found, errors are as large as their sigmas."""
+    base = turns(90.0)
+    made = fixes_alone(base, 2, true_start(base, 2.0) if start == "given" else None)
+    run = insgnss.replay(made)
+
+    assert run.errors is not None
+    assert len(run.measurements) and set(run.measurements["kind"].astype(str)) == {"position", "velocity"}
+    late = run.errors[run.errors["time_s"] > START_S + 60.0]
+    names = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
+    ratio2 = np.array([(late[f"d_{name}"] / late[f"sd_{name}"]) ** 2 for name in names])
+    low, high = mean_chi_square_bounds(1, ratio2.size, effective_share=0.1)  # errors last some ten fixes
+    assert low < ratio2.mean() < high
+    assert late[["d_n_m", "d_e_m", "d_d_m"]].abs().to_numpy().max() < 4.0
+    assert late["d_yaw_deg"].abs().max() < 3.0
+    assert "start" in kinds(run) and "without raw GNSS data" in run.events["detail"].iloc[0]
+
+
+def test_run_of_fixes_alone_can_be_saved_and_reported_but_not_smoothed(tmp_path: Path) -> None:
+    base = turns(90.0)
+    made = fixes_alone(base, 2, true_start(base, 2.0))
+    with pytest.raises(ConfigError, match="is not smoothed"):
+        insgnss.replay(made, smooth=True)
+    run = insgnss.replay(made, output=2.0)
+    assert np.isfinite(run.nav.drop(columns=run.nav.filter(like="slow")).to_numpy(np.float64)).all()
+    run.save(tmp_path / "run")
+    assert len(insgnss.Run.load(tmp_path / "run").nav) == len(run.nav)
+    assert run.report(tmp_path / "run.html").stat().st_size > 10_000
+
+
+def test_flight_with_neither_gnss_nor_fixes_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "flight.toml"
+    path.write_text('gps_week = 2385\n[imu]\nfiles = ["imu.csv"]\ngrade = "tactical"\n')
+    with pytest.raises(ConfigError, match="no GNSS: give"):
+        insgnss.Flight.load(path)
+
+
+def test_fixes_outside_the_inertial_samples_cannot_start() -> None:
+    made = fixes_alone(turns(90.0), 2)
+    late = tuple(replace(table, t_ns=table.t_ns + 10**12) for table in made.logs.sensors)
+    with pytest.raises(StartError, match="no two position fixes"):
+        insgnss.replay(replace(made, logs=replace(made.logs, sensors=late)))
+
+
+def test_check_and_replay_of_a_saved_flight_of_fixes_alone(tmp_path: Path) -> None:
+    """The files of a simulation with [gnss] taken out of the flight file."""
+    scenario = tmp_path / "scenario.toml"
+    text = find("scenarios", "turning_flight").read_text(encoding="utf-8")
+    scenario.write_text(text + '\n[[sensor]]\nkind = "position"\n[[sensor]]\nkind = "velocity"\n')
+    simulate(scenario, 3, duration_s=40.0).save(tmp_path / "flight")
+    path = tmp_path / "flight" / "flight.toml"
+    said = path.read_text(encoding="utf-8")
+    first, last = said.index("[gnss]"), said.index("[[sensor]]")
+    path.write_text(said[:first] + said[last:], encoding="utf-8")
+
+    report = insgnss.check_flight(insgnss.Flight.load(path))
+    assert not report.of("error") and any("no raw GNSS data" in f.text for f in report.findings)
+    with pytest.raises(ConfigError, match="no raw GNSS data"):
+        insgnss.point(path)
+    with pytest.raises(ConfigError, match="starts with raw GNSS epochs"):
+        insgnss.engine_settings(path)
+    run = insgnss.replay(path)
+    assert run.errors is not None
+    assert run.errors[["d_n_m", "d_e_m", "d_d_m"]].abs().to_numpy().max() < 15.0

@@ -1,0 +1,142 @@
+"""A scenario's sensors on their way through files, and what the check of a flight says of them."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insgnss
+from insgnss.doctor.sensor_findings import sensor_findings
+from insgnss.doctor.track import Track, solve_track
+from insgnss.library import find
+from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.report import Finding
+from insgnss.simulate import Simulation, simulate
+
+SENSORS = """
+[[sensor]]
+kind = "odometer"
+lever_arm_m = [-1.5, 0.7, 0.4]
+[[sensor]]
+kind = "barometer"
+[[sensor]]
+kind = "magnetometer"
+[[sensor]]
+kind = "heading"
+[[sensor]]
+kind = "attitude"
+[[sensor]]
+kind = "position"
+[[sensor]]
+kind = "velocity"
+[[fault]]
+kind = "slip"
+from_s = 80.0
+to_s = 82.0
+[[fault]]
+kind = "sensor_silence"
+sensor = "barometer"
+from_s = 10.0
+to_s = 12.0
+"""
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Simulation, FlightLogs, Track]:
+    """The first 100 s of the library's car with a sensor of every kind, its logs and the track by GNSS."""
+    folder = tmp_path_factory.mktemp("sensors")
+    scenario = folder / "scenario.toml"
+    scenario.write_text(find("scenarios", "city_car").read_text(encoding="utf-8") + SENSORS)
+    made = simulate(scenario, 4, duration_s=100.0)
+    made.save(folder / "flight")
+    flight = Flight.load(folder / "flight" / "flight.toml")
+    logs = flight.read()
+    track = solve_track(flight, logs.gnss, logs.navigation)
+    assert track is not None
+    return folder / "flight", made, logs, track
+
+
+def test_simulated_readings_come_back_from_their_files(
+    saved: tuple[Path, Simulation, FlightLogs, Track],
+) -> None:
+    folder, made, logs, _ = saved
+    tolerance = {"odometer": 1e-4, "barometer": 1e-3, "magnetometer": 1e-3, "position": 1e-3}
+    for sent, read in zip(made.log.sensors, logs.sensors, strict=True):
+        assert sent.name == read.name
+        np.testing.assert_array_equal(sent.t_ns, read.t_ns)
+        np.testing.assert_allclose(read.values, sent.values, atol=tolerance.get(sent.name, 1e-4))
+        assert str(folder / f"sensor_{sent.name}.csv") in logs.input_hashes
+    kinds = [event.kind for event in logs.events]
+    assert kinds.count("sensor_bad_values") == 1
+
+
+def checked(folder: Path, track: Track, change: tuple[str, str], to: Path) -> dict[str, list[Finding]]:
+    """Return the findings of each sensor, one thing of the flight file changed."""
+    shutil.copytree(folder, to)
+    path = to / "flight.toml"
+    text = path.read_text()
+    assert change[0] in text
+    path.write_text(text.replace(*change))
+    flight = Flight.load(path)
+    found: dict[str, list[Finding]] = {}
+    for finding in sensor_findings(flight, track, None):
+        found.setdefault(finding.topic, []).append(finding)
+    return found
+
+
+def test_sensors_in_order_raise_no_warning(
+    saved: tuple[Path, Simulation, FlightLogs, Track], tmp_path: Path
+) -> None:
+    folder, _, _, track = saved
+    found = checked(folder, track, ("[imu]", "[imu]"), tmp_path / "f")
+    assert set(found) == {
+        "odometer",
+        "barometer",
+        "magnetometer",
+        "heading",
+        "attitude",
+        "position",
+        "velocity",
+    }
+    warned = [finding.line() for each in found.values() for finding in each if finding.severity != "ok"]
+    assert all("sensor_bad_values" in line for line in warned) and len(warned) == 1
+    assert any("at 10 Hz" in finding.text for finding in found["odometer"])
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "advice"),
+    [
+        ("odometer", ('kind = "odometer"', 'kind = "odometer"\nunit = "km/h"'), "the unit fits m/s"),
+        ("odometer", ('kind = "odometer"', 'kind = "odometer"\ntime.offset_s = 1.5'), "add -1.5 s"),
+        ("barometer", ('kind = "barometer"', 'kind = "barometer"\nunit = "m"'), "check its unit"),
+        (
+            "magnetometer",
+            ('kind = "magnetometer"', 'kind = "magnetometer"\naxes = ["+x", "-y", "-z"]'),
+            "sign or axes",
+        ),
+        ("heading", ('kind = "heading"', 'kind = "heading"\noffset_deg = 90.0'), "offset_deg"),
+        ("attitude", ('kind = "attitude"', 'kind = "attitude"\nunit = "rad"'), "possible attitude"),
+        ("position", ('kind = "position"', 'kind = "position"\ntime.offset_s = 2.0'), "add -2.0 s"),
+        ("position", ('kind = "position"', 'kind = "position"\nheight = "sea_level"'), ""),
+        ("velocity", ('kind = "velocity"', 'kind = "velocity"\naxes = "enu"'), "axes = 'ned' fits"),
+    ],
+)
+def test_wrong_declaration_is_found(
+    saved: tuple[Path, Simulation, FlightLogs, Track],
+    tmp_path: Path,
+    name: str,
+    change: tuple[str, str],
+    advice: str,
+) -> None:
+    folder, _, _, track = saved
+    found = checked(folder, track, change, tmp_path / "f")
+    told = " ".join(finding.line() for finding in found[name] if finding.severity != "ok")
+    assert advice in told
+
+
+def test_check_of_a_flight_looks_at_its_sensors(saved: tuple[Path, Simulation, FlightLogs, Track]) -> None:
+    report = insgnss.check_flight(Flight.load(saved[0] / "flight.toml"))
+    assert {"odometer", "velocity"} <= {finding.topic for finding in report.findings}

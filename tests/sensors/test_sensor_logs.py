@@ -1,0 +1,149 @@
+"""Logs of further sensors: units, axes, counts, gaps, bad cells, and the flight file's own mistakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from insgnss.config.flight import FlightConfig
+from insgnss.config.sensors import Sensor
+from insgnss.config.strict import load_toml
+from insgnss.errors import ColumnError, ConfigError, InputError
+from insgnss.geodesy.sea_level import geoid_height
+from insgnss.geodesy.standard_atmosphere import pressure_altitude, standard_pressure
+from insgnss.log.sensor_csv import read_sensor
+from insgnss.tables import Event, SensorTable
+
+WEEK = 2385
+
+
+def read(folder: Path, text: str, kind: str, **keys: Any) -> tuple[SensorTable, list[Event]]:
+    path = folder / "log.csv"
+    path.write_text(text)
+    needed = {"declination_deg": 2.0, "horizontal_ut": 20.0} if kind == "magnetometer" else {}
+    config = TypeAdapter(Sensor).validate_python({"kind": kind, "files": [path], **needed, **keys})
+    return read_sensor(config, WEEK)
+
+
+def test_pressure_altitude_is_that_of_the_standard_atmosphere() -> None:
+    """ICAO Doc 7488/3, table of geometric altitudes."""
+    for altitude_m, pressure_hpa in ((0.0, 1013.25), (1000.0, 898.76), (5000.0, 540.48), (20_000.0, 55.293)):
+        assert float(standard_pressure(altitude_m)) == pytest.approx(pressure_hpa, rel=2e-5)
+        assert float(pressure_altitude(pressure_hpa)) == pytest.approx(altitude_m, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("unit", "value"), [("m/s", 10.0), ("km/h", 36.0), ("mph", 22.369363), ("kn", 19.438445)]
+)
+def test_odometer_speaks_every_unit(tmp_path: Path, unit: str, value: float) -> None:
+    table, _ = read(tmp_path, f"time_s,speed\n1.0,{value}\n2.0,{value}\n", "odometer", unit=unit)
+    np.testing.assert_allclose(table.values[:, 0], 10.0, rtol=1e-6)
+
+
+def test_counts_become_mean_speeds_at_the_middle_of_their_time(tmp_path: Path) -> None:
+    text = "time_s,pulses\n1.0,100\n1.5,110\n2.0,120\n2.5,3\n3.0,13\n"
+    columns = {"speed": "pulses"}
+    table, _ = read(tmp_path, text, "odometer", columns=columns, metres_per_count=0.5)
+    np.testing.assert_allclose(table.values[:, 0], [10.0, 10.0, np.nan, 10.0])  # the counter began anew
+    np.testing.assert_allclose(np.diff(table.t_ns) / 1e9, 0.5)
+    assert (table.t_ns[0] / 1e9) % 604_800 == pytest.approx(1.25)
+
+
+def test_magnetometer_is_turned_into_the_body(tmp_path: Path) -> None:
+    table, _ = read(
+        tmp_path,
+        "time_s,mag_x,mag_y,mag_z\n1,100,200,300\n",
+        "magnetometer",
+        unit="mG",
+        axes=["y", "x", "-z"],
+    )
+    np.testing.assert_allclose(table.values, [[20.0, 10.0, -30.0]])
+
+
+def test_left_handed_magnetometer_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no rotation"):
+        read(tmp_path, "time_s,mag_x,mag_y,mag_z\n1,1,2,3\n", "magnetometer", axes=["+y", "+x", "+z"])
+
+
+def test_heights_above_the_sea_become_those_above_the_ellipsoid(tmp_path: Path) -> None:
+    text = "time_s,lat_deg,lon_deg,h_m\n1,48.0,11.0,500.0\n"
+    table, _ = read(tmp_path, text, "position", height="sea_level", sigma_m=[1.0, 1.0, 1.0])
+    assert table.values[0, 2] == pytest.approx(500.0 + float(geoid_height([48.0], [11.0])[0]))
+
+
+def test_ecef_fixes_are_the_places_they_name(tmp_path: Path) -> None:
+    text = "time_s,x,y,z\n1,6378137.0,0.0,0.0\n"
+    columns = {"position": ["x", "y", "z"]}
+    table, _ = read(tmp_path, text, "position", frame="ecef", columns=columns, sigma_m=[1.0, 1.0, 1.0])
+    np.testing.assert_allclose(table.values, [[0.0, 0.0, 0.0]], atol=1e-8)
+
+
+def test_east_north_up_becomes_north_east_down(tmp_path: Path) -> None:
+    text = "time_s,ve,vn,vu,se,sn,su\n1,2.0,1.0,-3.0,0.2,0.1,0.3\n"
+    columns = {"velocity": ["ve", "vn", "vu"], "sigma": ["se", "sn", "su"]}
+    table, _ = read(tmp_path, text, "velocity", axes="enu", columns=columns)
+    np.testing.assert_allclose(table.values, [[1.0, 2.0, 3.0]])
+    np.testing.assert_allclose(table.sigma, [[0.1, 0.2, 0.3]])
+
+
+def test_mounted_attitude_sensor_tells_the_body_s_angles(tmp_path: Path) -> None:
+    """A device turned by 90 deg about the vertical: its pitch is the body's roll with the other sign."""
+    text = "time_s,roll_deg,pitch_deg,yaw_deg\n1,0.0,-5.0,120.0\n"
+    table, _ = read(tmp_path, text, "attitude", mounting_rpy_deg=[0.0, 0.0, 90.0])
+    np.testing.assert_allclose(np.degrees(table.values), [[5.0, 0.0, 30.0]], atol=1e-9)
+
+
+def test_bad_cells_are_kept_as_no_number_and_told_with_file_line_and_column(tmp_path: Path) -> None:
+    text = "time_s,pressure_hpa\n1,1000\n2,\n3,abc\n4,-5\n5,1001\n6,99999\n"
+    table, events = read(tmp_path, text, "barometer")
+    assert np.isfinite(table.values[:, 0]).tolist() == [True, False, False, False, True, False]
+    bad = next(event for event in events if event.kind == "sensor_bad_values")
+    assert "log.csv:3, column 'pressure_hpa'" in bad.detail and "4 of 6" in bad.detail
+
+
+def test_rows_out_of_order_are_sorted_and_repeats_refused_with_an_event(tmp_path: Path) -> None:
+    table, events = read(tmp_path, "time_s,speed\n2,2\n1,1\n2,9\n3,3\n", "odometer")
+    assert table.values[:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert "1 row(s) with a repeated time" in events[-1].detail
+
+
+def test_log_without_a_reading_missing_column_and_missing_sigma_are_errors(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no row holds a possible odometer reading"):
+        read(tmp_path, "time_s,speed\n1,\n2,x\n", "odometer")
+    with pytest.raises(ColumnError, match="column missing"):
+        read(tmp_path, "time_s,velocity\n1,2\n", "odometer")
+    with pytest.raises(InputError, match="no sigmas"):
+        read(tmp_path, "time_s,lat_deg,lon_deg,h_m\n1,48,11,500\n", "position")
+
+
+FLIGHT = """
+gps_week = 2385
+[imu]
+files = ["imu.csv"]
+grade = "tactical"
+[gnss]
+files = ["gnss.csv"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ('[[sensor]]\nkind = "odometre"', "unknown kind 'odometre'"),
+        ('[[sensor]]\nkind = "odometer"\nsigma_m = 1.0', "unknown key"),
+        ('[[sensor]]\nkind = "odometer"\n[[sensor]]\nkind = "odometer"', "two sensors are called 'odometer'"),
+        ('[[sensor]]\nkind = "magnetometer"', "missing key"),
+        ('[[sensor]]\nkind = "barometer"\nsigma_m = -1.0', "greater than 0"),
+        ('[[sensor]]\nkind = "heading"\nname = "my compass"', "match pattern"),
+    ],
+)
+def test_mistake_in_a_sensor_s_entry_is_named_with_its_line(tmp_path: Path, entry: str, message: str) -> None:
+    path = tmp_path / "flight.toml"
+    path.write_text(FLIGHT + entry)
+    with pytest.raises(ConfigError, match=message) as raised:
+        load_toml(path, FlightConfig)
+    assert "sensor" in str(raised.value.key) or raised.value.key == "the file"
