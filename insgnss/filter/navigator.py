@@ -393,8 +393,8 @@ class Navigator:
         visibility, left = self.setup.config.visibility, self._left_without_gnss
         became = {MASKING_UNCERTAIN: became_of_uncertain(visibility), NO_MEASUREMENTS: left}
         for row in out.events[: min(count.events, len(out.events))]:
-            kind, t_ns, a = int(row["kind"]), int(row["t_ns"]), float(row["a"])
-            self.events.append(event_in_words(t_ns, kind, a, became.get(kind, "")))
+            kind, t_ns, a = row["kind"], int(row["t_ns"]), float(row["a"])
+            self.events.append(event_in_words(t_ns, int(kind), a, became.get(kind, "")))
         if count.events > len(out.events):
             self.events.append(Event(None, "events_lost", f"{count.events - len(out.events)} further events"))
         count.events = 0
