@@ -8,17 +8,10 @@ from typing import Final
 from tests.benchmarks.trust.rows import Mark
 
 LASTING: Final = "multipath that lasts has no state: issue 'What lasts, and what the vehicle knows'"
-SCALE: Final = (
-    "scale factors and misalignments have no states: issue 'What lasts, and what the vehicle knows'"
-)
 TIME_OFFSET: Final = "a time offset has no state: issue 'What lasts, and what the vehicle knows'"
 
 # what a later issue brings
 LATER: Final = (
-    Mark("loiter_*", "nees tilt*", SCALE, in_tests=False),
-    Mark("loiter_*", "nees yaw*", SCALE, in_tests=False),
-    Mark("loiter_*", "worst tilt*", SCALE, in_tests=False),
-    Mark("outage_*", "nees * before its end", SCALE, in_tests=False),
     Mark("city_*_multipath", "* position *", LASTING),
     Mark("city_car", "* position *", LASTING),
     Mark("ship_in_waves", "* position *", LASTING),
