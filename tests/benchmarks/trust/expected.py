@@ -23,7 +23,6 @@ LATER: Final = (
 A1: Final = "headings found in noise"
 A2: Final = "the carrier's differences leave out the rates of the air's delays"
 A3: Final = "a step of a slow or jittering sensor counts as a gap"
-A4: Final = "a gap costs more than the gap"
 A5: Final = "recoveries that make it worse"
 A6: Final = "a fault that nobody notices"
 A7: Final = "sigmas leave out that the local level is taken at the estimated place"
@@ -34,7 +33,6 @@ FAR: Final = (
 
 # what is mended now, finding by finding
 NOW: Final = (
-    Mark("gap_*", "sigma of gyro bias *", A4),
     Mark("hour_without_gnss_given", "worst *", FAR),
     Mark("over_the_pole", "worst velocity *", A7),
     Mark("fault_gyro_step", "*", A6),
