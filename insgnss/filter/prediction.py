@@ -51,6 +51,7 @@ class Rates(Record):
 
 
 RATES_DTYPE: Final = dtype_of(Rates)
+SHOWN2: Final = 25.0  # squared sigmas of its noise beyond which a rate or a force is one
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
 
@@ -177,34 +178,51 @@ def step_state(
     w, f = rates.w, rates.f
     C = m.C_eb
     half = 0.5 * dt
+    unusual = unusual_force2(m, f, dt)
+    shown_rates(m, par, w, f, unusual, dt)
     for i in range(3):
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
-    sum_couplings(m, par, w, f, half)
+    sum_couplings(m, par, half)
     dv_e = mechanize(m.q_eb, C, m.r_e, m.v_e, w, f, dt, rates.g_e)
     gain = 1.0 / max(FORCE_MEAN_TIME_S, dt)
     for i in range(3):
         m.sum_dv[i] += dv_e[i]
         m.f_smooth[i] += (dv_e[i] - m.f_smooth[i] * dt) * gain
         m.w_smooth[i] += (w[i] - m.w_smooth[i]) * (dt * gain)
-        m.f_last[i], m.w_last[i] = f[i], w[i]
         for j in range(3):
             m.sum_C[i, j] += half * C[i, j]
-    sum_couplings(m, par, w, f, half)
+    sum_couplings(m, par, half)
     m.clock[0] += m.clock[1] * dt
     w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
     gyro = par.gyro_density + par.gyro_scale_density * w2
-    accel = par.accel_density + par.accel_scale_density * unusual_force2(m, f, dt)
+    accel = par.accel_density + par.accel_scale_density * unusual
     m.sum_gyro_q += (gyro + gyro_unknown) * dt
     m.sum_accel_q += (accel + accel_unknown) * dt
     m.sum_dt += dt
 
 
 @kernel(inline=True)
-def sum_couplings(m: StateRecord, par: Parameters, w: Float64, f: Float64, dt: float) -> None:
+def shown_rates(m: StateRecord, par: Parameters, w: Float64, f: Float64, unusual: float, dt: float) -> None:
+    """Keep the rate and the specific force that further errors of the sensors go with, their noise taken off at rest.
+
+    A sample's noise moves the state as an error of scale does, in proportion to itself: a filter that takes it for a
+    rate or a force finds in half an hour at rest that the sensor measures nothing but noise. So a rate within five
+    sigmas of its noise counts as none, and a force that far from its slow mean as the mean.
+    """
+    w2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    turns = w2 * dt > SHOWN2 * par.gyro_density
+    moves = unusual * dt > SHOWN2 * par.accel_density
+    for i in range(3):
+        m.w_last[i] = w[i] if turns else 0.0
+        m.f_last[i] = f[i] if moves else m.f_mean[i]
+
+
+@kernel(inline=True)
+def sum_couplings(m: StateRecord, par: Parameters, dt: float) -> None:
     """Add ``dt`` [s] of C_eb e_i m_k to the sum of each further error of the sensors."""
     for k in range(par.n_couplings):
-        value = dt * factor_of(par.coupling_times[k], f, w)
+        value = dt * factor_of(par.coupling_times[k], m.f_last, m.w_last)
         for i in range(3):
             m.sum_coupling[k, i] += value * m.C_eb[i, par.coupling_axis[k]]
 
