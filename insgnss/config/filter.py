@@ -150,8 +150,14 @@ class Process(StrictModel):
     sensor_error_columns: bool = Field(
         False, description="whether nav shows those states and their sigmas: up to 54 columns"
     )
+    scale_factor_change: NotNegative = Field(
+        0.05,
+        le=1.0,
+        description="share of scale factors and misalignments that is no constant (linearity, temperature) and so no"
+        " state: noise of a manoeuvre",
+    )
     scale_factor_time_s: NotNegative = Field(
-        10.0, description="how long one manoeuvre keeps its scale-factor error where that is no state"
+        10.0, description="how long one manoeuvre keeps what of a scale-factor error is no state"
     )
     motion_sigma: NotNegative = Field(
         0.0,

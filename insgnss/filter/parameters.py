@@ -165,15 +165,16 @@ def resolve_parameters(
     with_antennas: bool = False,
 ) -> npt.NDArray[Any]:
     """Return the filter's numbers, (1,) of ``PARAMETERS_DTYPE``; no coefficients, no ionosphere."""
-    sensor = sensor_model(grade, layout.names)
+    sensor, whole = sensor_model(grade, layout.names), sensor_model(grade)
+    change, time_s = config.process.scale_factor_change, config.process.scale_factor_time_s
     clock = clock_model(oscillator)
     use, gates = config.measurements, config.gates
     ranges, rates = config.pseudorange_noise_m, config.range_rate_noise_mps
     values = (
         sensor.gyro_density,
         sensor.accel_density,
-        sensor.gyro_scale**2 * config.process.scale_factor_time_s,
-        sensor.accel_scale**2 * config.process.scale_factor_time_s,
+        max(sensor.gyro_scale, change * whole.gyro_scale) ** 2 * time_s,
+        max(sensor.accel_scale, change * whole.accel_scale) ** 2 * time_s,
         sensor.gyro_bias.density,
         sensor.gyro_bias.time_s,
         sensor.accel_bias.density,
