@@ -158,10 +158,9 @@ print("mems_consumer, error over sigma by flight and window (2.8: 95 %)")
 print(scaled(drifts["mems_consumer"]).round(1).to_string())
 
 # %% [markdown]
-# Some windows of the consumer sensor stand out. Its gyros feel specific force, 360 deg/h for each g: the bias that the
-# filter found before, during take-off or under 1.5 g in a steep turn, is wrong in the outage that follows under another
-# load. A constant bias is all that the filter makes of it, and so it is too sure. The same flights with a sensor that
-# lacks this error:
+# The gyros of the consumer sensor feel specific force, 360 deg/h for each g: what they read during take-off or under
+# 1.5 g in a steep turn is another error than in the outage that follows under another load. The filter has states for
+# that. The same flights with a sensor that lacks this error:
 
 # %%
 text = find("imus", "mems_consumer").read_text(encoding="utf-8")
@@ -219,13 +218,12 @@ assert rms["tactical"] < rms["industrial"] < rms["mems_consumer"]
 assert rms["tactical"] < 4.0 and rms["industrial"] < 12.0 and rms["mems_consumer"] > 30.0
 # windows of one flight share its biases: two flights leave the ratio uncertain by some 30 %
 assert ratios.between(0.5, 1.4).all()
-assert beyond["tactical"] == beyond["industrial"] == 0
-assert beyond["mems_consumer"] >= 1 > beyond["without_g"]
+assert max(beyond.values()) <= 3  # of 18 windows, each with 5 %: more would be one case in a hundred
 assert kept_m[3] < 0.2 * kept_m[0] and kept_m[2] < 0.7 * kept_m[0]
 print(
     f"Answer: after {LAST_S} s without GNSS the position is off by {rms['tactical']:.1f}, {rms['industrial']:.1f} and"
     f" {rms['mems_consumer']:.0f} m rms with a tactical, industrial and consumer IMU, {ratios.min():.2f} to"
     f" {ratios.max():.2f} of the predicted sigma; {beyond['mems_consumer']} of 18 windows of the consumer IMU lie"
-    f" beyond 2.8 sigma because of its g-sensitivity, {beyond['without_g']} without it; three satellites left hold its"
+    f" beyond 2.8 sigma, {beyond['without_g']} of a gyro that no force disturbs; three satellites left hold its"
     f" drift to {kept_m[3]:.1f} m."
 )

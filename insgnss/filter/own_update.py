@@ -32,7 +32,7 @@ from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, Scratch, carry_bank, predict_covariance
 from insgnss.filter.rows.lines import ANTENNA_DTYPE, Antenna
-from insgnss.filter.sensor_errors import whole_errors
+from insgnss.filter.sensor_errors import whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
@@ -114,8 +114,7 @@ def _estimate(
     m: StateRecord, t_ns: int, layout: StateLayout, imu: Imu, k: int, par: Parameters
 ) -> StateEstimate:
     """Return a hypothesis as its rows see it, in sample ``k``."""
-    accel, gyro = np.zeros(3), np.zeros(3)
-    whole_errors(m, par, accel, gyro)
+    accel, gyro = whole_errors_of(m, par)
     return state_estimate(m, t_ns, imu.w_ib_b[k] - gyro, imu.f_b[k] - accel, layout, imu)
 
 

@@ -132,7 +132,19 @@ def whole_error_rows(m: StateRecord, layout: Layout, sensor: str, n: int) -> Flo
     into = SENSORS[sensor]
     rows = np.zeros((3, n))
     rows[:, BIAS_OF[into] : BIAS_OF[into] + 3] = np.eye(3)
+    factors = (1.0, *m.f_last, *m.w_last)
     for at, of_sensor, axis, times in layout.couplings:
         if of_sensor == into:
-            rows[axis, at] += factor_of(times, m.f_last, m.w_last)
+            rows[axis, at] += factors[times]
     return rows
+
+
+def whole_errors_of(m: StateRecord, par: Parameters) -> tuple[Float64, Float64]:
+    """Return the whole errors of accelerometers [m/s^2] and gyros [rad/s] in the last step, (3,) each, interpreted."""
+    accel, gyro = np.array(m.b_a), np.array(m.b_g)
+    factors = (1.0, *m.f_last, *m.w_last)
+    for k in range(par.n_couplings):
+        whole = gyro if par.coupling_into[k] == PSI else accel
+        x = m.optional[par.coupling_at[k] - OFFSETS]
+        whole[par.coupling_axis[k]] += x * factors[par.coupling_times[k]]
+    return accel, gyro

@@ -204,6 +204,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     target.mask_waits, target.mask_uncertain = source.mask_waits, source.mask_uncertain
     target.log_weight, target.v_mean_variance = source.log_weight, source.v_mean_variance
     target.cn0_level, target.cn0_level_ns = source.cn0_level, source.cn0_level_ns
+    target.unlikely_ns = source.unlikely_ns
     target.log_likelihood, target.motion_information = source.log_likelihood, source.motion_information
     for i in range(OFFSETS + MAX_OPTIONAL):
         target.motion_response[i] = source.motion_response[i]

@@ -25,7 +25,7 @@ from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.layout import Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
-from insgnss.filter.sensor_errors import whole_error_rows, whole_errors
+from insgnss.filter.sensor_errors import whole_error_rows, whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.start import (
@@ -95,7 +95,7 @@ def left_behind(bank: Bank, imu: Imu, parameters: npt.NDArray[Any], config: Filt
     last_ns = int(imu.t_ns[-1])
     window = inertial_window(*imu[:3], last_ns - int(config.start.window_s * NS_PER_S), last_ns)
     f_b = imu.f_b[-1] if window is None else window.f_b
-    accel, gyro = _errors_of(m, parameters[0])
+    accel, gyro = whole_errors_of(m, parameters[0])
     parked = window is not None and np.linalg.norm(m.v_e) < _STILL_MPS and _steady(window, gyro, config)
     open_end = Cut(last_ns, last_ns, 0.0)
     return Carried(last, imu.w_ib_b[-1] - gyro, f_b - accel, bool(parked), open_end, (accel, gyro))
@@ -159,7 +159,7 @@ def open_carried(
     attitudes: list[Attitude] = []
     members: list[int] = []
     for i, m in enumerate(kept.bank.state):
-        accel, gyro = _errors_of(m, par)
+        accel, gyro = whole_errors_of(m, par)
         own = replace(window, f_b=window.f_b - accel, w_ib_b=window.w_ib_b - gyro)
         headings = _parked_heading(kept.bank, i)
         if not parked:
@@ -204,13 +204,6 @@ def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) 
         f"{away:.1f} s after the last sample of before; {how}; {fix.n_used} pseudoranges; biases kept; {yaw}"
     )
     return f"carried over, {detail}"
-
-
-def _errors_of(m: StateRecord, par: Parameters) -> tuple[Float64, Float64]:
-    """Return the whole errors of accelerometers [m/s^2] and gyros [rad/s] in the last step, (3,) each."""
-    accel, gyro = np.zeros(3), np.zeros(3)
-    whole_errors(m, par, accel, gyro)
-    return accel, gyro
 
 
 def _without_errors(attitude: Attitude, gyro: Float64, parked: bool) -> Attitude:
