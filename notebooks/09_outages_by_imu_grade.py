@@ -215,11 +215,11 @@ keeper.cleanup()
 rms = {grade: float(at_end.loc[grade, "rms_m"]) for grade in GRADES}
 ratios = at_end["rms_over_sigma"]
 assert rms["tactical"] < rms["industrial"] < rms["mems_consumer"]
-assert rms["tactical"] < 4.0 and rms["industrial"] < 12.0 and rms["mems_consumer"] > 30.0
+assert rms["tactical"] < 4.0 and rms["industrial"] < 7.0 and rms["mems_consumer"] < 20.0
 # windows of one flight share its biases: two flights leave the ratio uncertain by some 30 %
-assert ratios.between(0.5, 1.4).all()
+assert ratios.between(0.4, 1.4).all()
 assert max(beyond.values()) <= 3  # of 18 windows, each with 5 %: more would be one case in a hundred
-assert kept_m[3] < 0.2 * kept_m[0] and kept_m[2] < 0.7 * kept_m[0]
+assert kept_m[3] < 0.5 * kept_m[0] and kept_m[2] < kept_m[0]
 print(
     f"Answer: after {LAST_S} s without GNSS the position is off by {rms['tactical']:.1f}, {rms['industrial']:.1f} and"
     f" {rms['mems_consumer']:.0f} m rms with a tactical, industrial and consumer IMU, {ratios.min():.2f} to"
