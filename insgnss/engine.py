@@ -124,7 +124,7 @@ class Engine(FilterEngine):
         source = live_sensor(self._setup.own, name)
         reading = source.live_reading(values, sigma)
         t_ns, newest = int(t_ns), self._samples.last_ns
-        if newest is not None and (t_ns <= self._closed_ns or t_ns < newest - self._latency_ns):
+        if newest is not None and self._is_final(t_ns):
             late_s = (newest - t_ns) / NS_PER_S
             detail = f"a reading of '{name}' came {late_s:.2f} s after the samples of its time: refused"
             self._done.append(Event(t_ns, "sensor_too_late", detail))

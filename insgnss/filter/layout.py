@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 from insgnss.errors import ConfigError
@@ -203,7 +204,7 @@ class Layout:
             named |= {name: found[..., i] / unit, f"sd_{name}": sigmas[..., i] / unit}
         return named
 
-    @property
+    @cached_property
     def couplings(self) -> list[tuple[int, int, int, int]]:
         """State, error that it enters, axis and factor (index into ``FACTORS``) of each coupling.
 
@@ -216,7 +217,7 @@ class Layout:
         ]
         return sorted(found, key=lambda coupling: coupling[1:3])
 
-    @property
+    @cached_property
     def sensor_states(self) -> dict[int, float]:
         """Variance at the start of each further error of the sensors, SI units squared, by its index."""
         return {

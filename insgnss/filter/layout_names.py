@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from insgnss.filter.layout import FIXED, SYSTEM_OFFSETS, Layout
-from insgnss.filter.state import OFFSETS
+from insgnss.filter.state import OFFSETS, PSI
 
 
 class StatePlace(NamedTuple):
@@ -24,6 +24,16 @@ class StatePlace(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.size} [{self.unit}]{f' {self.frame}' if self.frame else ''}"
+
+
+class GyroPart(NamedTuple):
+    """One state that is a part of the gyros' error: in which axis, and which of ``layout.FACTORS`` it multiplies."""
+
+    block: str
+    size: int  # of the block
+    component: int
+    axis: int
+    times: int
 
 
 @dataclass(frozen=True)
@@ -43,6 +53,7 @@ class StateLayout(Mapping[str, StatePlace]):
     """
 
     blocks: Mapping[str, StatePlace]
+    gyro_parts: tuple[GyroPart, ...] = ()  # states that enter the gyros beside their bias
 
     def __getitem__(self, name: str) -> StatePlace:
         return self.blocks[name]
@@ -80,4 +91,13 @@ def state_layout(layout: Layout) -> StateLayout:
     places = {
         name: StatePlace(slice(at, at + size), unit, frame) for name, (at, size, unit, frame) in FIXED.items()
     }
-    return StateLayout(places | _further_places(layout))
+    places |= _further_places(layout)
+    return StateLayout(places, tuple(_gyro_parts(layout, places)))
+
+
+def _gyro_parts(layout: Layout, places: Mapping[str, StatePlace]) -> Iterator[GyroPart]:
+    """Yield the states that enter the gyros."""
+    for at, into, axis, times in layout.couplings:
+        for name, place in places.items():
+            if into == PSI and place.columns.start <= at < place.columns.stop:
+                yield GyroPart(name, place.size, at - place.columns.start, axis, times)

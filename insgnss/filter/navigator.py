@@ -196,7 +196,7 @@ class Navigator:
         """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
         if self.bank is None:
             return self.starter.carried
-        return left_behind(self.bank, imu, self._parameters, self.setup.config)
+        return left_behind(self.bank, imu, self.setup, self._parameters)
 
     def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int) -> None:
         """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""

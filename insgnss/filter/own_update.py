@@ -85,7 +85,7 @@ def use_own_rows(
         return OwnUpdate([], np.zeros(n))
     k = current_sample(bank, imu)
     kinds, asked, layout = setup.own.at(t_ns), np.flatnonzero(sound), setup.named_states
-    estimates = {int(i): _estimate(bank.state[i], t_ns, layout, imu, k, par) for i in asked}
+    estimates = {int(i): _estimate(bank.state[i], t_ns, setup, imu, k) for i in asked}
     members, kinds = _members(bank, estimates, kinds, layout, imu, k, par)
     _require_alike(members, lead, t_ns)
     unused = contradicting(bank.head[0], kinds)
@@ -110,12 +110,10 @@ def use_own_rows(
     return updates[lead]
 
 
-def _estimate(
-    m: StateRecord, t_ns: int, layout: StateLayout, imu: Imu, k: int, par: Parameters
-) -> StateEstimate:
+def _estimate(m: StateRecord, t_ns: int, setup: FilterSetup, imu: Imu, k: int) -> StateEstimate:
     """Return a hypothesis as its rows see it, in sample ``k``."""
-    accel, gyro = whole_errors_of(m, par)
-    return state_estimate(m, t_ns, imu.w_ib_b[k] - gyro, imu.f_b[k] - accel, layout, imu)
+    accel, gyro = whole_errors_of(m, setup.layout)
+    return state_estimate(m, t_ns, imu.w_ib_b[k] - gyro, imu.f_b[k] - accel, setup.named_states, imu)
 
 
 def _members(

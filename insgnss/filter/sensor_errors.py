@@ -139,12 +139,14 @@ def whole_error_rows(m: StateRecord, layout: Layout, sensor: str, n: int) -> Flo
     return rows
 
 
-def whole_errors_of(m: StateRecord, par: Parameters) -> tuple[Float64, Float64]:
-    """Return the whole errors of accelerometers [m/s^2] and gyros [rad/s] in the last step, (3,) each, interpreted."""
-    accel, gyro = np.array(m.b_a), np.array(m.b_g)
-    factors = (1.0, *m.f_last, *m.w_last)
-    for k in range(par.n_couplings):
-        whole = gyro if par.coupling_into[k] == PSI else accel
-        x = m.optional[par.coupling_at[k] - OFFSETS]
-        whole[par.coupling_axis[k]] += x * factors[par.coupling_times[k]]
-    return accel, gyro
+def whole_errors_of(m: StateRecord, layout: Layout) -> tuple[Float64, Float64]:
+    """Return the whole errors of accelerometers [m/s^2] and gyros [rad/s] in the last step, (3,) each.
+
+    Interpreted, as ``whole_error_rows``: for callers outside the loop, which compile nothing.
+    """
+    errors = {DV: np.array(m.b_a), PSI: np.array(m.b_g)}
+    factors = (1.0, *m.f_last.tolist(), *m.w_last.tolist())
+    values = m.optional.tolist()
+    for at, into, axis, times in layout.couplings:
+        errors[into][axis] += values[at - OFFSETS] * factors[times]
+    return errors[DV], errors[PSI]

@@ -73,9 +73,8 @@ class StateRecord(Record):
     sum_dt: float  # time [s]
     f_smooth: Annotated[Float64, 3]  # specific force of the last moments, ECEF [m/s^2]
     w_smooth: Annotated[Float64, 3]  # rate of the last moments, body [rad/s]
-    f_last: Annotated[
-        Float64, 3
-    ]  # specific force and rate of the last step, body: what sensor errors go with
+    # specific force and rate of the last step, body: what sensor errors go with
+    f_last: Annotated[Float64, 3]
     w_last: Annotated[Float64, 3]
     f_mean: Annotated[Float64, 3]  # and its slow mean, body [m/s^2]; zero: there is none yet
     sum_dv: Annotated[Float64, 3]  # velocity increment of the specific force, ECEF [m/s]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from insgnss.constants import WGS84_A_M, WGS84_E2
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
@@ -41,3 +44,11 @@ def ecef_to_ned_matrix(lat: float, lon: float, C_ne: Float64) -> None:
     C_ne[2, 0] = -cf * cl
     C_ne[2, 1] = -cf * sl
     C_ne[2, 2] = -sf
+
+
+def level_axes(r_e: Float64) -> Float64:
+    """Return C_ne (3, 3), rows north, east, down in ECEF axes, at an ECEF position (3,) [m]."""
+    lat, lon, _ = ecef_to_geodetic(r_e)
+    C_ne = np.zeros((3, 3))
+    ecef_to_ned_matrix(lat, lon, C_ne)
+    return C_ne

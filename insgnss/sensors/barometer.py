@@ -20,8 +20,9 @@ from insgnss.config.sensors import Barometer
 from insgnss.filter.layout import GaussMarkov, RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
+from insgnss.sensors.body_motion import cross
 from insgnss.sensors.readings import Reading
-from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, sigma_or, weighted
+from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, weighted
 
 
 class BarometerMeasurement(SensorMeasurement[Barometer]):

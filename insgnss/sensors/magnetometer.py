@@ -25,8 +25,9 @@ from insgnss.config.sensors import Magnetometer
 from insgnss.filter.layout import RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
+from insgnss.sensors.body_motion import cross
 from insgnss.sensors.readings import Reading
-from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, weighted
+from insgnss.sensors.sensor_measurement import SensorMeasurement, weighted
 from insgnss.tables import Float64
 from insgnss.units import RAD_PER_DEG, SQRT_S_PER_SQRT_H
 

@@ -23,8 +23,9 @@ from insgnss.filter.layout import RandomWalk, StateBlock
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.geodesy.rotations import cross_matrix
+from insgnss.sensors.body_motion import cross, velocity_of
 from insgnss.sensors.readings import Reading
-from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, sigma_or, velocity_of, weighted
+from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, weighted
 from insgnss.units import SQRT_S_PER_SQRT_H
 
 

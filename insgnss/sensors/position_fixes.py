@@ -18,8 +18,9 @@ from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
+from insgnss.sensors.body_motion import cross, velocity_of
 from insgnss.sensors.readings import Reading
-from insgnss.sensors.sensor_measurement import SensorMeasurement, cross, sigma_or, velocity_of, weighted
+from insgnss.sensors.sensor_measurement import SensorMeasurement, sigma_or, weighted
 from insgnss.tables import Float64
 
 _UNKNOWN = (np.nan,) * 3  # sigmas that neither settings nor log state: the reading is refused

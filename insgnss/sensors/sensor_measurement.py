@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from insgnss.config.sensors import SensorLog
-from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.errors import MeasurementError
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.layout_names import StateLayout
@@ -26,7 +25,6 @@ from insgnss.sensors.readings import LiveReadings, Reading, Readings
 from insgnss.tables import Float64, Int64
 
 Config = TypeVar("Config", bound=SensorLog)
-EARTH_RATE_E: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 
 
 @dataclass(frozen=True)
@@ -111,20 +109,3 @@ def weighted(innovation: float, partials: Mapping[str, npt.ArrayLike], sigma: fl
 def sigma_or(stated: Float64, given: Sequence[float]) -> Float64:
     """Return the log's own sigmas, those of the settings where it has none."""
     return np.where(np.isfinite(stated), stated, given)
-
-
-def cross(a: Float64, b: Float64) -> Float64:
-    """Return a x b of two vectors (3,); that of NumPy takes ten times as long for one pair."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
-def rate_eb_b(state: StateEstimate) -> Float64:
-    """Return the rate of the body against the Earth, body axes [rad/s]."""
-    return np.asarray(state.w_ib_b - state.C_eb.T @ EARTH_RATE_E)
-
-
-def velocity_of(state: StateEstimate, lever_b: Float64) -> tuple[Float64, Float64]:
-    """Return the velocity of a point of the body against the Earth, and the part by which the IMU's differs, ECEF."""
-    turning = state.C_eb @ cross(rate_eb_b(state), lever_b)
-    return state.v_e + turning, turning

@@ -21,7 +21,8 @@ s the sigma of the predicted velocity, S = s^2 + r: at v = (g + 3) sqrt(S) it is
 A log that repeats one sample has no noise at all, and is no rest.
 
 **The rows.** 0 = v_e + rocking, with the variance of a rocking that stays alike (``correlated``), and
-mean(w_ib_b) = b_g + C_be w_ie + noise, of the window: its variance is that of the rocking plus W / N.
+mean(w_ib_b) = e + C_be w_ie + noise, of the window, with e the gyros' whole error: its variance is that of the rocking
+plus W / N.
 Neglects: that the gyros' noise in the window has turned the attitude as well: it costs part of the gain.
 """
 
@@ -36,17 +37,16 @@ import numpy as np
 from scipy.special import fdtri
 
 from insgnss.config.vehicle_kind import Standstill, ZeroRateRows, ZeroVelocityRows
-from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import InertialWindow, StateEstimate
-from insgnss.sensors.ticking import Ticking, correlated, cross
+from insgnss.sensors.body_motion import EARTH_RATE_E, cross
+from insgnss.sensors.ticking import Ticking, correlated
 from insgnss.tables import Float64
 
 _PARTS: Final = 8
 _LEAST_SAMPLES: Final = 3  # of a part
 _LEAST_PARTS: Final = 3
-_W_IE: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,12 @@ def critical_ratio(missed_share: float, parts: int, samples: int) -> float:
 
 
 def stands(state: StateEstimate, limits: Standstill) -> WindowStatistics | None:
-    """Return the statistics of a window at rest, None where the samples or the filter's gyro bias show motion."""
+    """Return the statistics of a window at rest, None where the samples or what is left of their rate show motion."""
     rocking = math.radians(limits.rocking_deg_per_s), limits.rocking_mps2
     found = window_statistics(state.recent(limits.window_s), rocking)
     if found is None or found.f_ratio.max() > critical_ratio(limits.missed_share, found.parts, found.samples):
         return None
-    turn = np.linalg.norm(found.mean[:3] - state.b_g)
+    turn = np.linalg.norm(found.mean[:3] - state.gyro_error(found.mean[:3], found.mean[3:])[0])
     vibration = math.sqrt(float(found.inside[3:].max()) / found.samples)
     hidden = math.sqrt(float(found.inside[:3].max()) / found.samples)
     most = math.radians(limits.most_rate_deg_per_s)
@@ -133,19 +133,23 @@ class ZeroRate(Ticking):
     unit: str = "rad/s"
 
     def rows(self, state: StateEstimate, layout: StateLayout) -> list[Row]:
-        """Return mean(w_ib_b) = b_g + C_be w_ie, or nothing where the vehicle moves."""
+        """Return mean(w_ib_b) = e + C_be w_ie, e the gyros' whole error, or nothing where the vehicle moves."""
         found = None
         if np.linalg.norm(state.v_e) <= self.below_mps:
             found = stands(state, self.limits)
         if found is None:
             return []
-        innovation = found.mean[:3] - state.b_g - state.C_eb.T @ _W_IE
+        error, grows = state.gyro_error(found.mean[:3], found.mean[3:])
+        innovation = found.mean[:3] - error - state.C_eb.T @ EARTH_RATE_E
         own = math.radians(self.settings.sigma_deg_per_s) ** 2
         noise = found.inside[:3] / (found.parts * found.samples)
         return [
             Row(
                 float(innovation[i]),
-                {"gyro_bias": np.eye(3)[i], "attitude": cross(state.C_eb[:, i], _W_IE)},
+                {
+                    **{name: by[i] for name, by in grows.items()},
+                    "attitude": cross(state.C_eb[:, i], EARTH_RATE_E),
+                },
                 own + float(noise[i]),
             )
             for i in range(3)

@@ -4,7 +4,7 @@
 and C_vb = R_z(yaw) R_y(pitch) the mounting of the IMU, the sideways and the downward component of C_vb u are zero:
 
     0 = a . u + slip,  a = C_vb^T e_y or C_vb^T e_z
-    partials: velocity C_eb a; attitude (C_eb a) x v_e; gyro bias a x l; mounting (da/dpitch . u, da/dyaw . u)
+    partials: velocity C_eb a; attitude (C_eb a) x v_e; error of the gyros a x l; mounting (da/dpitch . u, da/dyaw . u)
 
 The slip has the variance s^2 = s_0^2 + (angle |u|)^2 + (tyre w_z |u|^2)^2 + (rate of turn x sigma of the axle)^2: it
 grows with the speed and in corners. It stays alike for about a second, so a row counts as ``correlated`` says. The
@@ -32,11 +32,11 @@ from typing import Final
 import numpy as np
 
 from insgnss.config.vehicle_kind import CourseRows, NonHolonomicRows, NoseFirst
-from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
-from insgnss.sensors.ticking import Ticking, correlated, cross
+from insgnss.sensors.body_motion import EARTH_RATE_E, cross, mean_rate, rate_eb_b
+from insgnss.sensors.ticking import Ticking, correlated
 from insgnss.tables import Float64
 
 MOUNTING: Final = "vehicle_mounting"  # the block of its pitch and yaw
@@ -44,7 +44,6 @@ LEEWAY: Final = "leeway"
 _RATE_WINDOW_S: Final = 0.1  # of the rate at the axle: vibration averages out, a corner does not change
 _MOST_PITCH_RAD: Final = math.radians(45.0)  # beyond it the nose tells no course
 _MOST_ROLL_RAD: Final = math.radians(60.0)
-_W_IE: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 
 
 def log_weight(forward_mps: float, limits: NoseFirst | None) -> float:
@@ -70,7 +69,7 @@ class NonHolonomic(Ticking):
     def rows(self, state: StateEstimate, layout: StateLayout) -> list[Row]:
         """Return the lateral and the vertical row."""
         l_b, (pitch, yaw) = self._axle_b, self._mounting(state)
-        w = _mean_rate(state)
+        w, grows = _rate_at_axle(state)
         u = state.C_eb.T @ state.v_e + cross(w, l_b)
         ahead, right, down = vehicle_axes(pitch, yaw)
         # of a = C_vb^T e by pitch and yaw
@@ -82,7 +81,7 @@ class NonHolonomic(Ticking):
             partials = {
                 "velocity": a_e,
                 "attitude": cross(a_e, state.v_e),
-                "gyro_bias": cross(a, l_b),
+                **{name: cross(a, l_b) @ by for name, by in grows.items()},
             }
             if MOUNTING in layout:
                 partials[MOUNTING] = np.array([float(each @ u) for each in by])
@@ -120,11 +119,13 @@ def vehicle_axes(pitch: float, yaw: float) -> Float64:
     return np.array([[cy * cp, -sy, cy * sp], [sy * cp, cy, sy * sp], [-sp, 0.0, cp]])
 
 
-def _mean_rate(state: StateEstimate) -> Float64:
-    """Return the rate against the Earth of the last moments, body axes (3,) [rad/s]."""
+def _rate_at_axle(state: StateEstimate) -> tuple[Float64, dict[str, Float64]]:
+    """Return the rate against the Earth of the last moments, body axes (3,) [rad/s], and how the gyros' error grows."""
     window = state.recent(_RATE_WINDOW_S)
-    measured = window.w_ib_b.mean(axis=0) - state.b_g if len(window.t_ns) else state.w_ib_b
-    return np.asarray(measured - state.C_eb.T @ _W_IE)
+    if not len(window.t_ns):
+        return rate_eb_b(state), state.gyro_error(state.w_ib_b, state.f_b)[1]
+    w_ib_b, grows = mean_rate(state, window)
+    return w_ib_b - state.C_eb.T @ EARTH_RATE_E, grows
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from insgnss.filter.layout import GaussMarkov, StateBlock
 from insgnss.filter.own_rows.rows import Measurement
 from insgnss.sensors.standstill import ZeroRate, ZeroVelocity
 from insgnss.sensors.vehicle_motion import LEEWAY, MOUNTING, Course, NonHolonomic
-
-_RAD_PER_DEG = math.radians(1.0)
+from insgnss.units import RAD_PER_DEG
 
 
 def vehicle_states(vehicle: VehicleRows) -> tuple[StateBlock, ...]:
@@ -19,12 +18,12 @@ def vehicle_states(vehicle: VehicleRows) -> tuple[StateBlock, ...]:
     along = vehicle.non_holonomic
     if along is not None and along.on and along.mounting_sd_deg > 0.0:
         columns = ("mounting_pitch_deg", "mounting_yaw_deg")
-        states.append(StateBlock(MOUNTING, columns, "deg", along.mounting_sd_deg, si_per_unit=_RAD_PER_DEG))
+        states.append(StateBlock(MOUNTING, columns, "deg", along.mounting_sd_deg, si_per_unit=RAD_PER_DEG))
     course = vehicle.course
     if course is not None and course.on:
         lasting = GaussMarkov(course.leeway_deg, course.leeway_time_s)
         states.append(
-            StateBlock(LEEWAY, ("leeway_deg",), "deg", course.leeway_deg, lasting, si_per_unit=_RAD_PER_DEG)
+            StateBlock(LEEWAY, ("leeway_deg",), "deg", course.leeway_deg, lasting, si_per_unit=RAD_PER_DEG)
         )
     return tuple(states)
 

@@ -32,8 +32,7 @@ from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import Imu
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import level_axes
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gpstime import week_seconds_to_ns
@@ -315,9 +314,7 @@ def _pure(grade: ImuGrade) -> ImuGrade:
 def _first_covariance(simulator: Simulator, grade: ImuGrade) -> Float64:
     """Return the covariance of the opening; of the biases the stationary one."""
     sensor, sd = sensor_model(grade), np.zeros(N_STATES)
-    C_ne = np.zeros((3, 3))
-    lat, lon, _ = ecef_to_geodetic(simulator.gnss_motion.r_e[0].copy())
-    ecef_to_ned_matrix(lat, lon, C_ne)
+    C_ne = level_axes(simulator.gnss_motion.r_e[0].copy())
     sd[DR : DR + 3], sd[DV : DV + 3] = _OPENING["position_m"], _OPENING["velocity_mps"]
     sd[BA : BA + 3], sd[BG : BG + 3] = sensor.accel_bias.sigma, sensor.gyro_bias.sigma
     sd[CLOCK : DRIFT + 1] = _OPENING_CLOCK

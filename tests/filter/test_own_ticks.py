@@ -11,6 +11,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import MeasurementError
+from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.contradiction import changes, contradicting, watch
 from insgnss.filter.own_rows.ledger import OwnEntry, complete_ledger
 from insgnss.filter.own_rows.rows import own_measurements
@@ -59,7 +60,7 @@ def test_recent_samples_are_those_up_to_the_time_and_read_only() -> None:
     t_ns = START_NS + np.arange(-100, 5) * 10_000_000
     imu = Imu(t_ns, np.arange(315.0).reshape(105, 3), np.zeros((105, 3)))
     bank = new_filter(place())
-    state = state_estimate(bank.state[0], START_NS, imu.w_ib_b[0], imu.f_b[0], {}, imu)
+    state = state_estimate(bank.state[0], START_NS, imu.w_ib_b[0], imu.f_b[0], StateLayout({}), imu)
     found = state.recent(0.25)
     np.testing.assert_array_equal(found.t_ns, t_ns[76:101])
     np.testing.assert_array_equal(found.w_ib_b, imu.w_ib_b[76:101])

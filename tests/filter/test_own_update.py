@@ -15,7 +15,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import MeasurementError
 from insgnss.filter.headings.heading_bank import add_to_state, difference
 from insgnss.filter.layout import Layout
-from insgnss.filter.layout_names import state_layout
+from insgnss.filter.layout_names import StateLayout, state_layout
 from insgnss.filter.own_rows.checked_rows import checked_rows
 from insgnss.filter.own_rows.rows import BUILT_IN, Measurement, own_measurements
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
@@ -68,7 +68,7 @@ class Probe:
 
 
 def estimate_of(bank: Bank) -> StateEstimate:
-    return state_estimate(bank.state[0], START_NS, IMU.w_ib_b[0], IMU.f_b[0], {})
+    return state_estimate(bank.state[0], START_NS, IMU.w_ib_b[0], IMU.f_b[0], StateLayout({}))
 
 
 def used(bank: Bank, setup: FilterSetup) -> OwnUpdate:

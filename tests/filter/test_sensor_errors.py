@@ -121,12 +121,13 @@ def test_whole_errors_are_the_sums_of_their_parts(rng: np.random.Generator) -> N
     assert BIAS_OF == {DV: BA, PSI: BG}
 
 
-def opened(**changes: Any) -> tuple[Bank, Layout]:
-    """Return the bank of one attitude at rest, with an industrial sensor."""
-    layout, par = full_layout(), parameters([2.0, -1.5, -3.0])[0]
+def opened(grade: ImuGrade | None = None, **changes: Any) -> tuple[Bank, Layout]:
+    """Return the bank of one attitude at rest, with an industrial sensor unless another is given."""
+    grade = grade or imu_grade("industrial")
+    layout, par = full_layout(grade), parameters([2.0, -1.5, -3.0])[0]
     how = Attitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.array([1e-3, 0.0, -2e-3]), 1e-4, True)
     kin = replace(kinematics(np.eye(3), np.eye(3)), offsets=np.zeros(1))
-    config, grade = filter_config("tight17"), imu_grade("industrial")
+    config = filter_config("tight17")
     bank = open_bank(kin, [replace(how, **changes)], np.zeros(3), par, config, grade, T_NS, layout)
     assert bank.head[0].now_ns == START_NS
     return bank, layout
@@ -146,6 +147,29 @@ def test_start_at_rest_knows_the_sum_of_the_gyros_errors_and_shares_it_out() -> 
     assert 0.7 < m.b_g[0] / 1e-3 < 0.95
     assert m.optional[layout.at("gyro_g_sensitivity") - OFFSETS] != 0.0
     assert np.all(np.linalg.eigvalsh(P) > -1e-12)
+
+
+@pytest.mark.parametrize("sd", [0.0, 1e-5])
+def test_gyros_without_an_error_in_their_grade_start_with_what_they_read_as_bias(sd: float) -> None:
+    kept = ("gyro_range_deg_per_s", "gyro_correlation_time_s")
+    perfect = {name: 0.0 for name in ImuGrade.model_fields if name.startswith("gyro_") and name not in kept}
+    bank, _ = opened(imu_grade("industrial").model_copy(update=perfect), sd_b_g=sd)
+    m, P = bank.state[0], bank.P[0]
+    np.testing.assert_allclose(m.b_g, [1e-3, 0.0, -2e-3], atol=1e-12)
+    np.testing.assert_allclose(P[BG : BG + 3, BG : BG + 3], sd**2 * np.eye(3), atol=1e-15)
+
+
+def test_gyros_far_worse_than_their_grade_have_a_bias_and_no_absurd_g_sensitivity() -> None:
+    """0.5 deg/s where the grade says 80 deg/h: nothing but the bias may be so far off."""
+    read = np.radians([0.5, -0.5, 0.5])
+    bank, layout = opened(b_g=read, sd_b_g=1e-4)
+    m, P = bank.state[0], bank.P[0]
+    assert np.all(np.abs(m.b_g / read - 1.0) < 0.2)
+    for at, variance in layout.sensor_states.items():
+        assert abs(m.optional[at - OFFSETS]) < 5.0 * math.sqrt(variance)
+        assert P[at, at] <= variance * (1.0 + 1e-9)
+    J = whole_error_rows(m, layout, "gyro", len(P))
+    np.testing.assert_allclose(J @ P @ J.T, 1e-8 * np.eye(3), atol=1e-12)
 
 
 def test_start_in_motion_knows_nothing_of_the_gyros() -> None:

@@ -11,17 +11,18 @@ import pytest
 
 from insgnss.config.vehicle_kind import VehicleRows
 from insgnss.filter.headings.heading_bank import add_to_state
-from insgnss.filter.layout import Layout
+from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.layout_names import state_layout
-from insgnss.filter.own_rows.checked_rows import checked_rows
+from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
 from insgnss.filter.own_rows.rows import own_measurements
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.prediction import Imu
-from insgnss.filter.state import OFFSETS, Bank, new_bank
+from insgnss.filter.state import BG, OFFSETS, PSI, Bank, new_bank
 from insgnss.sensors.ticking import correlated
 from insgnss.sensors.vehicle_motion import vehicle_axes
 from insgnss.sensors.vehicle_rows import vehicle_measurements, vehicle_states
 from tests.filter.scene import START_NS, attitude, new_filter, place
+from tests.filter.test_sensor_errors import full_layout
 from tests.jacobian import finite_difference_jacobian
 
 AT = place()
@@ -82,6 +83,56 @@ def test_partials_are_those_of_the_prediction(which: VehicleRows) -> None:
     # the Earth's rate at the axle turns with the attitude: 7e-5 rad/s times 1.6 m is left out
     np.testing.assert_allclose(H[:, 3:], found[:, 3:], atol=2e-4)
     np.testing.assert_allclose(found[:, :3], 0.0, atol=2e-6)  # the vertical turns by 1.6e-7 rad/m
+
+
+def at_rest(blocks: tuple[StateBlock, ...]) -> tuple[Bank, Layout, Imu]:
+    """Return a car that stands on a slope, the errors of its sensors as states, and samples with noise and turn."""
+    layout, rng = Layout(blocks), np.random.default_rng(7)
+    plain = new_filter(AT, v_n=(0.0, 0.0, 0.0), C_eb=attitude(AT, 5.0, 10.0, 60.0))
+    bank = new_bank(1, layout.n_optional)
+    bank.state[:] = plain.state
+    bank.state[0].optional[: layout.n_values] = 1e-4
+    noise = rng.standard_normal((len(IMU.t_ns), 6)) * 1e-3
+    imu = Imu(
+        IMU.t_ns, np.array([2e-3, -1e-3, 3e-3]) + noise[:, :3], np.array([1.7, 0.8, -9.6]) + noise[:, 3:]
+    )
+    return bank, layout, imu
+
+
+def zero_rates(bank: Bank, layout: Layout, imu: Imu) -> list[CheckedRow]:
+    kind = next(k for k in vehicle_measurements(vehicle("car")) if k.name == "zero_rate")
+    own = own_measurements([kind])
+    assert own is not None
+    names = state_layout(layout)
+    state = state_estimate(bank.state[0], START_NS, imu.w_ib_b[-1], imu.f_b[-1], names, imu)
+    return checked_rows(own.kinds[0], state, names)
+
+
+def test_zero_rate_is_the_whole_error_of_the_gyros() -> None:
+    """Bias, scale factors, misalignments and g-sensitivity are states: the row's partials by differences."""
+    layout = full_layout()
+    bank, layout, imu = at_rest(layout.blocks)
+    rows = zero_rates(bank, layout, imu)
+    n = OFFSETS + layout.n_values
+    H = np.zeros((3, n))
+    for h, row in zip(H, rows, strict=True):
+        h[row.columns] = row.h
+
+    def innovations(x: np.ndarray) -> np.ndarray:
+        moved, _, _ = at_rest(layout.blocks)
+        add_to_state(moved.state[0], x, layout)
+        return np.array([row.innovation for row in zero_rates(moved, layout, imu)])
+
+    found = -finite_difference_jacobian(innovations, np.zeros(n), np.full(n, 1e-4))
+
+    np.testing.assert_allclose(H[:, 3:], found[:, 3:], atol=1e-8)
+    at = layout.at("gyro_g_sensitivity")
+    np.testing.assert_allclose(H[0, at : at + 3], imu.f_b[-100:].mean(axis=0), atol=0.01)
+
+
+def test_zero_rate_without_further_errors_of_the_gyros_is_that_of_their_bias() -> None:
+    rows = zero_rates(*at_rest(()))
+    assert all(set(row.columns) <= {*range(PSI, PSI + 3), *range(BG, BG + 3)} for row in rows)
 
 
 def test_vehicle_that_moves_along_its_own_axis_has_no_innovation() -> None:

@@ -35,12 +35,13 @@ from insgnss.filter.antennas.rows import (
     whitened,
     without_clocks,
 )
-from insgnss.filter.antennas.seeding import level_axes, priors_of, seeded, wound_up
+from insgnss.filter.antennas.seeding import priors_of, seeded, wound_up
 from insgnss.filter.antennas.visibility import hidden_reasons
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import CLONE_CLOCK, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.geodesy.local_level import level_axes
 from insgnss.gnss.antenna_phases import AntennaPhases
 from insgnss.status import (
     CYCLES_OPEN,

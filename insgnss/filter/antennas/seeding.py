@@ -12,8 +12,7 @@ from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.filter.antennas.rows import Antennas, Differences, wind_up
 from insgnss.filter.headings.heading_bank import set_attitude
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, select_members
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import level_axes
 from insgnss.geodesy.rotations import cross_matrix
 from insgnss.tables import Float64
 
@@ -60,14 +59,6 @@ def wound_up(priors: list[Prior], d: Differences, antennas: Antennas, C_ne: Floa
             C_nb = rotation_matrix([0.0, 0.0, (2 * k + 1 - count) * half]) @ prior.C_nb
             pieces.append(Prior(C_nb, prior.sd_level, half, wind_up(d, C_ne.T @ C_nb, antennas)))
     return pieces
-
-
-def level_axes(r_e: Float64) -> Float64:
-    """Return C_ne (3, 3) at a place."""
-    lat, lon, _ = ecef_to_geodetic(r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    return C_ne
 
 
 def seeded(bank: Bank, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: Float64) -> Bank:

@@ -32,8 +32,7 @@ from insgnss.filter.state import (
     StateRecord,
     select_members,
 )
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix, up_direction
+from insgnss.geodesy.local_level import level_axes, up_direction
 from insgnss.geodesy.rotations import cross_matrix, matrix_to_euler, matrix_to_quaternion
 from insgnss.tables import Float64
 
@@ -43,10 +42,7 @@ _MEANS: Final = ("noise_factor", "motion_response", "f_mean")
 
 def attitude(m: StateRecord) -> tuple[float, float, float]:
     """Return roll, pitch and yaw of a hypothesis [rad]."""
-    lat, lon, _ = ecef_to_geodetic(m.r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    roll, pitch, yaw = matrix_to_euler(np.ascontiguousarray(C_ne @ m.C_eb))
+    roll, pitch, yaw = matrix_to_euler(np.ascontiguousarray(level_axes(m.r_e) @ m.C_eb))
     return float(roll), float(pitch), float(yaw)
 
 

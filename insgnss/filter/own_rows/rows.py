@@ -166,7 +166,7 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
     Raises
     ------
     MeasurementError : a name is taken, repeated or not an identifier; times are not increasing integers; a gate is not
-        positive; ``name``, ``times_ns`` or ``rows`` is missing
+        positive; ``name``, ``times_ns`` or ``rows`` is missing; more kinds are watched than there is room for
     """
     kinds = tuple(_checked_kind(each, place) for place, each in enumerate(measurements))
     if not kinds:
@@ -176,7 +176,12 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
     if twice:
         raise MeasurementError(f"two measurements are called '{twice[0]}'", advice="give each its own name")
     times_ns = np.unique(np.concatenate([kind.times_ns for kind in kinds]))
-    watched = [kind.name for kind in kinds if getattr(kind.source, "watched", False)][:MAX_WATCHED]
+    watched = [kind.name for kind in kinds if getattr(kind.source, "watched", False)]
+    if len(watched) > MAX_WATCHED:
+        raise MeasurementError(
+            f"{len(watched)} of the measurements are to be watched, '{watched[-1]}' is the last",
+            advice=f"at most {MAX_WATCHED} can be; watched = False takes one out",
+        )
     kinds = tuple(
         replace(kind, watch=watched.index(kind.name)) if kind.name in watched else kind for kind in kinds
     )

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.layout_names import StatePlace
+from insgnss.filter.layout_names import GyroPart, StateLayout
 from insgnss.filter.prediction import Imu
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
@@ -53,6 +53,7 @@ class StateEstimate:
     f_b: Float64  # (3,) its specific force, the accelerometers' error removed [m/s^2]
     # values of the further blocks by their names in the layout, SI units
     optional: Mapping[str, float | Float64]
+    _gyro_parts: tuple[GyroPart, ...] = ()  # ``gyro_error`` is for use
     _samples: Imu = _NO_SAMPLES  # of the unbroken stretch, later ones among them: ``recent`` is for use
 
     def recent(self, seconds: float) -> InertialWindow:
@@ -72,6 +73,20 @@ class StateEstimate:
         t_ns = self._samples.t_ns[chosen]
         w_ib_b, f_b = (_read_only(each[chosen]) for each in (self._samples.w_ib_b, self._samples.f_b))
         return InertialWindow(t_ns, w_ib_b, f_b, unknown)
+
+    def gyro_error(self, w_ib_b: Float64, f_b: Float64) -> tuple[Float64, dict[str, Float64]]:
+        """Return the gyros' whole error (3,) [rad/s] where they measure a rate, under a specific force, both (3,).
+
+        It is the bias, and what scale factors, misalignments and g-sensitivity make of rate and force, where the filter
+        has them as states. The second result says how it grows with each of these blocks, (3, size of the block).
+        """
+        error, grows = self.b_g.copy(), {"gyro_bias": np.eye(3)}
+        factors = (1.0, *f_b.tolist(), *w_ib_b.tolist())
+        for part in self._gyro_parts:
+            by = grows.setdefault(part.block, np.zeros((3, part.size)))
+            by[part.axis, part.component] += factors[part.times]
+            error[part.axis] += np.atleast_1d(self.optional[part.block])[part.component] * factors[part.times]
+        return error, grows
 
     @cached_property
     def _geodetic(self) -> tuple[float, float, float]:
@@ -143,7 +158,7 @@ def state_estimate(
     t_ns: int,
     w_ib_b: Float64,
     f_b: Float64,
-    layout: Mapping[str, StatePlace],
+    layout: StateLayout,
     samples: Imu = _NO_SAMPLES,
 ) -> StateEstimate:
     """Return a hypothesis ``m`` as its user sees it.
@@ -169,6 +184,7 @@ def state_estimate(
         w_ib_b=_read_only(w_ib_b),
         f_b=_read_only(f_b),
         optional=MappingProxyType(values),
+        _gyro_parts=layout.gyro_parts,
         _samples=samples,
     )
 

@@ -40,8 +40,7 @@ from insgnss.filter.start.start import (
     open_headings,
 )
 from insgnss.filter.state import BA, BG, OFFSETS, PSI, Bank, HeadRecord, StateRecord, copy_bank
-from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import level_axes
 from insgnss.inertial.alignment import Window, inertial_window
 from insgnss.tables import Event, Float64
 
@@ -84,9 +83,9 @@ class Carried:
         return covariance
 
 
-def left_behind(bank: Bank, imu: Imu, parameters: npt.NDArray[Any], config: FilterConfig) -> Carried:
+def left_behind(bank: Bank, imu: Imu, setup: FilterSetup, parameters: npt.NDArray[Any]) -> Carried:
     """Return what a filter leaves at the end of its samples ``imu``."""
-    last = copy_bank(bank)
+    last, config = copy_bank(bank), setup.config
     scratch = new_scratch(last.P.shape[1])
     carry_bank(last, int(imu.t_ns[-1]), imu, parameters[0], scratch)
     for state, P in zip(last.state, last.P, strict=True):
@@ -95,7 +94,7 @@ def left_behind(bank: Bank, imu: Imu, parameters: npt.NDArray[Any], config: Filt
     last_ns = int(imu.t_ns[-1])
     window = inertial_window(*imu[:3], last_ns - int(config.start.window_s * NS_PER_S), last_ns)
     f_b = imu.f_b[-1] if window is None else window.f_b
-    accel, gyro = whole_errors_of(m, parameters[0])
+    accel, gyro = whole_errors_of(m, setup.layout)
     parked = window is not None and np.linalg.norm(m.v_e) < _STILL_MPS and _steady(window, gyro, config)
     open_end = Cut(last_ns, last_ns, 0.0)
     return Carried(last, imu.w_ib_b[-1] - gyro, f_b - accel, bool(parked), open_end, (accel, gyro))
@@ -155,11 +154,11 @@ def open_carried(
             dt = (fix.t_ns - earlier.t_ns) / NS_PER_S
             window = longer
             a_e, sd_a = (v_a - earlier.v_a) / dt, math.sqrt(np.trace(P_v + earlier.P_v[:3, :3])) / dt
-    C_ne = _local_level(fix.r_a)
+    C_ne = level_axes(fix.r_a)
     attitudes: list[Attitude] = []
     members: list[int] = []
     for i, m in enumerate(kept.bank.state):
-        accel, gyro = whole_errors_of(m, par)
+        accel, gyro = whole_errors_of(m, setup.layout)
         own = replace(window, f_b=window.f_b - accel, w_ib_b=window.w_ib_b - gyro)
         headings = _parked_heading(kept.bank, i)
         if not parked:
@@ -177,14 +176,6 @@ def open_carried(
     for name in ("slip", "slip_variance", "slip_ns", "slip_walk", "slip_s"):
         bank.head[name] = kept.bank.head[name]
     return bank, [Event(fix.t_ns, "start", _in_words(kept, fix, attitudes, parked))]
-
-
-def _local_level(r_e: Float64) -> Float64:
-    """Return C_ne at a place (3, 3)."""
-    lat, lon, _ = ecef_to_geodetic(r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    return C_ne
 
 
 def _parked_heading(bank: Bank, i: int) -> list[Heading] | None:
@@ -291,7 +282,8 @@ def _carry_sensor_errors(
     Equation: psi = ``TILT_OF_FORCE`` e, as in ``start``: the levelled tilt is off by what the accelerometers are
     """
     old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S
-    errors = [*range(BA, BG + 3), *layout.sensor_states]
+    further = layout.sensor_states
+    errors = [*range(BA, BG + 3), *further]
     keep, grown = np.ones(len(errors)), np.zeros(len(errors))
     keep[:6] = np.repeat(
         [math.exp(-seconds / par.accel_bias_time), math.exp(-seconds / par.gyro_bias_time)], 3
@@ -299,9 +291,9 @@ def _carry_sensor_errors(
     grown[:6] = np.repeat([par.accel_bias_density, par.gyro_bias_density], 3) * seconds
     cov = kept.bank.P[i][np.ix_(errors, errors)] * np.outer(keep, keep) + np.diag(grown)
     m.b_a[:], m.b_g[:] = keep[:3] * old.b_a, keep[3:6] * old.b_g
-    for at in layout.sensor_states:
+    for at in further:
         m.optional[at - OFFSETS] = old.optional[at - OFFSETS]
-    C_ne, attitude = _local_level(fix.r_a), slice(PSI, PSI + 3)
+    C_ne, attitude = level_axes(fix.r_a), slice(PSI, PSI + 3)
     tilt = C_ne.T @ TILT_OF_FORCE @ C_ne @ m.C_eb @ whole_error_rows(m, layout, "accelerometer", len(P))
     P[errors, :] = 0.0
     P[:, errors] = 0.0

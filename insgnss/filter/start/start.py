@@ -19,7 +19,7 @@ from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.local_level import ecef_to_ned_matrix, level_axes
 from insgnss.geodesy.rotations import cross_matrix, euler_to_matrix, matrix_to_quaternion
 from insgnss.inertial.alignment import Window, earth_rate_in_body, level
 from insgnss.inertial.sensor_model import SensorModel, sensor_model
@@ -34,6 +34,7 @@ LEVEL_FLOOR_RAD = math.radians(0.2)
 _EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
 # of an error of the accelerometers in n, where they level: psi_N = e_E / g, psi_E = -e_N / g
 TILT_OF_FORCE: Final = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) / STANDARD_GRAVITY_MPS2
+_GYRO_BIASES = (np.arange(BG, BG + 3), np.arange(BG, BG + 3))  # their variances in P
 _DRIFT_SIGMA_UNKNOWN_MPS = 300.0  # of a clock without range rates: a 1 ppm oscillator
 
 
@@ -119,15 +120,13 @@ def attitudes_at_start(
     headings : those to level for
     """
     sensor = sensor_model(grade)
-    lat, lon, _ = ecef_to_geodetic(r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
+    lat, _, _ = ecef_to_geodetic(r_e)
     f_e = np.zeros(3)
     normal_gravity_ecef(r_e, f_e)
     f_e = -f_e
     if a_e is not None:
         f_e += a_e + 2.0 * WGS84_OMEGA_RADPS * np.array([-v_e[1], v_e[0], 0.0])
-    f_n = C_ne @ f_e
+    f_n = level_axes(r_e) @ f_e
     sd_level = math.hypot(sensor.accel_bias.sigma / STANDARD_GRAVITY_MPS2, LEVEL_FLOOR_RAD)
     if a_e is not None:
         moving = math.hypot(math.radians(config.start.sd_level_moving_deg), sd_a / STANDARD_GRAVITY_MPS2)
@@ -147,10 +146,7 @@ def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig
     ----------
     r_e, v_e, P_v : (3,) position, (3,) velocity and its (3, 3) covariance, ECEF
     """
-    lat, lon, _ = ecef_to_geodetic(r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    v_n = C_ne @ v_e
+    v_n = level_axes(r_e) @ v_e
     n = config.heading.hypotheses
     doubt = _COURSE_SIGMA * math.sqrt(float(np.linalg.eigvalsh(P_v[:3, :3])[-1]))
     moving = math.hypot(v_n[0], v_n[1]) > max(_COURSE_SPEED_MPS, doubt)
@@ -204,14 +200,14 @@ def open_bank(
     bank.head["next"] = np.searchsorted(t_imu_ns, kin.t_ns, side="right")
     bank.head["heading_open"] = 1
     bank.head["leader"] = int(np.argmax([a.weight for a in attitudes]))
-    sensor = sensor_model(grade, layout.names)
+    sensor, C_ne = sensor_model(grade, layout.names), level_axes(kin.r_a)
     for i, attitude in enumerate(attitudes):
         m, P = bank.state[i], bank.P[i]
-        _place_state(m, kin, attitude, w_ib_b, par)
-        _place_variances(m, P, kin, sensor, config)
+        _place_state(m, kin, attitude, C_ne, w_ib_b, par)
+        _place_variances(P, kin, C_ne @ m.C_eb, sensor, config)
         _place_further(P, layout)
         _share_out_gyro_errors(m, P, attitude, layout)
-        _place_attitude_covariance(m, P, attitude, layout)
+        _place_attitude_covariance(m, P, attitude, C_ne, layout)
         P[:] = 0.5 * (P + P.T)
         tie_offsets(m, P, layout.home, config.process.qzss_offset_sigma_m)
         if not kin.of_imu:
@@ -220,12 +216,10 @@ def open_bank(
 
 
 def _place_state(
-    m: StateRecord, kin: Kinematics, attitude: Attitude, w_ib_b: Float64, par: Parameters
+    m: StateRecord, kin: Kinematics, attitude: Attitude, C_ne: Float64, w_ib_b: Float64, par: Parameters
 ) -> None:
     """Write the state of one hypothesis: the IMU's position and velocity from the antenna's by the lever arm."""
-    lat, lon, _ = ecef_to_geodetic(kin.r_a)
-    C_ne, C_nb = np.zeros((3, 3)), np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
+    C_nb = np.zeros((3, 3))
     euler_to_matrix(attitude.roll, attitude.pitch, attitude.yaw, C_nb)
     C_eb = C_ne.T @ C_nb
     m.C_eb[:] = C_eb
@@ -252,12 +246,12 @@ def _place_further(P: Float64, layout: Layout) -> None:
 
 
 def _place_variances(
-    m: StateRecord, P: Float64, kin: Kinematics, sensor: SensorModel, config: FilterConfig
+    P: Float64, kin: Kinematics, C_nb: Float64, sensor: SensorModel, config: FilterConfig
 ) -> None:
     """Write what is known of each state by itself, position and velocity being the antenna's; biases as of a sensor."""
     P[DR : DR + 3, DR : DR + 3] = kin.P_r
     P[DV : DV + 3, DV : DV + 3] = kin.P_v
-    P[BA : BA + 3, BA : BA + 3] = np.diag(sensor.accel_bias_variances(_level_axes(m)[1][2]))
+    P[BA : BA + 3, BA : BA + 3] = np.diag(sensor.accel_bias_variances(C_nb[2]))
     P[BG : BG + 3, BG : BG + 3] = sensor.gyro_bias.sigma**2 * np.eye(3)
     P[CLOCK, CLOCK] = kin.sd_clock**2
     P[DRIFT, DRIFT] = kin.sd_drift**2
@@ -268,25 +262,23 @@ def _place_variances(
         ) ** 2
 
 
-def _level_axes(m: StateRecord) -> tuple[Float64, Float64]:
-    """Return C_ne and C_nb (3, 3)."""
-    lat, lon, _ = ecef_to_geodetic(m.r_e)
-    C_ne = np.zeros((3, 3))
-    ecef_to_ned_matrix(lat, lon, C_ne)
-    return C_ne, C_ne @ m.C_eb
-
-
 def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: Attitude, layout: Layout) -> None:
     """Let what the gyros read at rest tell of all that makes up their error, each by its variance.
 
     Equation: of e = J x with cov(e) = A = J P J^T, now known as e_0 with S: G = P J^T A^-1, x = G e_0 and
               P <- P - G (A - S) G^T, with which J x = e_0 and J P J^T = S
+
+    What the grade cannot explain is the bias' alone: its variance is raised until A holds S and e_0.
     """
     if attitude.sd_b_g is None:
         return
     J = whole_error_rows(m, layout, "gyro", len(P))
+    least = np.maximum(attitude.sd_b_g, np.abs(attitude.b_g) / _BEYOND_GRADE) ** 2
+    P[_GYRO_BIASES] += np.maximum(least - (J @ P @ J.T).diagonal(), 0.0)
     A = J @ P @ J.T
-    gain = np.linalg.solve(A, J @ P).T
+    gain = (
+        np.linalg.pinv(A, hermitian=True) @ J @ P
+    ).T  # an axis without any error, as of a perfect sensor, has none
     shares = gain @ attitude.b_g
     m.b_g[:] = shares[BG : BG + 3]
     for at in layout.sensor_states:
@@ -294,17 +286,20 @@ def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: Attitude, layou
     P -= gain @ (A - attitude.sd_b_g**2 * np.eye(3)) @ gain.T
 
 
-def _place_attitude_covariance(m: StateRecord, P: Float64, attitude: Attitude, layout: Layout) -> None:
+def _place_attitude_covariance(
+    m: StateRecord, P: Float64, attitude: Attitude, C_ne: Float64, layout: Layout
+) -> None:
     """Write what is known of the attitude.
 
     When the accelerometers levelled it at rest, tilt and the accelerometers' error are one: with C f_b = (0, 0, -g),
     psi_N = e_E / g and psi_E = -e_N / g, e = estimated minus true error in n.
     """
-    C_ne, C_nb = _level_axes(m)
     tilt = LEVEL_FLOOR_RAD if attitude.level_from_bias else attitude.sd_level
     psi = slice(PSI, PSI + 3)
     if attitude.level_from_bias:
-        from_error = C_ne.T @ TILT_OF_FORCE @ C_nb @ whole_error_rows(m, layout, "accelerometer", len(P))
+        from_error = (
+            C_ne.T @ TILT_OF_FORCE @ C_ne @ m.C_eb @ whole_error_rows(m, layout, "accelerometer", len(P))
+        )
         P[psi] = from_error @ P
         P[:, psi] = P[psi].T
         P[psi, psi] = P[psi] @ from_error.T
