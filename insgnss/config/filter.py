@@ -153,11 +153,11 @@ class Process(StrictModel):
     scale_factor_change: NotNegative = Field(
         0.05,
         le=1.0,
-        description="share of scale factors and misalignments that is no constant (linearity, temperature) and so no"
-        " state: noise of a manoeuvre",
+        description="part of scale factors and misalignments that changes with rate and temperature: noise in"
+        " manoeuvres, not a state",
     )
     scale_factor_time_s: NotNegative = Field(
-        10.0, description="how long one manoeuvre keeps what of a scale-factor error is no state"
+        10.0, description="correlation time of that noise: about the length of one manoeuvre"
     )
     motion_sigma: NotNegative = Field(
         0.0,

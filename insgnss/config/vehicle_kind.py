@@ -114,7 +114,7 @@ class NonHolonomicRows(StrictModel):
     cornering_deg_per_mps2: _Angle = Field(description="slip angle of the tyres by the lateral acceleration")
     vertical_mps: _Speed = Field(description="vertical velocity of the axle in vehicle axes, one sigma")
     vertical_deg: _Angle = Field(description="pitch of the body on its springs, one sigma")
-    correlation_s: _Time = Field(description="for how long slip and pitch stay alike")
+    correlation_s: _Time = Field(description="correlation time of slip and pitch")
     gate_sigma: _Gate = 3.0
     axle_m: tuple[_Arm, _Arm, _Arm] | None = Field(
         None, description="IMU to the point that does not slip, as the middle of the rear axle; body axes"
@@ -132,9 +132,9 @@ class CourseRows(StrictModel):
 
     on: bool = True
     leeway_deg: Annotated[float, Field(gt=0.0, le=60.0)] = Field(description="angle that lasts, one sigma")
-    leeway_time_s: _Time = Field(description="over which it changes")
+    leeway_time_s: _Time = Field(description="correlation time of that angle")
     yawing_deg: _Angle = Field(description="angle that changes from row to row, one sigma")
-    correlation_s: _Time = Field(description="for how long that stays alike")
+    correlation_s: _Time = Field(description="correlation time of the yawing")
     above_mps: _Speed = Field(description="slower vehicles have no rows")
     gate_sigma: _Gate = 3.0
 
@@ -146,7 +146,7 @@ class ZeroVelocityRows(StrictModel):
     sigma_mps: _Speed = Field(description="rocking of the vehicle at rest, one sigma")
     correlation_s: _Time
     below_mps: _Speed = Field(
-        description="no row above this speed of the filter: a smooth steady drive is no rest"
+        description="no row above this estimated speed: the samples of a smooth drive look like standstill"
     )
     gate_sigma: _Gate = 3.0
 

@@ -18,7 +18,7 @@ all axes multiplied. A turn is refused by its mean rate, strong vibration that h
 drive shows nothing to any inertial sensor. What remains of it is refused by the filter's own velocity: no row above
 ``below_mps``, and the gate of g sigma lets a vehicle of speed v pass with the probability Phi((g sqrt(S) - v) / s),
 s the sigma of the predicted velocity, S = s^2 + r: at v = (g + 3) sqrt(S) it is 0.1 %.
-A log that repeats one sample has no noise at all, and is no rest.
+A log that repeats one sample shows no noise: it counts as a faulty sensor, not as standstill.
 
 **The rows.** 0 = v_e + rocking, with the variance of a rocking that stays alike (``correlated``), and
 mean(w_ib_b) = e + C_be w_ie + noise, of the window, with e the gyros' whole error: its variance is that of the rocking
