@@ -34,8 +34,16 @@ SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 # of a reference that states sigmas
 OF_REFERENCE = {c.name for c in SHEETS["errors"].columns() if c.name.startswith("sd_reference_")}
 # columns that only some runs have: of optional states, and of a log of the receiver's own
+OF_LEVER = ("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m")
 OF_VEHICLES = ("mounting_pitch_deg", "mounting_yaw_deg", "leeway_deg")
-FURTHER = ("offset_*_m", "glonass_bias_m_per_channel", "zenith_delay_m", "ionosphere_m", *OF_VEHICLES)
+FURTHER = (
+    "offset_*_m",
+    "glonass_bias_m_per_channel",
+    "zenith_delay_m",
+    "ionosphere_m",
+    *OF_LEVER,
+    *OF_VEHICLES,
+)
 OF_SENSORS = {
     *("*_scale_percent", "*_offset_m", "*_strength_ut", "*_declination_deg", "*_offset_deg"),
     *(f"*_iron_{axis}_ut" for axis in "xyz"),

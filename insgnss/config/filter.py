@@ -187,6 +187,11 @@ class Process(StrictModel):
     ionosphere_walk_m_per_sqrt_s: NotNegative = Field(
         0.02, description="1.2 m in an hour, as a day's ionosphere strays from its model"
     )
+    lever_arm_sigma_m: NotNegative = Field(
+        0.0,
+        le=100.0,
+        description="how well the antenna's lever arm is known, each component; its error is estimated; 0: exactly",
+    )
 
 
 class Gaps(StrictModel):

@@ -49,6 +49,7 @@ class StateLayout(Mapping[str, StatePlace]):
     | offset_E, offset_R, ... | clock of a further constellation against the first one [m] |
     | glonass_channel_bias | delay that grows with the frequency channel [m per channel] |
     | zenith_delay, ionosphere | what the models leave at the zenith [m] |
+    | lever_arm | of the antenna, beyond that of the flight file, body axes [m] |
     | a ``StateBlock`` of the user's | all of its states, SI units |
     """
 

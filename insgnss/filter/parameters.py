@@ -14,6 +14,7 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.state import MAX_COUPLINGS, MAX_OPTIONAL
 from insgnss.filter.states.glonass_channel_bias import CHANNEL_BIAS
 from insgnss.filter.states.ionosphere import IONOSPHERE
+from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.zenith_delay import ZENITH_DELAY
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.observation_rows import N_KINDS
@@ -69,6 +70,7 @@ class Parameters(Record):
     at_channel_bias: int  # where these stand in the error state, -1 where there is none
     at_zenith_delay: int
     at_ionosphere: int
+    at_lever_arm: int
     at_clone: int
     covariance_step: float  # [s]
     motion_gate2: float  # squared sigmas from which a horizontal force is motion; 0: any is
@@ -186,6 +188,7 @@ def resolve_parameters(
         layout.at(CHANNEL_BIAS),
         layout.at(ZENITH_DELAY),
         layout.at(IONOSPHERE),
+        layout.at(LEVER_ARM),
         layout.at_clone,
         config.process.covariance_step_s,
         config.process.motion_sigma**2,

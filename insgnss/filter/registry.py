@@ -8,6 +8,7 @@ from typing import Final
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
 from insgnss.filter.states.ionosphere import ionosphere
+from insgnss.filter.states.lever_arm import lever_arm
 from insgnss.filter.states.sensor_errors import SENSOR_ERRORS
 from insgnss.filter.states.system_offsets import system_offsets
 from insgnss.filter.states.wanted import StatesWanted
@@ -15,7 +16,7 @@ from insgnss.filter.states.zenith_delay import zenith_delay
 
 # the clock offsets come first: an observation names its own by number
 STATES: Final[tuple[Callable[[StatesWanted], StateBlock | None], ...]] = (
-    *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere),
+    *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere, lever_arm),
     *SENSOR_ERRORS,
 )
 

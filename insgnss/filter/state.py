@@ -65,6 +65,7 @@ class StateRecord(Record):
     r_clone: Annotated[Float64, 3]  # antenna position at its reception, ECEF [m]
     clock_clone: float  # [m]
     l_clone: Annotated[Float64, 3]  # its lever arm, ECEF [m]
+    C_clone: Annotated[Float64, 3, 3]  # attitude then: how an error of the lever arm stood in ECEF
     air_clone: Annotated[Float64, 2]  # zenith delays, dry and wet [m]
     clone_ns: int  # its time tag; 0: there is none
     v_mean: Annotated[Float64, 3]  # velocity of the last seconds, ECEF [m/s]
@@ -177,6 +178,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
         for j in range(3):
             target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
+            target.C_clone[i, j] = source.C_clone[i, j]
     for i in range(4):
         target.q_eb[i] = source.q_eb[i]
     for i in range(2):

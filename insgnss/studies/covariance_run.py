@@ -222,5 +222,5 @@ def _rows_towards(m: Any, par: Any, u_e: Float64) -> tuple[Float64, Float64]:
     antenna["u"][0] = u_e
     h_range, h_rate = np.zeros(len(RATE_COLUMNS)), np.zeros(len(RATE_COLUMNS))
     range_row(antenna[0].u, antenna[0].l_e, h_range)
-    rate_row(m, par, antenna[0], h_rate)
+    rate_row(m, antenna[0], h_rate)
     return h_range[: len(RANGE_COLUMNS)].copy(), h_rate

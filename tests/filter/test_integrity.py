@@ -29,6 +29,7 @@ from tests.filter.scene import (
     run,
     sky,
 )
+from tests.layouts import layout_with
 
 N = 12
 EPOCHS = 90
@@ -157,7 +158,7 @@ def test_reset_takes_the_lever_arm_off_position_and_velocity() -> None:
     fix, truth = fix_of(bank, lever_b, w_ib_b, 1), bank.state.copy()
     bank.state["r_e"] += 50.0
     bank.state["v_e"] -= 3.0
-    reset_kinematics(bank.state[0], bank.P[0], fix, lever_b, 1, w_ib_b, 40.0)
+    reset_kinematics(bank.state[0], bank.P[0], fix, lever_b, layout_with(n_offsets=1), w_ib_b, 40.0)
     assert bank.state["r_e"][0] == pytest.approx(truth["r_e"][0], abs=1e-6)
     assert bank.state["v_e"][0] == pytest.approx(truth["v_e"][0], abs=1e-6)
     # the sigma of a clock that the fix does not tell is the settings'

@@ -9,7 +9,6 @@ from insgnss.filter.measurements import pseudorange as of_pseudorange
 from insgnss.filter.measurements import range_rate as of_range_rate
 from insgnss.filter.measurements.pseudorange import range_row
 from insgnss.filter.measurements.range_rate import rate_row
-from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.rows.lines import ANTENNA_DTYPE
 from insgnss.filter.rows.replica_offset import COLUMNS, offset_range_row, offset_rate_row
 from insgnss.filter.state import CLOCK, DR, OFFSETS, new_bank
@@ -35,9 +34,9 @@ def test_rows_are_those_of_a_log_without_a_lever_arm() -> None:
     assert np.array_equal(dense(COLUMNS, mine), dense(of_pseudorange.COLUMNS, h))
 
     h, mine = np.zeros(15), np.zeros(len(COLUMNS))
-    antenna, par, m = np.zeros(1, ANTENNA_DTYPE)[0], np.zeros(1, PARAMETERS_DTYPE)[0], new_bank(1, 0).state[0]
+    antenna, m = np.zeros(1, ANTENNA_DTYPE)[0], new_bank(1, 0).state[0]
     antenna.u[:], antenna.dr[:], m.C_eb[:] = U, G, np.eye(3)
-    rate_row(m, par, antenna, h)
+    rate_row(m, antenna, h)
     offset_rate_row(U, G, 0.0, mine)
     assert np.array_equal(dense(COLUMNS, mine), dense(of_range_rate.COLUMNS, h))
 

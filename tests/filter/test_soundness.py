@@ -157,6 +157,7 @@ STATES = (
     "optional",
     "r_clone",
     "l_clone",
+    "C_clone",
     "clock_clone",
     "air_clone",
 )

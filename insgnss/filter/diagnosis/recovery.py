@@ -210,7 +210,7 @@ def open_doubt(
     for doubtful in (False, True):
         found = copy_bank(filter_bank)
         for m, P in zip(found.state, found.P, strict=True):
-            reset_kinematics(m, P, fix, lever_b, setup.n_offsets, w_ib_b, sigma_m)
+            reset_kinematics(m, P, fix, lever_b, setup.layout, w_ib_b, sigma_m)
             tie_offsets(m, P, setup.layout.home, setup.config.process.qzss_offset_sigma_m)
             if doubtful:
                 doubt_sensors(m, P, sensor_model(setup.grade, setup.layout.names), setup.layout)

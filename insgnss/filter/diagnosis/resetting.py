@@ -9,7 +9,9 @@ import numpy as np
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout import Layout
 from insgnss.filter.start.fix import Fix
-from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
+from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.filter.states.lever_arm import lever_of, lever_rows
+from insgnss.geodesy.rotations import cross_matrix
 from insgnss.inertial.sensor_model import SensorModel
 from insgnss.tables import Float64
 
@@ -20,24 +22,26 @@ _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
 
 
 def reset_kinematics(
-    m: np.record,
+    m: StateRecord,
     P: Float64,
     fix: Fix,
     lever_b: Float64,
-    n_offsets: int,
+    layout: Layout,
     w_ib_b: Float64,
     inter_system_sigma_m: float,
 ) -> None:
     """Set position, velocity and clock of a hypothesis to a fix and forget what they shared with the other states.
 
     Equation: r_e = r_a - C l, v_e = v_a - C (w x l) + w_ie x C l, w the gyros' rate less its bias; what the attitude's
-    variance makes of the lever arm l is added to both.
+    variance makes of the lever arm l is added to both; of an error dl of l that is a state, dr = dr_a - C dl.
 
     Parameters
     ----------
     w_ib_b : (3,) the gyros' rate at the fix [rad/s]
     inter_system_sigma_m : of a clock offset that the fix does not tell
     """
+    n_offsets, J = layout.n_offsets, lever_rows(layout, len(P))
+    lever_b = lever_of(m, lever_b, layout)
     states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
     kept = P[DV : DV + 3, DV : DV + 3].copy()
     P[states, :] = 0.0
@@ -66,9 +70,14 @@ def reset_kinematics(
         known = math.isfinite(fix.clocks[group]) and reference == 0
         m.optional[i - OFFSETS] = fix.clocks[group] - fix.clocks[0] if known else 0.0
         P[i, i] = fix.clock_variance(group) + 2.0 * P[CLOCK, CLOCK] if known else inter_system_sigma_m**2
+    hangs = np.eye(len(P))
+    hangs[DR : DR + 3] -= m.C_eb @ J
+    if fix.v_a is not None:
+        hangs[DV : DV + 3] -= m.C_eb @ cross_matrix(w_ib_b - m.b_g) @ J
+    P[:] = hangs @ P @ hangs.T
 
 
-def doubt_sensors(m: np.record, P: Float64, sensor: SensorModel, layout: Layout) -> None:
+def doubt_sensors(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:
     """Doubt the sensors' errors of a hypothesis and widen its attitude: what it has made of them went astray.
 
     They keep their values: most of what a sensor is off by is there from the start on.

@@ -32,6 +32,7 @@ from insgnss.filter.state import (
     StateRecord,
     select_members,
 )
+from insgnss.filter.states.lever_arm import lever_of, lever_rows
 from insgnss.geodesy.local_level import level_axes, up_direction
 from insgnss.geodesy.rotations import cross_matrix, matrix_to_euler, matrix_to_quaternion
 from insgnss.tables import Float64
@@ -120,7 +121,8 @@ def add_to_state(m: StateRecord, d: Float64, layout: Layout) -> None:
 
 def set_attitude(m: StateRecord, C_eb: Float64) -> None:
     """Set both forms of the attitude; the lever arm of the epoch before turns with it, as its covariance does."""
-    m.l_clone[:] = C_eb @ m.C_eb.T @ m.l_clone
+    turn = C_eb @ m.C_eb.T
+    m.l_clone[:], m.C_clone[:] = turn @ m.l_clone, turn @ m.C_clone
     m.C_eb[:] = C_eb
     matrix_to_quaternion(np.ascontiguousarray(C_eb), m.q_eb)
 
@@ -211,24 +213,25 @@ def turn_member(
     gyro bias plus the Earth's rate. Neglects: the same of a turning body's antenna velocity, 4 cm/s for half a radian,
     0.5 m and 30 deg/s.
     """
-    up = np.array(up_direction(m.r_e))
+    up, J = np.array(up_direction(m.r_e)), lever_rows(layout, len(P))
     u = np.zeros(len(P))
     u[PSI : PSI + 3] = up
     variance = float(u @ P @ u)
     g = P @ u / variance
     P -= np.outer(g, g) * (variance - sigma**2)
     C_before, R = m.C_eb.copy(), rotation(turn * up)
-    l_e, rate = C_before @ lever_b, np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
+    l_e, rate = C_before @ lever_of(m, lever_b, layout), np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
     antenna, apparent = m.r_e + l_e, m.b_g + C_before.T @ rate
     d = g * turn
-    antenna += d[DR : DR + 3] + np.cross(d[PSI : PSI + 3], l_e)
+    antenna += d[DR : DR + 3] + np.cross(d[PSI : PSI + 3], l_e) + C_before @ J @ d
     apparent += d[BG : BG + 3] + C_before.T @ np.cross(rate, turn * up)
     d[PSI : PSI + 3] -= turn * up  # the tilt that goes with it
     add_to_state(m, d, layout)
     set_attitude(m, R @ m.C_eb)
-    m.r_e[:] = antenna - m.C_eb @ lever_b
+    m.r_e[:] = antenna - m.C_eb @ lever_of(m, lever_b, layout)
     m.b_g[:] = apparent - m.C_eb.T @ rate
     T = turned_axes(len(P), R, C_before, l_e)
+    T[DR : DR + 3] += (C_before - R @ C_before) @ J  # the antenna stays for every lever arm
     P[:] = T @ P @ T.T
     P[:] = 0.5 * (P + P.T)
     m.motion_response[:] = 0.0

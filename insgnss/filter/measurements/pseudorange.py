@@ -12,6 +12,7 @@ from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
+from insgnss.filter.rows.lever_columns import lever_range_columns
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import CLOCK, DR, OFFSETS, PSI, StateRecord
@@ -43,7 +44,7 @@ def pseudorange(
         count += 1
     shell = row.ionosphere_factor * a.shell
     left, count = zenith_columns(m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, shell)
-    line.count[PSEUDORANGE] = count
+    line.count[PSEUDORANGE] = lever_range_columns(m.C_eb, par, a, line, PSEUDORANGE, count)
     predicted += left + (row.ionosphere_factor * a.ionosphere + a.troposphere)
     variance = float(row.variance_scale) * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
     return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance

@@ -17,6 +17,7 @@ from typing import Final
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
+from insgnss.filter.rows.lever_columns import lever_rate_columns
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
 from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import BG, DR, DRIFT, DV, PSI, StateRecord
@@ -40,12 +41,12 @@ def range_rate(
 ) -> tuple[float, float]:
     """Write the row of H; return innovation [m/s] and variance [m^2/s^2]."""
     a, row, of = s.antenna[0], rows.observation[i], par.kind[RANGE_RATE]
-    rate_row(m, par, a, line.h[RANGE_RATE])
+    rate_row(m, a, line.h[RANGE_RATE])
     per_s = 1.0 / a.look_back
     wet = (s.air[0].wet_factor - s.air[1].wet_factor) * per_s
     shell = -row.phase_factor * a.shell_grown * per_s
     left, count = zenith_columns(m, par, line, RANGE_RATE, len(COLUMNS), wet, shell)
-    line.count[RANGE_RATE] = count
+    line.count[RANGE_RATE] = lever_rate_columns(m, par, a, line, RANGE_RATE, count)
     predicted = a.range_rate + m.clock[1] - rows.sat[i, 7] + left
     predicted += (a.troposphere_grown - row.phase_factor * a.ionosphere_grown) * per_s
     variance = row_variance(row.sigma[RANGE_RATE], -line.u_n[2], row.thermal, of)
@@ -53,11 +54,11 @@ def range_rate(
 
 
 @kernel(inline=True)
-def rate_row(m: StateRecord, par: Parameters, a: Antenna, h: Float64) -> None:
+def rate_row(m: StateRecord, a: Antenna, h: Float64) -> None:
     """Write the row of H of a range rate."""
     u_w = cross(a.u, (0.0, 0.0, WGS84_OMEGA_RADPS))
     place(h, _POSITION, a.dr)
     place_negative(h, _VELOCITY, a.u)
     place(h, _ATTITUDE, plus(cross(a.u, a.turning_e), cross(a.l_e, u_w)))
-    place(h, _GYRO_BIAS, cross(par.lever_b, rotate_back(m.C_eb, a.u)))
+    place(h, _GYRO_BIAS, cross(a.l_b, rotate_back(m.C_eb, a.u)))
     h[_DRIFT] = 1.0

@@ -10,7 +10,7 @@ from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
-WIDTH: Final = 15  # of the longest row, so that one compiled update serves all kinds
+WIDTH: Final = 18  # of the longest row, so that one compiled update serves all kinds
 
 
 class Line(Record):
@@ -38,10 +38,15 @@ class Antenna(Record):
 
     r_a: Annotated[Float64, 3]  # antenna position, ECEF, at reception
     v_a: Annotated[Float64, 3]  # antenna velocity, ECEF
-    l_e: Annotated[Float64, 3]  # lever arm, ECEF
+    l_b: Annotated[Float64, 3]  # lever arm, body: that of the flight file, and what was found of its error
+    l_e: Annotated[Float64, 3]  # the same, ECEF
+    w_b: Annotated[Float64, 3]  # rate w_ib of the body that counts as motion
     a_e: Annotated[Float64, 3]  # C_eb (w_ib x l)
     turning_e: Annotated[Float64, 3]  # the same of the rotation that counts as motion
     turned_e: Annotated[Float64, 3]  # lever arm of the epoch before, turned by that rotation [m]
+    C_turned: Annotated[
+        Float64, 3, 3
+    ]  # axes of the body then, turned by it: where the lever arm is estimated
     C_ne: Annotated[Float64, 3, 3]
     u: Annotated[Float64, 3]  # line of sight
     distance: float  # of the last row: range [m] ...

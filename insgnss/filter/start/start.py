@@ -17,6 +17,7 @@ from insgnss.filter.rows.tied_offsets import tie_offsets
 from insgnss.filter.sensor_errors import whole_error_rows
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
+from insgnss.filter.states.lever_arm import lever_rows
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, level_axes
@@ -313,6 +314,8 @@ def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float
 
         d r = d r_a + l_e x psi,   d v = d v_a + a x psi - w_ie x (l_e x psi) - C (l x d e)
 
+    and with an error dl of the lever arm that is a state: - C dl, - C (w x dl) + w_ie x C dl.
+
     Parameters
     ----------
     m : the state, its errors taken off ``w_ib_b`` [rad/s]
@@ -324,6 +327,9 @@ def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float
     T[DV : DV + 3] -= C @ cross_matrix(lever_b) @ whole_error_rows(m, layout, "gyro", len(P))
     T[DR : DR + 3, PSI : PSI + 3] = l_e
     T[DV : DV + 3, PSI : PSI + 3] = cross_matrix(C @ np.cross(m.w_last, lever_b)) - _EARTH_TURN @ l_e
+    J = lever_rows(layout, len(P))
+    T[DR : DR + 3] -= C @ J
+    T[DV : DV + 3] -= (C @ cross_matrix(m.w_last) - _EARTH_TURN @ C) @ J
     P[:] = T @ P @ T.T
     P[:] = 0.5 * (P + P.T)
 

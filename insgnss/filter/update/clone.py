@@ -14,8 +14,8 @@ from insgnss.tables import Float64
 def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Air, t_ns: int) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 
-    Equation: d r_a = d r_e + psi x l_e, so the clone is J dx with J = [I, -[l_e x]] in (position, attitude) and 1 in
-    the clock; P_cx = J P, P_cc = J P J^T.
+    Equation: d r_a = d r_e + psi x l_e + C dl, so the clone is J dx with J = [I, -[l_e x], C] in (position, attitude,
+    error of the lever arm, where it is a state) and 1 in the clock; P_cx = J P, P_cc = J P J^T.
 
     Parameters
     ----------
@@ -30,11 +30,15 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Ai
     l_e = a.l_e
     for i in range(3):
         m.r_clone[i], m.l_clone[i] = a.r_a[i], l_e[i]
+        for j in range(3):
+            m.C_clone[i, j] = m.C_eb[i, j]
     for j in range(n - N_CLONE):
         for i in range(3):
             # (psi x l)_i = psi_p l_q - psi_q l_p with i, p, q cyclic
             p, q = (i + 1) % 3, (i + 2) % 3
             P[j, c + i] = P[DR + i, j] + P[PSI + p, j] * l_e[q] - P[PSI + q, j] * l_e[p]
+            if par.at_lever_arm >= 0:
+                P[j, c + i] += _of_lever(m, P[par.at_lever_arm : par.at_lever_arm + 3, j], i)
             P[c + i, j] = P[j, c + i]
         P[j, c + CLONE_CLOCK] = P[CLOCK, j]
         P[c + CLONE_CLOCK, j] = P[CLOCK, j]
@@ -42,7 +46,16 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Ai
         for k in range(3):
             p, q = (k + 1) % 3, (k + 2) % 3
             P[c + i, c + k] = P[c + i, DR + k] + P[c + i, PSI + p] * l_e[q] - P[c + i, PSI + q] * l_e[p]
+            if par.at_lever_arm >= 0:
+                P[c + i, c + k] += _of_lever(m, P[c + i, par.at_lever_arm : par.at_lever_arm + 3], k)
         P[c + i, c + CLONE_CLOCK] = P[c + i, CLOCK]
     for i in range(N_CLONE):
         for k in range(i):
             P[c + i, c + k] = P[c + k, c + i]
+
+
+@kernel(inline=True)
+def _of_lever(m: StateRecord, by: Float64, axis: int) -> float:
+    """Return a component of C times a covariance with the lever arm's error (3,)."""
+    C = m.C_eb
+    return float(C[axis, 0] * by[0] + C[axis, 1] * by[1] + C[axis, 2] * by[2])

@@ -14,7 +14,7 @@ from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
-from insgnss.geodesy.vectors import place, rotate, rotate_back
+from insgnss.geodesy.vectors import Vector, place, rotate, rotate_back
 from insgnss.jit import kernel
 from insgnss.tables import Float64
 
@@ -51,14 +51,34 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     a, b, c = up_direction(m.r_e)
     turn = a * x + b * y + c * z
     lever_b = rotate_back(C, m.l_clone)
+    turned_x, turned_y, turned_z = (
+        _in_body(C, m.C_clone, 0),
+        _in_body(C, m.C_clone, 1),
+        _in_body(C, m.C_clone, 2),
+    )
     turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
     turn_left(m.q_eb, turn * a, turn * b, turn * c)
     quaternion_to_matrix(m.q_eb, m.C_eb)
     place(m.l_clone, 0, rotate(C, lever_b))  # as the clone's covariance has it now
+    _place_column(m.C_clone, 0, rotate(C, turned_x))
+    _place_column(m.C_clone, 1, rotate(C, turned_y))
+    _place_column(m.C_clone, 2, rotate(C, turned_z))
     if abs(turn) >= _NO_TURN:
         m.b_g[0] += p - w * C[2, 0]
         m.b_g[1] += q - w * C[2, 1]
         m.b_g[2] += r - w * C[2, 2]
+
+
+@kernel(inline=True)
+def _in_body(C_eb: Float64, C: Float64, column: int) -> Vector:
+    """Return a column of ``C`` (3, 3) in body axes."""
+    return rotate_back(C_eb, (C[0, column], C[1, column], C[2, column]))
+
+
+@kernel(inline=True)
+def _place_column(C: Float64, column: int, a: Vector) -> None:
+    """Write a vector into a column of ``C`` (3, 3)."""
+    C[0, column], C[1, column], C[2, column] = a[0], a[1], a[2]
 
 
 @kernel(apart=True)

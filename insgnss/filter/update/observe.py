@@ -14,7 +14,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
 from insgnss.filter.sensor_errors import whole_errors
-from insgnss.filter.state import StateRecord
+from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.filter.update.predictions import predict
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.geodesy.gravity import normal_gravity_ecef
@@ -33,9 +33,14 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     v late - a late^2 / 2 and v_a by a late, a = C_eb f_b + g - 2 w_ie x v_e the IMU's acceleration.
     Neglects: the antenna's own turning over that time, 1e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
     """
-    l0, l1, l2 = par.lever_b[0], par.lever_b[1], par.lever_b[2]
+    for i in range(3):
+        a.l_b[i] = par.lever_b[i]
+        if par.at_lever_arm >= 0:
+            a.l_b[i] += m.optional[par.at_lever_arm - OFFSETS + i]
+    l0, l1, l2 = a.l_b[0], a.l_b[1], a.l_b[2]
     whole_errors(m, par, a.dr, a.u)
     w0, w1, w2 = w_ib_b[0] - a.u[0], w_ib_b[1] - a.u[1], w_ib_b[2] - a.u[2]
+    a.w_b[0], a.w_b[1], a.w_b[2] = w0, w1, w2
     x, y, z = w1 * l2 - w2 * l1, w2 * l0 - w0 * l2, w0 * l1 - w1 * l0
     C = m.C_eb
     for i in range(3):

@@ -1,0 +1,41 @@
+"""What the antenna's lever arm is off by: a constant of the installation, shown where the vehicle turns.
+
+The antenna is at r_e + C_eb (l + dl), l of the flight file and dl the state; it moves with C_eb (w x (l + dl)). A flat
+turn shows the horizontal part of dl, its vertical part takes roll or pitch. At constant attitude dl is one with the
+position and nothing shows it: its sigma then stays and adds to the IMU's position, not to the antenna's.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.filter.layout import Layout, StateBlock
+from insgnss.filter.state import OFFSETS, StateRecord
+from insgnss.filter.states.wanted import StatesWanted
+from insgnss.tables import Float64
+
+LEVER_ARM: Final = "lever_arm"
+
+
+def lever_arm(wanted: StatesWanted) -> StateBlock | None:
+    """Return the block where the settings doubt the lever arm; body axes forward, right, down."""
+    sigma = wanted.config.process.lever_arm_sigma_m
+    if sigma <= 0.0:
+        return None
+    return StateBlock(LEVER_ARM, ("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m"), "m", sigma)
+
+
+def lever_of(m: StateRecord, lever_b: Float64, layout: Layout) -> Float64:
+    """Return the lever arm of a hypothesis (3,) [m]: ``lever_b`` of the flight file, and its error as it was found."""
+    at = layout.at(LEVER_ARM)
+    return lever_b if at < 0 else lever_b + m.optional[at - OFFSETS : at - OFFSETS + 3]
+
+
+def lever_rows(layout: Layout, n: int) -> Float64:
+    """Return how the lever arm's error is found in the error state, (3, n); zero where it is no state."""
+    rows, at = np.zeros((3, n)), layout.at(LEVER_ARM)
+    if at >= 0:
+        rows[:, at : at + 3] = np.eye(3)
+    return rows
