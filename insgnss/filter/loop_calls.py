@@ -28,6 +28,7 @@ from insgnss.filter.update.epoch_update import update_epoch, use_rows
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow_explained
+from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
@@ -71,7 +72,8 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         write_row: (bank, bank, _N, _N, _N, out, work),
         mixture_covariance: (bank, P),
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
-        turn_attitude_errors: (m, P, values, s.antenna[0]),
+        turn_attitude_errors: (m, P, par, values, s.antenna[0]),
+        swing_lever_arm: (m, P, par, s.antenna[0], _N),
         common_step: (lines, _N, values, _X, _X),
         is_prunable: (bank, _N, _X),
         note_sideslip: (bank.head[0], m, P, _N),

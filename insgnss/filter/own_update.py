@@ -236,7 +236,7 @@ def _updated(
     correction = vectors[0]
     if correction.any():
         if par.motion_gate2 > 0.0:
-            turn_attitude_errors(m, P, correction, member.antenna)
+            turn_attitude_errors(m, P, par, correction, member.antenna)
         _feed_back(m, correction, int(par.at_clone))
     return OwnUpdate(entries, correction)
 

@@ -30,7 +30,7 @@ def is_finite(m: StateRecord, P: Float64) -> bool:
         total += m.r_clone[i] + m.l_clone[i]
         total += m.f_smooth[i] + m.w_smooth[i] + m.f_mean[i] + m.v_mean[i] + m.sum_dv[i]
         for j in range(3):
-            total += m.C_eb[i, j] + m.sum_C[i, j] + m.C_clone[i, j]
+            total += m.C_eb[i, j] + m.sum_C[i, j] + m.C_swung[i, j]
     for i in range(4):
         total += m.q_eb[i]
     for i in range(2):

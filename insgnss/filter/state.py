@@ -65,7 +65,8 @@ class StateRecord(Record):
     r_clone: Annotated[Float64, 3]  # antenna position at its reception, ECEF [m]
     clock_clone: float  # [m]
     l_clone: Annotated[Float64, 3]  # its lever arm, ECEF [m]
-    C_clone: Annotated[Float64, 3, 3]  # attitude then: how an error of the lever arm stood in ECEF
+    C_swung: Annotated[Float64, 3, 3]  # attitude at the last epoch, where the lever arm is estimated
+    swung_ns: int  # when that was; 0: never
     air_clone: Annotated[Float64, 2]  # zenith delays, dry and wet [m]
     clone_ns: int  # its time tag; 0: there is none
     v_mean: Annotated[Float64, 3]  # velocity of the last seconds, ECEF [m/s]
@@ -178,7 +179,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
         for j in range(3):
             target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
-            target.C_clone[i, j] = source.C_clone[i, j]
+            target.C_swung[i, j] = source.C_swung[i, j]
     for i in range(4):
         target.q_eb[i] = source.q_eb[i]
     for i in range(2):
@@ -188,6 +189,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     for i in range(N_FACTORS):
         target.noise_factor[i] = source.noise_factor[i]
     target.clock_clone, target.clone_ns = source.clock_clone, source.clone_ns
+    target.swung_ns = source.swung_ns
     target.sum_dt, target.sum_gyro_q, target.sum_accel_q = (
         source.sum_dt,
         source.sum_gyro_q,

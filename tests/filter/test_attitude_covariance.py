@@ -14,6 +14,7 @@ from insgnss.filter.state import BA, BG, DR, DV, OFFSETS, PSI, new_bank
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import cross_matrix, matrix_to_quaternion
+from tests.filter.scene import parameters
 
 GRAVITY_E = np.array([-4.1, 3.2, -8.3])
 PLACE_E = np.array([2.7e6, -2.1e6, 5.4e6])
@@ -54,13 +55,13 @@ def test_attitude_errors_turn_about_the_vertical_with_the_correction_of_the_head
     T[DV : DV + 3, PSI : PSI + 3] = (R - np.eye(3)) @ cross_matrix(antenna.turning_e)
     expected = T @ P @ T.T
 
-    turn_attitude_errors(m, P, correction, antenna)
+    turn_attitude_errors(m, P, parameters()[0], correction, antenna)
 
     np.testing.assert_allclose(P, expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
     assert (P.T == P).all()
     correction[PSI : PSI + 3] = np.cross(up, [1.0, 2.0, 3.0])  # a tilt turns nothing
     before = P.copy()
-    turn_attitude_errors(m, P, correction, antenna)
+    turn_attitude_errors(m, P, parameters()[0], correction, antenna)
     np.testing.assert_allclose(P, before, rtol=0.0, atol=1e-13 * np.abs(expected).max())
 
 
@@ -85,7 +86,7 @@ def test_a_new_heading_changes_nothing_of_what_was_measured(yaw_rad: float) -> N
     correction = np.zeros(n)
     correction[PSI : PSI + 3] = yaw_rad * up
 
-    turn_attitude_errors(m, P, correction, antenna)
+    turn_attitude_errors(m, P, parameters()[0], correction, antenna)
     close_loop(m, correction, n)
 
     measured = np.zeros((6, n))

@@ -15,12 +15,15 @@ from insgnss.filter.diagnosis.resetting import reset_kinematics
 from insgnss.filter.headings.heading_bank import turn_member
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.start.start import Attitude, open_bank
-from insgnss.filter.state import CLOCK, DR, DV, N_CLONE, OFFSETS, PSI, Bank, new_bank
+from insgnss.filter.state import BG, CLOCK, DR, DV, N_CLONE, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.states.lever_arm import LEVER_ARM, lever_arm
 from insgnss.filter.states.wanted import StatesWanted
 from insgnss.filter.update.clone import clone_epoch
+from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe, place_antenna
+from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import cross_matrix
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE, Rows
@@ -51,10 +54,10 @@ def turning_filter() -> Bank:
     root = rng.normal(size=(N, N))
     bank.P[0] = root @ root.T
     m.optional[:3] = FOUND
-    m.C_clone[:] = Rotation.from_rotvec([0.1, -0.25, 0.12]).as_matrix() @ m.C_eb
-    m.l_clone[:] = m.C_clone @ (np.array(GIVEN) + FOUND)
+    m.C_swung[:] = Rotation.from_rotvec([0.1, -0.25, 0.12]).as_matrix() @ m.C_eb
+    m.l_clone[:] = m.C_swung @ (np.array(GIVEN) + FOUND)
     m.r_clone[:] = m.r_e - 0.5 * m.v_e
-    m.clone_ns = START_NS - STEP_NS
+    m.clone_ns = m.swung_ns = START_NS - STEP_NS
     m.w_smooth[:] = 0.5, -0.3, 1.0
     return bank
 
@@ -96,17 +99,44 @@ def test_columns_equal_finite_differences(kind: int) -> None:
     np.testing.assert_allclose(columns(lines_of(bank, par, rate), kind), found, atol=1e-5)
 
 
-def test_rotation_within_the_gyros_noise_swings_no_lever_arm() -> None:
-    """Range rates have no column then, and carriers the axes of then: with the clone's share nothing is left."""
-    bank = turning_filter()
-    bank.P[0, 12:15, 12:15] = 1e6 * np.eye(3)  # gyro biases of which nothing is known
-    lines = lines_of(bank, numbers(motion_gate2=25.0), np.zeros(3))
-    m = bank.state[0]
-    u_e = place(-33.0, 151.0, 9000.0).C_ne.T @ lines["u_n"].T
-    np.testing.assert_allclose(columns(lines, CARRIER), -(m.C_clone.T @ u_e).T, atol=2e-5)
-    assert (
-        np.abs(columns(lines, RANGE_RATE)).max() < 1.1 * 7.3e-5 + 2e-4
-    )  # the Earth's rate, and the line of sight that turns
+def test_rotation_within_the_gyros_noise_leaves_the_antenna_where_it_is() -> None:
+    """The attitude has turned by 17 deg: within the noise the IMU's error changes, shown it moves the antenna."""
+    for doubt, kept in ((1e6, 0), (0.0, 1)):  # variance of the gyro biases
+        bank, par = turning_filter(), numbers(motion_gate2=25.0, gyro_density=0.0)
+        m, P, work = bank.state[0], bank.P[0], new_epoch(1, N, OFFSETS + 3)
+        P[BG : BG + 3], P[:, BG : BG + 3] = 0.0, 0.0
+        P[range(BG, BG + 3), range(BG, BG + 3)] = doubt
+        then = m.C_swung.copy()
+        H = np.zeros((2, 3, N))
+        for h, C in zip(H, (then, m.C_eb), strict=True):
+            h[:, DR : DR + 3], h[:, OFFSETS : OFFSETS + 3] = np.eye(3), C
+        before = H @ P @ H.swapaxes(1, 2)
+        swing_lever_arm(m, P, par[0], work.antenna[0], START_NS)
+        np.testing.assert_allclose(H[1] @ P @ H[1].T, before[kept], atol=1e-9)
+        np.testing.assert_allclose(P, P.T, atol=1e-9)
+        np.testing.assert_array_equal(m.C_swung, m.C_eb)
+
+
+def test_correction_of_the_heading_leaves_the_antenna_where_it_is() -> None:
+    bank, par = turning_filter(), numbers()
+    m, P, work = bank.state[0], bank.P[0], new_epoch(1, N, OFFSETS + 3)
+    place_antenna(m, par[0], np.zeros(3), np.zeros(3), work.antenna[0])
+    correction, up = np.zeros(N), np.array(up_direction(m.r_e))
+    correction[PSI : PSI + 3] = 0.3 * up
+
+    def antenna() -> Float64:
+        H = np.zeros((3, N))
+        H[:, DR : DR + 3], H[:, OFFSETS : OFFSETS + 3] = np.eye(3), m.C_eb
+        H[:, PSI : PSI + 3] = -cross_matrix(m.C_eb @ (np.array(GIVEN) + FOUND))
+        return np.asarray(H @ P @ H.T)
+
+    before, C_before = antenna(), m.C_eb.copy()
+    turn_attitude_errors(m, P, par[0], correction, work.antenna[0])
+    close_loop(m, correction, N - N_CLONE)
+    np.testing.assert_allclose(antenna(), before, atol=1e-9)
+    # the axes of the last epoch follow: a correction is no rotation of the vehicle
+    then = turning_filter().state[0].C_swung
+    np.testing.assert_allclose(m.C_eb.T @ m.C_swung, C_before.T @ then, atol=1e-12)
 
 
 def test_clone_shares_the_lever_arms_error() -> None:
@@ -124,7 +154,6 @@ def test_clone_shares_the_lever_arms_error() -> None:
     clone_epoch(m, P, par[0], work.antenna[0], work.air[0], START_NS)
 
     np.testing.assert_allclose(P, expected, atol=1e-12 * np.abs(expected).max())
-    np.testing.assert_array_equal(m.C_clone, m.C_eb)
 
 
 def test_start_knows_the_antenna_as_well_as_the_fix_does_however_long_the_lever_arm() -> None:

@@ -157,7 +157,7 @@ STATES = (
     "optional",
     "r_clone",
     "l_clone",
-    "C_clone",
+    "C_swung",
     "clock_clone",
     "air_clone",
 )

@@ -6,13 +6,21 @@ from typing import Any
 
 import numpy as np
 
+from insgnss.filter.layout import StateBlock
 from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
 from insgnss.filter.smoothing.between import Onward, filtered, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import Wanted, further_values
 from insgnss.filter.state import BG, OFFSETS, select_members
+from insgnss.filter.states.lever_arm import LEVER_ARM
 from tests.kernels import KernelCase
-from tests.kernels.filter import START_NS, bank, imu, parameters
+from tests.kernels.filter import START_NS, bank, imu, parameters, short_log
 from tests.layouts import layout_with
+
+
+def uncertain_lever_arm() -> list[Any]:
+    """Return what the loop changes and writes where the antenna's lever arm is a state, with carriers."""
+    columns = ("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m")
+    return short_log(False, True, motion_sigma=3.0, further=(StateBlock(LEVER_ARM, columns, "m", 0.3),))
 
 
 def between_epochs() -> list[Any]:
@@ -46,6 +54,7 @@ def point_of_the_body() -> list[Any]:
 
 
 CASES = [
+    KernelCase("tests.kernels.rows:uncertain_lever_arm", rtol=1e-8),
     # a smoothed variance is a tenth of the difference of two, seen through an inverse
     KernelCase("tests.kernels.rows:between_epochs", rtol=1e-7),
     KernelCase("tests.kernels.rows:point_of_the_body", rtol=1e-11),

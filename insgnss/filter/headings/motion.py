@@ -128,8 +128,6 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, inter
     if par.motion_gate2 <= 0.0:
         for i in range(3):
             a.turning_e[i], a.turned_e[i] = a.a_e[i], a.l_e[i]
-        if par.at_lever_arm >= 0:
-            place_turned_axes(m, a, 0.0)
         return
     x, y, z = m.w_smooth[0], m.w_smooth[1], m.w_smooth[2]
     w2 = x * x + y * y + z * z
@@ -143,36 +141,12 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, inter
     for i in range(3):
         a.turning_e[i] = m.C_eb[i, 0] * x + m.C_eb[i, 1] * y + m.C_eb[i, 2] * z
     lever2 = p * p + q * q + r * r
-    noise = par.motion_gate2 * par.gyro_density * interval + LEVEL_GATE2 * bias * interval**2
-    if par.at_lever_arm >= 0:
-        place_turned_axes(m, a, noise)
-    noise *= lever2
+    noise = (par.motion_gate2 * par.gyro_density * interval + LEVEL_GATE2 * bias * interval**2) * lever2
     x, y, z = a.l_e[0] - m.l_clone[0], a.l_e[1] - m.l_clone[1], a.l_e[2] - m.l_clone[2]
     turned2 = x * x + y * y + z * z
     share = max(1.0 - noise / turned2, 0.0) if turned2 > 0.0 else 0.0
     for i in range(3):
         a.turned_e[i] = m.l_clone[i] + share * (a.l_e[i] - m.l_clone[i])
-
-
-@kernel(inline=True)
-def place_turned_axes(m: StateRecord, a: Antenna, noise: float) -> None:
-    """Write the body's axes of the epoch before, turned by what of the rotation since then was shown.
-
-    Else an uncertain lever arm that swings with the gyros' noise would be found to be none at all by an antenna that
-    stands still. Equation: C + s (C_eb - C), s = 1 - noise / theta^2, theta^2 = |C_eb - C|^2 / 2
-
-    Parameters
-    ----------
-    noise : squared angle that is not shown [rad^2]
-    """
-    turned2 = 0.0
-    for i in range(3):
-        for j in range(3):
-            turned2 += 0.5 * (m.C_eb[i, j] - m.C_clone[i, j]) ** 2
-    share = max(1.0 - noise / turned2, 0.0) if turned2 > 0.0 else 0.0
-    for i in range(3):
-        for j in range(3):
-            a.C_turned[i, j] = m.C_clone[i, j] + share * (m.C_eb[i, j] - m.C_clone[i, j])
 
 
 @kernel

@@ -56,7 +56,7 @@ def carrier_difference(
     wet = air.wet_factor - earlier.wet_factor
     shell = -row.phase_factor * a.shell_grown
     left, count = zenith_columns(m, par, line, CARRIER, N_COLUMNS, wet, shell)
-    line.count[CARRIER] = lever_range_columns(a.C_turned, par, a, line, CARRIER, count)
+    line.count[CARRIER] = lever_range_columns(m, par, a, line, CARRIER, count)
     clocks = m.clock[0] - m.clock_clone - (rows.sat[i, 6] - rows.before[i, 6])
     predicted = a.distance - before + clocks + (left + troposphere - row.phase_factor * a.ionosphere_grown)
     variance = m.noise_factor[CARRIER] * model_variance(-line.u_n[2], row.thermal, par.kind[CARRIER])

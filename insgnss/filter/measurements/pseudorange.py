@@ -44,7 +44,7 @@ def pseudorange(
         count += 1
     shell = row.ionosphere_factor * a.shell
     left, count = zenith_columns(m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, shell)
-    line.count[PSEUDORANGE] = lever_range_columns(m.C_eb, par, a, line, PSEUDORANGE, count)
+    line.count[PSEUDORANGE] = lever_range_columns(m, par, a, line, PSEUDORANGE, count)
     predicted += left + (row.ionosphere_factor * a.ionosphere + a.troposphere)
     variance = float(row.variance_scale) * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
     return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance

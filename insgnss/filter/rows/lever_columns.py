@@ -8,20 +8,16 @@ from insgnss.filter.rows.lines import Antenna, Line
 from insgnss.filter.state import StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
 from insgnss.jit import kernel
-from insgnss.tables import Float64
 
 
 @kernel(inline=True)
-def lever_range_columns(C: Float64, par: Parameters, a: Antenna, line: Line, kind: int, count: int) -> int:
-    """Write what a range grows by with the lever arm, -C^T u, from ``count`` on; return the end.
-
-    Parameters
-    ----------
-    C : (3, 3) the body's axes in ECEF
-    """
+def lever_range_columns(
+    m: StateRecord, par: Parameters, a: Antenna, line: Line, kind: int, count: int
+) -> int:
+    """Write what a range grows by with the lever arm, -C^T u, from ``count`` on; return the end."""
     if par.at_lever_arm < 0:
         return count
-    place_negative(line.h[kind], count, rotate_back(C, a.u))
+    place_negative(line.h[kind], count, rotate_back(m.C_eb, a.u))
     return _columns(par, line, kind, count)
 
 

@@ -44,9 +44,7 @@ class Antenna(Record):
     a_e: Annotated[Float64, 3]  # C_eb (w_ib x l)
     turning_e: Annotated[Float64, 3]  # the same of the rotation that counts as motion
     turned_e: Annotated[Float64, 3]  # lever arm of the epoch before, turned by that rotation [m]
-    C_turned: Annotated[
-        Float64, 3, 3
-    ]  # axes of the body then, turned by it: where the lever arm is estimated
+    swing: Annotated[Float64, 3, 3]  # scratch of ``lever_swing``
     C_ne: Annotated[Float64, 3, 3]
     u: Annotated[Float64, 3]  # line of sight
     distance: float  # of the last row: range [m] ...

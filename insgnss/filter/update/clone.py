@@ -30,8 +30,6 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Ai
     l_e = a.l_e
     for i in range(3):
         m.r_clone[i], m.l_clone[i] = a.r_a[i], l_e[i]
-        for j in range(3):
-            m.C_clone[i, j] = m.C_eb[i, j]
     for j in range(n - N_CLONE):
         for i in range(3):
             # (psi x l)_i = psi_p l_q - psi_q l_p with i, p, q cyclic

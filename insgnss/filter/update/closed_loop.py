@@ -10,8 +10,10 @@ import math
 from typing import Final
 
 from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.filter.update.lever_swing import keep_antenna
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.geodesy.vectors import Vector, place, rotate, rotate_back
@@ -52,17 +54,17 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     turn = a * x + b * y + c * z
     lever_b = rotate_back(C, m.l_clone)
     turned_x, turned_y, turned_z = (
-        _in_body(C, m.C_clone, 0),
-        _in_body(C, m.C_clone, 1),
-        _in_body(C, m.C_clone, 2),
+        _in_body(C, m.C_swung, 0),
+        _in_body(C, m.C_swung, 1),
+        _in_body(C, m.C_swung, 2),
     )
     turn_left(m.q_eb, x - turn * a, y - turn * b, z - turn * c)
     turn_left(m.q_eb, turn * a, turn * b, turn * c)
     quaternion_to_matrix(m.q_eb, m.C_eb)
     place(m.l_clone, 0, rotate(C, lever_b))  # as the clone's covariance has it now
-    _place_column(m.C_clone, 0, rotate(C, turned_x))
-    _place_column(m.C_clone, 1, rotate(C, turned_y))
-    _place_column(m.C_clone, 2, rotate(C, turned_z))
+    _place_column(m.C_swung, 0, rotate(C, turned_x))
+    _place_column(m.C_swung, 1, rotate(C, turned_y))
+    _place_column(m.C_swung, 2, rotate(C, turned_z))
     if abs(turn) >= _NO_TURN:
         m.b_g[0] += p - w * C[2, 0]
         m.b_g[1] += q - w * C[2, 1]
@@ -82,7 +84,9 @@ def _place_column(C: Float64, column: int, a: Vector) -> None:
 
 
 @kernel(apart=True)
-def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64, a: Antenna) -> None:
+def turn_attitude_errors(
+    m: StateRecord, P: Float64, par: Parameters, correction: Float64, a: Antenna
+) -> None:
     """Turn the axes of the attitude's errors about the vertical with the correction of the heading.
 
     What tilts the attitude belongs to the body, the accelerometers' bias above all: with a new heading the axes of that
@@ -93,7 +97,7 @@ def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64, a: Ant
 
     Equation: P <- T P T^T with psi' = R psi, R = exp([u (u . delta psi) x]), u the vertical,
               dr' = dr + (I - R)(psi x l), dv' = dv + (I - R)(psi x a), a = C_eb (w_ib x l) as it was shown,
-              db_g' = db_g + C_eb^T ((w_ie - R^T w_ie) x psi)
+              db_g' = db_g + C_eb^T ((w_ie - R^T w_ie) x psi); of an uncertain lever arm dr' = dr + (I - R) C_eb dl
     Neglects: the turn of the tilt's own axes by half its correction, second order in it.
 
     Parameters
@@ -112,6 +116,12 @@ def turn_attitude_errors(m: StateRecord, P: Float64, correction: Float64, a: Ant
         turn_column(m.C_eb, a, turn, rate, P[:, j])
     for i in range(n):
         turn_column(m.C_eb, a, turn, rate, P[i])
+    if par.at_lever_arm >= 0:
+        for j in range(3):
+            x, y, z = m.C_eb[0, j], m.C_eb[1, j], m.C_eb[2, j]
+            p, q, r = turned(axis, turn[1], turn[2], x, y, z)
+            a.swing[0, j], a.swing[1, j], a.swing[2, j] = p - x, q - y, r - z
+        keep_antenna(P, par.at_lever_arm, a.swing)
     for i in range(n):
         for j in range(i):
             P[i, j] = P[j, i]

@@ -19,6 +19,7 @@ from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
 from insgnss.filter.update.integrity import follow_explained
+from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
@@ -73,6 +74,8 @@ def update_epoch(
         return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     doubt_clock(m, P, par, since_last)
     drift_variance = P[DRIFT, DRIFT]
+    if par.at_lever_arm >= 0:
+        swing_lever_arm(m, P, par, s.antenna[0], rows.epoch_ns[epoch])
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     lines, observation = s.lines[: last - first], rows.observation[first:last]
@@ -105,7 +108,7 @@ def update_epoch(
         adapt_noise(m, prior, P, par, s, last - first, t_ns, drift_variance)
         follow_explained(m, prior, par, lines, s.fit, t_ns)
     if par.motion_gate2 > 0.0:
-        turn_attitude_errors(m, P, correction, s.antenna[0])
+        turn_attitude_errors(m, P, par, correction, s.antenna[0])
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
