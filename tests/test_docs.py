@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from functools import cache
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -73,6 +75,38 @@ def test_readme_links_every_page() -> None:
     assert named([page for page in PAGES if page not in linked]) == []
 
 
+def test_first_result_and_numbers_of_the_readme_are_those_of_the_sample_flight() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```text\n(sample flight: .*?)```", readme, re.DOTALL)
+    shown = re.findall(r"^  (n|e|d|yaw), (m|deg)((?: +-?[\d.]+){5})$", block, re.MULTILINE)
+    used = re.findall(r"^  used +(\d+) +(\d+)$", block, re.MULTILINE)
+    (row,) = re.findall(
+        r"^\| sample flight, 20 minutes.* position ([\d., ]+) m rms .*NIS (\S+) and (\S+)\)",
+        readme,
+        re.MULTILINE,
+    )
+
+    run = insgnss.replay(ROOT / "data" / "sample_flight" / "flight.toml")
+
+    errors = run.error_summary()[["mean", "rms", "p95", "max", "mean_sigma"]]
+    nis = run.nis_summary()["mean_nis"]
+    assert len(shown) == 4
+    for name, unit, numbers in shown:
+        # to a centimetre and a hundredth of a degree: machines differ below that
+        assert [float(n) for n in numbers.split()] == pytest.approx(
+            errors.loc[f"{name}_{unit}"].tolist(), abs=0.01
+        )
+    assert [float(n) for n in row[0].split(", ")] == pytest.approx(
+        errors.loc[["n_m", "e_m", "d_m"], "rms"].tolist(), abs=0.01
+    )
+    assert [float(n) for n in row[1:]] == pytest.approx(
+        nis.loc[["pseudorange", "range_rate"]].tolist(), abs=0.01
+    )
+    assert [int(n) for n in used[0]] == pytest.approx(
+        run.status_counts().loc["used"].loc[["pseudorange", "range_rate"]].tolist(), abs=20
+    )
+
+
 def test_every_page_has_its_place_on_the_site() -> None:
     placed = re.findall(r": (\S+\.md)$", NAVIGATION, re.MULTILINE)
 
@@ -108,3 +142,41 @@ def test_example_of_a_how_to_page_runs(
     exec(compile(example, name, "exec"), {"__name__": name})
 
     assert capsys.readouterr().out.strip()
+
+
+def site_helper(name: str) -> ModuleType:
+    """Return a file of ``docs/`` that the site is built with."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("page", "src_uri", "link", "on_site"),
+    [
+        ("README.md", "index.md", "docs/how-to/study-an-outage.md#x", "how-to/study-an-outage.md#x"),
+        ("README.md", "index.md", "COLUMNS.md", "columns.md"),
+        ("docs/how-to/study-an-outage.md", "how-to/study-an-outage.md", "../../README.md", "../index.md"),
+        ("docs/notebooks.md", "notebooks.md", "../LICENSE", "LICENSE"),
+        ("docs/notebooks.md", "notebooks.md", "filter.md", "filter.md"),
+    ],
+)
+def test_links_of_the_repository_become_links_of_the_site(
+    page: str, src_uri: str, link: str, on_site: str
+) -> None:
+    file = SimpleNamespace(abs_src_path=str(ROOT / page), src_uri=src_uri)
+    hook = site_helper("site_hook")
+
+    text = hook.on_page_markdown(f"[a]({link})", page=SimpleNamespace(file=file), config=None, files=None)
+
+    assert hook.PAGES == {name: page for page, name in MADE_OF.items()}
+    assert text == f"[a]({on_site})"
+
+
+def test_site_needs_no_network() -> None:
+    settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+
+    assert "font: false" in settings
+    assert not re.search(r"https?://|cdn", settings)

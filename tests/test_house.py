@@ -231,7 +231,7 @@ def test_no_global_random_numbers() -> None:
 
 
 def test_no_line_names_a_path_of_one_machine() -> None:
-    kinds = {".py", ".md", ".toml", ".cfg", ".txt", ".ipynb", ""}
+    kinds = {".py", ".md", ".toml", ".yml", ".cfg", ".txt", ".ipynb", ""}
 
     assert [place for place, line in text_lines(kinds) if ABSOLUTE_PATH.search(line)] == []
 
