@@ -13,7 +13,7 @@ OUT ?= out/demo
 ARGS ?=
 NOTEBOOKS ?= notebooks/*.ipynb
 
-.PHONY: help setup demo test test-bounds test-lowest notebooks pair lint check-rules check-format check-types check-imports format bench clean
+.PHONY: help setup demo test test-bounds test-lowest notebooks pair docs lint check-rules check-format check-types check-imports format bench clean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' Makefile
@@ -51,6 +51,10 @@ notebooks: $(STAMP)  ## run every notebook, write them with their outputs to out
 
 pair: $(STAMP)  ## write each notebook file anew from its text; the cells keep their ids
 	$(BIN)/jupytext --quiet --update --to ipynb notebooks/*.py
+
+docs: $(STAMP)  ## build the documentation site into out/site; a warning is an error
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-input -e ".[docs]"
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 lint: check-rules check-format check-types check-imports  ## ruff, format, mypy --strict, import contracts
 

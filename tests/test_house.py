@@ -22,7 +22,7 @@ from insgnss.version import __version__
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "insgnss").rglob("*.py"))
 NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "tools", "base", "core"}
-TOP_LEVEL_FOLDERS = {".ci", "data", "insgnss", "models", "notebooks", "tests"}
+TOP_LEVEL_FOLDERS = {".ci", "data", "docs", "insgnss", "models", "notebooks", "tests"}
 HEAVY_OPTIONAL_LIBRARIES = {"dask", "distributed", "matplotlib", "plotly", "scipy", "xarray"} | {
     *("lz4", "mcap", "mcap_ros2", "novatel_edie", "pyulog", "zstandard"),
 }
@@ -231,7 +231,7 @@ def test_no_global_random_numbers() -> None:
 
 
 def test_no_line_names_a_path_of_one_machine() -> None:
-    kinds = {".py", ".md", ".toml", ".cfg", ".txt", ".ipynb", ""}
+    kinds = {".py", ".md", ".toml", ".yml", ".cfg", ".txt", ".ipynb", ""}
 
     assert [place for place, line in text_lines(kinds) if ABSOLUTE_PATH.search(line)] == []
 

@@ -1,4 +1,4 @@
-"""The README's three steps with somebody else's CSV: other column names, degrees per second, g, as pasted."""
+"""The steps of tutorial and README with somebody else's CSV: other column names, degrees per second, g, as pasted."""
 
 from __future__ import annotations
 
@@ -20,26 +20,31 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2
 from tests.conftest import REPOSITORY
 
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+TUTORIAL = (REPOSITORY / "docs" / "tutorial.md").read_text(encoding="utf-8")
 SAMPLE = REPOSITORY / "data" / "sample_flight"
 SECONDS = 240.0  # of the sample flight: rest, take-off and a turn, by which the heading is known
 
 
-def pasted_flight_file() -> str:
+def section(page: str) -> str:
+    """Return a page's section on one's own data."""
+    return re.split(r"^#+ Your own data", page, flags=re.MULTILINE)[1].split("\n## ")[0]
+
+
+def pasted_flight_file(page: str = TUTORIAL) -> str:
     """Return the flight file of the section on one's own data."""
-    match = re.search(r"## Your own data.*?```toml\n(.*?)```", README, re.DOTALL)
+    match = re.search(r"```toml\n(.*?)```", section(page), re.DOTALL)
     assert match is not None
     return match.group(1)
 
 
-def pasted_commands(folder: Path) -> list[list[str]]:
+def pasted_commands(folder: Path, page: str = TUTORIAL) -> list[list[str]]:
     """Return the commands of the section on CSV logs, their folder put in."""
-    section = README.split("## Your own data")[1].split("\n## ")[0]
-    found = re.findall(r"^    insgnss ((?:check|replay) .*)$", section, re.MULTILINE)
+    found = re.findall(r"^    insgnss ((?:check|replay) .*)$", section(page), re.MULTILINE)
     return [shlex.split(command.replace("my/", f"{folder}/")) for command in found]
 
 
 def write_foreign_logs(folder: Path) -> None:
-    """Write the start of the sample flight as the README's example describes it."""
+    """Write the start of the sample flight as the tutorial's example describes it."""
     with gzip.open(SAMPLE / "imu.csv.gz", "rt") as stream:
         imu = pd.read_csv(io.StringIO(stream.read()))
     imu = imu[imu["time_s"] < imu["time_s"].iloc[0] + SECONDS]
@@ -108,3 +113,18 @@ def test_g_declared_as_metres_per_second_squared_is_refused_with_advice(folder: 
 
     assert checked.exit_code == 3
     assert "accel_unit = 'g' fits" in checked.output
+
+
+def test_readme_has_the_tutorial_s_steps_for_logs_with_the_usual_names(tmp_path: Path) -> None:
+    with gzip.open(SAMPLE / "imu.csv.gz", "rb") as stream:
+        (tmp_path / "imu.csv").write_bytes(stream.read())
+    for name in ("gnss.csv", "nav.rnx"):
+        shutil.copy(SAMPLE / name, tmp_path / name)
+    (tmp_path / "flight.toml").write_text(pasted_flight_file(README), encoding="utf-8")
+    check, _ = commands = pasted_commands(tmp_path, README)
+
+    checked = CliRunner().invoke(app, [*check, "--json"])
+
+    assert commands == pasted_commands(tmp_path)
+    assert checked.exit_code == 0, checked.output
+    assert json.loads(checked.stdout)["severity"] != "error"

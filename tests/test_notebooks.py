@@ -21,14 +21,12 @@ import insgnss
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "notebooks"
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+GALLERY = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")
 NAMES = sorted(path.stem for path in FOLDER.glob("*.py"))
 # "**Question.** ...?" is the second paragraph, below the title, which carries the file's number
 OPENING = re.compile(r"\A# (?P<number>\d\d) .+\n\n\*\*Question\.\*\* (?P<question>[^?]+\?)")
-# a room is open to everybody if the README names it
-OPEN_ROOMS = set(re.findall(r"`(insgnss(?:\.\w+)+)", README)) | set(
-    re.findall(r"from (insgnss[\w.]*) import", README)
-)
+# a room is open to everybody if the gallery's last paragraph names it
+OPEN_ROOMS = set(re.findall(r"`(insgnss(?:\.\w+)+)`", GALLERY))
 CELL_LIMIT_S = 300
 
 each_notebook = pytest.mark.parametrize("name", NAMES)
@@ -61,7 +59,7 @@ def imported(name: str) -> Iterator[tuple[str, str]]:
 
 
 def is_open(module: str, name: str) -> bool:
-    """Return whether a name is the package's own public one, or of a room that the README names."""
+    """Return whether a name is the package's own public one, or of a room that the gallery names."""
     if module == "insgnss" and name in ("", *insgnss.__all__):
         return True
     return any(f"{module}.{name}.".startswith(f"{room}.") for room in OPEN_ROOMS if room != "insgnss")
@@ -96,13 +94,13 @@ def test_notebook_file_has_no_outputs_and_every_cell_its_own_id(name: str) -> No
 
 
 @each_notebook
-def test_notebook_begins_with_its_question_which_the_readme_repeats(name: str) -> None:
+def test_notebook_begins_with_its_question_which_the_gallery_repeats(name: str) -> None:
     opening = OPENING.match(text_of(name).cells[0].source)
 
     assert opening is not None
     assert opening["number"] == name[:2]
-    row = re.search(rf"^\| \[{name}\]\(notebooks/{name}\.ipynb\) \| (.+?) \|", README, re.MULTILINE)
-    assert row is not None, "the README's table of notebooks has no such row"
+    row = re.search(rf"^\| \[{name}\]\(\.\./notebooks/{name}\.ipynb\) \| (.+?) \|", GALLERY, re.MULTILINE)
+    assert row is not None, "the gallery has no such row"
     assert row[1] == " ".join(opening["question"].split())
 
 

@@ -1,4 +1,4 @@
-"""What the README shows is what the package does: its flight file, its commands, its tables."""
+"""What README and pages show is what the package does: flight file, commands, tables, exit codes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import get_args
 
+import pytest
 from pydantic import BaseModel
 
 from insgnss import status
@@ -16,13 +17,18 @@ from insgnss.run import TABLES
 from insgnss.version import __version__
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+DOCS = REPOSITORY / "docs"
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+FLIGHT_FILE = (DOCS / "flight-file.md").read_text(encoding="utf-8")
+COMMANDS = (DOCS / "command-line.md").read_text(encoding="utf-8")
+RESULT = (DOCS / "result.md").read_text(encoding="utf-8")
+ALL_PAGES = "\n".join([README, *(page.read_text(encoding="utf-8") for page in sorted(DOCS.rglob("*.md")))])
 MAKEFILE = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
 
 
 def flight_example(uncommented: tuple[str, ...] = ()) -> str:
-    """Return the README's flight file, with the commented-out blocks that begin with these headers switched on."""
-    match = re.search(r"```toml\n(name = \"survey 7\".*?)```", README, re.DOTALL)
+    """Return the page's flight file, with the commented-out blocks that begin with these headers switched on."""
+    match = re.search(r"```toml\n(name = \"survey 7\".*?)```", FLIGHT_FILE, re.DOTALL)
     assert match is not None
     blocks = match.group(1).split("\n\n")
     for header in uncommented:
@@ -88,42 +94,38 @@ def test_flight_example_shows_the_defaults_of_what_may_be_left_out() -> None:
 
 
 def test_every_table_of_a_run_is_named() -> None:
-    assert [name for name in TABLES if f"`run.{name}`" not in README] == []
+    assert [name for name in TABLES if f"`run.{name}`" not in RESULT] == []
 
 
-def test_every_status_the_readme_names_exists() -> None:
-    named = set(
-        re.findall(r"`((?:masked|no|bad|stale|not|too|clock)_\w+|used|gated|unhealthy|duplicate)`", README)
-    )
+def test_every_status_that_a_page_names_exists() -> None:
+    words = r"`((?:masked|no|bad|stale|not|too|clock)_\w+|used|gated|unhealthy|duplicate)`"
+    named = set(re.findall(words, ALL_PAGES))
 
     assert len(named) > 8
     others = {"clock_bias_m", "clock_drift_mps", "no_measurements", "masked_bank"}
     assert named - set(status.NAMES.values()) - others == set()  # columns, an event
 
 
-def test_exit_codes_are_those_of_the_readme() -> None:
-    table = README.split("| exit code | meaning |")[1].split("\n\n")[0]
+def test_exit_codes_are_those_of_the_page() -> None:
+    table = COMMANDS.split("| exit code | meaning |")[1].split("\n\n")[0]
     shown = dict(re.findall(r"^\| (\d+) \| (.+?) \|$", table, re.MULTILINE))
 
     assert set(shown) == set(map(str, EXIT_CODES))
     assert all(shown[str(code)].startswith(words) for code, words in EXIT_CODES.items())
 
 
-def test_every_command_is_in_the_table() -> None:
+@pytest.mark.parametrize("page", [README, COMMANDS], ids=["README", "command line"])
+def test_every_command_is_in_the_table(page: str) -> None:
     commands = {example.split()[1] for example in EXAMPLES.values()}
 
-    assert commands - set(re.findall(r"^\| `insgnss (\w+)", README, re.MULTILINE)) == set()
+    assert set(re.findall(r"^\| `insgnss (\w+)", page, re.MULTILINE)) == commands
 
 
-def test_every_file_and_heading_that_is_linked_exists() -> None:
-    named = set(re.findall(r"`((?:insgnss|tests|models|data)/[\w/.]+)`", README))
-    links = re.findall(r"\]\(([^)#]+)\)", README)
-    words = re.findall(r"^## (.+)$", README, re.MULTILINE)
-    anchors = {re.sub(r"[^a-z0-9 -]", "", head.lower()).replace(" ", "-") for head in words}
+def test_every_file_that_is_named_exists() -> None:
+    named = set(re.findall(r"`((?:insgnss|tests|models|data|notebooks|docs)/[\w/.]+)`", ALL_PAGES))
 
     assert len(named) > 40
-    assert [path for path in (*named, *links) if not (REPOSITORY / path).exists()] == []
-    assert set(re.findall(r"\]\(#([^)]+)\)", README)) - anchors == set()
+    assert [path for path in named if not (REPOSITORY / path).exists()] == []
 
 
 def test_citation_is_of_this_version() -> None:
@@ -134,7 +136,7 @@ def test_citation_is_of_this_version() -> None:
 
 
 def test_every_make_target_that_is_shown_exists() -> None:
-    shown = set(re.findall(r"(?:^    |`)make ([a-z]+)", README, re.MULTILINE))
+    shown = set(re.findall(r"(?:^    |`)make ([a-z-]+)", ALL_PAGES, re.MULTILINE))
 
-    assert {"demo", "test"} <= shown
+    assert {"demo", "test", "docs", "notebooks"} <= shown
     assert all(re.search(rf"^{target}:", MAKEFILE, re.MULTILINE) for target in shown)

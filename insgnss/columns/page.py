@@ -19,7 +19,7 @@ it with the tables that a replay gives. Names end in their unit; a name with a `
 
 `run.nav`, `run.measurements`, ... are pandas tables; `run.save(folder)` and `insgnss replay --output folder` write each
 as `<table>.parquet` or, with `--format csv`, `<table>.csv`. `insgnss columns nav` prints one table's part. Conventions
-of frames and signs are in [README.md](README.md#conventions).
+of frames and signs are in [conventions](docs/conventions.md).
 """
 
 
