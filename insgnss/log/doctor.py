@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, TypeVar
@@ -20,6 +19,7 @@ from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_log import has_messages, merged, missing_navigation, read_receiver
 from insgnss.log.imu_csv import read_imu
 from insgnss.log.imu_frozen import DEAD
+from insgnss.log.late_antenna_findings import antenna_findings
 from insgnss.log.navigation_span import check_navigation_time
 from insgnss.log.overlap import check_overlap, epochs_outside
 from insgnss.log.receiver import ReceiverLog
@@ -118,9 +118,8 @@ def read_and_check(flight: Flight) -> tuple[CheckReport, ReadLogs]:
         findings.append(_lever_arm_finding(flight))
     if config.vehicle is not None:
         findings += vehicle_findings(config.vehicle)
-    if config.attitude is not None:  # what this takes is loaded for such flights alone
-        several = importlib.import_module("insgnss.log.doctor_antennas")
-        findings += several.antenna_findings(flight, gnss)
+    if config.attitude is not None:
+        findings += antenna_findings(flight, gnss)
     return CheckReport(flight.name, tuple(findings)), ReadLogs(imu, receiver, navigation)
 
 

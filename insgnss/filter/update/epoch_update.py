@@ -73,13 +73,11 @@ def update_epoch(
         leave_out(rows, epoch, s.lines)
         return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     doubt_clock(m, P, par, since_last)
-    drift_variance = P[DRIFT, DRIFT]
-    if par.at_lever_arm >= 0:
-        swing_lever_arm(m, P, par, s.antenna[0], rows.epoch_ns[epoch])
-    observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
+    swing_lever_arm(m, P, par, s.antenna[0], t_ns)
+    observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
-    correction, values = s.vectors[0], s.vectors[3]
+    correction, values, drift_variance = s.vectors[0], s.vectors[3], P[DRIFT, DRIFT]
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)

@@ -27,6 +27,8 @@ def swing_lever_arm(m: StateRecord, P: Float64, par: Parameters, a: Antenna, t_n
     Equation: D = (1 - s) (C_eb - C), s = 1 - (k^2 q T + 2^2 B T^2) / theta^2, theta^2 = |C_eb - C|^2 / 2, as in
               ``motion.place_turning``
     """
+    if par.at_lever_arm < 0:
+        return
     seconds = (t_ns - m.swung_ns) / NS_PER_S if m.swung_ns != 0 else 0.0
     noise = par.motion_gate2 * par.gyro_density * seconds
     if par.motion_gate2 > 0.0:
