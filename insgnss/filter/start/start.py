@@ -277,9 +277,8 @@ def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: Attitude, layou
     least = np.maximum(attitude.sd_b_g, np.abs(attitude.b_g) / _BEYOND_GRADE) ** 2
     P[_GYRO_BIASES] += np.maximum(least - (J @ P @ J.T).diagonal(), 0.0)
     A = J @ P @ J.T
-    gain = (
-        np.linalg.pinv(A, hermitian=True) @ J @ P
-    ).T  # an axis without any error, as of a perfect sensor, has none
+    # no gain for an axis without any error, as of a perfect sensor
+    gain = (np.linalg.pinv(A, hermitian=True) @ J @ P).T
     shares = gain @ attitude.b_g
     m.b_g[:] = shares[BG : BG + 3]
     for at in layout.sensor_states:
