@@ -18,7 +18,7 @@ LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#])")
 
 
 def outside_of_docs(target: Path) -> bool:
-    """Return whether a linked file is one of the repository that is no page of ``docs/``."""
+    """Return whether a linked file lies in the repository, but not in ``docs/``."""
     return target.is_file() and target.is_relative_to(ROOT) and not target.is_relative_to(DOCS)
 
 
@@ -43,7 +43,7 @@ def place_on_site(target: Path) -> str:
     if target.is_relative_to(DOCS):
         return str(target.relative_to(DOCS))
     name = str(target.relative_to(ROOT))
-    # a page of Markdown that is no page of the site stays a file
+    # other Markdown files are copied, not rendered
     return PAGES.get(name, name.replace(".md", ".md.txt"))
 
 

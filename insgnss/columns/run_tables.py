@@ -29,8 +29,8 @@ offset_*_m: clock offset of each further constellation, and of each further band
 glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
 zenith_delay_m: residual tropospheric delay at the zenith, where estimated
 ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (carriers of one band)
-lever_arm_x_m lever_arm_y_m lever_arm_z_m: what the antenna's lever arm is longer than in the flight file, forward,
-  right, down; with `process.lever_arm_sigma_m`
+lever_arm_x_m lever_arm_y_m lever_arm_z_m: estimated correction to the antenna's lever arm in the flight file,
+  forward, right, down; with `process.lever_arm_sigma_m`
 sd_lever_arm_x_m sd_lever_arm_y_m sd_lever_arm_z_m: one sigma of these
 mounting_pitch_deg mounting_yaw_deg: pitch and yaw of the IMU against the vehicle, beyond those in the flight file; with
   the rows `non_holonomic` of `[vehicle]`

@@ -190,7 +190,7 @@ class Process(StrictModel):
     lever_arm_sigma_m: NotNegative = Field(
         0.0,
         le=100.0,
-        description="how well the antenna's lever arm is known, each component; its error is estimated; 0: exactly",
+        description="sigma of each component of the antenna's lever arm, whose error is then estimated; 0: exact",
     )
 
 

@@ -30,6 +30,11 @@ class Coupling(NamedTuple):
     axis: str  # x, y or z of the body
     times: str = "1"  # of ``FACTORS``
 
+    @property
+    def places(self) -> tuple[int, int, int]:
+        """Error that it enters, axis and factor (index into ``FACTORS``)."""
+        return SENSORS[self.sensor], _AXES.index(self.axis), FACTORS.index(self.times)
+
 
 @dataclass(frozen=True)
 class RandomWalk:
@@ -211,7 +216,7 @@ class Layout:
         Those of one axis of a sensor stand together.
         """
         found = [
-            (self.at(block.name) + i, SENSORS[one.sensor], _AXES.index(one.axis), FACTORS.index(one.times))
+            (self.at(block.name) + i, *one.places)
             for block in self.blocks
             for i, one in enumerate(block.couples)
         ]

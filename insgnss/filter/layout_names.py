@@ -49,7 +49,7 @@ class StateLayout(Mapping[str, StatePlace]):
     | offset_E, offset_R, ... | clock of a further constellation against the first one [m] |
     | glonass_channel_bias | delay that grows with the frequency channel [m per channel] |
     | zenith_delay, ionosphere | what the models leave at the zenith [m] |
-    | lever_arm | of the antenna, beyond that of the flight file, body axes [m] |
+    | lever_arm | correction to the antenna's lever arm in the flight file, body axes [m] |
     | a ``StateBlock`` of the user's | all of its states, SI units |
     """
 
@@ -92,13 +92,13 @@ def state_layout(layout: Layout) -> StateLayout:
     places = {
         name: StatePlace(slice(at, at + size), unit, frame) for name, (at, size, unit, frame) in FIXED.items()
     }
-    places |= _further_places(layout)
-    return StateLayout(places, tuple(_gyro_parts(layout, places)))
+    return StateLayout(places | _further_places(layout), tuple(_gyro_parts(layout)))
 
 
-def _gyro_parts(layout: Layout, places: Mapping[str, StatePlace]) -> Iterator[GyroPart]:
+def _gyro_parts(layout: Layout) -> Iterator[GyroPart]:
     """Yield the states that enter the gyros."""
-    for at, into, axis, times in layout.couplings:
-        for name, place in places.items():
-            if into == PSI and place.columns.start <= at < place.columns.stop:
-                yield GyroPart(name, place.size, at - place.columns.start, axis, times)
+    for block in layout.blocks:
+        for i, coupling in enumerate(block.couples):
+            into, axis, times = coupling.places
+            if into == PSI:
+                yield GyroPart(block.name, block.size, i, axis, times)

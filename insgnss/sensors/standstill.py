@@ -91,7 +91,7 @@ def critical_ratio(missed_share: float, parts: int, samples: int) -> float:
 
 
 def stands(state: StateEstimate, limits: Standstill) -> WindowStatistics | None:
-    """Return the statistics of a window at rest, None where the samples or what is left of their rate show motion."""
+    """Return the statistics of a window at rest, None where the samples or the corrected rate show motion."""
     rocking = math.radians(limits.rocking_deg_per_s), limits.rocking_mps2
     found = window_statistics(state.recent(limits.window_s), rocking)
     if found is None or found.f_ratio.max() > critical_ratio(limits.missed_share, found.parts, found.samples):

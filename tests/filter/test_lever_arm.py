@@ -25,17 +25,16 @@ from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import cross_matrix
-from insgnss.gnss.carrier_rows import CARRIER_DTYPE
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.library import filter_config, imu_grade
 from insgnss.tables import Float64
-from tests.filter.scene import START_NS, attitude, new_filter, parameters, place, rows_of, sky, steady_force
+from tests.filter.scene import START_NS, attitude, new_filter, parameters, place, steady_force
+from tests.filter.test_carrier import STEP_NS, carrier_log
 from tests.filter.test_integrity import fix_of
 from tests.filter.test_start_covariance import T_NS, kinematics
 from tests.jacobian import finite_difference_jacobian
 
 GIVEN, FOUND = (2.5, -1.2, -4.0), np.array([0.3, -0.2, 0.5])
-STEP_NS = 500_000_000
 N = OFFSETS + 3 + N_CLONE
 BLOCK = StateBlock(LEVER_ARM, ("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m"), "m", 1.0)
 
@@ -60,14 +59,6 @@ def turning_filter() -> Bank:
     m.clone_ns = m.swung_ns = START_NS - STEP_NS
     m.w_smooth[:] = 0.5, -0.3, 1.0
     return bank
-
-
-def carrier_log() -> Rows:
-    log = rows_of([START_NS], sky(place(-33.0, 151.0, 9000.0)))
-    before = log.sat.copy()
-    before[:, :3] -= 0.5 * before[:, 3:6]
-    carrier = np.zeros(len(before), CARRIER_DTYPE)
-    return log._replace(carrier=carrier, before=before, before_ns=np.array([START_NS - STEP_NS]))
 
 
 def lines_of(bank: Bank, par: npt.NDArray[Any], w_ib_b: Float64) -> npt.NDArray[Any]:
@@ -134,7 +125,7 @@ def test_correction_of_the_heading_leaves_the_antenna_where_it_is() -> None:
     turn_attitude_errors(m, P, par[0], correction, work.antenna[0])
     close_loop(m, correction, N - N_CLONE)
     np.testing.assert_allclose(antenna(), before, atol=1e-9)
-    # the axes of the last epoch follow: a correction is no rotation of the vehicle
+    # the axes of the last epoch follow: a correction does not rotate the vehicle
     then = turning_filter().state[0].C_swung
     np.testing.assert_allclose(m.C_eb.T @ m.C_swung, C_before.T @ then, atol=1e-12)
 
@@ -202,9 +193,8 @@ def test_split_heading_keeps_the_antenna_and_what_is_known_of_it() -> None:
         return m.r_e + m.C_eb @ whole, H
 
     hangs = np.eye(N)
-    hangs[DR : DR + 3] = (
-        2.0 * hangs[DR : DR + 3] - antenna()[1]
-    )  # the antenna's errors in the place of the IMU's
+    # the antenna's errors in the place of the IMU's
+    hangs[DR : DR + 3] = 2.0 * hangs[DR : DR + 3] - antenna()[1]
     P[:] = np.diag(np.repeat([0.01, 1e-4, 0.05, 1e-8, 1e-12, 1.0, 0.25, 1.0], [3, 3, 3, 3, 3, 2, 3, 4]))
     P[:] = hangs @ P @ hangs.T
     where, _ = antenna()

@@ -18,7 +18,7 @@ from insgnss.filter.own_rows.rows import own_measurements
 from insgnss.filter.own_rows.state_estimate import LONGEST_WINDOW_S, state_estimate
 from insgnss.filter.own_update import use_own_rows
 from insgnss.filter.prediction import Imu, new_scratch
-from insgnss.filter.state import OFFSETS, joined_banks
+from insgnss.filter.state import MAX_WATCHED, OFFSETS, joined_banks
 from insgnss.status import USED
 from tests.filter.scene import START_NS, attitude, new_filter, place
 from tests.filter.test_own_update import AT, IMU, giving, setup_with
@@ -118,3 +118,15 @@ def test_kind_that_gives_one_heading_no_rows_gives_none_to_all() -> None:
     before = bank.P.tobytes()
     assert use_own_rows(bank, START_NS, setup, IMU, setup.parameters(), new_scratch(OFFSETS)).entries == []
     assert bank.P.tobytes() == before
+
+
+def test_more_watched_measurements_than_there_is_room_for_are_an_error() -> None:
+    names = [f"kind_{i}" for i in range(MAX_WATCHED + 1)]
+    kinds: list[Any] = [
+        SimpleNamespace(name=name, period_ns=NS_PER_S, rows=lambda state, layout: (), watched=True)
+        for name in names
+    ]
+    with pytest.raises(MeasurementError, match="9 measurements have watched = True"):
+        own_measurements(kinds)
+    own = own_measurements(kinds[:MAX_WATCHED])
+    assert own is not None and [kind.watch for kind in own.kinds] == list(range(MAX_WATCHED))

@@ -179,8 +179,8 @@ def own_measurements(measurements: Sequence[Measurement]) -> OwnMeasurements | N
     watched = [kind.name for kind in kinds if getattr(kind.source, "watched", False)]
     if len(watched) > MAX_WATCHED:
         raise MeasurementError(
-            f"{len(watched)} of the measurements are to be watched, '{watched[-1]}' is the last",
-            advice=f"at most {MAX_WATCHED} can be; watched = False takes one out",
+            f"{len(watched)} measurements have watched = True: {', '.join(watched)}",
+            advice=f"at most {MAX_WATCHED} can be watched; set watched = False for the others",
         )
     kinds = tuple(
         replace(kind, watch=watched.index(kind.name)) if kind.name in watched else kind for kind in kinds

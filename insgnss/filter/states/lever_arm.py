@@ -1,4 +1,4 @@
-"""What the antenna's lever arm is off by: a constant of the installation, shown where the vehicle turns.
+"""The error of the antenna's lever arm: a constant of the installation, observable when the vehicle turns.
 
 The antenna is at r_e + C_eb (l + dl), l of the flight file and dl the state; it moves with C_eb (w x (l + dl)). A flat
 turn shows the horizontal part of dl, its vertical part takes roll or pitch. At constant attitude dl is one with the
@@ -34,7 +34,7 @@ def lever_of(m: StateRecord, lever_b: Float64, layout: Layout) -> Float64:
 
 
 def lever_rows(layout: Layout, n: int) -> Float64:
-    """Return how the lever arm's error is found in the error state, (3, n); zero where it is no state."""
+    """Return the rows (3, n) that take the lever arm's error out of the error state; zero where it is not estimated."""
     rows, at = np.zeros((3, n)), layout.at(LEVER_ARM)
     if at >= 0:
         rows[:, at : at + 3] = np.eye(3)

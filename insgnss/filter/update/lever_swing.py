@@ -5,7 +5,7 @@ noise or by a correction of the heading, the antenna has not moved, so it is the
 
     dr' = dr - D dl,    D the change of C_eb that no rotation has shown
 
-Without it an antenna that stands still would tell, as the heading drifts, that there is no lever arm at all.
+Without this, an antenna at rest under a heading estimate that drifts would make the filter find a lever arm of zero.
 """
 
 from __future__ import annotations
