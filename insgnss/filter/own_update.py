@@ -220,7 +220,7 @@ def _updated(
         else:
             y, given = scalar_update(P, row.h, row.columns, row.innovation, row.variance, vectors)
             if 0.0 < given < math.inf and math.isfinite(y):
-                log_likelihood[j] = -0.5 * (y * y / given + math.log(given))
+                log_likelihood[j] = -0.5 * _charge(y * y / given, given, row)
             else:
                 status = GATED
         if status == USED and several:  # as in ``epoch_update.respond``
@@ -228,10 +228,10 @@ def _updated(
             response -= vectors[1] * moved
             information[j] = moved**2 / given
         if status == GATED:  # a hypothesis must not gain by leaving out what contradicts it
-            alone = row.single_variance == row.variance
-            counted = S if alone else S - row.single_variance + row.variance
-            charged = min(gate, row.innovation**2 / counted if counted > 0.0 else math.inf)
-            log_likelihood[j] = -0.5 * (charged + (math.log(counted) if 0.0 < counted < math.inf else 0.0))
+            counted = S - row.single_variance + row.variance
+            sound = 0.0 < counted < math.inf
+            charged = min(gate, row.innovation**2 / counted) if sound else gate
+            log_likelihood[j] = -0.5 * (_charge(charged, counted, row) if sound else charged)
         entries.append(OwnEntry(t_ns, kind.name, row.innovation, S, status))
     correction = vectors[0]
     if correction.any():
@@ -239,6 +239,15 @@ def _updated(
             turn_attitude_errors(m, P, par, correction, member.antenna)
         _feed_back(m, correction, int(par.at_clone))
     return OwnUpdate(entries, correction)
+
+
+def _charge(squares: float, S: float, row: CheckedRow) -> float:
+    """Return what a row costs of likelihood, as in ``use_rows``: rows that share their errors tell of the noise, too.
+
+    Equation: y^2 / S + ln(S / r) + share ln r1, share = r1 / r, r1 the variance of the row alone, r as it counts
+    """
+    share = row.single_variance / row.variance
+    return squares + math.log(S / row.variance) + share * math.log(row.single_variance)
 
 
 def _refused(member: _Member, gate2: float) -> list[bool]:

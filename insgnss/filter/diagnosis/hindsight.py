@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.axes import of_axes
-from insgnss.filter.diagnosis.past import Past, Stretch
+from insgnss.filter.diagnosis.past import Past, Stretch, rows_at
 from insgnss.filter.diagnosis.ramps import of_wrong_rates, ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
     ACCELEROMETER,
@@ -36,7 +36,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     with_fault,
     without,
 )
-from insgnss.filter.diagnosis.tag_shifts import at_other_tags, later, summit
+from insgnss.filter.diagnosis.tag_shifts import at_other_tags, earlier, later, summit
 from insgnss.filter.diagnosis.witnesses import (
     MOST_SATELLITES,
     Written,
@@ -61,7 +61,7 @@ from insgnss.filter.update.creeping import (
 )
 from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.filter.update.wrong_rates import RATES_OUT_NS
-from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, Rows, some_epochs
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, PSEUDORANGE, some_epochs
 
 _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LAPSE)}
 # how long ago the fault may have begun
@@ -222,9 +222,9 @@ class Hindsight:
 
     def other_tags(self) -> Iterator[Verdict]:
         """Yield what comes of GNSS time tags that are off since a few seconds."""
-        rows = tuple((w, self.rows_at(w.t_ns)) for w in self.base[-_TAGS_EPOCHS:])
+        rows = tuple((w, rows_at(self.stretches, w.t_ns)) for w in self.base[-_TAGS_EPOCHS:])
         for start in self.before[-1 - _GNSS_TAGS_BACK : -1]:
-            found = self.shifted(GNSS_TAGS, copy_bank(start), -tag_error_s(rows))
+            found = self.shifted(GNSS_TAGS, start, -tag_error_s(rows))
             if found is not None:
                 yield found
 
@@ -232,42 +232,52 @@ class Hindsight:
         """Yield what comes of inertial time tags that are off from the start on, at last between the best of these."""
         found = {0.0: self.as_it_was}
         for shift_s in _TAGS_S:
-            verdict = self.shifted(IMU_TAGS, at_other_tags(self.oldest(), shift_s), shift_s)
+            verdict = self.shifted(IMU_TAGS, self.oldest(), shift_s)
             if verdict is not None:
                 found[shift_s] = verdict.log_likelihood
                 yield verdict
         top_s = summit(found)
-        verdict = self.shifted(IMU_TAGS, at_other_tags(self.oldest(), top_s), top_s)
+        verdict = self.shifted(IMU_TAGS, self.oldest(), top_s)
         if verdict is not None:
             yield verdict
 
-    def shifted(self, suspect: str, bank: Bank, shift_s: float) -> Verdict | None:
-        """Return what comes of time tags that are off by ``shift_s``; those of GNSS tell where the satellites were."""
+    def shifted(self, suspect: str, start: Bank, shift_s: float) -> Verdict | None:
+        """Return what comes of time tags that are off by ``shift_s``; those of GNSS tell where the satellites were.
+
+        Epochs that a shift could bring before ``start``, or back behind it, count as they did: all shifts are judged by
+        the same rows.
+        """
         shift_ns = int(shift_s * NS_PER_S)
         if not _SMALLEST_SHIFT_NS < abs(shift_ns) < _LONGEST_SHIFT_NS:
             return None
-        bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
-        satellites_s = shift_s if suspect == GNSS_TAGS else 0.0
-        shifted = tuple(e._replace(rows=later(e.rows, shift_ns, satellites_s)) for e in self.stretches)
-        found = self.verdict(suspect, bank, shifted, shift_ns)
+        sound, bank, first_ns = copy_bank(start), copy_bank(start), _now_ns(start) + _LONGEST_SHIFT_NS
+        if self.until(sound, first_ns) is None:
+            return None
+        for name in ("log_likelihood", "epoch_ns"):
+            bank.head[name] = sound.head[name]
+        first = [int(np.searchsorted(e.rows.epoch_ns, first_ns, side="right")) for e in self.stretches]
+        begun = tuple(e._replace(first=k) for e, k in zip(self.stretches, first, strict=True))
+        if suspect == IMU_TAGS:
+            found = self.verdict(
+                suspect, at_other_tags(bank, shift_ns), begun, imu=earlier(self.imu, shift_ns)
+            )
+        else:
+            bank.head["epoch_ns"] += shift_ns
+            bank.state["clone_ns"] += shift_ns * (bank.state["clone_ns"] != 0)
+            begun = tuple(e._replace(rows=later(e.rows, shift_ns)) for e in begun)
+            found = self.verdict(suspect, bank, begun, shift_ns)
         return None if found is None else found._replace(size=shift_s)
 
-    def rows_at(self, t_ns: int) -> Rows:
-        """Return the rows of one epoch of the past."""
-        for stretch in self.stretches:
-            k = (
-                int(np.searchsorted(stretch.rows.epoch_ns[stretch.first : stretch.last], t_ns))
-                + stretch.first
-            )
-            if k < stretch.last and int(stretch.rows.epoch_ns[k]) == t_ns:
-                return some_epochs(stretch.rows, k, k + 1)
-        raise AssertionError("an epoch that was written is in the past")
-
     def verdict(
-        self, suspect: str, bank: Bank, stretches: tuple[Stretch, ...], shift_ns: int = 0
+        self,
+        suspect: str,
+        bank: Bank,
+        stretches: tuple[Stretch, ...],
+        shift_ns: int = 0,
+        imu: Imu | None = None,
     ) -> Verdict | None:
-        """Return what comes of a suspicion."""
-        written = self.until(bank, self.end_ns + shift_ns, stretches)
+        """Return what comes of a suspicion; the rows may be those of other tags, as may the samples ``imu``."""
+        written = self.until(bank, self.end_ns + shift_ns, stretches, imu)
         if written is None:
             return None
         total = float(bank.head[0].log_likelihood)
@@ -326,7 +336,11 @@ class Hindsight:
         return tuple(each._replace(rows=without(each.rows, satellites)) for each in self.stretches)
 
     def until(
-        self, bank: Bank, stop_ns: int, stretches: tuple[Stretch, ...] | None = None
+        self,
+        bank: Bank,
+        stop_ns: int,
+        stretches: tuple[Stretch, ...] | None = None,
+        imu: Imu | None = None,
     ) -> list[Written] | None:
         """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
         told: list[Written] = []
@@ -338,7 +352,7 @@ class Hindsight:
                 continue
             rows = some_epochs(stretch.rows, int(first), int(last))
             out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), self.setup.layout.n_shown)
-            code = run_beside(bank, rows, self.imu, self.parameters, out, self.work, self.setup)
+            code = run_beside(bank, rows, imu or self.imu, self.parameters, out, self.work, self.setup)
             if code != DONE:
                 return None
             slot = rows.observation["slot"]

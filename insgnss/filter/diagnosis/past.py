@@ -119,3 +119,13 @@ class Past:
         """Return an empty past."""
         empty = self.after_verdict(True)
         return replace(empty, in_vain=self.in_vain)
+
+
+def rows_at(stretches: tuple[Stretch, ...], t_ns: int) -> Rows:
+    """Return the rows of one epoch of the past."""
+    for stretch in stretches:
+        times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
+        k = int(np.searchsorted(times_ns, t_ns)) + stretch.first
+        if k < stretch.last and int(stretch.rows.epoch_ns[k]) == t_ns:
+            return some_epochs(stretch.rows, k, k + 1)
+    raise AssertionError("an epoch that was written is in the past")

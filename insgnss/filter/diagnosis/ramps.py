@@ -18,7 +18,6 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.witnesses import OfKind, Written, used_and_refused
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.update.epoch_update import spread_of
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.status import DRIFTING
 from insgnss.tables import Float64
@@ -28,6 +27,7 @@ _WRONG_MPS: Final = 10.0 ** np.arange(-1.0, 3.0, 0.5)  # by so much wrong range 
 _ONSETS: Final = 12
 # of normal equations of unit vectors: fewer than four rows leave what they do not tell at zero
 _RIDGE: Final = 1e-6
+_PRECISION: Final = float(np.finfo(np.float32).eps)
 
 
 class _Shown(NamedTuple):
@@ -38,7 +38,12 @@ class _Shown(NamedTuple):
     since_s: Float64  # the epoch before
     innovation: Float64
     variance: Float64
-    widened: Float64  # as the filter charges rows whose errors are alike
+    noise: Float64  # of it, the measurement's own
+    spread: Float64  # by how much the filter widens that, as epochs share their errors
+
+    @property
+    def widened(self) -> Float64:
+        return self.variance + (self.spread - 1.0) * self.noise
 
 
 class Ramp(NamedTuple):
@@ -73,37 +78,59 @@ def of_wrong_rates(written: list[Written], par: Parameters) -> float:
     """Return the log-likelihood of range rates that are all wrong, in a filter that leaves them out.
 
     Their errors e begin at once and wander on, as those of a Doppler that is held or of another motion do. Equation:
-    y = e + n, e <- e + w, var w = s^2 a second, for each satellite; the mean of exp(-sum (q + ln S) / 2) over s, with q
-    the innovation of that filter squared over its variance S
+    y = e + n, e <- e + w, var w = s^2 a second, for each satellite; the mean of exp(-sum c / 2) over s, with c what the
+    filter charges for a row (``charge``)
     """
     if not written:
         return 0.0
-    times_s = np.array([epoch.t_ns for epoch in written]) / NS_PER_S
-    step_s = np.diff(times_s, prepend=times_s[0] - 1.0)
-    spread = spread_of(par, RANGE_RATE, float(np.median(step_s)))
+    step_s = _steps_s(written)
+    spreads = _spreads(par, RANGE_RATE, step_s)
     slots = np.unique(np.concatenate([epoch.slot for epoch in written]))
     e, P = np.zeros((len(_WRONG_MPS), len(slots))), np.zeros((len(_WRONG_MPS), len(slots)))
     found = np.zeros(len(_WRONG_MPS))
-    for epoch, dt_s in zip(written, step_s, strict=True):
+    for epoch, dt_s, spread in zip(written, step_s, spreads, strict=True):
         rates = epoch.of_kind(RANGE_RATE)
         own = rates.status == DRIFTING
         at = np.searchsorted(slots, epoch.slot[own])
         P += _WRONG_MPS[:, None] ** 2 * dt_s
         D, y = rates.predicted[own].astype(float), rates.innovation[own].astype(float)
-        S = P[:, at] + D + spread * (rates.variance[own] - D)
+        noise = _own_noise(rates)[own]
+        S = P[:, at] + D + spread * noise
         gain = P[:, at] / S
         rest = y - e[:, at]
-        found -= 0.5 * np.sum(rest**2 / S + np.log(S), axis=1)
+        found -= 0.5 * np.sum(charge(rest, S, noise, spread), axis=1)
         e[:, at] += gain * rest
         P[:, at] *= 1.0 - gain
     return float(np.logaddexp.reduce(found)) - math.log(len(_WRONG_MPS))
 
 
 def _cost(shown: _Shown, rest: Float64, par: Parameters) -> Float64:
-    """Return what the filter charges for rows of which so much is left: q + ln S, and the gate for what is refused."""
+    """Return what the filter charges for rows of which so much is left (``use_rows``), and the gate for the refused."""
     gate2 = par.kind[shown.kind].gate2
-    cost = rest**2 / shown.widened + np.log(shown.widened)
-    return np.where(rest**2 > gate2 * shown.variance, gate2 + np.log(shown.variance), cost)
+    cost = charge(rest, shown.widened, shown.noise, shown.spread)
+    return np.where(rest**2 > gate2 * shown.variance, (gate2 + np.log(shown.variance)) / shown.spread, cost)
+
+
+def charge(rest: Float64, widened: Float64, noise: Float64, spread: Float64 | float) -> Float64:
+    """Return y^2 / S + ln(S / (s r)) + (ln r) / s of rows, as ``use_rows`` adds it up."""
+    return np.asarray(rest**2 / widened + np.log(widened / (spread * noise)) + np.log(noise) / spread)
+
+
+def _steps_s(epochs: list[Written]) -> Float64:
+    """Return the time from each epoch's predecessor; the first has the median's."""
+    steps_s = np.diff([epoch.t_ns for epoch in epochs]) / NS_PER_S
+    return np.append(np.median(steps_s) if len(steps_s) else 1.0, steps_s)
+
+
+def _spreads(par: Parameters, kind: int, since_s: Float64) -> Float64:
+    """Return ``epoch_update.spread_of`` of epochs so long after their predecessors."""
+    return np.asarray(np.maximum(1.0, float(par.kind[kind].correlation) / since_s))
+
+
+def _own_noise(rows: OfKind) -> Float64:
+    """Return the variance of rows without the state's share; the ledger's single precision may leave nothing of it."""
+    S = rows.variance.astype(float)
+    return np.asarray(np.maximum(S - rows.predicted, _PRECISION * S))
 
 
 def _ramp(shown: list[_Shown], base: list[Written], par: Parameters) -> Ramp:
@@ -118,8 +145,8 @@ def _ramp(shown: list[_Shown], base: list[Written], par: Parameters) -> Ramp:
 def _of_one(shown: list[_Shown], carrier_too: bool, par: Parameters) -> Ramp:
     """Return the ramp that a satellite's rows show.
 
-    Equation: L = sum_j L_j / n over the onsets, L_j = exp(-sum (q + ln S) / 2 - b^2 / (2 s^2)) / sqrt(1 + a s^2) with
-              a = sum h^2 / S, b = sum h y / S / (a + 1 / s^2), q = (y - h b)^2 / S, at most the gate's
+    Equation: L = sum_j L_j / n over the onsets, L_j = exp(-sum c / 2 - b^2 / (2 s^2)) / sqrt(1 + a s^2) with
+              a = sum h^2 / S, b = sum h y / S / (a + 1 / s^2), c what the filter charges for y - h b (``charge``)
     """
     first, last = min(each.t_s[0] for each in shown), max(each.t_s[-1] for each in shown)
     onset = first + (last - first) * np.arange(_ONSETS) / _ONSETS
@@ -158,7 +185,7 @@ def _shown(
     satellite_of = np.concatenate([base[k].slot for k in told]) // N_BANDS
     u_n = np.concatenate([base[k].ledger["u_n"] for k in told])
     G = np.column_stack((-u_n, np.ones(len(u_n))))
-    step_s = float(np.median(np.diff([epoch.t_ns for epoch in base]))) / NS_PER_S if len(base) > 1 else 1.0
+    step_s = np.repeat(_steps_s(base)[told], sizes)
     shown = []
     for kind in range(N_KINDS if len(base[-1].carrier) else CARRIER):
         before = OfKind(*map(np.concatenate, zip(*(base[k].of_kind(kind) for k in told), strict=True)))
@@ -169,9 +196,9 @@ def _shown(
         moved = after - before.innovation
         dx = _common_change(G, np.where(np.isin(satellite_of, satellites), np.nan, moved), sizes)
         y = before.innovation + np.sum(G * np.repeat(dx, sizes, axis=0), axis=1)
-        S, D = before.variance.astype(float), before.predicted
-        widened = D + spread_of(par, kind, step_s) * (S - D)
-        shown.append(_Shown(kind, *(column[own] for column in (t_s, since_s, y, S, widened))))
+        S, spread = before.variance.astype(float), _spreads(par, kind, step_s)
+        columns = (t_s, since_s, y, S, _own_noise(before), spread)
+        shown.append(_Shown(kind, *(column[own] for column in columns)))
     return shown
 
 

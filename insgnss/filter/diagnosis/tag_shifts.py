@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from insgnss.constants import WGS84_OMEGA_RADPS
+from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
+from insgnss.filter.prediction import Imu
 from insgnss.filter.state import Bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.observation_rows import Rows
 
 
-def at_other_tags(bank: Bank, late_s: float) -> Bank:
-    """Return a filter whose inertial tags turn out to be late: its true GNSS time is earlier than its tags say.
+def at_other_tags(bank: Bank, late_ns: int) -> Bank:
+    """Change and return a filter whose inertial tags turn out to be late: it stands at an earlier GNSS time.
 
     Equation: r <- r - v dt, v <- v - (f + g - 2 w x v) dt, clock <- clock - drift dt; the attitude is the sensors' own
     """
+    late_s = late_ns / NS_PER_S
     for m in bank.state:
         g_e = np.zeros(3)
         normal_gravity_ecef(m.r_e, g_e)
@@ -23,7 +25,13 @@ def at_other_tags(bank: Bank, late_s: float) -> Bank:
         m.r_e -= late_s * m.v_e
         m.v_e -= late_s * (m.f_smooth + g_e)
         m.clock[0] -= late_s * m.clock[1]
+    bank.head["now_ns"] -= late_ns
     return bank
+
+
+def earlier(imu: Imu, late_ns: int) -> Imu:
+    """Return samples with the tags that they should have had."""
+    return imu._replace(t_ns=imu.t_ns - late_ns)
 
 
 def summit(found: dict[float, float]) -> float:
@@ -37,11 +45,9 @@ def summit(found: dict[float, float]) -> float:
     return float(-0.5 * first / second) if second < 0.0 else 0.0
 
 
-def later(rows: Rows, shift_ns: int, satellites_s: float) -> Rows:
-    """Return rows with other time tags, the satellites carried on by ``satellites_s``."""
-    sat = rows.sat
-    if satellites_s != 0.0:
-        sat = sat.copy()
-        sat[:, :3] += satellites_s * sat[:, 3:6]
+def later(rows: Rows, shift_ns: int) -> Rows:
+    """Return rows with other time tags, the satellites carried on by as much."""
+    sat = rows.sat.copy()
+    sat[:, :3] += shift_ns / NS_PER_S * sat[:, 3:6]
     before_ns = rows.before_ns + shift_ns * (rows.before_ns != 0)
     return rows._replace(epoch_ns=rows.epoch_ns + shift_ns, before_ns=before_ns, sat=sat)

@@ -284,33 +284,39 @@ def use_rows(
     ``response`` (n,), or (0,) where only one heading is left, is corrected by each row as the state is:
     q <- q - K h q.
 
-    ``spread`` is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
-    of n errors that are alike over n epochs has the variance of one, not of one n-th. A row whose innovation has no
-    positive, finite variance, as the covariance has lost its sign, is refused.
+    ``spread`` s is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
+    of n errors that are alike over n epochs has the variance of one, not of one n-th. So n rows tell as much as n / s
+    independent ones, of their noise r, too:
+
+        ln L = -1/2 sum (y^2 / S + ln(S / (s r)) + (ln r) / s),   S = h P h^T + s r
+
+    which is greatest where r is the variance of the errors, as the likelihood of independent rows is. A row whose
+    innovation has no positive, finite variance, as the covariance has lost its sign, is refused.
     """
-    total = 0.0
-    information = 0.0
-    product = 1.0  # of the variances, whose logarithm is taken once for many
+    total, information = 0.0, 0.0
+    ratios, noise = 1.0, 1.0  # products of S / (s r) and of r, whose logarithms are taken once for many
     for j in range(lines.shape[0]):
         line = lines[j]
         if line.status[kind] == USED:
             columns = line.columns[kind][: line.count[kind]]
-            variance = spread * line.variance[kind]
-            y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], variance, vectors)
+            r = line.variance[kind]
+            y, S = scalar_update(P, line.h[kind], columns, line.innovation[kind], spread * r, vectors)
             if 0.0 < S < math.inf and math.isfinite(y):
                 total -= 0.5 * y * y / S
-                if not _SMALL < product * S < _LARGE:
-                    total -= 0.5 * math.log(product)
-                    product = 1.0
-                product *= S
+                ratio = S / (spread * r)
+                if not (_SMALL < ratios * ratio < _LARGE and _SMALL < noise * r < _LARGE):
+                    total -= 0.5 * (math.log(ratios) + math.log(noise) / spread)
+                    ratios, noise = 1.0, 1.0
+                ratios *= ratio
+                noise *= r
                 information += respond(line, kind, response, vectors) / S
             else:
                 line.status[kind] = GATED
         if line.status[kind] in (GATED, INCONSISTENT):
             # a hypothesis must not gain by leaving out what contradicts it
             S = line.predicted[kind] + line.variance[kind]
-            total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0))
-    return total - 0.5 * math.log(product), information
+            total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0)) / spread
+    return total - 0.5 * (math.log(ratios) + math.log(noise) / spread), information
 
 
 @kernel(inline=True)
