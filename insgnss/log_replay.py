@@ -86,7 +86,10 @@ def setup_filter(
     navigation = None if logs.gnss.sat is not None else logs.navigation
     with_carrier = logs.gnss.carrier_cycles is not None
     setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
-    setup = replace(setup, products=logs.products, antennas=logs.antennas)
+    base, seen = flight.config.gnss.base is not None and logs.base is not None, set(logs.gnss.sv_names)
+    setup = replace(
+        setup, products=logs.products, antennas=logs.antennas, n_satellites=len(seen), with_base=base
+    )
     setup = setup.with_further(*fitted(flight.config, logs))
     if not flight.config.gnss.files:
         setup = started_without_gnss(setup, flight, logs)
@@ -373,10 +376,9 @@ def _as_run(
 ) -> Run:
     week = flight.config.gps_week
     nav = with_further(nav_table(out, week, setup), further)
-    slow = slow_variances(
-        ledger, record.keys, record.names, setup, with_base=flight.config.gnss.base is not None
-    )
-    nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
+    if not setup.config.process.range_bias_states:  # the sigmas hold the slow errors then
+        slow = slow_variances(ledger, record.keys, record.names, setup, with_base=setup.with_base)
+        nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
     errors = None
     if record.reference is not None:
         point = flight.config.reference.point if flight.config.reference is not None else "imu"

@@ -187,6 +187,12 @@ class Process(StrictModel):
     ionosphere_walk_m_per_sqrt_s: NotNegative = Field(
         0.02, description="1.2 m in an hour, as a day's ionosphere strays from its model"
     )
+    range_bias_states: bool = Field(
+        False,
+        description="errors of the ranges that last for minutes are states, of the sizes in [slow_errors]: one for each"
+        " satellite, one of the ionosphere and one of the troposphere at the zenith; sd_n_m, sd_e_m and sd_d_m then"
+        " include them",
+    )
     lever_arm_sigma_m: NotNegative = Field(
         0.0,
         le=100.0,
@@ -334,7 +340,9 @@ class Visibility(StrictModel):
 
 
 class SlowErrors(StrictModel):
-    """One sigma of range errors that stay alike for minutes: they are told in ``sd_slow_*``, the filter ignores them.
+    """One sigma of range errors that stay alike for minutes: they are told in ``sd_slow_*``.
+
+    The filter ignores them unless ``process.range_bias_states`` makes states of them.
 
     Ranging errors of the broadcast messages are of the size that the systems' performance reports give (GPS 0.5 m,
     Galileo 0.3 m rms); the broadcast ionosphere leaves about half of the delay.
@@ -354,6 +362,9 @@ class SlowErrors(StrictModel):
     )
     troposphere_zenith_m: NotNegative = Field(0.05, description="what the troposphere's model leaves")
     with_base_share: NotNegative = Field(0.1, description="of all of these, that a base station leaves")
+    correlation_time_s: Positive = Field(
+        3600.0, description="for which they stay alike, where they are states of the filter"
+    )
 
 
 class FilterConfig(StrictModel):

@@ -33,6 +33,7 @@ from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_state
 from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.epoch_update import Outcome, update_epoch
+from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.gnss.observation_rows import Rows
 from insgnss.jit import kernel
 
@@ -248,6 +249,8 @@ def update_bank(
     """
     n = bank.state.shape[0]
     lead = bank.head[0].leader
+    if par.n_range_biases > 0:
+        place_range_biases(bank, par, rows, epoch, work.epoch.lines)
     for turn in range(n):
         i = turn if turn < lead else turn + 1
         if turn == n - 1:

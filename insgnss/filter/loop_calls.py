@@ -30,6 +30,7 @@ from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow_explained
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe
+from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
@@ -74,6 +75,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
         turn_attitude_errors: (m, P, par, values, s.antenna[0]),
         swing_lever_arm: (m, P, par, s.antenna[0], _N),
+        place_range_biases: (bank, par, rows, _N, lines),
         common_step: (lines, _N, values, _X, _X),
         is_prunable: (bank, _N, _X),
         note_sideslip: (bank.head[0], m, P, _N),

@@ -15,6 +15,7 @@ from insgnss.filter.state import MAX_COUPLINGS, MAX_OPTIONAL
 from insgnss.filter.states.glonass_channel_bias import CHANNEL_BIAS
 from insgnss.filter.states.ionosphere import IONOSPHERE
 from insgnss.filter.states.lever_arm import LEVER_ARM
+from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.states.zenith_delay import ZENITH_DELAY
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.observation_rows import N_KINDS
@@ -71,6 +72,8 @@ class Parameters(Record):
     at_zenith_delay: int
     at_ionosphere: int
     at_lever_arm: int
+    at_range_biases: int
+    n_range_biases: int
     at_clone: int
     covariance_step: float  # [s]
     motion_gate2: float  # squared sigmas from which a horizontal force is motion; 0: any is
@@ -189,6 +192,8 @@ def resolve_parameters(
         layout.at(ZENITH_DELAY),
         layout.at(IONOSPHERE),
         layout.at(LEVER_ARM),
+        layout.at(RANGE_BIASES),
+        sum(block.size for block in layout.blocks if block.name == RANGE_BIASES),
         layout.at_clone,
         config.process.covariance_step_s,
         config.process.motion_sigma**2,

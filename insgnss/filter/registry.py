@@ -9,6 +9,7 @@ from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
 from insgnss.filter.states.ionosphere import ionosphere
 from insgnss.filter.states.lever_arm import lever_arm
+from insgnss.filter.states.range_biases import range_biases
 from insgnss.filter.states.sensor_errors import SENSOR_ERRORS
 from insgnss.filter.states.system_offsets import system_offsets
 from insgnss.filter.states.wanted import StatesWanted
@@ -18,6 +19,7 @@ from insgnss.filter.states.zenith_delay import zenith_delay
 STATES: Final[tuple[Callable[[StatesWanted], StateBlock | None], ...]] = (
     *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere, lever_arm),
     *SENSOR_ERRORS,
+    range_biases,
 )
 
 

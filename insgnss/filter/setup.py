@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy.typing as npt
 
@@ -21,6 +21,7 @@ from insgnss.filter.layout_names import StateLayout, state_layout
 from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measurements
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
+from insgnss.filter.state import MAX_RANGE_BIASES
 from insgnss.filter.states.wanted import StatesWanted
 from insgnss.filter.update.masking import NO_LIMITS
 from insgnss.gnss.clock_groups import tied_clocks
@@ -33,6 +34,8 @@ from insgnss.gnss.precise_orbit import precise_states
 from insgnss.gnss.satellite_state import SatelliteStates, glonass_channels, satellite_states
 from insgnss.gnss.troposphere import Weather
 from insgnss.tables import Float64, GnssTable, NavigationData, PreciseProducts
+
+LIVE_SATELLITES: Final = 48  # that a receiver may have in view at the same time
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class FilterSetup:
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
     aid: EpochAid | None = None  # what several antennas add at epochs, before the first one; None: nothing
     own: OwnMeasurements | None = None  # of further sensors and a user's own; None: none
+    n_satellites: int = LIVE_SATELLITES  # whose range errors can be states at the same time
+    with_base: bool = False  # a base station corrects the ranges
     # where a stretch of samples starts that has no raw GNSS data (``start.without_gnss``); None: at its epochs
     start_alone: Callable[[Any], Any] | None = None
 
@@ -98,7 +103,9 @@ class FilterSetup:
     def layout(self) -> Layout:
         """Which further states the filter has, and where they stand."""
         with_carrier = self.with_carrier and self.config.measurements.carrier
-        wanted = StatesWanted(self.config, self.clock_groups, with_carrier, self.grade)
+        most = min(self.n_satellites, MAX_RANGE_BIASES)
+        share = self.config.slow_errors.with_base_share if self.with_base else 1.0
+        wanted = StatesWanted(self.config, self.clock_groups, with_carrier, self.grade, most, share)
         return layout_of(wanted, self.states_wanted, tuple(self.ties.home.tolist()))
 
     @cached_property
@@ -162,7 +169,20 @@ class FilterSetup:
             ionosphere_l1=ionosphere_l1,
             correction_m=correction_m,
             variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
+            bias_sigma_m=self._bias_sigmas_m(),
         )
+
+    def _bias_sigmas_m(self) -> dict[str, float] | None:
+        """Return the sigma of a satellite's lasting range error by its constellation; None where it is no state."""
+        if not self.config.process.range_bias_states:
+            return None
+        sizes = self.config.slow_errors
+        share = sizes.with_base_share if self.with_base else 1.0
+        precise = self.products is not None
+        return {
+            str(letter): share * (sizes.precise_satellite_m if precise else sigma)
+            for letter, sigma in sizes.satellite_m.items()
+        }
 
     def phases(self, main: GnssTable, rows: Rows, further: Sequence[GnssTable]) -> PhaseLog:
         """Return the phases of several antennas at the epochs of the main one's observations and rows."""

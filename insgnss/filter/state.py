@@ -28,7 +28,8 @@ from insgnss.tables import Float64, Int8, Int64
 # optional states, where the settings and the log ask for them (``Layout`` says where each stands); first of all the
 # inter-system clock offsets [m], as many as there are further constellations
 OFFSETS: Final = FURTHER
-MAX_OPTIONAL: Final = 64  # room for all of them
+MAX_OPTIONAL: Final = 128  # room for all of them
+MAX_RANGE_BIASES: Final = 64  # among them: satellites whose range errors are states
 MAX_COUPLINGS: Final = 48  # room for sensor errors other than biases
 MAX_WATCHED: Final = 8  # kinds of own rows that are watched for contradictions
 # antenna position, ECEF [m], and clock bias [m] of the epoch before; their value is in the state
@@ -137,6 +138,10 @@ class HeadRecord(Record):
     own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
+    biased: Annotated[
+        Int64, MAX_RANGE_BIASES
+    ]  # the satellite of each range bias, counted from one; 0: none yet
+    biased_ns: Annotated[Int64, MAX_RANGE_BIASES]  # when it was last in an epoch
 
 
 HEAD_DTYPE: Final = dtype_of(HeadRecord)

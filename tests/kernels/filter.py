@@ -37,6 +37,7 @@ from insgnss.filter.state import (
     new_bank,
     select_members,
 )
+from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
@@ -170,6 +171,7 @@ def rows(layout: Layout) -> Rows:
         clock_groups=("G", "E"),
         signals={"G": ("C1C",), "E": ("C1C",)},
         carrier=True if layout.clone else None,
+        bias_sigma_m={"G": 0.5, "E": 0.3} if layout.at(RANGE_BIASES) >= 0 else None,
     )
 
 

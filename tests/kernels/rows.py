@@ -6,14 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from insgnss.filter.layout import StateBlock
+from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
 from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
 from insgnss.filter.smoothing.between import Onward, filtered, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import Wanted, further_values
 from insgnss.filter.state import BG, OFFSETS, select_members
 from insgnss.filter.states.lever_arm import LEVER_ARM
+from insgnss.filter.states.range_biases import RANGE_BIASES
+from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.gnss.observation_rows import N_BANDS
 from tests.kernels import KernelCase
-from tests.kernels.filter import START_NS, bank, imu, parameters, short_log
+from tests.kernels.filter import SKY, START_NS, bank, imu, parameters, rows, short_log
 from tests.layouts import layout_with
 
 
@@ -21,6 +25,19 @@ def uncertain_lever_arm() -> list[Any]:
     """Return what the loop changes and writes where the antenna's lever arm is a state, with carriers."""
     columns = ("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m")
     return short_log(False, True, motion_sigma=3.0, further=(StateBlock(LEVER_ARM, columns, "m", 0.3),))
+
+
+def range_biases() -> list[Any]:
+    """Return what the loop changes and writes where range errors are states, fewer than there are satellites."""
+    names = tuple(f"range_bias_{i}" for i in range(4))
+    block = StateBlock(RANGE_BIASES, names, "sigma", 1.0, GaussMarkov(1.0, 600.0), shown=False)
+    layout = Layout((*layout_with(n_offsets=1).blocks, block))
+    changed, log, par = bank(layout), rows(layout), parameters(layout)
+    log.observation["slot"][log.first[1] :] += 20 * N_BANDS  # other satellites from the second epoch on
+    lines = new_epoch(len(SKY), OFFSETS + 5).lines
+    for epoch in range(2):
+        place_range_biases(changed, par[0], log, epoch, lines)
+    return [*short_log(False, True, further=(block,)), changed, lines]
 
 
 def between_epochs() -> list[Any]:
@@ -55,6 +72,7 @@ def point_of_the_body() -> list[Any]:
 
 CASES = [
     KernelCase("tests.kernels.rows:uncertain_lever_arm", rtol=1e-8),
+    KernelCase("tests.kernels.rows:range_biases", rtol=1e-8),
     # a smoothed variance is a tenth of the difference of two, seen through an inverse
     KernelCase("tests.kernels.rows:between_epochs", rtol=1e-7),
     KernelCase("tests.kernels.rows:point_of_the_body", rtol=1e-11),

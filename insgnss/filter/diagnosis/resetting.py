@@ -11,11 +11,13 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.filter.states.lever_arm import lever_of, lever_rows
+from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.geodesy.rotations import cross_matrix
 from insgnss.inertial.sensor_model import SensorModel
 from insgnss.tables import Float64
 
-_RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance
+_RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance ...
+_RESET_SIGMA_WITH_BIASES_M = 30.0  # ... where the filter estimates what that is
 _DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
 _RESET_VELOCITY_FLOOR_MPS = 0.1
 _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
@@ -41,6 +43,8 @@ def reset_kinematics(
     inter_system_sigma_m : of a clock offset that the fix does not tell
     """
     n_offsets, J = layout.n_offsets, lever_rows(layout, len(P))
+    biased = layout.at(RANGE_BIASES) >= 0
+    beyond2 = (_RESET_SIGMA_WITH_BIASES_M if biased else _RESET_BIAS_SIGMA_M) ** 2
     lever_b = lever_of(m, lever_b, layout)
     states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
     kept = P[DV : DV + 3, DV : DV + 3].copy()
@@ -51,9 +55,9 @@ def reset_kinematics(
     attitude = float(np.trace(P[PSI : PSI + 3, PSI : PSI + 3]))
     m.r_e[:] = fix.r_a - l_e
     of_lever = attitude * float(lever_b @ lever_b)
-    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + (_RESET_BIAS_SIGMA_M**2 + of_lever) * np.eye(3)
+    P[DR : DR + 3, DR : DR + 3] = fix.P[:3, :3] + (beyond2 + of_lever) * np.eye(3)
     m.clock[0] = fix.clocks[reference]
-    P[CLOCK, CLOCK] = fix.clock_variance(reference) + _RESET_BIAS_SIGMA_M**2
+    P[CLOCK, CLOCK] = fix.clock_variance(reference) + beyond2
     if fix.v_a is not None:
         earth_rate = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
         m.v_e[:] = fix.v_a - m.C_eb @ turning + np.cross(earth_rate, l_e)

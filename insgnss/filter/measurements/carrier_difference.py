@@ -24,7 +24,7 @@ from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.lever_columns import lever_range_columns
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.rows.row_noise import model_variance
-from insgnss.filter.state import N_CLONE, StateRecord
+from insgnss.filter.state import N_CLONE, OFFSETS, StateRecord
 from insgnss.geodesy.vectors import place
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
@@ -60,4 +60,17 @@ def carrier_difference(
     clocks = m.clock[0] - m.clock_clone - (rows.sat[i, 6] - rows.before[i, 6])
     predicted = a.distance - before + clocks + (left + troposphere - row.phase_factor * a.ionosphere_grown)
     variance = m.noise_factor[CARRIER] * model_variance(-line.u_n[2], row.thermal, par.kind[CARRIER])
+    if par.n_range_biases > 0:
+        variance += wander(par, row.phase_factor * a.shell, air.wet_factor) * a.look_back
     return rows.carrier[i].value - predicted, variance
+
+
+@kernel(inline=True)
+def wander(par: Parameters, shell: float, wet: float) -> float:
+    """Return the variance per second [m^2/s] by which the air's states may wander in a difference."""
+    total = 0.0
+    if par.at_ionosphere >= 0:
+        total += shell * shell * par.optional_density[par.at_ionosphere - OFFSETS]
+    if par.at_zenith_delay >= 0:
+        total += wet * wet * par.optional_density[par.at_zenith_delay - OFFSETS]
+    return total

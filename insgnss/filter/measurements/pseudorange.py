@@ -1,7 +1,8 @@
 """Pseudorange: how far the satellite was, and what clocks and air add.
 
-    z = |r_s - r_a| + clock + offset of the system + k channel bias - satellite clock + f I + T
-    H = [-u in position, u x l_e in attitude, 1 in the clock]; 1, k and the mappings in the further states
+    z = |r_s - r_a| + clock + offset of the system + k channel bias - satellite clock + range bias + f I + T
+    H = [-u in position, u x l_e in attitude, 1 in the clock]; 1, k, the sigma of the satellite's range bias and the
+         mappings in the further states
 
 at the antenna, r_e + C_eb l, u from it to the satellite.
 """
@@ -41,6 +42,11 @@ def pseudorange(
     if par.at_channel_bias >= 0 and row.channel != 0:
         h[count], columns[count] = row.channel, par.at_channel_bias
         predicted += row.channel * m.optional[par.at_channel_bias - OFFSETS]
+        count += 1
+    if line.bias > 0:
+        at = par.at_range_biases + line.bias - 1
+        h[count], columns[count] = row.bias_sigma, at
+        predicted += row.bias_sigma * m.optional[at - OFFSETS]
         count += 1
     shell = row.ionosphere_factor * a.shell
     left, count = zenith_columns(m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, shell)

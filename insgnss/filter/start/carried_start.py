@@ -168,7 +168,7 @@ def open_carried(
         attitudes += [_without_errors(one, gyro, parked) for one in found]
         members += [i] * len(found)
     w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]
-    kin = kinematics_from_fix(fix, v_a, P_v)
+    kin = kinematics_from_fix(fix, v_a, P_v, config)
     bank = open_bank(kin, attitudes, w, par, config, setup.grade, imu.t_ns, setup.layout)
     for state, P, i in zip(bank.state, bank.P, members, strict=True):
         _carry_sensor_errors(kept, i, state, P, par, fix, setup.layout)

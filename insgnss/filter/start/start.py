@@ -30,6 +30,8 @@ _COURSE_WEIGHT = 0.7  # prior probability that a moving vehicle points along its
 _COURSE_SPEED_MPS = 3.0  # from here on the velocity has a direction worth that weight
 _COURSE_SIGMA = 4.0  # of the velocity: with less its direction is not known to the sigma of a hypothesis
 _FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond its own covariance
+# where the filter estimates what that is: a fix shows the same errors as the epochs that follow
+_FIX_SIGMA_WITH_BIASES_M = 30.0
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
 LEVEL_FLOOR_RAD = math.radians(0.2)
 _EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
@@ -79,8 +81,9 @@ class Kinematics:
     of_imu: bool = False  # the sigmas are the IMU's own: no lever arm stands between
 
 
-def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64) -> Kinematics:
+def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64, config: FilterConfig) -> Kinematics:
     """Return the start values of a fix and a velocity."""
+    beyond = _FIX_SIGMA_WITH_BIASES_M if config.process.range_bias_states else _FIX_BIAS_SIGMA_M
     known = np.flatnonzero(np.isfinite(fix.clocks))
     reference = int(known[0])
     with_drift = math.isfinite(fix.drift)
@@ -88,11 +91,11 @@ def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64) -> Kinematics:
         t_ns=fix.t_ns,
         r_a=fix.r_a,
         v_a=v_a,
-        P_r=fix.P[:3, :3] + _FIX_BIAS_SIGMA_M**2 * np.eye(3),
+        P_r=fix.P[:3, :3] + beyond**2 * np.eye(3),
         P_v=P_v,
         clock=float(fix.clocks[reference]),
         drift=fix.drift if with_drift else 0.0,
-        sd_clock=math.hypot(math.sqrt(fix.clock_variance(reference)), _FIX_BIAS_SIGMA_M),
+        sd_clock=math.hypot(math.sqrt(fix.clock_variance(reference)), beyond),
         sd_drift=math.sqrt(fix.drift_variance) if with_drift else _DRIFT_SIGMA_UNKNOWN_MPS,
         offsets=fix.clocks[1:] - fix.clocks[reference]
         if reference == 0

@@ -158,7 +158,7 @@ class Starter:
                     window = longer
                     a_e = (v_a - earlier.v_a) / dt
                     sd_a = math.sqrt(float(np.trace(P_v + earlier.P_v[:3, :3]))) / dt
-        kin = kinematics_from_fix(fix, v_a, P_v)
+        kin = kinematics_from_fix(fix, v_a, P_v, config)
         headings = self.headings or open_headings(fix.r_a, v_a, P_v, config)
         attitudes = attitudes_at_start(window, fix.r_a, v_a, a_e, sd_a, config, grade, headings)
         w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, fix.t_ns, side="right")) - 1]

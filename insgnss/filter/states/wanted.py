@@ -15,3 +15,5 @@ class StatesWanted(NamedTuple):
     clock_groups: tuple[str, ...]  # see ``gnss.clock_groups``; the first keeps the receiver clock
     with_carrier: bool  # carrier differences are used
     grade: ImuGrade
+    n_satellites: int = 0  # whose range errors can be states at the same time
+    slow_share: float = 1.0  # of the slow errors of the settings, that a base station leaves

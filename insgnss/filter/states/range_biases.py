@@ -1,0 +1,24 @@
+"""The errors of satellites' ranges that last for minutes: orbit and clock of the message, one state each.
+
+The states are in sigmas: a row's column is the sigma of its own satellite. As they cannot be told from the antenna's
+position and the receiver's clock but by the satellites' way through the sky, they are found slowly, and the sigma of
+the position stays what they leave of it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.filter.layout import GaussMarkov, StateBlock
+from insgnss.filter.states.wanted import StatesWanted
+
+RANGE_BIASES: Final = "range_biases"
+
+
+def range_biases(wanted: StatesWanted) -> StateBlock | None:
+    """Return the block where the settings make states of them."""
+    if not (wanted.config.process.range_bias_states and wanted.n_satellites > 0):
+        return None
+    columns = tuple(f"range_bias_{i}" for i in range(wanted.n_satellites))
+    process = GaussMarkov(1.0, wanted.config.slow_errors.correlation_time_s)
+    return StateBlock(RANGE_BIASES, columns, "sigma", 1.0, process, shown=False)

@@ -1,0 +1,65 @@
+"""Which range bias belongs to which satellite: a new one takes a free state, else that of the one longest unseen."""
+
+from __future__ import annotations
+
+from insgnss.filter.parameters import Parameters
+from insgnss.filter.rows.lines import Lines
+from insgnss.filter.state import OFFSETS, Bank, HeadRecord
+from insgnss.gnss.observation_rows import N_BANDS, Rows
+from insgnss.jit import kernel
+
+
+@kernel(apart=True)
+def place_range_biases(bank: Bank, par: Parameters, rows: Rows, epoch: int, lines: Lines) -> None:
+    """Write into the lines of an epoch which state is the range bias of each row's satellite.
+
+    All hypotheses have the same, so it is decided once for the bank. First come the satellites that have a state; those
+    that are then without one take states of satellites that this epoch does not have, as far as there are any.
+    """
+    head, first, t_ns = bank.head[0], rows.first[epoch], rows.epoch_ns[epoch]
+    for new in range(2):
+        for j in range(rows.first[epoch + 1] - first):
+            row = rows.observation[first + j]
+            if new == 0:
+                lines[j].bias = 0
+            if lines[j].bias != 0 or row.bias_sigma <= 0.0:
+                continue
+            name = row.slot // N_BANDS + 1
+            i = state_of(head, par.n_range_biases, name)
+            if i < 0 and new == 1:
+                i = longest_unseen(head, par.n_range_biases, t_ns)
+                if i >= 0 and head.biased[i] != 0:
+                    forget_state(bank, par.at_range_biases + i)
+            if i >= 0:
+                head.biased[i], head.biased_ns[i] = name, t_ns
+                lines[j].bias = i + 1
+
+
+@kernel(inline=True)
+def state_of(head: HeadRecord, n: int, name: int) -> int:
+    """Return which of the ``n`` range biases is that of a satellite, -1 where it has none."""
+    for i in range(n):
+        if head.biased[i] == name:
+            return i
+    return -1
+
+
+@kernel(inline=True)
+def longest_unseen(head: HeadRecord, n: int, t_ns: int) -> int:
+    """Return which range bias nobody has, else whose satellite is unseen for longest; -1 where all are of ``t_ns``."""
+    found = -1
+    for i in range(n):
+        if head.biased_ns[i] < t_ns and (found < 0 or head.biased_ns[i] < head.biased_ns[found]):
+            found = i
+    return found
+
+
+@kernel(inline=True)
+def forget_state(bank: Bank, at: int) -> None:
+    """Let a state of unit variance be unknown again, in all hypotheses."""
+    for member in range(bank.state.shape[0]):
+        bank.state[member].optional[at - OFFSETS] = 0.0
+        for i in range(bank.P.shape[1]):
+            bank.P[member, at, i] = 0.0
+            bank.P[member, i, at] = 0.0
+        bank.P[member, at, at] = 1.0
