@@ -377,7 +377,7 @@ def _as_run(
     week = flight.config.gps_week
     nav = with_further(nav_table(out, week, setup), further)
     if not setup.config.process.range_bias_states:  # the sigmas hold the slow errors then
-        slow = slow_variances(ledger, record.keys, record.names, setup, with_base=setup.with_base)
+        slow = slow_variances(ledger, record.keys, record.names, setup)
         nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
     errors = None
     if record.reference is not None:

@@ -30,16 +30,15 @@ class SlowVariances(NamedTuple):
 
 
 def slow_variances(
-    ledger: list[LedgerPart], keys: list[RowKeys], names: LogNames, setup: FilterSetup, *, with_base: bool
+    ledger: list[LedgerPart], keys: list[RowKeys], names: LogNames, setup: FilterSetup
 ) -> SlowVariances:
     """Return what the slow errors of the filter's settings do to the position, by the ranges that it used.
 
     Parameters
     ----------
     ledger, keys : parts of the log
-    with_base : whether a base station has corrected the ranges
     """
-    sigmas = slow_sigmas(setup, names, with_base=with_base)
+    sigmas = slow_sigmas(setup, names)
     group = group_table(*names, setup.clock_groups, setup.config.measurements.signals_of())
     factor = _ionosphere_factors(names)
     t_ns, variances = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
@@ -62,26 +61,14 @@ def slow_columns(found: SlowVariances, t_ns: Int64) -> dict[str, Float64]:
     return {name: sigma[:, i] for i, name in enumerate(COLUMNS)}
 
 
-def slow_sigmas(setup: FilterSetup, names: LogNames, *, with_base: bool) -> SlowSigmas:
+def slow_sigmas(setup: FilterSetup, names: LogNames) -> SlowSigmas:
     """Return the sizes of the slow errors that a filter's settings, models and products leave."""
-    sizes, use = setup.config.slow_errors, setup.config.measurements
-    share = sizes.with_base_share if with_base else 1.0
-    precise = setup.products is not None
-    of_system = {str(letter): sigma for letter, sigma in sizes.satellite_m.items()}
-    satellite = [
-        sizes.precise_satellite_m if precise else of_system.get(sv[0], max(of_system.values(), default=0.0))
-        for sv in names.sv
-    ]
-    zenith = sizes.ionosphere_zenith_m
-    if use.ionosphere == "none" or (use.ionosphere == "klobuchar" and setup.klobuchar is None):
-        zenith = sizes.no_ionosphere_zenith_m
-    if use.ionosphere == "ionosphere_free":
-        zenith = 0.0
+    sizes = setup.slow_sizes
     return SlowSigmas(
-        share * np.array(satellite),
-        share * zenith,
-        share * zenith * sizes.ionosphere_gradient_per_1000_km,
-        share * sizes.troposphere_zenith_m,
+        np.array([sizes.of(sv) for sv in names.sv]),
+        sizes.ionosphere,
+        sizes.ionosphere * setup.config.slow_errors.ionosphere_gradient_per_1000_km,
+        sizes.troposphere,
     )
 
 

@@ -22,7 +22,7 @@ from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measu
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
 from insgnss.filter.state import MAX_RANGE_BIASES
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import SlowSizes, StatesWanted
 from insgnss.filter.update.masking import NO_LIMITS
 from insgnss.gnss.clock_groups import tied_clocks
 from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
@@ -104,8 +104,7 @@ class FilterSetup:
         """Which further states the filter has, and where they stand."""
         with_carrier = self.with_carrier and self.config.measurements.carrier
         most = min(self.n_satellites, MAX_RANGE_BIASES)
-        share = self.config.slow_errors.with_base_share if self.with_base else 1.0
-        wanted = StatesWanted(self.config, self.clock_groups, with_carrier, self.grade, most, share)
+        wanted = StatesWanted(self.config, self.clock_groups, with_carrier, self.grade, most, self.slow_sizes)
         return layout_of(wanted, self.states_wanted, tuple(self.ties.home.tolist()))
 
     @cached_property
@@ -169,20 +168,27 @@ class FilterSetup:
             ionosphere_l1=ionosphere_l1,
             correction_m=correction_m,
             variance_scale={str(letter): value for letter, value in use.variance_scale.items()},
-            bias_sigma_m=self._bias_sigmas_m(),
+            bias_sigma_m=self.slow_sizes.satellite if self.config.process.range_bias_states else None,
         )
 
-    def _bias_sigmas_m(self) -> dict[str, float] | None:
-        """Return the sigma of a satellite's lasting range error by its constellation; None where it is no state."""
-        if not self.config.process.range_bias_states:
-            return None
-        sizes = self.config.slow_errors
+    @property
+    def slow_sizes(self) -> SlowSizes:
+        """The range errors that settings, models, products and a base station leave, and that last for minutes."""
+        sizes, model = self.config.slow_errors, self.config.measurements.ionosphere
         share = sizes.with_base_share if self.with_base else 1.0
-        precise = self.products is not None
-        return {
-            str(letter): share * (sizes.precise_satellite_m if precise else sigma)
-            for letter, sigma in sizes.satellite_m.items()
-        }
+        zenith = sizes.ionosphere_zenith_m
+        if model == "none" or (model == "klobuchar" and self.klobuchar is None):
+            zenith = sizes.no_ionosphere_zenith_m
+        if model == "ionosphere_free":
+            zenith = 0.0
+        return SlowSizes(
+            share * zenith,
+            share * sizes.troposphere_zenith_m,
+            {
+                str(letter): share * (sigma if self.products is None else sizes.precise_satellite_m)
+                for letter, sigma in sizes.satellite_m.items()
+            },
+        )
 
     def phases(self, main: GnssTable, rows: Rows, further: Sequence[GnssTable]) -> PhaseLog:
         """Return the phases of several antennas at the epochs of the main one's observations and rows."""

@@ -132,26 +132,26 @@ def setup(**settings: Any) -> FilterSetup:
 
 
 def test_blocks_have_the_sizes_of_the_settings() -> None:
-    made = setup(**{"slow_errors.ionosphere_zenith_m": 2.0, "slow_errors.correlation_time_s": 600.0})
+    made = setup(**{"slow_errors.no_ionosphere_zenith_m": 2.0, "slow_errors.correlation_time_s": 600.0})
     blocks = {block.name: block for block in made.layout.blocks}
     assert blocks[IONOSPHERE].sigma == 2.0
     assert blocks[IONOSPHERE].process == GaussMarkov(2.0, 600.0)
     assert blocks[ZENITH_DELAY].process == GaussMarkov(0.05, 600.0)
     assert blocks[RANGE_BIASES].process == GaussMarkov(1.0, 600.0)
     assert not blocks[RANGE_BIASES].shown
-    assert made._bias_sigmas_m()["G"] == 0.5  # type: ignore[index]
+    assert made.slow_sizes.satellite["G"] == 0.5
 
 
 def test_base_station_leaves_its_share_of_each() -> None:
     made = replace(setup(), with_base=True)
     blocks = {block.name: block for block in made.layout.blocks}
-    assert blocks[IONOSPHERE].sigma == pytest.approx(0.15)
+    assert blocks[IONOSPHERE].sigma == pytest.approx(0.5)  # of the 5 m without a model's coefficients
     assert blocks[ZENITH_DELAY].sigma == pytest.approx(0.005)
-    assert made._bias_sigmas_m()["E"] == pytest.approx(0.03)  # type: ignore[index]
+    assert made.slow_sizes.satellite["E"] == pytest.approx(0.03)
 
 
 def test_no_ionosphere_is_estimated_where_none_is_left() -> None:
-    for off in ({"measurements.ionosphere": "ionosphere_free"}, {"slow_errors.ionosphere_zenith_m": 0.0}):
+    for off in ({"measurements.ionosphere": "ionosphere_free"}, {"slow_errors.no_ionosphere_zenith_m": 0.0}):
         assert IONOSPHERE not in setup(**off).layout.names
 
 
@@ -163,7 +163,6 @@ def test_there_are_at_most_as_many_as_there_is_room_for() -> None:
 def test_without_the_setting_nothing_is_a_state() -> None:
     made = FilterSetup(filter_config("tight"), imu_grade("tactical"), oscillator("tcxo"))
     assert RANGE_BIASES not in made.layout.names
-    assert made._bias_sigmas_m() is None
     assert made.parameters()[0].n_range_biases == 0
 
 

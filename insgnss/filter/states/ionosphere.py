@@ -11,19 +11,18 @@ IONOSPHERE: Final = "ionosphere"
 
 
 def ionosphere(wanted: StatesWanted) -> StateBlock | None:
-    """Return the block where carriers of one band are used, or lasting range errors are states, and a model is used.
+    """Return the block where lasting range errors are states, or where carriers of one band are used and a model is.
 
     The codes of two bands differ by the biases of their receiver and satellites as well, metres that such a state
-    would take for ionosphere.
+    would take for ionosphere. Where lasting range errors are states, it is wanted all the same: without it the sigma of
+    the height leaves out the largest of them.
     """
-    process, sizes = wanted.config.process, wanted.config.slow_errors
+    process = wanted.config.process
     one_band = not any(":" in group for group in wanted.clock_groups)
     modelled = wanted.config.measurements.ionosphere != "ionosphere_free"
-    if process.range_bias_states and modelled and sizes.ionosphere_zenith_m > 0.0:
-        sigma = wanted.slow_share * sizes.ionosphere_zenith_m
-        return StateBlock(
-            IONOSPHERE, ("ionosphere_m",), "m", sigma, GaussMarkov(sigma, sizes.correlation_time_s)
-        )
+    sigma, time_s = wanted.slow.ionosphere, wanted.config.slow_errors.correlation_time_s
+    if process.range_bias_states and sigma > 0.0:
+        return StateBlock(IONOSPHERE, ("ionosphere_m",), "m", sigma, GaussMarkov(sigma, time_s))
     if not (wanted.with_carrier and one_band and modelled and process.ionosphere_sigma_m > 0.0):
         return None
     walk = RandomWalk(process.ionosphere_walk_m_per_sqrt_s)

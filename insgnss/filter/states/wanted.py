@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade
+
+
+class SlowSizes(NamedTuple):
+    """One sigma of the range errors that last for minutes [m], as models, products and a base station leave them."""
+
+    ionosphere: float  # at the zenith, on L1
+    troposphere: float  # at the zenith
+    satellite: Mapping[str, float]  # along the line of sight, by constellation
+
+    def of(self, sv: str) -> float:
+        """Return the satellite's own; a constellation that is not named has the largest."""
+        return self.satellite.get(sv[0], max(self.satellite.values(), default=0.0))
 
 
 class StatesWanted(NamedTuple):
@@ -16,4 +29,4 @@ class StatesWanted(NamedTuple):
     with_carrier: bool  # carrier differences are used
     grade: ImuGrade
     n_satellites: int = 0  # whose range errors can be states at the same time
-    slow_share: float = 1.0  # of the slow errors of the settings, that a base station leaves
+    slow: SlowSizes = SlowSizes(0.0, 0.0, {})  # of the range errors that last
