@@ -135,7 +135,8 @@ def fly(row: Row, seed: int) -> Flown:
     if row.spoil is not None:
         case = row.spoil(case, origin_s, rng)
     flight = _flight(row, ready, case, seed)
-    run = insgnss.replay(flight, output="gnss" if row.output is None else row.output)
+    output = "gnss" if row.output is None else row.output
+    run = insgnss.replay(flight, settings=row.settings, output=output)
     return Flown(row, seed, run, ready, log, case, origin_s)
 
 

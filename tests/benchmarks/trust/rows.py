@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
@@ -106,6 +106,7 @@ class Row:
     start: Literal["automatic", "given"] = "automatic"
     cut: bool = False  # the log begins at a place drawn by the seed
     vehicle: VehicleRows | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)  # of the filter, by dotted key
     output: float | None = None  # rate of navigation rows; None: one for each epoch
     live: bool = False  # through the streaming engine
     times: int = 1  # as many runs as the campaign's seeds, times that

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 from insgnss.config.vehicle_kind import VehicleRows
@@ -243,6 +244,39 @@ def _static_hour(carrier: bool) -> Row:
     )
 
 
+def _lasting_hour(carrier: bool) -> Row:
+    """Messages and air are wrong for half an hour by what [slow_errors] says, and the filter has states for it."""
+    name = f"lasting_errors{'_carrier' * carrier}"
+    gnss = (
+        "rate_hz = 0.5\n"
+        "air_errors = { ionosphere_m = 1.5, troposphere_m = 0.05, correlation_time_s = 3600.0 }\n"
+        "ephemeris_errors = { radial_m = 0.2, along_m = 0.5, cross_m = 0.5, clock_m = 0.43 }"
+    )
+    return Row(
+        name,
+        f"at rest for half an hour, errors of messages and air as states, {_word(carrier)}",
+        scenario(name, straight(1800.0), rate_hz=25.0, carrier=carrier, gnss=gnss),
+        (*nees("position", "velocity", "tilt"), *honest(), *UNHURT, NO_FALSE_HEADING),
+        "industrial",
+        looks={"end": 1798.0},
+        start="given",
+        settings={"process.range_bias_states": True, "slow_errors.no_ionosphere_zenith_m": 1.5},
+        times=2,
+    )
+
+
+def _with_states(row: Row, sigma_m: float, title: str) -> Row:
+    """Return a row of lasting multipath whose filter has states for it."""
+    sizes = {"slow_errors.satellite_m": {"G": sigma_m}, "slow_errors.correlation_time_s": 60.0}
+    return replace(
+        row,
+        name=f"{row.name}_states",
+        title=title,
+        settings={"process.range_bias_states": True, "slow_errors.no_ionosphere_zenith_m": 1.5, **sizes},
+        in_tests=False,
+    )
+
+
 def _carrier_air() -> Row:
     """A2: with a perfect model of the air the carrier's differences must not push the height away."""
     moves = (*TO_KNOWN, *CORNERS, straight(400.0))
@@ -360,6 +394,21 @@ def situation_rows() -> tuple[Row, ...]:
         _car_outage("industrial", 2.5),
         _car_outage("mems_consumer", 9.0),
         *(_static_hour(carrier) for carrier in both),
+        *(_lasting_hour(carrier) for carrier in both),
+        *(
+            _with_states(
+                _city(grade, lasting=True), 3.0, "city drive, range biases of 3 m for 60 s as states"
+            )
+            for grade in ("mems_consumer", "industrial")
+        ),
+        _with_states(
+            _shipped("city_car", "", 30.0),
+            3.0,
+            "car with multipath of 15 s, biases of 3 m for 60 s as states",
+        ),
+        _with_states(
+            _shipped("ship_in_waves", "", math.inf), 1.0, "ship in waves, biases of 1 m for 60 s as states"
+        ),
         _carrier_air(),
         *(_air_errors(carrier) for carrier in both),
         *(_hour_without_gnss(given) for given in both),
