@@ -365,6 +365,9 @@ class SlowErrors(StrictModel):
     correlation_time_s: Positive = Field(
         3600.0, description="for which they stay alike, where they are states of the filter"
     )
+    ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
+        0.01, description="what the ionosphere's wanders at most between two epochs of carrier phases"
+    )
 
 
 class FilterConfig(StrictModel):

@@ -74,6 +74,7 @@ class Parameters(Record):
     at_lever_arm: int
     at_range_biases: int
     n_range_biases: int
+    ionosphere_wander: float  # of a second, at most [m^2/s]
     at_clone: int
     covariance_step: float  # [s]
     motion_gate2: float  # squared sigmas from which a horizontal force is motion; 0: any is
@@ -194,6 +195,7 @@ def resolve_parameters(
         layout.at(LEVER_ARM),
         layout.at(RANGE_BIASES),
         sum(block.size for block in layout.blocks if block.name == RANGE_BIASES),
+        config.slow_errors.ionosphere_wander_m_per_sqrt_s**2,
         layout.at_clone,
         config.process.covariance_step_s,
         config.process.motion_sigma**2,

@@ -67,10 +67,13 @@ def carrier_difference(
 
 @kernel(inline=True)
 def wander(par: Parameters, shell: float, wet: float) -> float:
-    """Return the variance per second [m^2/s] by which the air's states may wander in a difference."""
+    """Return the variance per second [m^2/s] by which the air's states may wander in a difference.
+
+    A Gauss-Markov state of an hour wanders over a second as no ionosphere does: the settings say how fast that may be.
+    """
     total = 0.0
     if par.at_ionosphere >= 0:
-        total += shell * shell * par.optional_density[par.at_ionosphere - OFFSETS]
+        total += shell * shell * min(par.optional_density[par.at_ionosphere - OFFSETS], par.ionosphere_wander)
     if par.at_zenith_delay >= 0:
         total += wet * wet * par.optional_density[par.at_zenith_delay - OFFSETS]
     return total
