@@ -51,7 +51,8 @@ sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mr
 *_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that stay alike for minutes (orbits and clocks of the
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
-  empty where no epoch of the log has used ranges enough to tell
+  empty where no epoch of the log has used ranges enough to tell; absent where `process.range_bias_states` makes
+  states of them, as sd_n_m sd_e_m sd_d_m then include them
 q_nb_w q_nb_x q_nb_y q_nb_z: attitude as a quaternion, body to north-east-down, scalar first and not negative;
   with `--quaternion`
 cov_n_n_m2 cov_n_e_m2 cov_n_d_m2 cov_e_e_m2 cov_e_d_m2 cov_d_d_m2: covariance of position north, east, down; this

@@ -28,6 +28,7 @@ from insgnss.filter.smoothing.row_covariances import RowCovariances
 from insgnss.filter.smoothing.smoother import Smoother
 from insgnss.filter.start.carried_start import Carried, kept_over
 from insgnss.filter.start.without_gnss import TimedStart, opened_at
+from insgnss.filter.state import MAX_RANGE_BIASES
 from insgnss.filter.update.masking import still_uncertain
 from insgnss.gnss.observation_rows import Rows, from_epoch
 from insgnss.gpstime import ns_to_week_seconds
@@ -96,7 +97,13 @@ def run_blocks(
 
     The log is cut where inertial samples are missing for too long: each part starts anew, with what the one before it
     leaves behind.
+
+    Raises
+    ------
+    ConfigError : the log has more satellites than a smoother has range biases for
     """
+    if smooth:
+        _refuse_shared_states(setup)
     samples = screened(table, setup)
     times = output_times(samples.logged_ns, output)
     epoch_ns = np.concatenate([block.epoch_ns for block in blocks])
@@ -156,6 +163,17 @@ def run_blocks(
     if own is not None and setup.own is not None:
         own += complete_ledger(setup.own, found, spans_ns, (-(2**62), 2**62))
     return out, passage.ledger or [LedgerPart(*new_ledger(no_rows))], events
+
+
+def _refuse_shared_states(setup: FilterSetup) -> None:
+    """Refuse to smooth where a state changes its satellite: the way back would give it what it learnt of another."""
+    if setup.config.process.range_bias_states and setup.n_satellites > MAX_RANGE_BIASES:
+        raise ConfigError(
+            f"the log has {setup.n_satellites} satellites, and a smoother has room for the range biases of"
+            f" {MAX_RANGE_BIASES}",
+            key="process.range_bias_states",
+            advice="use fewer constellations (measurements.constellations), cut the log, or switch the states off",
+        )
 
 
 def _open_alone(navigator: Navigator, setup: FilterSetup, part: Imu) -> None:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.constants import NS_PER_S
+from insgnss.errors import ConfigError
 from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import MAX_RANGE_BIASES, OFFSETS, Bank, new_bank
@@ -19,8 +20,10 @@ from insgnss.filter.states.zenith_delay import ZENITH_DELAY
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.filter.whole_log import run_blocks
 from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.library import filter_config, imu_grade, oscillator
+from insgnss.tables import ImuTable
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
 
 K = 5  # states in these tests
@@ -158,6 +161,13 @@ def test_no_ionosphere_is_estimated_where_none_is_left() -> None:
 def test_there_are_at_most_as_many_as_there_is_room_for() -> None:
     made = replace(setup(), n_satellites=10 * MAX_RANGE_BIASES)
     assert next(b for b in made.layout.blocks if b.name == RANGE_BIASES).size == MAX_RANGE_BIASES
+
+
+def test_smoother_needs_a_state_for_every_satellite() -> None:
+    made = replace(setup(), n_satellites=MAX_RANGE_BIASES + 1)
+    nothing = ImuTable(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+    with pytest.raises(ConfigError, match=f"{MAX_RANGE_BIASES + 1} satellites"):
+        run_blocks(made, nothing, [], "gnss", smooth=True)
 
 
 def test_without_the_setting_nothing_is_a_state() -> None:
