@@ -102,8 +102,7 @@ def run_blocks(
     ------
     ConfigError : the log has more satellites than a smoother has range biases for
     """
-    if smooth:
-        _refuse_shared_states(setup)
+    _refuse_shared_states(setup, smooth=smooth)
     samples = screened(table, setup)
     times = output_times(samples.logged_ns, output)
     epoch_ns = np.concatenate([block.epoch_ns for block in blocks])
@@ -165,9 +164,9 @@ def run_blocks(
     return out, passage.ledger or [LedgerPart(*new_ledger(no_rows))], events
 
 
-def _refuse_shared_states(setup: FilterSetup) -> None:
+def _refuse_shared_states(setup: FilterSetup, *, smooth: bool) -> None:
     """Refuse to smooth where a state changes its satellite: the way back would give it what it learnt of another."""
-    if setup.config.process.range_bias_states and setup.n_satellites > MAX_RANGE_BIASES:
+    if smooth and setup.config.process.range_bias_states and setup.n_satellites > MAX_RANGE_BIASES:
         raise ConfigError(
             f"the log has {setup.n_satellites} satellites, and a smoother has room for the range biases of"
             f" {MAX_RANGE_BIASES}",
