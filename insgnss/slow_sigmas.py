@@ -65,7 +65,7 @@ def slow_sigmas(setup: FilterSetup, names: LogNames) -> SlowSigmas:
     """Return the sizes of the slow errors that a filter's settings, models and products leave."""
     sizes = setup.slow_sizes
     return SlowSigmas(
-        np.array([sizes.of(sv) for sv in names.sv]),
+        np.array([sizes.satellite[sv[0]] for sv in names.sv]),
         sizes.ionosphere,
         sizes.ionosphere * setup.config.slow_errors.ionosphere_gradient_per_1000_km,
         sizes.troposphere,

@@ -366,7 +366,8 @@ class SlowErrors(StrictModel):
         3600.0, description="for which they stay alike, where they are states of the filter"
     )
     ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
-        0.01, description="what the ionosphere's wanders at most between two epochs of carrier phases"
+        0.01,
+        description="by so much the ionosphere's error at the zenith wanders at most between epochs of carrier phases",
     )
 
 

@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy.typing as npt
 
 from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.visibility import Limits
-from insgnss.config.filter import FilterConfig
+from insgnss.config.filter import Constellation, FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
 from insgnss.filter.epoch_aid import EpochAid
@@ -181,14 +181,13 @@ class FilterSetup:
             zenith = sizes.no_ionosphere_zenith_m
         if model == "ionosphere_free":
             zenith = 0.0
-        return SlowSizes(
-            share * zenith,
-            share * sizes.troposphere_zenith_m,
-            {
-                str(letter): share * (sigma if self.products is None else sizes.precise_satellite_m)
-                for letter, sigma in sizes.satellite_m.items()
-            },
-        )
+        known, precise = sizes.satellite_m, self.products is not None
+        largest = max(known.values(), default=0.0)  # of a constellation that the settings do not name
+        satellite = {
+            str(letter): share * (sizes.precise_satellite_m if precise else known.get(letter, largest))
+            for letter in get_args(Constellation)
+        }
+        return SlowSizes(share * zenith, share * sizes.troposphere_zenith_m, satellite)
 
     def phases(self, main: GnssTable, rows: Rows, further: Sequence[GnssTable]) -> PhaseLog:
         """Return the phases of several antennas at the epochs of the main one's observations and rows."""

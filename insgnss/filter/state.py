@@ -138,9 +138,7 @@ class HeadRecord(Record):
     own_nis: Annotated[Float64, MAX_WATCHED]  # mean of the normalised squared innovations of watched own rows
     own_nis_ns: Annotated[Int64, MAX_WATCHED]  # when it was last carried on; 0: never
     own_contradicts: Annotated[Int64, MAX_WATCHED]  # 1 while the kind is not used
-    biased: Annotated[
-        Int64, MAX_RANGE_BIASES
-    ]  # the satellite of each range bias, counted from one; 0: none yet
+    biased: Annotated[Int64, MAX_RANGE_BIASES]  # each range bias' satellite, counted from one; 0: none
     biased_ns: Annotated[Int64, MAX_RANGE_BIASES]  # when it was last in an epoch
 
 

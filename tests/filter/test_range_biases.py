@@ -145,6 +145,11 @@ def test_blocks_have_the_sizes_of_the_settings() -> None:
     assert made.slow_sizes.satellite["G"] == 0.5
 
 
+def test_constellation_that_the_settings_do_not_name_has_the_largest_error() -> None:
+    sizes = setup(**{"slow_errors.satellite_m": {"G": 0.4, "E": 0.9}}).slow_sizes.satellite
+    assert (sizes["G"], sizes["E"], sizes["R"], sizes["C"]) == (0.4, 0.9, 0.9, 0.9)
+
+
 def test_base_station_leaves_its_share_of_each() -> None:
     made = replace(setup(), with_base=True)
     blocks = {block.name: block for block in made.layout.blocks}

@@ -14,11 +14,7 @@ class SlowSizes(NamedTuple):
 
     ionosphere: float  # at the zenith, on L1
     troposphere: float  # at the zenith
-    satellite: Mapping[str, float]  # along the line of sight, by constellation
-
-    def of(self, sv: str) -> float:
-        """Return the satellite's own; a constellation that is not named has the largest."""
-        return self.satellite.get(sv[0], max(self.satellite.values(), default=0.0))
+    satellite: Mapping[str, float]  # along the line of sight, by constellation: all of them are there
 
 
 class StatesWanted(NamedTuple):
