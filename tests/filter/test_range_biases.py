@@ -146,7 +146,10 @@ def test_blocks_have_the_sizes_of_the_settings() -> None:
 
 
 def test_constellation_that_the_settings_do_not_name_has_the_largest_error() -> None:
-    sizes = setup(**{"slow_errors.satellite_m": {"G": 0.4, "E": 0.9}}).slow_sizes.satellite
+    made = setup()
+    slow = made.config.slow_errors.model_copy(update={"satellite_m": {"G": 0.4, "E": 0.9}})
+    made = replace(made, config=made.config.model_copy(update={"slow_errors": slow}))
+    sizes = made.slow_sizes.satellite
     assert (sizes["G"], sizes["E"], sizes["R"], sizes["C"]) == (0.4, 0.9, 0.9, 0.9)
 
 
