@@ -362,9 +362,10 @@ class SlowErrors(StrictModel):
     )
     troposphere_zenith_m: NotNegative = Field(0.05, description="what the troposphere's model leaves")
     with_base_share: NotNegative = Field(0.1, description="of all of these, that a base station leaves")
-    correlation_time_s: Positive = Field(
-        3600.0, description="for which they stay alike, where they are states of the filter"
+    satellite_time_s: Positive = Field(
+        3600.0, description="for which a satellite's stays alike, where it is a state of the filter"
     )
+    air_time_s: Positive = Field(3600.0, description="for which those at the zenith do")
     ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
         0.01,
         description="by so much the ionosphere's error at the zenith wanders at most between epochs of carrier phases",

@@ -135,12 +135,12 @@ def setup(**settings: Any) -> FilterSetup:
 
 
 def test_blocks_have_the_sizes_of_the_settings() -> None:
-    made = setup(**{"slow_errors.no_ionosphere_zenith_m": 2.0, "slow_errors.correlation_time_s": 600.0})
+    made = setup(**{"slow_errors.no_ionosphere_zenith_m": 2.0, "slow_errors.air_time_s": 600.0})
     blocks = {block.name: block for block in made.layout.blocks}
     assert blocks[IONOSPHERE].sigma == 2.0
     assert blocks[IONOSPHERE].process == GaussMarkov(2.0, 600.0)
     assert blocks[ZENITH_DELAY].process == GaussMarkov(0.05, 600.0)
-    assert blocks[RANGE_BIASES].process == GaussMarkov(1.0, 600.0)
+    assert blocks[RANGE_BIASES].process == GaussMarkov(1.0, 3600.0)
     assert not blocks[RANGE_BIASES].shown
     assert made.slow_sizes.satellite["G"] == 0.5
 

@@ -20,7 +20,7 @@ def ionosphere(wanted: StatesWanted) -> StateBlock | None:
     process = wanted.config.process
     one_band = not any(":" in group for group in wanted.clock_groups)
     modelled = wanted.config.measurements.ionosphere != "ionosphere_free"
-    sigma, time_s = wanted.slow.ionosphere, wanted.config.slow_errors.correlation_time_s
+    sigma, time_s = wanted.slow.ionosphere, wanted.config.slow_errors.air_time_s
     if process.range_bias_states and sigma > 0.0:
         return StateBlock(IONOSPHERE, ("ionosphere_m",), "m", sigma, GaussMarkov(sigma, time_s))
     if not (wanted.with_carrier and one_band and modelled and process.ionosphere_sigma_m > 0.0):

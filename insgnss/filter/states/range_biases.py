@@ -20,5 +20,5 @@ def range_biases(wanted: StatesWanted) -> StateBlock | None:
     if not (wanted.config.process.range_bias_states and wanted.n_satellites > 0):
         return None
     columns = tuple(f"range_bias_{i}" for i in range(wanted.n_satellites))
-    process = GaussMarkov(1.0, wanted.config.slow_errors.correlation_time_s)
+    process = GaussMarkov(1.0, wanted.config.slow_errors.satellite_time_s)
     return StateBlock(RANGE_BIASES, columns, "sigma", 1.0, process, shown=False)

@@ -14,7 +14,7 @@ def zenith_delay(wanted: StatesWanted) -> StateBlock | None:
     """Return the block where the settings ask for it."""
     process, sigma = wanted.config.process, wanted.slow.troposphere
     if process.range_bias_states and sigma > 0.0:
-        lasting = GaussMarkov(sigma, wanted.config.slow_errors.correlation_time_s)
+        lasting = GaussMarkov(sigma, wanted.config.slow_errors.air_time_s)
         return StateBlock(ZENITH_DELAY, ("zenith_delay_m",), "m", sigma, lasting)
     if not wanted.config.measurements.zenith_delay:
         return None

@@ -267,7 +267,7 @@ def _lasting_hour(carrier: bool) -> Row:
 
 def _with_states(row: Row, sigma_m: float, title: str) -> Row:
     """Return a row of lasting multipath whose filter has states for it."""
-    sizes = {"slow_errors.satellite_m": {"G": sigma_m}, "slow_errors.correlation_time_s": 60.0}
+    sizes = {"slow_errors.satellite_m": {"G": sigma_m}, "slow_errors.satellite_time_s": 60.0}
     return replace(
         row,
         name=f"{row.name}_states",
