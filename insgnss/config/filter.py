@@ -367,7 +367,7 @@ class SlowErrors(StrictModel):
     )
     air_time_s: Positive = Field(3600.0, description="for which those at the zenith do")
     ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
-        0.01,
+        0.005,
         description="by so much the ionosphere's error at the zenith wanders at most between epochs of carrier phases",
     )
 
