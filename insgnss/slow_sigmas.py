@@ -64,8 +64,9 @@ def slow_columns(found: SlowVariances, t_ns: Int64) -> dict[str, Float64]:
 def slow_sigmas(setup: FilterSetup, names: LogNames) -> SlowSigmas:
     """Return the sizes of the slow errors that a filter's settings, models and products leave."""
     sizes = setup.slow_sizes
+    largest = max(sizes.satellite.values())  # of a system that nobody knows
     return SlowSigmas(
-        np.array([sizes.satellite[sv[0]] for sv in names.sv]),
+        np.array([sizes.satellite.get(sv[0], largest) for sv in names.sv]),
         sizes.ionosphere,
         sizes.ionosphere * setup.config.slow_errors.ionosphere_gradient_per_1000_km,
         sizes.troposphere,

@@ -340,9 +340,7 @@ class Visibility(StrictModel):
 
 
 class SlowErrors(StrictModel):
-    """One sigma of range errors that stay alike for minutes: they are told in ``sd_slow_*``.
-
-    The filter ignores them unless ``process.range_bias_states`` makes states of them.
+    """One sigma of range errors that stay alike for minutes: in ``sd_slow_*``, or states (``range_bias_states``).
 
     Ranging errors of the broadcast messages are of the size that the systems' performance reports give (GPS 0.5 m,
     Galileo 0.3 m rms); the broadcast ionosphere leaves about half of the delay.

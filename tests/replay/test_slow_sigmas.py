@@ -116,10 +116,10 @@ def test_sizes_follow_models_products_and_base() -> None:
     names = LogNames(("G05", "E11", "R07", "X01"), ("C1C",))
     sizes = setup.config.slow_errors
 
-    def of(ionosphere: str, *, with_base: bool = False, **changes: Any) -> Any:
+    def of(ionosphere: str, **changes: Any) -> Any:
         use = setup.config.measurements.model_copy(update={"ionosphere": ionosphere})
         config = setup.config.model_copy(update={"measurements": use})
-        return slow_sigmas(replace(setup, config=config, **changes), names, with_base=with_base)
+        return slow_sigmas(replace(setup, config=config, **changes), names)
 
     klobuchar = of("klobuchar")
     assert klobuchar.satellite_m.tolist() == [0.5, 0.3, 2.0, 3.0]  # of an unknown system the largest
