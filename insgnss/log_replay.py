@@ -86,10 +86,8 @@ def setup_filter(
     navigation = None if logs.gnss.sat is not None else logs.navigation
     with_carrier = logs.gnss.carrier_cycles is not None
     setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
-    base, seen = flight.config.gnss.base is not None and logs.base is not None, set(logs.gnss.sv_names)
-    setup = replace(
-        setup, products=logs.products, antennas=logs.antennas, n_satellites=len(seen), with_base=base
-    )
+    seen, base = len(logs.gnss.sv_names), flight.config.gnss.base is not None and logs.base is not None
+    setup = replace(setup, products=logs.products, antennas=logs.antennas, n_satellites=seen, with_base=base)
     setup = setup.with_further(*fitted(flight.config, logs))
     if not flight.config.gnss.files:
         setup = started_without_gnss(setup, flight, logs)

@@ -64,7 +64,7 @@ def slow_columns(found: SlowVariances, t_ns: Int64) -> dict[str, Float64]:
 def slow_sigmas(setup: FilterSetup, names: LogNames) -> SlowSigmas:
     """Return the sizes of the slow errors that a filter's settings, models and products leave."""
     sizes = setup.slow_sizes
-    largest = max(sizes.satellite.values())  # of a system that nobody knows
+    largest = max(sizes.satellite.values())  # of an unknown system
     return SlowSigmas(
         np.array([sizes.satellite.get(sv[0], largest) for sv in names.sv]),
         sizes.ionosphere,

@@ -63,22 +63,16 @@ for seed in SEEDS:
     simulate(scenario, seed).save(folder)
     flights.append(folder / "flight.toml")
 
-WITHOUT = {"measurements.carrier": True}
 WITH = {"process.range_bias_states": True, "slow_errors.no_ionosphere_zenith_m": 1.5}
 runs = {
     name: [insgnss.replay(flight, settings=settings) for flight in flights]
-    for name, settings in (("without states", WITHOUT), ("with states", WITH))
+    for name, settings in (("without states", {}), ("with states", WITH))
 }
-
-
-def at_end(run: insgnss.Run) -> pd.Series:
-    """Return the errors against the truth and their sigmas in the last epoch."""
-    return run.errors.iloc[-1]
 
 
 summary = {}
 for name, each in runs.items():
-    ends = pd.DataFrame([at_end(run) for run in each])
+    ends = pd.DataFrame([run.errors.iloc[-1] for run in each])
     for axis in AXES:
         error, sigma = ends[f"d_{axis}_m"], ends[f"sd_{axis}_m"]
         summary[name, axis] = {
@@ -125,8 +119,8 @@ cost = pd.DataFrame(
 print(cost.round(2).to_string())
 
 # %% [markdown]
-# The sizes are a statement about the day and the receiver: multipath that lasts belongs into `slow_errors.satellite_m`
-# too, with `slow_errors.satellite_time_s` of a minute.
+# The sizes are a statement about the day and the receiver. For multipath that persists, enlarge
+# `slow_errors.satellite_m` and set `slow_errors.satellite_time_s` to a minute.
 
 # %%
 honest, proud = (summary.loc[f"{name} states", "error over sigma"] for name in ("with", "without"))

@@ -189,7 +189,7 @@ class Process(StrictModel):
     )
     range_bias_states: bool = Field(
         False,
-        description="errors of the ranges that last for minutes are states, of the sizes in [slow_errors]: one for each"
+        description="range errors that persist for minutes are states, of the sizes in [slow_errors]: one for each"
         " satellite, one of the ionosphere and one of the troposphere at the zenith; sd_n_m, sd_e_m and sd_d_m then"
         " include them",
     )
@@ -340,7 +340,7 @@ class Visibility(StrictModel):
 
 
 class SlowErrors(StrictModel):
-    """One sigma of range errors that stay alike for minutes: in ``sd_slow_*``, or states (``range_bias_states``).
+    """One sigma of range errors that persist for minutes: in ``sd_slow_*``, or states (``range_bias_states``).
 
     Ranging errors of the broadcast messages are of the size that the systems' performance reports give (GPS 0.5 m,
     Galileo 0.3 m rms); the broadcast ionosphere leaves about half of the delay.
@@ -361,12 +361,12 @@ class SlowErrors(StrictModel):
     troposphere_zenith_m: NotNegative = Field(0.05, description="what the troposphere's model leaves")
     with_base_share: NotNegative = Field(0.1, description="of all of these, that a base station leaves")
     satellite_time_s: Positive = Field(
-        3600.0, description="for which a satellite's stays alike, where it is a state of the filter"
+        3600.0, description="correlation time of a satellite's error, where it is a state of the filter"
     )
-    air_time_s: Positive = Field(3600.0, description="for which those at the zenith do")
+    air_time_s: Positive = Field(3600.0, description="the same of the errors at the zenith")
     ionosphere_wander_m_per_sqrt_s: NotNegative = Field(
         0.005,
-        description="by so much the ionosphere's error at the zenith wanders at most between epochs of carrier phases",
+        description="the ionosphere's error at the zenith wanders at most so fast between epochs of carrier phases",
     )
 
 

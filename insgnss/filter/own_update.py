@@ -38,6 +38,7 @@ from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.epoch_space import Workspace
+from insgnss.filter.update.epoch_update import charge
 from insgnss.filter.update.observe import place_antenna
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.geodesy.local_level import up_direction
@@ -242,12 +243,9 @@ def _updated(
 
 
 def _charge(squares: float, S: float, row: CheckedRow) -> float:
-    """Return what a row costs of likelihood, as in ``use_rows``: rows that share their errors tell of the noise, too.
-
-    Equation: y^2 / S + ln(S / r) + share ln r1, share = r1 / r, r1 the variance of the row alone, r as it counts
-    """
-    share = row.single_variance / row.variance
-    return squares + math.log(S / row.variance) + share * math.log(row.single_variance)
+    """Return what a row costs of likelihood, as in ``use_rows``."""
+    r, spread = row.single_variance, row.variance / row.single_variance
+    return float(charge(squares, S, r, spread))
 
 
 def _refused(member: _Member, gate2: float) -> list[bool]:

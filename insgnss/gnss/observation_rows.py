@@ -73,7 +73,7 @@ class Observation(Record):
     ionosphere_m: Annotated[float, np.float32]  # delay on L1 at the antenna, NaN where the filter computes it
     ionosphere_rate: Annotated[float, np.float32]  # its growth [m/s], zero where the filter computes it
     variance_scale: Annotated[float, np.float32]  # of the pseudorange's variance
-    bias_sigma: Annotated[float, np.float32]  # of the satellite's lasting range error [m]; 0: it is no state
+    bias_sigma: Annotated[float, np.float32]  # of the satellite's range bias [m]; 0: it has no such state
     sv: Annotated[int, np.int16]  # index into the log's satellite names
     # number of the satellite's band in any log, below N_SLOTS; over N_BANDS its own
     slot: Annotated[int, np.int16]

@@ -18,6 +18,7 @@ import numpy as np
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.witnesses import OfKind, Written, used_and_refused
 from insgnss.filter.parameters import Parameters
+from insgnss.filter.update.epoch_update import charge
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, N_KINDS, PSEUDORANGE, RANGE_RATE
 from insgnss.status import DRIFTING
 from insgnss.tables import Float64
@@ -98,7 +99,7 @@ def of_wrong_rates(written: list[Written], par: Parameters) -> float:
         S = P[:, at] + D + spread * noise
         gain = P[:, at] / S
         rest = y - e[:, at]
-        found -= 0.5 * np.sum(charge(rest, S, noise, spread), axis=1)
+        found -= 0.5 * np.sum(charge(rest**2 / S, S, noise, spread), axis=1)
         e[:, at] += gain * rest
         P[:, at] *= 1.0 - gain
     return float(np.logaddexp.reduce(found)) - math.log(len(_WRONG_MPS))
@@ -107,13 +108,8 @@ def of_wrong_rates(written: list[Written], par: Parameters) -> float:
 def _cost(shown: _Shown, rest: Float64, par: Parameters) -> Float64:
     """Return what the filter charges for rows of which so much is left (``use_rows``), and the gate for the refused."""
     gate2 = par.kind[shown.kind].gate2
-    cost = charge(rest, shown.widened, shown.noise, shown.spread)
+    cost = charge(rest**2 / shown.widened, shown.widened, shown.noise, shown.spread)
     return np.where(rest**2 > gate2 * shown.variance, (gate2 + np.log(shown.variance)) / shown.spread, cost)
-
-
-def charge(rest: Float64, widened: Float64, noise: Float64, spread: Float64 | float) -> Float64:
-    """Return y^2 / S + ln(S / (s r)) + (ln r) / s of rows, as ``use_rows`` adds it up."""
-    return np.asarray(rest**2 / widened + np.log(widened / (spread * noise)) + np.log(noise) / spread)
 
 
 def _steps_s(epochs: list[Written]) -> Float64:

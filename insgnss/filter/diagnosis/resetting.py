@@ -8,7 +8,7 @@ import numpy as np
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout import Layout
-from insgnss.filter.start.fix import Fix
+from insgnss.filter.start.fix import Fix, sigma_beyond_m
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.filter.states.lever_arm import lever_of, lever_rows
 from insgnss.filter.states.range_biases import RANGE_BIASES
@@ -16,8 +16,6 @@ from insgnss.geodesy.rotations import cross_matrix
 from insgnss.inertial.sensor_model import SensorModel
 from insgnss.tables import Float64
 
-_RESET_BIAS_SIGMA_M = 2.0  # what a fix leaves beyond its own covariance ...
-_RESET_SIGMA_WITH_BIASES_M = 30.0  # ... where the filter estimates what that is
 _DOUBTED_ATTITUDE_RAD = math.radians(5.0)  # added to an attitude that inertial samples have led astray
 _RESET_VELOCITY_FLOOR_MPS = 0.1
 _RESET_VELOCITY_SIGMA_MPS = 10.0  # of a reset without range rates
@@ -43,8 +41,7 @@ def reset_kinematics(
     inter_system_sigma_m : of a clock offset that the fix does not tell
     """
     n_offsets, J = layout.n_offsets, lever_rows(layout, len(P))
-    biased = layout.at(RANGE_BIASES) >= 0
-    beyond2 = (_RESET_SIGMA_WITH_BIASES_M if biased else _RESET_BIAS_SIGMA_M) ** 2
+    beyond2 = sigma_beyond_m(layout.at(RANGE_BIASES) >= 0) ** 2
     lever_b = lever_of(m, lever_b, layout)
     states = [*range(DR, DR + 3), *range(DV, DV + 3), CLOCK, DRIFT, *range(OFFSETS, OFFSETS + n_offsets)]
     kept = P[DV : DV + 3, DV : DV + 3].copy()

@@ -24,7 +24,7 @@ class Line(Record):
     columns: Annotated[Int64, N_KINDS, WIDTH]  # ... where they stand ...
     count: Annotated[Int64, N_KINDS]  # ... and how many they are
     group: int
-    bias: int  # the satellite's range bias, counted from one (``range_biases``); 0: it is no state
+    bias: int  # number of the satellite's range bias, from one (``range_biases``); 0: it has none
     u_n: Annotated[Float64, 3]  # line of sight, north-east-down
     u_b: Annotated[Float64, 3]  # line of sight in body axes
     gain: float  # of the best antenna towards it [dBic], NaN where no antenna is described

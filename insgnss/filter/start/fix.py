@@ -20,7 +20,15 @@ from insgnss.status import USED
 from insgnss.tables import Float64, Int64
 
 _FALSE_ALARM_Z: Final = 3.719  # normal quantile of 1 - 1e-4: a false alarm costs one epoch
+# what atmosphere and multipath leave in a fix beyond its own covariance; larger where the filter has states for that,
+# because the epochs after the fix show the same errors
+_BEYOND_M, _BEYOND_WITH_STATES_M = 2.0, 30.0
 _TRUSTED: Final = (OK, EXCLUDED, UNTESTED)
+
+
+def sigma_beyond_m(range_biases: bool) -> float:
+    """Return the sigma of a fix's position and clock beyond its own covariance; with range biases as states or not."""
+    return _BEYOND_WITH_STATES_M if range_biases else _BEYOND_M
 
 
 @dataclass(frozen=True)

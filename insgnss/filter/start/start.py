@@ -15,7 +15,7 @@ from insgnss.filter.layout import SYSTEM_OFFSETS, Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.tied_offsets import tie_offsets
 from insgnss.filter.sensor_errors import whole_error_rows
-from insgnss.filter.start.fix import Fix
+from insgnss.filter.start.fix import Fix, sigma_beyond_m
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.filter.states.lever_arm import lever_rows
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
@@ -29,9 +29,6 @@ from insgnss.tables import Float64
 _COURSE_WEIGHT = 0.7  # prior probability that a moving vehicle points along its velocity
 _COURSE_SPEED_MPS = 3.0  # from here on the velocity has a direction worth that weight
 _COURSE_SIGMA = 4.0  # of the velocity: with less its direction is not known to the sigma of a hypothesis
-_FIX_BIAS_SIGMA_M = 2.0  # what atmosphere and multipath leave in a fix beyond its own covariance
-# where the filter estimates what that is: a fix shows the same errors as the epochs that follow
-_FIX_SIGMA_WITH_BIASES_M = 30.0
 _BEYOND_GRADE = 5.0  # sigmas at which a resting gyro contradicts its grade
 LEVEL_FLOOR_RAD = math.radians(0.2)
 _EARTH_TURN = WGS84_OMEGA_RADPS * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # [w_ie x]
@@ -83,7 +80,7 @@ class Kinematics:
 
 def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64, config: FilterConfig) -> Kinematics:
     """Return the start values of a fix and a velocity."""
-    beyond = _FIX_SIGMA_WITH_BIASES_M if config.process.range_bias_states else _FIX_BIAS_SIGMA_M
+    beyond = sigma_beyond_m(config.process.range_bias_states)
     known = np.flatnonzero(np.isfinite(fix.clocks))
     reference = int(known[0])
     with_drift = math.isfinite(fix.drift)

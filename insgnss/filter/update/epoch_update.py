@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, predict_covariance
 from insgnss.filter.rows.lines import CLONE_ROWS, Line, Lines
@@ -317,6 +319,13 @@ def use_rows(
             S = line.predicted[kind] + line.variance[kind]
             total -= 0.5 * (gate2 + (math.log(S) if 0.0 < S < math.inf else 0.0)) / spread
     return total - 0.5 * (math.log(ratios) + math.log(noise) / spread), information
+
+
+def charge(
+    squares: Float64 | float, S: Float64 | float, r: Float64 | float, spread: Float64 | float
+) -> Float64:
+    """Return the terms of ``use_rows`` for rows outside the loop, interpreted: y^2 / S + ln(S / (s r)) + (ln r) / s."""
+    return np.asarray(squares + np.log(S / (spread * r)) + np.log(r) / spread)
 
 
 @kernel(inline=True)

@@ -46,7 +46,7 @@ def state_of(head: HeadRecord, n: int, name: int) -> int:
 
 @kernel(inline=True)
 def longest_unseen(head: HeadRecord, n: int, t_ns: int) -> int:
-    """Return which range bias nobody has, else whose satellite is unseen for longest; -1 where all are of ``t_ns``."""
+    """Return a free range bias, else that of the satellite unseen for longest; -1 if all are in the epoch ``t_ns``."""
     found = -1
     for i in range(n):
         if head.biased_ns[i] < t_ns and (found < 0 or head.biased_ns[i] < head.biased_ns[found]):
