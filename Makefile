@@ -24,20 +24,20 @@ demo: $(STAMP)  ## replay the sample flight, print the summary, write the run an
 	$(BIN)/insgnss replay "$(FLIGHT)" --output "$(OUT)" --report "$(OUT)/report.html"
 
 test: $(STAMP)  ## run the whole test suite, two files at a time (ARGS='-n 0 -k jacobian' to choose)
-	$(BIN)/python -c "from insgnss.first_run import main; main()"
+	$(BIN)/python -c "from insgnss.runs.first_run import main; main()"
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 # What computes indices: kernels, filter, point solution, antennas, a replay of wild numbers. Code with bounds checks has
-# a cache of its own (insgnss/jit.py). Every test of the suite may run so, but not in a few minutes.
+# a cache of its own (insgnss/kernels/jit.py). Every test of the suite may run so, but not in a few minutes.
 KERNELS := tests/test_jit.py::test_kernel_gives_the_same_numbers_compiled_and_as_plain_python
 BOUNDS := $(KERNELS) tests/filter/test_soundness.py tests/filter/test_gating.py tests/filter/test_faults.py \
     tests/filter/test_scalar_update.py tests/gnss/test_point_integrity.py tests/gnss/test_plausible_messages.py \
     tests/gnss/test_glonass_orbit.py tests/gnss/test_troposphere.py tests/antenna/test_gain_pattern.py \
-    tests/antenna/test_visibility.py tests/replay/test_wild_cells.py
+    tests/antenna/test_visibility.py tests/runs/test_wild_cells.py
 
 # Nearly all of its time is compiling: the lists of kernels first, in a process a core, then the rest test by test.
 test-bounds: $(STAMP)  ## run what computes indices with every index checked (NUMBA_BOUNDSCHECK=1)
-	NUMBA_BOUNDSCHECK=1 $(BIN)/python -c "from insgnss.first_run import main; main()"
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -c "from insgnss.runs.first_run import main; main()"
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest -n 2 --dist worksteal $(BOUNDS) $(ARGS)
 
 # By hand, before a release: makes an environment of its own in build/. Another interpreter, for which the lowest versions

@@ -28,20 +28,25 @@ The main job is two calls::
 
 from __future__ import annotations
 
-from insgnss.doctor import examine as check_flight
-from insgnss.engine import Engine
 from insgnss.errors import InsGnssError
 from insgnss.filter.engine import NavState
 from insgnss.filter.layout import Coupling, GaussMarkov, RandomWalk, StateBlock
 from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Measurement, Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
+from insgnss.former_names import register
 from insgnss.log.flight import Flight
-from insgnss.log_replay import engine_settings, replay
-from insgnss.point_solutions import PointRun, point
 from insgnss.report.compare import Comparison, compare
-from insgnss.run import Run
+from insgnss.report.late_page import write_report
+from insgnss.runs.check import examine as check_flight
+from insgnss.runs.engine import Engine
+from insgnss.runs.point import PointRun, point
+from insgnss.runs.replay import engine_settings, replay
+from insgnss.runs.result import Run
 from insgnss.version import __version__
+
+register()
+Run.page_writer = staticmethod(write_report)
 
 __all__ = [
     "Comparison",

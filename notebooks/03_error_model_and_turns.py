@@ -32,7 +32,7 @@ from scipy.linalg import expm
 import insgnss
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.report.figures import STYLE
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 G_MPS2 = 9.81

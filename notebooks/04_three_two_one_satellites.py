@@ -32,7 +32,7 @@ import pandas as pd
 
 import insgnss
 from insgnss.report.figures import STYLE
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 from insgnss.studies import Periodic, Removal, outage_study
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})

@@ -38,7 +38,7 @@ import pandas as pd
 
 import insgnss
 from insgnss.config.interference import InterferenceConfig
-from insgnss.flown_margin import flown_figure, flown_margin
+from insgnss.config.library import imu_grade, oscillator
 from insgnss.gnss.signals import L1_HZ
 from insgnss.interference import (
     PhaseLoop,
@@ -53,8 +53,8 @@ from insgnss.interference import (
 )
 from insgnss.interference.figures import diagram_figure, margin_figure, trade_off_figure
 from insgnss.interference.lasting_acceleration import density_at_threshold
-from insgnss.library import imu_grade, oscillator
 from insgnss.report.figures import STYLE
+from insgnss.runs.margin import flown_figure, flown_margin
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 CARRIER_HZ, BAND_HZ, ACCUMULATION_S = 1.6e9, 1.022e6, 0.01

@@ -36,9 +36,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from insgnss.library import find
+from insgnss.config.library import find
 from insgnss.report.figures import STYLE
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 from insgnss.studies import OutageStudy, Periodic, Removal, outage_study
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})

@@ -57,10 +57,10 @@ from insgnss.attitude.baselines import attitude_matrices, wrapped
 from insgnss.attitude.correlator_bank import phase_variances
 from insgnss.attitude.figures import histogram_figure, planar_figure, simulated_figure
 from insgnss.attitude.small_rotation import rotation_vector
+from insgnss.config.library import imu_grade
 from insgnss.constants import WGS84_OMEGA_RADPS
-from insgnss.library import imu_grade
 from insgnss.report.figures import STYLE
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 ARCMIN = 60.0 * np.degrees(1.0)  # of a radian

@@ -38,8 +38,8 @@ from scipy import stats
 
 from insgnss.report.figures import STYLE
 from insgnss.studies import data_set, failures, load_campaign, run_campaign, summary
-from insgnss.studies.campaign_cases import matched
-from insgnss.studies.campaign_scaling import Costs, scaling_table
+from insgnss.studies.campaign.cases import matched
+from insgnss.studies.campaign.scaling import Costs, scaling_table
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 SEEDS = 40

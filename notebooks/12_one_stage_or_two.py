@@ -30,7 +30,7 @@ from dataclasses import replace
 
 import matplotlib.pyplot as plt
 
-from insgnss.library import imu_grade
+from insgnss.config.library import imu_grade
 from insgnss.report.figures import STYLE
 from insgnss.studies import RECEIVERS, ReceiverOptions, receiver_study
 

@@ -35,10 +35,10 @@ import numpy as np
 import pandas as pd
 
 import insgnss
+from insgnss.config.library import find
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
-from insgnss.library import find
 from insgnss.report.figures import STYLE
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 GONE_S = (65.0, 125.0)  # seconds from the start without any satellite

@@ -34,9 +34,9 @@ import numpy as np
 import pandas as pd
 
 import insgnss
-from insgnss.library import find
+from insgnss.config.library import find
 from insgnss.report.figures import STYLE
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 SEEDS = range(1, 9)

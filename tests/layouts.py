@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from insgnss.config.filter import FilterConfig
+from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter.layout import SYSTEM_OFFSETS, Layout, StateBlock
 from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
 from insgnss.filter.states.ionosphere import ionosphere as ionosphere_block
 from insgnss.filter.states.wanted import StatesWanted
 from insgnss.filter.states.zenith_delay import zenith_delay as zenith_delay_block
-from insgnss.library import filter_config, imu_grade
 
 
 def layout_with(

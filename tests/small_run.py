@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from tests.report.runs import made_run
 
 

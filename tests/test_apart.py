@@ -11,8 +11,8 @@ import numba
 import numpy as np
 import pytest
 
-from insgnss.jit import kernel
-from insgnss.numba_parts import Apart
+from insgnss.kernels.jit import kernel
+from insgnss.kernels.numba_parts import Apart
 from insgnss.tables import Float64
 from tests.test_jit import PACKAGE, python
 
@@ -225,14 +225,14 @@ def test_kernel_is_pickled_by_its_name() -> None:
 
 
 CALLEE = """
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 @kernel(apart=True)
 def term(x: float) -> float:
     return 2.0 * x
 """
 CALLER = """
 from insgnss.callee import term
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 @kernel
 def sum_of_terms(x: float) -> float:
     return term(x) + term(x + 1.0)

@@ -14,21 +14,21 @@ from typer.testing import CliRunner
 import insgnss
 from insgnss.aiding import table as aiding_table
 from insgnss.cli.main import app
-from insgnss.columns.page import SHEETS, columns_page
-from insgnss.columns.sheet import Sheet, unit_of
-from insgnss.columns.statuses import STATUS_MEANINGS
 from insgnss.config.flight import GnssColumns, ImuColumns, MountedAntenna, ReferenceColumns
 from insgnss.config.log_table import NO_COLUMN
 from insgnss.config.vehicle_kind import VEHICLE_KINDS, VehicleRows
 from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.inertial.sensor_model import UNIT_OF_ERROR
 from insgnss.log.flight import Flight
-from insgnss.point_solutions import TABLES as POINT_TABLES
-from insgnss.run import TABLES, Run
+from insgnss.runs.columns.page import SHEETS, columns_page
+from insgnss.runs.columns.sheet import Sheet, unit_of
+from insgnss.runs.columns.statuses import STATUS_MEANINGS
+from insgnss.runs.point import TABLES as POINT_TABLES
+from insgnss.runs.result import TABLES, Run
 from insgnss.sensors.vehicle_rows import vehicle_states
 from insgnss.status import NAMES
 from tests.conftest import REPOSITORY
-from tests.replay.scenes import flight, turns
+from tests.runs.scenes import flight, turns
 
 SAMPLE = REPOSITORY / "data" / "sample_flight" / "flight.toml"
 # of a reference that states sigmas

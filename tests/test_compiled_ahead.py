@@ -13,7 +13,7 @@ from tests.test_jit import PACKAGE, python, tiny_package
 __all__ = ["tiny_package"]  # a fixture
 CHILD = """
 import os, pathlib, sys, time
-from insgnss.compiled_ahead import compile_list, end_with_parent
+from insgnss.kernels.compiled_ahead import compile_list, end_with_parent
 from insgnss.callee import term
 end_with_parent()
 with open("child", "a") as file: file.write(f"{{os.getpid()}} ")
@@ -21,7 +21,7 @@ with open("child", "a") as file: file.write(f"{{os.getpid()}} ")
 """
 PARENT = """
 import os, pathlib, sys, time
-from insgnss.compiled_ahead import compiled_ahead, is_complete
+from insgnss.kernels.compiled_ahead import compiled_ahead, is_complete
 from insgnss.callee import term
 with compiled_ahead("insgnss.child") as beside:
     {body}
@@ -73,7 +73,7 @@ time.sleep(0.3)
 
 
 def test_two_commands_at_once_do_not_disturb_each_other(tiny_package: Path) -> None:
-    inner = f"""import insgnss.compiled_ahead as other
+    inner = f"""import insgnss.kernels.compiled_ahead as other
     with other.compiled_ahead("insgnss.child") as second: second.wait()
     {SHOW}"""
 
@@ -81,9 +81,7 @@ def test_two_commands_at_once_do_not_disturb_each_other(tiny_package: Path) -> N
 
 
 def test_cache_is_not_complete_where_a_process_is_too_slow(tiny_package: Path) -> None:
-    slow = (
-        "import insgnss.compiled_ahead as ahead; ahead.LONGEST_S = 0.5; beside.wait(); print(is_complete())"
-    )
+    slow = "import insgnss.kernels.compiled_ahead as ahead; ahead.LONGEST_S = 0.5; beside.wait(); print(is_complete())"
 
     assert run_beside(tiny_package, child="time.sleep(30.0)", parent=slow) == "False"
     assert not list((tiny_package / "cache").rglob("taken-*"))

@@ -27,7 +27,7 @@ from insgnss.geodesy.rotations import (
     to_scipy_quaternion,
 )
 from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight
-from insgnss.gnss.satellite_state import range_rates
+from insgnss.gnss.orbits.satellite_state import range_rates
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.simulation.imu import gauss_markov
 from tests.kernels import filter as short_log

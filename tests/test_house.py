@@ -180,7 +180,7 @@ def test_one_module_knows_numba_s_inner_parts_and_one_decorator_compiles() -> No
         if has_decorator(node, "kernel")
     }
 
-    assert users == {"insgnss/numba_parts.py"}
+    assert users == {"insgnss/kernels/numba_parts.py"}
     assert decorators == {"kernel", "kernel(inline=True)", "kernel(apart=True)"}
 
 
@@ -321,7 +321,7 @@ def test_no_kernel_has_more_than_eight_arguments() -> None:
 
 
 def test_every_record_says_its_fields() -> None:
-    """A record that is ``Any`` hides a field that is not there: a class of ``insgnss.records`` says what there is."""
+    """A record that is ``Any`` hides a field that is not there: a class of ``kernels.records`` says what there is."""
     hidden = re.compile(r"^\w+: TypeAlias = Any\b", re.MULTILINE)
 
     assert [p.name for p in SOURCES if hidden.search(p.read_text(encoding="utf-8"))] == []

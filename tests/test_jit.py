@@ -14,7 +14,7 @@ import numba
 import numpy as np
 import pytest
 
-from insgnss import jit
+from insgnss.kernels import jit
 from insgnss.tables import Float64
 from tests.kernels import KernelCase, Recording, all_cases, all_kernels
 
@@ -71,7 +71,7 @@ def test_sample_calls_have_unique_names() -> None:
 
 @pytest.fixture
 def package_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a copy of the package's sources whose hash ``insgnss.jit`` now computes."""
+    """Return a copy of the package's sources whose hash ``insgnss.kernels.jit`` now computes."""
     copy = tmp_path / "insgnss"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "_models"))
     monkeypatch.setattr(jit, "__file__", str(copy / "jit.py"))
@@ -126,14 +126,14 @@ def test_caller_is_compiled_anew_when_its_callee_in_another_file_changes(tmp_pat
     for name in ("jit.py", "numba_parts.py"):
         shutil.copy(PACKAGE / name, package)
     (package / "caller.py").write_text(
-        "from insgnss.callee import term\nfrom insgnss.jit import kernel\n\n"
+        "from insgnss.callee import term\nfrom insgnss.kernels.jit import kernel\n\n"
         "@kernel\ndef total(x):\n    return 100.0 + term(x)\n",
         encoding="utf-8",
     )
     results = []
     for factor in (2.0, 3.0):
         (package / "callee.py").write_text(
-            f"from insgnss.jit import kernel\n\n@kernel\ndef term(x):\n    return {factor} * x\n",
+            f"from insgnss.kernels.jit import kernel\n\n@kernel\ndef term(x):\n    return {factor} * x\n",
             encoding="utf-8",
         )
         program = "from insgnss.caller import total; print(total(1.0))"
@@ -185,7 +185,7 @@ def tiny_package(tmp_path: Path) -> Path:
     (package / "__init__.py").write_text("", encoding="utf-8")
     for name in ("jit.py", "numba_parts.py"):
         shutil.copy(PACKAGE / name, package)
-    kernel = "from insgnss.jit import kernel\n\n@kernel\ndef term(x):\n    return 2.0 * x\n"
+    kernel = "from insgnss.kernels.jit import kernel\n\n@kernel\ndef term(x):\n    return 2.0 * x\n"
     (package / "callee.py").write_text(kernel, encoding="utf-8")
     return tmp_path
 

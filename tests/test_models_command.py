@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from insgnss import library
 from insgnss.cli import demo as demo_command
 from insgnss.cli.main import app
+from insgnss.config import library
 from insgnss.simulation import sample_flight
 from tests.conftest import REPOSITORY
 

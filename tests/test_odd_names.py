@@ -16,7 +16,7 @@ from insgnss.config.flight import FlightConfig
 from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError, InputError
 from insgnss.log.files import file_buffer
-from insgnss.studies.campaign import load_campaign
+from insgnss.studies.campaign.study import load_campaign
 from tests.small_run import small_run
 
 SAMPLE = Path(__file__).resolve().parents[1] / "data" / "sample_flight"

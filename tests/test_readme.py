@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from insgnss import status
 from insgnss.cli.main import EXAMPLES, EXIT_CODES
 from insgnss.config.flight import FlightConfig
-from insgnss.run import TABLES
+from insgnss.runs.result import TABLES
 from insgnss.version import __version__
 
 REPOSITORY = Path(__file__).resolve().parents[1]

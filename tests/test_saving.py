@@ -17,8 +17,8 @@ import pandas as pd
 import pytest
 
 from insgnss.errors import ResultError
-from insgnss.run import TABLES, Run
-from insgnss.saving import RECORD, check_replaceable, overwriting, saving, settle, write_file
+from insgnss.results.saving import RECORD, check_replaceable, overwriting, saving, settle, write_file
+from insgnss.runs.result import TABLES, Run
 from tests.small_run import small_run
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -171,7 +171,7 @@ def test_pending_save_that_is_damaged_or_leads_out_of_its_folder_is_refused(
 
 
 def test_save_that_was_killed_while_it_wrote_leaves_nothing_behind_after_the_next(tmp_path: Path) -> None:
-    code = "import os, sys\nfrom pathlib import Path\nfrom insgnss.saving import saving\n"
+    code = "import os, sys\nfrom pathlib import Path\nfrom insgnss.results.saving import saving\n"
     code += f"with saving(Path(sys.argv[1]), {NAMES!r}, 'run') as new:\n    os.kill(os.getpid(), 9)\n"
     subprocess.run([sys.executable, "-c", code, tmp_path], check=False, cwd=REPOSITORY, env=WITH_TESTS)
     assert [p.name.startswith(".insgnss-new-") for p in tmp_path.iterdir()] == [True]

@@ -25,7 +25,7 @@ from insgnss.aiding.satellite_arcs import PIECE_NS, Arcs
 from insgnss.aiding.trace import Samples, Trace
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 _WIDEST_STEP_NS: Final = 100_000_000  # samples farther apart are a gap: no slope across it

@@ -19,7 +19,7 @@ from insgnss.aiding.uncertainty import (
     Doubts,
 )
 from insgnss.constants import C_MPS
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int16
 
 

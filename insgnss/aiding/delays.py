@@ -15,7 +15,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.range_model import AIR_DTYPE, AirModel, place_air, slant_delay
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from insgnss.aiding.antenna_motion import Vehicle, place_motion
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.constants import C_MPS
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _PER_C: Final = 1.0 / C_MPS

@@ -20,15 +20,15 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.gnss.broadcast_orbit import eccentric_anomaly, orbit_state
-from insgnss.gnss.ephemeris_choice import BroadcastMessages, MessageIndex, choose_message
-from insgnss.gnss.ephemeris_rows import M0, E, N
-from insgnss.gnss.glonass_orbit import arc_state
-from insgnss.gnss.plausible_messages import is_satellite
-from insgnss.gnss.precise_orbit import clock_between, orbit_between
-from insgnss.gnss.satellite_clock import group_delay, satellite_clock
+from insgnss.gnss.orbits.broadcast import eccentric_anomaly, orbit_state
+from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, MessageIndex, choose_message
+from insgnss.gnss.orbits.ephemeris_rows import M0, E, N
+from insgnss.gnss.orbits.glonass import arc_state
+from insgnss.gnss.orbits.plausible_messages import is_satellite
+from insgnss.gnss.orbits.precise import clock_between, orbit_between
+from insgnss.gnss.orbits.satellite_clock import group_delay, satellite_clock
 from insgnss.gnss.signals import signal_of
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64, PreciseProducts
 
 PIECE_NS: Final = 120 * NS_PER_S

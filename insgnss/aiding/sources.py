@@ -11,8 +11,8 @@ from insgnss.aiding.trace import Traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.errors import NavigationDataError
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
-from insgnss.gnss.plausible_messages import plausible_klobuchar
+from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.orbits.plausible_messages import plausible_klobuchar
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.tables import NavigationData, PreciseProducts

@@ -30,7 +30,7 @@ from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.aiding.trace import Covariances
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 PARTS: Final = ("velocity", "attitude", "accelerometer", "gyro", "clock", "satellite", "motion")

@@ -16,8 +16,8 @@ from insgnss.antenna.pattern_file import read_pattern
 from insgnss.antenna.visibility import DEWEIGHT, HIDE, KEEP, Limits
 from insgnss.config.filter import Visibility
 from insgnss.config.flight import MountedAntenna, Vector3
+from insgnss.config.library import antenna_file
 from insgnss.geodesy.rotations import euler_to_matrix
-from insgnss.library import antenna_file
 from insgnss.tables import Event, Float64
 from insgnss.units import deg_to_rad
 

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _LEAST_LEVEL: Final = 1e-9  # sine of the angle to a pole below which azimuth says nothing [rad]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.antenna.gain_pattern import Pattern
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int8
 
 N_ELEVATIONS: Final = 180  # cells of 1 deg of the raster of what is hidden

@@ -18,7 +18,7 @@ import numpy as np
 
 from insgnss.antenna.gain_pattern import gain_at
 from insgnss.antenna.installation import Installation, clearance_at
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import MASKED_GAIN, MASKED_OBSTRUCTION, USED
 from insgnss.tables import Float64, Int8
 

@@ -22,7 +22,7 @@ from insgnss.attitude.baselines import (
     phases_by_euler_twice,
 )
 from insgnss.errors import ConfigError
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # The scan walks in steps in which no phase difference moves by more than this: a sum of sines of such phases that

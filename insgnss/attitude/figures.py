@@ -28,7 +28,7 @@ from insgnss.attitude.baselines import (
     phases_by_euler,
 )
 from insgnss.attitude.correlator_bank import draw_correlators
-from insgnss.pictures import new_figure
+from insgnss.results.matplotlib_figure import new_figure
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import seeded
 

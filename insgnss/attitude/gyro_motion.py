@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_vector_quaternion, turn_left
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 N_GYRO_ERRORS: Final = 12  # three biases and nine elements of M, by columns

@@ -8,9 +8,9 @@ import numpy as np
 
 from insgnss.attitude.baselines import AntennaArray
 from insgnss.config.flight import Attitude, Gnss, MountedAntenna, Vector3
+from insgnss.config.library import vehicle as vehicle_of
 from insgnss.config.vehicle import Vehicle, VehicleAntenna
 from insgnss.errors import ConfigError
-from insgnss.library import vehicle as vehicle_of
 
 _MOUNTING = {"pattern", "mounting_rpy_deg", "mounting_matrix", "obstruction"}
 MAIN = "main"  # name of the antenna of [gnss] where nobody gives it one

@@ -43,7 +43,7 @@ def acquire(
     began = time.perf_counter()
     with own_errors_told():
         from insgnss.log.iq_file import IqFile
-        from insgnss.studies.sample_search import acquire_recording
+        from insgnss.studies.samples.search import acquire_recording
         from insgnss.tracking.signal import Sampling
 
         sampling = Sampling(rate, intermediate, not real)

@@ -13,10 +13,10 @@ from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
-    from insgnss.allan import NoiseFit
+    from insgnss.runs.allan import NoiseFit
     from insgnss.tables import ImuTable
 
 
@@ -46,8 +46,8 @@ def allan(
     """Measure a sensor's noise from a log at rest: random walk, bias instability, rate random walk."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [log]):
-        from insgnss.allan import allan_study
-        from insgnss.library import imu_grade
+        from insgnss.config.library import imu_grade
+        from insgnss.runs.allan import allan_study
 
         with telling("measuring the noise"):
             imu = _part(_read(log, gyro_unit, accel_unit), first, last)
@@ -88,7 +88,7 @@ def _read(log: Path, gyro_unit: str, accel_unit: str) -> ImuTable:
     """Return the inertial samples of a flight file's log, or of a CSV file with the usual names of columns."""
     from insgnss.config.flight import Imu
     from insgnss.log.flight import Flight
-    from insgnss.log.imu_csv import inertial, read_imu
+    from insgnss.log.imu.csv_log import inertial, read_imu
 
     if log.suffix == ".toml":
         flight = Flight.load(log)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-    from insgnss.studies.campaign import CampaignConfig, CampaignDone
+    from insgnss.studies.campaign.study import CampaignConfig, CampaignDone
 
 _SHOWN = ("n", "mean", "sd", "p05", "p50", "p95", "max")
 _FAILURES_SHOWN = 5
@@ -53,8 +53,8 @@ def campaign(
     """Run what is left of a campaign, write one Parquet file a task, and print a summary of all results."""
     began = time.perf_counter()
     with own_errors_told():
-        from insgnss.studies.campaign import load_campaign
-        from insgnss.studies.campaign_results import failures, summary, with_parameters
+        from insgnss.studies.campaign.results import failures, summary, with_parameters
+        from insgnss.studies.campaign.study import load_campaign
 
         config = load_campaign(campaign)
         done = _run(config, output, workers, scheduler, retry_failed=retry_failed)
@@ -96,8 +96,8 @@ def _run(
     config: CampaignConfig, output: Path, workers: int | None, scheduler: str | None, *, retry_failed: bool
 ) -> CampaignDone:
     """Run the campaign behind a progress bar."""
-    from insgnss.studies.campaign import run_campaign
-    from insgnss.studies.campaign_tasks import TaskReport
+    from insgnss.studies.campaign.study import run_campaign
+    from insgnss.studies.campaign.tasks import TaskReport
 
     with counting() as bar:
         shown = bar.add_task(f"{config.name}: tasks", total=None)

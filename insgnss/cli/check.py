@@ -29,8 +29,9 @@ def check(
     """Read all logs of a flight, hold them against each other, and propose what the flight file should declare."""
     with own_errors_told():
         # pandas and the compiled code are loaded only once the options are known to be right
-        from insgnss.doctor import examine, write_corrected
+        from insgnss.log.checks import write_corrected
         from insgnss.log.flight import Flight
+        from insgnss.runs.check import examine
 
         began = time.perf_counter()
         loaded = Flight.load(flight)

@@ -16,8 +16,8 @@ def columns(
 ) -> None:
     """Print the names, units and meanings of the columns of all tables, or of one, as Markdown."""
     with own_errors_told():
-        from insgnss.columns.page import SHEETS, columns_page, sheet_text
         from insgnss.errors import ConfigError
+        from insgnss.runs.columns.page import SHEETS, columns_page, sheet_text
 
         if table is not None and table not in SHEETS:
             raise ConfigError(f"'{table}' is no table", key="TABLE", advice=f"one of: {', '.join(SHEETS)}")

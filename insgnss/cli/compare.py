@@ -13,7 +13,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,7 +36,7 @@ def compare(
     with own_errors_told(), overwriting(force, run_files(*runs)):
         # pandas and Plotly are loaded only when the command runs
         from insgnss.report.compare import compare_runs, write_comparison
-        from insgnss.run import Run
+        from insgnss.runs.result import Run
 
         with telling("comparing"):
             loaded = {name: Run.load(path) for name, path in zip(_names(runs), runs, strict=True)}

@@ -13,7 +13,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +41,7 @@ def consistency(
     """Test innovations, errors and sigmas of a run against each other, and say in words what they mean."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(run)):
-        from insgnss.studies.consistency import consistency_study
+        from insgnss.studies.consistency.study import consistency_study
 
         with telling("studying the run"):
             study = consistency_study(run, confidence=confidence, lags=lags, from_s=start)

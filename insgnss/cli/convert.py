@@ -14,7 +14,7 @@ from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 PARTS = ("imu", "gnss", "reference")
 
@@ -143,8 +143,8 @@ def _digest(done: Conversion) -> dict[str, Any]:
 def _summary(done: Conversion) -> list[str]:
     import numpy as np
 
+    from insgnss.log.checks.report import from_events
     from insgnss.log.detect import NAMES
-    from insgnss.log.report import from_events
 
     gnss = done.log.gnss
     lines = [f"{path}: {NAMES[kind]}" for path, kind in done.formats]

@@ -15,7 +15,7 @@ from insgnss.cli.progress import telling
 from insgnss.cli.replay import tell_run, write_run
 from insgnss.errors import ResultError
 from insgnss.log.flight import Flight
-from insgnss.log_replay import replay as run_replay
+from insgnss.runs.replay import replay as run_replay
 
 FLIGHT_FOLDER: Final = "flight"
 PAGE: Final = "report.html"

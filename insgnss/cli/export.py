@@ -11,7 +11,7 @@ import typer
 from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 
 def export(
@@ -40,7 +40,7 @@ def export(
     with own_errors_told(), overwriting(force, run_files(run)):
         # pandas is loaded only when the command runs
         from insgnss.report.export import export_run
-        from insgnss.run import Run
+        from insgnss.runs.result import Run
 
         loaded = Run.load(run)
         written = export_run(loaded, output, format)

@@ -29,6 +29,6 @@ def chosen_filter(filter: str, settings: list[str] | None) -> FilterConfig:
     """
     # the schema takes a while to load, which a command that fails on its options does without
     from insgnss.config.changes import assignments
-    from insgnss.library import filter_config
+    from insgnss.config.library import filter_config
 
     return filter_config(filter, assignments(settings or ()))

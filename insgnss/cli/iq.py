@@ -14,12 +14,12 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from insgnss.studies.sample_study import SampleStudy
+    from insgnss.studies.samples.study import SampleStudy
 
 
 def iq(
@@ -52,8 +52,8 @@ def iq(
         # the numerical libraries are loaded only when the command runs
         from insgnss.config.sample_receiver import SampleReceiver
         from insgnss.config.strict import load_toml
-        from insgnss.simulate import simulate
-        from insgnss.studies.sample_study import RECEIVERS, record_samples, sample_receiver
+        from insgnss.runs.simulate import simulate
+        from insgnss.studies.samples.study import RECEIVERS, record_samples, sample_receiver
 
         use = SampleReceiver() if settings is None else load_toml(settings, SampleReceiver)
         losses = tuple(loss or ((0.0,) if record is not None else (0.0, 10.0)))

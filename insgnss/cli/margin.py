@@ -15,15 +15,15 @@ from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import counting, telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from insgnss.flown_margin import FlownMargin
     from insgnss.interference.lock_thresholds import LockThreshold
     from insgnss.interference.margin import PhaseLoop
+    from insgnss.runs.margin import FlownMargin
 
 
 def margin(
@@ -141,10 +141,10 @@ def _loops(
 
 def _drifts(oscillator: str, imu: str, interval: float, carrier: float) -> dict[str, float]:
     """Return the one-sided densities of oscillator and INS [rad^2/s^3], by their names."""
+    from insgnss.config.library import imu_grade
+    from insgnss.config.library import oscillator as oscillator_of
     from insgnss.interference.checks import positive
     from insgnss.interference.drift import density_of_grade, density_of_walk
-    from insgnss.library import imu_grade
-    from insgnss.library import oscillator as oscillator_of
 
     def number(key: str, text: str) -> float | None:
         try:
@@ -300,8 +300,8 @@ def _flown(
     """Study a saved run; print the summary, write tables and picture; return the same as data, and what was written."""
     from insgnss.config.interference import InterferenceConfig
     from insgnss.config.strict import load_toml
-    from insgnss.flown_margin import flown_margin, picture
-    from insgnss.run import Run
+    from insgnss.runs.margin import flown_margin, picture
+    from insgnss.runs.result import Run
 
     config = load_toml(emitters, InterferenceConfig)
     with telling("flying the run past the emitters"):

@@ -39,7 +39,7 @@ def models(
 ) -> None:
     """List the models that files and options can name, print one of them, or copy it to change it."""
     with own_errors_told():
-        from insgnss import library
+        from insgnss.config import library
 
         if kind is not None and kind not in library.KINDS:
             raise ConfigError(
@@ -84,7 +84,7 @@ def _copied(source: Path, output: Path) -> Path:
 
 
 def _list(kinds: list[str], *, as_json: bool) -> None:
-    from insgnss import library
+    from insgnss.config import library
 
     found = [
         {"kind": kind, "name": name, "about": library.about(kind, name), "file": library.find(kind, name)}

@@ -16,12 +16,12 @@ from insgnss.cli.lists import names_in
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.errors import ConfigError
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from insgnss.studies.outage import OutageStudy, Windows
+    from insgnss.studies.outage.study import OutageStudy, Windows
 
 _ROWS = 12  # of the printed percentiles
 _ADVICE = "give one of --window FROM:UNTIL, --every, --random, --bank"
@@ -72,8 +72,8 @@ def outage(
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [flight]):
         windows = _windows(window, every, random, bank, length, seed)
-        from insgnss.studies.outage import outage_study
-        from insgnss.studies.outage_windows import Removal
+        from insgnss.studies.outage.study import outage_study
+        from insgnss.studies.outage.windows import Removal
 
         chosen = chosen_filter(filter, settings)
         removal = Removal(names_in(satellites), names_in(constellations), names_in(kinds))
@@ -110,7 +110,7 @@ def _windows(
     seed: int,
 ) -> Windows:
     """Return the windows that the options ask for, which must do so in one way."""
-    from insgnss.studies.outage import Banked, Periodic, Random
+    from insgnss.studies.outage.study import Banked, Periodic, Random
 
     ways: list[Windows] = []
     if given:

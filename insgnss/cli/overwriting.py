@@ -14,6 +14,6 @@ Force: TypeAlias = Annotated[
 
 def run_files(*runs: Path | None) -> list[Path]:
     """Return the files that saved runs may be made of, and any other source as it is."""
-    from insgnss.run import FILES  # with pandas, late
+    from insgnss.runs.result import FILES  # with pandas, late
 
     return [path for run in runs if run is not None for path in (run, *(run / name for name in FILES))]

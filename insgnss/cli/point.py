@@ -15,13 +15,13 @@ from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
-from insgnss.saving import check_replaceable, overwriting
+from insgnss.results.saving import check_replaceable, overwriting
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from insgnss.point_solutions import PointRun
+    from insgnss.runs.point import PointRun
 
 _MEDIANS: Final = ["n_used", "gdop", "hdop", "vdop", "hpl_m", "vpl_m", "sd_n_m", "sd_e_m", "sd_d_m"]
 
@@ -52,8 +52,8 @@ def point(
         form = table_form(format)
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
-        from insgnss.point_solutions import FILES
-        from insgnss.point_solutions import point as solve
+        from insgnss.runs.point import FILES
+        from insgnss.runs.point import point as solve
 
         chosen = chosen_filter(filter, settings)
         loaded = Flight.load(flight)

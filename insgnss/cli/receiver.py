@@ -15,7 +15,7 @@ from insgnss.cli.json_output import AsJson, print_json, records
 from insgnss.cli.lists import names_in, numbers_in
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import counting
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,9 +88,9 @@ def receiver(
         levels, names = numbers_in(cn0, "--cn0"), names_in(variants)
         from insgnss.antenna.equipment import installation
         from insgnss.config.flight import MountedAntenna
-        from insgnss.studies.receiver_comparison import receiver_study
-        from insgnss.studies.receiver_scene import ReceiverOptions
-        from insgnss.studies.receiver_variants import USUAL_VARIANTS
+        from insgnss.studies.receiver.comparison import receiver_study
+        from insgnss.studies.receiver.scene import ReceiverOptions
+        from insgnss.studies.receiver.variants import USUAL_VARIANTS
 
         if imu == _NO_INS and variants == ",".join(USUAL_VARIANTS):
             names = ("scalar", "one_stage")

@@ -23,10 +23,10 @@ from insgnss.cli.progress import telling
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
-from insgnss.log_replay import replay as run_replay
 from insgnss.report.digest import digest
-from insgnss.run import FILES, Run
-from insgnss.saving import check_replaceable, overwriting
+from insgnss.results.saving import check_replaceable, overwriting
+from insgnss.runs.replay import replay as run_replay
+from insgnss.runs.result import FILES, Run
 
 _EVENTS_SHOWN = 25
 _UNITS = {"m": "m", "mps": "m/s", "deg": "deg"}

@@ -12,7 +12,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 
 def report(
@@ -35,7 +35,7 @@ def report(
         # pandas and Plotly are loaded only when the command runs
         from insgnss.report.figures import save_figures
         from insgnss.report.page import write_report
-        from insgnss.run import Run
+        from insgnss.runs.result import Run
 
         with telling("drawing"):
             loaded = Run.load(run)

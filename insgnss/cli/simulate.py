@@ -12,7 +12,7 @@ from insgnss.cli.ending import own_errors_told
 from insgnss.cli.json_output import AsJson, print_json
 from insgnss.cli.overwriting import Force
 from insgnss.cli.progress import telling
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 
 def simulate(
@@ -32,7 +32,7 @@ def simulate(
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [Path(scenario)]):
         # NumPy and SciPy are loaded only when there is something to simulate
-        from insgnss.simulate import simulate as simulated
+        from insgnss.runs.simulate import simulate as simulated
 
         with telling("simulating") as tell:
             made = simulated(scenario, seed, noise=not clean, duration_s=duration, progress=tell)

@@ -18,8 +18,8 @@ from insgnss.cli.replay import check_outputs, tell_run, write_run
 from insgnss.cli.rows import Covariance, PointOption, Quaternion, Rate, Times, rows_wanted
 from insgnss.cli.table_form import table_form
 from insgnss.log.flight import Flight
-from insgnss.log_replay import replay as run_replay
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
+from insgnss.runs.replay import replay as run_replay
 
 
 def smooth(

@@ -16,13 +16,13 @@ from insgnss.cli.overwriting import Force, run_files
 from insgnss.cli.progress import telling
 from insgnss.cli.table_form import table_form
 from insgnss.errors import ConfigError
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-    from insgnss.visibility import VisibilityStudy
+    from insgnss.runs.visibility import VisibilityStudy
 
 
 def visibility(
@@ -57,8 +57,8 @@ def visibility(
             raise ConfigError(f"{step} is no step", key="--step", advice="give seconds, 0 for every row")
         # pandas and the compiled code are loaded only once the options are known to be right
         from insgnss.log.flight import Flight
-        from insgnss.visibility.figures import save_figures
-        from insgnss.visibility.sources import visibility_of
+        from insgnss.runs.visibility.figures import save_figures
+        from insgnss.runs.visibility.sources import visibility_of
 
         config = chosen_filter(filter, settings)
         if threshold is not None:

@@ -37,7 +37,7 @@ from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.masking import still_uncertain
 from insgnss.gnss.antenna_phases import MATCH_NS
 from insgnss.gnss.observation_rows import Rows, from_epoch
-from insgnss.gnss.plausible_messages import refused_messages
+from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.gnss.table_joining import joined
 from insgnss.tables import Event, GnssTable, Int64
 
@@ -54,7 +54,7 @@ class Engine:
     """
 
     def __init__(self, setup: FilterSetup) -> None:
-        """Make an engine for a filter's setup (``insgnss.log_replay.setup_filter`` makes one from a flight)."""
+        """Make an engine for a filter's setup (``insgnss.runs.replay.setup_filter`` makes one from a flight)."""
         self._setup = setup
         self._further = FurtherArrivals(setup)
         self._samples = SampleBuffer()

@@ -35,7 +35,7 @@ from insgnss.filter.update.epoch_space import Workspace
 from insgnss.filter.update.epoch_update import Outcome, update_epoch
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.gnss.observation_rows import Rows
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 # why the loop stopped
 DONE: Final = 0  # all epochs processed

@@ -1,4 +1,4 @@
-"""The kernels of the filter's loop, each with arguments of the types it is called with (``insgnss.kernel_list``)."""
+"""The kernels of the filter's loop, each with arguments of the types it is called with (``runs.kernel_list``)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.compiled_ahead import compile_for
 from insgnss.filter.headings.headings import heading_variance, is_prunable, same_heading
 from insgnss.filter.headings.sideslip import note_sideslip, sideslip
 from insgnss.filter.imu.screen_state import EDIT_DTYPE, SCREEN_DTYPE
@@ -36,6 +35,7 @@ from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
+from insgnss.kernels.compiled_ahead import compile_for
 
 _N: Final = 0  # stands for any whole number
 _X: Final = 0.0  # for any other

@@ -22,7 +22,7 @@ from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.gnss.troposphere import Weather, weather_at_sea_level
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.records import Record, dtype_of
+from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
 _KELVIN = 273.15

@@ -33,8 +33,8 @@ from insgnss.filter.state import (
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, Couplings, carry_covariance, transition_step
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import kernel
-from insgnss.records import Record, dtype_of
+from insgnss.kernels.jit import kernel
+from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
 

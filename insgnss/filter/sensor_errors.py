@@ -15,7 +15,7 @@ from insgnss.filter.layout import SENSORS, Layout
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.vectors import Vector
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 BIAS_OF: Final = {DV: BA, PSI: BG}  # where the biases stand of the sensor that enters there

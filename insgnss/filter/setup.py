@@ -25,13 +25,13 @@ from insgnss.filter.state import MAX_RANGE_BIASES
 from insgnss.filter.states.wanted import SlowSizes, StatesWanted
 from insgnss.filter.update.masking import NO_LIMITS
 from insgnss.gnss.clock_groups import tied_clocks
-from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.orbits.plausible_messages import plausible_klobuchar
+from insgnss.gnss.orbits.precise import precise_states
+from insgnss.gnss.orbits.satellite_state import SatelliteStates, glonass_channels, satellite_states
 from insgnss.gnss.phase_centre import SatelliteAntennas
-from insgnss.gnss.plausible_messages import plausible_klobuchar
-from insgnss.gnss.precise_orbit import precise_states
-from insgnss.gnss.satellite_state import SatelliteStates, glonass_channels, satellite_states
 from insgnss.gnss.troposphere import Weather
 from insgnss.tables import Float64, GnssTable, NavigationData, PreciseProducts
 

@@ -11,7 +11,7 @@ import math
 from typing import Final
 
 from insgnss.filter.state import MAX_OPTIONAL, N_FACTORS, StateRecord
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # (1e15)^2 in each state's own unit: no knowledge at all. A float32 of the ledger holds it

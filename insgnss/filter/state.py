@@ -21,8 +21,8 @@ from insgnss.inertial.error_state import DRIFT as DRIFT
 from insgnss.inertial.error_state import DV as DV
 from insgnss.inertial.error_state import FURTHER
 from insgnss.inertial.error_state import PSI as PSI
-from insgnss.jit import kernel
-from insgnss.records import Record, dtype_of
+from insgnss.kernels.jit import kernel
+from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int8, Int64
 
 # optional states, where the settings and the log ask for them (``Layout`` says where each stands); first of all the

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from insgnss.constants import WGS84_A_M, WGS84_B_M, WGS84_E2
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 _SECOND_E2 = WGS84_E2 / (1.0 - WGS84_E2)

@@ -19,7 +19,7 @@ from insgnss.constants import (
     WGS84_OMEGA_RADPS,
     WGS84_SOMIGLIANA_K,
 )
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # zonals of the normal field: J_2n = (-1)^(n+1) 3 e^2n / ((2n+1)(2n+3)) (1 - n + 5 n J2 / e^2)

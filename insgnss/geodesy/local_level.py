@@ -8,7 +8,7 @@ import numpy as np
 
 from insgnss.constants import WGS84_A_M, WGS84_E2
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

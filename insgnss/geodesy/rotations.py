@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # the series' fractions: a compiler may not turn a division into a product, which takes a quarter of its time

@@ -30,11 +30,11 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.line_of_sight import line_of_sight_range
+from insgnss.gnss.orbits.satellite_state import SatelliteStates
 from insgnss.gnss.range_model import AIR_DTYPE, AirModel, place_air, slant_delay
-from insgnss.gnss.satellite_state import SatelliteStates
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.gnss.troposphere import STANDARD_WEATHER, Weather
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
 

@@ -6,7 +6,7 @@ import math
 
 from insgnss.gnss.least_squares import CLOCKS, Bool, FitRows, Workspace, cholesky, clock_of, covariance
 from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import C_MPS, S_PER_DAY
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 _NIGHT_DELAY_S: Final = 5.0e-9

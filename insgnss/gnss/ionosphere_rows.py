@@ -30,7 +30,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.ionosphere import beidou_delay, ionosphere_above, klobuchar_delay
 from insgnss.gnss.nequick import nequick_delay
-from insgnss.gnss.plausible_messages import is_ionosphere, plausible_klobuchar
+from insgnss.gnss.orbits.plausible_messages import is_ionosphere, plausible_klobuchar
 from insgnss.gnss.signals import B1I_HZ, L1_HZ
 from insgnss.gpstime import BDT_MINUS_GPST_S, leap_seconds, ns_to_datetime
 from insgnss.tables import Float64, GnssTable, Int64, NavigationData

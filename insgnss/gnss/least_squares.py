@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]

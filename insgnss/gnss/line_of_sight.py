@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

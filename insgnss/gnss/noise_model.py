@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 _REFERENCE_CN0_DBHZ: Final = 45.0

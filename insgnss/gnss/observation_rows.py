@@ -16,10 +16,10 @@ from insgnss.constants import C_MPS
 from insgnss.gnss.carrier_rows import ABSENT as ABSENT
 from insgnss.gnss.carrier_rows import carrier_rows, no_carriers
 from insgnss.gnss.clock_groups import group_of_rows
-from insgnss.gnss.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.ionosphere_free import combine_pseudoranges
 from insgnss.gnss.noise_model import thermal_factor
-from insgnss.gnss.satellite_state import (
+from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
+from insgnss.gnss.orbits.satellite_state import (
     SatelliteStates,
     glonass_channels,
     range_rates,
@@ -27,8 +27,8 @@ from insgnss.gnss.satellite_state import (
     status_of_given,
 )
 from insgnss.gnss.signals import L1_HZ, SIGNALS, carrier_hz, signal_of
-from insgnss.jit import kernel
-from insgnss.records import Record, dtype_of
+from insgnss.kernels.jit import kernel
+from insgnss.kernels.records import Record, dtype_of
 from insgnss.status import (
     BAD_SIGMA,
     BAD_VALUE,

@@ -26,8 +26,8 @@ from insgnss.gnss.troposphere import (
     standard_atmosphere,
     zenith_delays,
 )
-from insgnss.jit import kernel
-from insgnss.records import Record, dtype_of
+from insgnss.kernels.jit import kernel
+from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64
 
 

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.errors import ConfigError
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # Standard atmosphere (ICAO doc 7488; ISO 2533)

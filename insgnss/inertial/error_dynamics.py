@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from insgnss.constants import WGS84_GM_M3PS2, WGS84_OMEGA_RADPS
 from insgnss.inertial.error_state import BA, BG, CLOCK, DR, DRIFT, DV, FURTHER, N_MOTION, PSI
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 COUPLING_DTYPE: Final = np.dtype(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

@@ -7,7 +7,7 @@ import math
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import quaternion_to_matrix, rotation_vector_quaternion
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # the series' fractions, so that they need no division

@@ -16,8 +16,8 @@ from insgnss.errors import ResultError
 from insgnss.interference.lock_thresholds import LIFETIME, LockThreshold
 from insgnss.interference.margin import PhaseLoop, bandwidth_at_margin_hz, margin_db
 from insgnss.interference.trade_off_diagram import diagram, trade_off
-from insgnss.pictures import new_figure
-from insgnss.saving import saving
+from insgnss.results.matplotlib_figure import new_figure
+from insgnss.results.saving import saving
 from insgnss.tables import Float64
 
 if TYPE_CHECKING:

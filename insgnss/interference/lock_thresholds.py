@@ -30,7 +30,7 @@ from insgnss.interference.discriminators import (
     true_slope,
 )
 from insgnss.interference.optimal_loop import check_bandwidth_time, discrete_gains
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 # From a lifetime of 2000 / B down to one of 70 / B: the lines through them reach what table 1 asks for

@@ -8,7 +8,7 @@ A receiver is a linear model of its phases: ``x' = A x + white noise of intensit
   are rows of one filter over pseudo-coordinates; without INS or with it, as above.
 
 With INS a receiver gets the vehicle's acceleration without delay; the error of it is a Gauss-Markov process and a white
-part. Attitude is not in these models: 17 states with it stand in ``insgnss.studies.manoeuvring_covariance``.
+part. Attitude is not in these models: 17 states with it stand in ``insgnss.studies.receiver.manoeuvring_covariance``.
                                                                     [Shatilov 2007, chapter 2, coherent receivers]
 
 Drift is given as a one-sided density, as in the whole room; A, Q and H are those of a Kalman filter: Q is two-sided.

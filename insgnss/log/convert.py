@@ -11,7 +11,7 @@ from pathlib import Path
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError, ResultError
 from insgnss.gpstime import ns_to_datetime
-from insgnss.log.csv_writer import write_gnss_csv, write_imu_csv, write_reference_csv
+from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_reference_csv
 from insgnss.log.declared import Declared
 from insgnss.log.detect import NAMES, Format, detect_format
 from insgnss.log.first_flight_file import (
@@ -24,9 +24,9 @@ from insgnss.log.first_flight_file import (
 )
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.receiver_files import read_receiver
-from insgnss.log.rinex import read_navigation
-from insgnss.log.rinex_nav_writer import write_rinex_navigation
-from insgnss.saving import overwriting, saving
+from insgnss.log.rinex.nav_writer import write_rinex_navigation
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.results.saving import overwriting, saving
 from insgnss.tables import Event
 
 

@@ -9,9 +9,9 @@ from typing import Final, Literal
 from insgnss.errors import InputError
 from insgnss.log.files import file_buffer
 from insgnss.log.messages.bits import crc24q
-from insgnss.log.novatel_frames import frames_in
-from insgnss.log.novatel_rewritten import ascii_bytes
-from insgnss.log.sbf_blocks import find_blocks
+from insgnss.log.novatel.frames import frames_in
+from insgnss.log.novatel.rewritten import ascii_bytes
+from insgnss.log.sbf.blocks import find_blocks
 
 Format = Literal[
     "ubx", "sbf", "novatel", "rtcm", "ulog", "mcap", "android", "rinex_observation", "rinex_navigation"

@@ -14,20 +14,20 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from insgnss.config.flight import NO_WEEK, FlightConfig, ImuGrade, Oscillator
+from insgnss.config.library import antenna_file, imu_grade, oscillator
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import ConfigError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.library import antenna_file, imu_grade, oscillator
 from insgnss.log.files import sha256
 from insgnss.log.further_antennas import read_further_antennas
 from insgnss.log.gnss_log import GnssLogs, read_gnss_logs, read_receiver, without_gnss
-from insgnss.log.imu_csv import inertial, read_imu
+from insgnss.log.imu.csv_log import inertial, read_imu
+from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
-from insgnss.log.sensor_csv import read_sensor
-from insgnss.shown import Shown
+from insgnss.results.shown import Shown
 from insgnss.tables import (
     Event,
     GnssTable,

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.gnss.ephemeris_choice import broadcast_messages
-from insgnss.gnss.satellite_state import satellite_states
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.satellites import channel_of_name
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, GnssTable, Int64, NavigationData, StateVectorTable

@@ -17,12 +17,12 @@ from insgnss.config.log_table import TimeScale
 from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
 from insgnss.gnss.table_joining import joined
-from insgnss.log.csv_columns import TextColumn, Wanted
-from insgnss.log.csv_table import CsvTable, read_csv_table
+from insgnss.log.csv.columns import TextColumn, Wanted
+from insgnss.log.csv.satellite_column import read_satellites
+from insgnss.log.csv.table import CsvTable, read_csv_table
+from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.log.gnss_rows import in_time_order
-from insgnss.log.rinex_obs import read_rinex_obs
-from insgnss.log.satellite_column import read_satellites
-from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.log.rinex.observations import read_rinex_obs
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int16, Int64
 
 # What a log without a signal column is taken to hold: the first civil signal of each system in the L1 band

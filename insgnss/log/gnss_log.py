@@ -15,16 +15,16 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, InputError, NavigationDataError
 from insgnss.gnss.phase_centre import SatelliteAntennas
 from insgnss.gnss.table_joining import joined
-from insgnss.log.android import read_android
+from insgnss.log.android.reader import read_android
 from insgnss.log.glonass_slots import with_slots
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.navigation_span import check_navigation_time
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.rinex import read_navigation
-from insgnss.log.sbf import read_sbf
-from insgnss.log.ubx import read_ubx
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.sbf.reader import read_sbf
+from insgnss.log.ubx.reader import read_ubx
 from insgnss.tables import Event, GnssTable, NavigationData, PreciseProducts
 
 

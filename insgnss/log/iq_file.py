@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
-from insgnss.saving import saving_file
+from insgnss.results.saving import saving_file
 from insgnss.tracking.signal import Samples, Sampling
 
 SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}

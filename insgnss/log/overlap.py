@@ -11,7 +11,7 @@ from insgnss.config.flight import FlightConfig
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import TimeError
 from insgnss.gpstime import leap_seconds, ns_to_datetime, ns_to_week_seconds
-from insgnss.log.imu_csv import inertial
+from insgnss.log.imu.csv_log import inertial
 from insgnss.tables import Event, Int64, SensorTable
 
 # a first tag below it: counted from the recorder's own start rather than in a week

@@ -18,11 +18,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss import late_sidereon as sidereon
 from insgnss.constants import C_MPS, NS_PER_S, S_PER_DAY
 from insgnss.errors import InputError, NavigationDataError, TimeError
+from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss.orbits.precise import CLOCK_PAIRS, WIDEST_STEP_NS
 from insgnss.gnss.phase_centre import SatelliteAntennas
-from insgnss.gnss.precise_orbit import CLOCK_PAIRS, WIDEST_STEP_NS
 from insgnss.gnss.signals import signal_of
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds, ns_to_datetime
 from insgnss.log.files import file_text

@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import Final
 
 from insgnss.errors import InputError
-from insgnss.log.android import read_android
+from insgnss.log.android.reader import read_android
 from insgnss.log.declared import Declared
 from insgnss.log.detect import NAMES, Format
-from insgnss.log.novatel import read_novatel
+from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.rinex_obs import read_rinex_obs
-from insgnss.log.rosbag import read_rosbag
-from insgnss.log.rtcm import read_rtcm
-from insgnss.log.sbf import read_sbf
-from insgnss.log.ubx import read_ubx
-from insgnss.log.ulog import read_ulog
+from insgnss.log.rinex.observations import read_rinex_obs
+from insgnss.log.rosbag.reader import read_rosbag
+from insgnss.log.rtcm.reader import read_rtcm
+from insgnss.log.sbf.reader import read_sbf
+from insgnss.log.ubx.reader import read_ubx
+from insgnss.log.ulog.reader import read_ulog
 
 
 def read_receiver(kind: Format, paths: Sequence[Path], declared: Declared) -> ReceiverLog:

@@ -9,9 +9,9 @@ import numpy as np
 
 from insgnss.config.flight import Reference
 from insgnss.errors import InputError
-from insgnss.log.csv_columns import Wanted
-from insgnss.log.csv_table import CsvTable, read_csv_table
-from insgnss.log.time_tags import gps_times, wanted_with_time
+from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.table import CsvTable, read_csv_table
+from insgnss.log.csv.time_tags import gps_times, wanted_with_time
 from insgnss.tables import Event, Float64, ReferenceTable
 
 

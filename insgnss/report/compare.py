@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.comparison import errors_against, trajectory_of
 from insgnss.errors import ResultError
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.report.charts import Chart, Rows, colour_of, line_trace
@@ -21,8 +20,9 @@ from insgnss.report.run_time import gps_week, utc_origin_ms
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sentences import name_of
 from insgnss.report.settings_compared import settings_that_differ
-from insgnss.run import Run
-from insgnss.shown import Shown
+from insgnss.results.shown import Shown
+from insgnss.runs.reference_errors import errors_against, trajectory_of
+from insgnss.runs.result import Run
 from insgnss.version import __version__
 
 COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names)

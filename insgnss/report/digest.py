@@ -9,7 +9,7 @@ import pandas as pd
 
 from insgnss.report.epochs import used_at
 from insgnss.report.sentences import way_m
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 
 def digest(run: Run) -> dict[str, Any]:

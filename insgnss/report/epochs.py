@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64, Int64
 
 _USED: Final = ("used", "used_for_start")

@@ -11,7 +11,7 @@ import pandas as pd
 from insgnss.report.charts import PALETTE, Chart, Trace, packed
 from insgnss.report.html import Section
 from insgnss.report.sentences import QUIET
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 MOST: Final = 60  # events that are marked: more would hide what they mark
 _AXIS: Final = "yaxis99"  # beyond the rows of any chart

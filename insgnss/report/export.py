@@ -16,8 +16,8 @@ from insgnss.report.nmea import as_nmea
 from insgnss.report.rtklib_pos import as_pos
 from insgnss.report.sbet import as_sbet, as_smrmsg
 from insgnss.report.utc_csv import as_csv
-from insgnss.run import Run
-from insgnss.saving import write_file
+from insgnss.results.saving import write_file
+from insgnss.runs.result import Run
 
 # by the ending of the file, which --format may replace
 FORMATS: Final[dict[str, Callable[[Run], bytes]]] = {

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec
 import numpy as np
 
 from insgnss.errors import ConfigError, ResultError
-from insgnss.pictures import new_figure
 from insgnss.report.charts import BAND_SIGMAS, PALETTE
 from insgnss.report.epochs import satellites_of
 from insgnss.report.labels import label
@@ -28,8 +27,9 @@ from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sections.satellites import STATE_COLOURS
 from insgnss.report.sections.track import east_north, horizontal_sigma
 from insgnss.report.sentences import name_and_utc
-from insgnss.run import Run
-from insgnss.saving import saving
+from insgnss.results.matplotlib_figure import new_figure
+from insgnss.results.saving import saving
+from insgnss.runs.result import Run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

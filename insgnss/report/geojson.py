@@ -10,7 +10,7 @@ import pandas as pd
 
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 
 def as_geojson(run: Run) -> bytes:

@@ -9,7 +9,7 @@ from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of
 from insgnss.report.thinning import breaks
 from insgnss.report.xml_text import xml_bytes
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.version import __version__
 
 _NAMESPACE: Final = "http://www.topografix.com/GPX/1/1"

@@ -12,7 +12,7 @@ from typing import Final
 
 from insgnss.errors import ResultError
 from insgnss.report.charts import Chart, as_json
-from insgnss.saving import write_file
+from insgnss.results.saving import write_file
 
 
 @dataclass(frozen=True)

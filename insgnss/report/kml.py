@@ -13,7 +13,7 @@ import pandas as pd
 from insgnss.report.run_time import gps_week, utc_texts
 from insgnss.report.sentences import name_of, sentences
 from insgnss.report.xml_text import xml_bytes
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 _NAMESPACE: Final = "http://www.opengis.net/kml/2.2"
 _GOOGLE: Final = "http://www.google.com/kml/ext/2.2"  # of gx:Track

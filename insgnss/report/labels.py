@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from insgnss.columns.sheet import UNITS
+from insgnss.runs.columns.sheet import UNITS
 
 
 class Label(NamedTuple):

@@ -10,7 +10,7 @@ import pandas as pd
 
 from insgnss.report.run_time import gps_week, utc_dates
 from insgnss.report.sentences import name_of
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.version import __version__
 
 _HEAD_BYTES: Final = 116  # of descriptive text, into which SciPy writes the time of day

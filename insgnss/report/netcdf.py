@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from insgnss.columns.sheet import unit_of
 from insgnss.errors import ResultError
 from insgnss.report.labels import label
 from insgnss.report.run_time import gps_week, utc_dates
 from insgnss.report.sentences import name_of
-from insgnss.run import Run
+from insgnss.runs.columns.sheet import unit_of
+from insgnss.runs.result import Run
 from insgnss.version import __version__
 
 if TYPE_CHECKING:

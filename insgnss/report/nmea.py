@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.report.solution import Solution, solution
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _KNOT_MPS: Final = 1852.0 / 3600.0

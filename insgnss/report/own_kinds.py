@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from insgnss.report.labels import KIND_UNITS
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 
 def own_kinds(run: Run) -> dict[str, Mapping[str, Any]]:

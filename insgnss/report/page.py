@@ -26,7 +26,7 @@ from insgnss.report.sections import (
     track,
 )
 from insgnss.report.sentences import figures, name_and_utc, name_of, sentences
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.version import __version__
 
 _SECTIONS = (

@@ -10,7 +10,7 @@ import pandas as pd
 from insgnss.gpstime import GPS_EPOCH, week_seconds_to_ns
 from insgnss.report.sentences import name_of
 from insgnss.report.solution import Solution, solution
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.version import __version__
 
 # RTKLIB manual 2.4.2, appendix B.1: Q

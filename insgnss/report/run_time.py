@@ -10,7 +10,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_utc, week_seconds_to_ns
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 

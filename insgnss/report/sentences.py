@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from insgnss.agreement import heading_of, times_their_sigma
 from insgnss.errors import ResultError
 from insgnss.report.epochs import used_at
 from insgnss.report.labels import distance, duration, number
 from insgnss.report.run_time import gps_week, utc
-from insgnss.run import Run
+from insgnss.runs.agreement import heading_of, times_their_sigma
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 # kinds of events that tell how the run went, and are no trouble; of the readers' notices only these are let pass

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 _NOT_SETTINGS: Final = ("made", "took")  # of no two runs alike
 _ABSENT: Final = "-"

@@ -12,7 +12,7 @@ import pandas as pd
 
 from insgnss.report.epochs import satellites_used
 from insgnss.report.run_time import gps_week, utc_dates
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64, Int64
 
 _LATE_EPOCHS: Final = 2.5  # usual intervals since the latest epoch, after which a row is dead reckoning

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from insgnss.report.run_time import gps_week, utc_texts
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 
 def as_csv(run: Run) -> bytes:

@@ -11,6 +11,7 @@ import numpy as np
 from insgnss.antenna.equipment import mounting
 from insgnss.config import signal_faults as told
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.config.library import imu_grade, oscillator
 from insgnss.config.simulated_sensors import SensorFault
 from insgnss.config.simulation import (
     NominalSky,
@@ -24,7 +25,6 @@ from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.library import imu_grade, oscillator
 from insgnss.simulation import faults
 from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.chosen_messages import nearest_messages, referred_to

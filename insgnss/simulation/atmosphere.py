@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from insgnss.gnss.range_model import path_delay
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

@@ -22,7 +22,7 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import C_MPS, WGS84_GM_M3PS2
 from insgnss.errors import ConfigError
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory, earth_turn

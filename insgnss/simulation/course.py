@@ -18,7 +18,7 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef, radii
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import Float64
 from insgnss.units import deg_to_rad

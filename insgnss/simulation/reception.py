@@ -14,7 +14,7 @@ from insgnss.antenna.gain_pattern import GainTable
 from insgnss.antenna.obstruction import Obstruction, is_inside, read_obstruction
 from insgnss.antenna.pattern_file import read_pattern
 from insgnss.config.flight import MountedAntenna
-from insgnss.library import antenna_file
+from insgnss.config.library import antenna_file
 from insgnss.tables import Float64
 
 HIDDEN_DBIC = -60.0  # behind the airframe: below any receiver's threshold

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.simulation.observations import SIGNAL, SYSTEM, WAVELENGTH_M, NoiseTerms, Observations, observe
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock
 from insgnss.simulation.simulated_log import Scenario

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.errors import ConfigError
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 EARTH_RATE_E: Float64 = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])  # w_ie in e (and i) axes [rad/s]

@@ -1,4 +1,4 @@
-"""The kernels of a simulated flight, each with arguments of the types it is called with (``insgnss.kernel_list``)."""
+"""The kernels of a simulated flight, each with arguments of the types it is called with (``runs.kernel_list``)."""
 
 from __future__ import annotations
 

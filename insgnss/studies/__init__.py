@@ -35,22 +35,22 @@
 
 from __future__ import annotations
 
-from insgnss.studies.campaign import CampaignConfig, CampaignDone, load_campaign, run_campaign
-from insgnss.studies.campaign_results import data_set, failures, summary
-from insgnss.studies.consistency import Consistency, consistency_study
-from insgnss.studies.hidden_variance import HiddenVariance, hidden_satellite_variance
-from insgnss.studies.manoeuvre import ManoeuvreStudy, manoeuvre_study
-from insgnss.studies.manoeuvring_covariance import ManoeuvringReceiver
-from insgnss.studies.masking import MaskingStudy, masking_study
+from insgnss.studies.campaign.results import data_set, failures, summary
+from insgnss.studies.campaign.study import CampaignConfig, CampaignDone, load_campaign, run_campaign
+from insgnss.studies.consistency.study import Consistency, consistency_study
+from insgnss.studies.manoeuvre.hidden_variance import HiddenVariance, hidden_satellite_variance
+from insgnss.studies.manoeuvre.study import ManoeuvreStudy, manoeuvre_study
+from insgnss.studies.masking.study import MaskingStudy, masking_study
 from insgnss.studies.matched_flight import MatchedFlight, MonteCarlo, covariance_analysis, monte_carlo
-from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
-from insgnss.studies.outage_windows import Removal
-from insgnss.studies.receiver_comparison import ReceiverStudy, receiver_study
-from insgnss.studies.receiver_scene import ReceiverOptions
-from insgnss.studies.receiver_slips import SlipRuns, slip_runs
-from insgnss.studies.receiver_variants import VARIANTS as RECEIVERS
-from insgnss.studies.receiver_variants import Variant
-from insgnss.studies.sample_study import SampleStudy, record_samples, sample_receiver
+from insgnss.studies.outage.study import Banked, OutageStudy, Periodic, Random, outage_study
+from insgnss.studies.outage.windows import Removal
+from insgnss.studies.receiver.comparison import ReceiverStudy, receiver_study
+from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
+from insgnss.studies.receiver.scene import ReceiverOptions
+from insgnss.studies.receiver.slips import SlipRuns, slip_runs
+from insgnss.studies.receiver.variants import VARIANTS as RECEIVERS
+from insgnss.studies.receiver.variants import Variant
+from insgnss.studies.samples.study import SampleStudy, record_samples, sample_receiver
 
 __all__ = [
     "Banked",

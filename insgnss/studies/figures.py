@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
-from insgnss.pictures import new_figure as new_figure
+from insgnss.results.matplotlib_figure import new_figure as new_figure
 
 if TYPE_CHECKING:  # named for the other modules of this room, which draw through this one alone
     from matplotlib.axes import Axes as Axes

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, ImuGrade
 from insgnss.config.flight import Imu as InertialLog
+from insgnss.config.library import filter_config, find, imu_grade, oscillator
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_WEEK
@@ -37,9 +38,8 @@ from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.library import filter_config, find, imu_grade, oscillator
 from insgnss.log.flight import FlightInMemory, FlightLogs
-from insgnss.shown import Shown
+from insgnss.results.shown import Shown
 from insgnss.simulation.assembly import assemble
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
 from insgnss.simulation.observations import NoiseTerms, Receiver

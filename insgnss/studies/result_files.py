@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from insgnss.errors import ResultError
-from insgnss.saving import saving
+from insgnss.results.saving import saving
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure

@@ -8,8 +8,8 @@ from insgnss.antenna.equipment import installation
 from insgnss.antenna.installation import Installation
 from insgnss.config.filter import FilterConfig, Noise, Visibility
 from insgnss.config.flight import MountedAntenna
+from insgnss.config.library import filter_config
 from insgnss.config.scenario import ScenarioConfig
-from insgnss.library import filter_config
 from insgnss.simulation.sky import SkyTrack
 from insgnss.simulation.sky_law import SkyLaw
 

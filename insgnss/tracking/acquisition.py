@@ -2,7 +2,7 @@
 
 A look is a coherent sum over whole code periods, folded into one of them; the squares of ``looks`` of them are summed.
 Where there is no signal, the sum in one cell over its mean of one look has the Gamma distribution of ``looks`` degrees:
-the threshold for a false-alarm probability is ``insgnss.antenna.detection.threshold``. Cells closer than a chip share
+the threshold for a false-alarm probability is ``insgnss.receiver.detection.threshold``. Cells closer than a chip share
 part of their noise, so the false-alarm probability of a whole search is at most the sum of those of its cells.
 
     wanted = SearchSpan(0.0, 5000.0, coherent_s=0.005, looks=40)

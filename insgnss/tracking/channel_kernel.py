@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int8, Int64
 from insgnss.tracking.correlators import Complex
 from insgnss.tracking.discriminator_outputs import delay_output, frequency_output, phase_output

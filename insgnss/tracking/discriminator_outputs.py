@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 from insgnss.tracking.correlators import Complex
 

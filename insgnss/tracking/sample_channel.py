@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.errors import ConfigError
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int8, Int64
 from insgnss.tracking.channel_kernel import (
     ACCELERATION,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int8
 
 _LARGEST_PHASE: Final = 1e15  # [chips]; a double then tells an eighth of a chip

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 from insgnss.tracking.admissible import require_known, require_positive, signal_ratio
 from insgnss.tracking.channel_kernel import carrier_mean, triangle_at

@@ -15,14 +15,14 @@ from insgnss.aiding.trace import Covariances, Samples, Trace
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
-from insgnss.gnss.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation.constellation import satellite_states
 from insgnss.simulation.journeys import airborne_turns
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
 from insgnss.tables import Float64
-from tests.replay.scenes import START_NS, TACTICAL, TCXO, paper_sky
+from tests.runs.scenes import START_NS, TACTICAL, TCXO, paper_sky
 
 SIGNALS = {"G": "C1C"}
 LEVER_B = (0.8, 0.4, -1.1)

@@ -15,14 +15,14 @@ from insgnss.aiding.stream import AidingStream, decode, messages_of
 from insgnss.aiding.table import AidingTable
 from insgnss.aiding.trace import Samples, Traced, traced
 from insgnss.config.aiding import AidingConfig
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, NavigationDataError
 from insgnss.filter.whole_log import TraceWanted, run_filter
-from insgnss.library import filter_config
-from insgnss.log_replay import setup_filter
+from insgnss.runs.replay import setup_filter
 from insgnss.simulation.faults import cycle_slip
 from insgnss.simulation.observations import NoiseTerms
 from tests.aiding.arriving import Collected, feed
-from tests.replay.scenes import WEEK, FlightInMemory, flight, turns, with_faults
+from tests.runs.scenes import WEEK, FlightInMemory, flight, turns, with_faults
 
 SECONDS = 60.0
 RATE_HZ = 50.0

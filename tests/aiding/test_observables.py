@@ -31,7 +31,7 @@ from tests.aiding.exact import (
     turning,
     with_clock,
 )
-from tests.replay.scenes import START_NS, WEEK, paper_sky
+from tests.runs.scenes import START_NS, WEEK, paper_sky
 
 TURNING_S = grid(np.array([3.1234, 11.7771, 14.0313, 20.5557, 33.3333, 47.1119]))
 SPINNING_S = grid(np.array([1.0037, 1.0111, 1.0179, 1.0533, 2.2041, 3.3089]))

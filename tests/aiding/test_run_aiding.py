@@ -17,20 +17,20 @@ from insgnss.aiding.uncertainty import PARTS
 from insgnss.cli.main import app
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.filter import FilterConfig
+from insgnss.config.library import filter_config, find
 from insgnss.config.strict import load_toml
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError, NavigationDataError
-from insgnss.gnss.satellite_state import range_rates, satellite_states
+from insgnss.gnss.orbits.satellite_state import range_rates, satellite_states
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
-from insgnss.library import filter_config, find
 from insgnss.log.flight import Flight
-from insgnss.log_replay import setup_filter
-from insgnss.run import Run
+from insgnss.runs.replay import setup_filter
+from insgnss.runs.result import Run
 from insgnss.simulation.faults import outage
 from tests.conftest import REPOSITORY
-from tests.replay.files import write_flight
-from tests.replay.scenes import START_S, flight, turns, with_faults
+from tests.runs.files import write_flight
+from tests.runs.scenes import START_S, flight, turns, with_faults
 
 SECONDS = 60.0
 

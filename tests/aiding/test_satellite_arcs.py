@@ -15,8 +15,8 @@ from insgnss.aiding.satellite_arcs import (
     elevations,
 )
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.gnss.ephemeris_choice import broadcast_messages
-from insgnss.gnss.satellite_state import satellite_states
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.tables import Float64
 from tests.gnss.broadcast_sample import TOE_NS, navigation_table, observations
 

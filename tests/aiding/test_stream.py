@@ -15,7 +15,7 @@ from insgnss.aiding.stream import FIELDS, VERSION, AidingStream, decode, encode,
 from insgnss.aiding.table import AidingTable, compute_aiding
 from insgnss.errors import ConfigError
 from tests.aiding.exact import correlated_covariance, exact_run, one_covariance, setup, sky_arcs, turning
-from tests.replay.scenes import START_S, WEEK
+from tests.runs.scenes import START_S, WEEK
 
 LOOPBACK = "127.0.0.1"
 TIMES_S = 14.0 + 0.01 * np.arange(20)

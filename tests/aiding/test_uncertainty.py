@@ -32,7 +32,7 @@ from tests.aiding.exact import (
     turning,
 )
 from tests.jacobian import finite_difference_jacobian
-from tests.replay.scenes import WEEK
+from tests.runs.scenes import WEEK
 from tests.statistics_bounds import assert_mean_chi_square
 
 PERFECT = SensorModel(0.0, 0.0, BiasModel(0.0, 1.0, 0.0), BiasModel(0.0, 1.0, 0.0), 0.0, 0.0, 0.0)

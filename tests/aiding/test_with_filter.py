@@ -17,7 +17,7 @@ from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import Float64
 from tests.aiding.exact import SIGNALS, sky_arcs, true_derivatives
-from tests.replay.matched_runs import (
+from tests.runs.matched_runs import (
     CLOCK_TYPE,
     GRADE,
     LEVER_ARM_B,
@@ -25,7 +25,7 @@ from tests.replay.matched_runs import (
     matched_simulator,
     opened_bank,
 )
-from tests.replay.scenes import START_NS
+from tests.runs.scenes import START_NS
 from tests.statistics_bounds import mean_chi_square_bounds
 
 EPOCHS = tuple(range(30, 115, 3))

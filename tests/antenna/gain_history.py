@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.antenna.supervisor import Predictions, Supervision, transition_words
 from insgnss.antenna.visibility import VISIBLE
 from insgnss.constants import NS_PER_S
+from insgnss.receiver.supervisor import Predictions, Supervision, transition_words
 
 STEP_S = 0.1
 T0_NS = 1_300_000_000 * NS_PER_S

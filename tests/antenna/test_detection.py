@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from insgnss.antenna.detection import (
+from insgnss.config.search import Detection
+from insgnss.errors import ConfigError
+from insgnss.receiver.detection import (
     accumulation,
     albersheim_snr_db,
     coherent_detection_probability,
@@ -18,8 +20,6 @@ from insgnss.antenna.detection import (
     exact_snr_db,
     marcum_q,
 )
-from insgnss.config.search import Detection
-from insgnss.errors import ConfigError
 from tests.statistics_bounds import share_below_bounds
 
 TABLE_CN0_DBHZ = (35.0, 30.0, 25.0, 20.0)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from insgnss.antenna.gain_pattern import GainTable, gain_at, pattern_of
 from insgnss.antenna.obstruction import directions
 from insgnss.antenna.pattern_file import read_pattern
-from insgnss.library import antenna_file
+from insgnss.config.library import antenna_file
 from tests.jacobian import finite_difference_jacobian
 
 

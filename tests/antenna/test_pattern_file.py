@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from insgnss.antenna.pattern_file import read_pattern
+from insgnss.config.library import antenna_file, names
 from insgnss.errors import ConfigError, MissingFileError, ModelError
-from insgnss.library import antenna_file, names
 
 GOOD = """\
 # A pattern for the tests

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.antenna.receiver_events import (
+from insgnss.antenna.visibility import HIDDEN, VISIBLE
+from insgnss.constants import NS_PER_S
+from insgnss.receiver.events import (
     DETECTION,
     LOCK,
     LOSS,
@@ -14,9 +16,7 @@ from insgnss.antenna.receiver_events import (
     ReceiverEvents,
     compare_events,
 )
-from insgnss.antenna.supervisor import Predictions, Supervision, supervise
-from insgnss.antenna.visibility import HIDDEN, VISIBLE
-from insgnss.constants import NS_PER_S
+from insgnss.receiver.supervisor import Predictions, Supervision, supervise
 from tests.antenna.gain_history import T0_NS, predictions, spans
 
 EVENTS = {"lock": LOCK, "loss": LOSS, "search": SEARCHES, "detection": DETECTION}

@@ -7,8 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from insgnss.antenna.detection import detector
-from insgnss.antenna.search_window import (
+from insgnss.config.search import Detection, Grid, Search, Unsupervised
+from insgnss.constants import C_MPS
+from insgnss.receiver.detection import detector
+from insgnss.receiver.search_window import (
     accumulation_table,
     mean_grid_loss_db,
     search_time_s,
@@ -16,8 +18,6 @@ from insgnss.antenna.search_window import (
     signal_scale,
     unsupervised_sweep_s,
 )
-from insgnss.config.search import Detection, Grid, Search, Unsupervised
-from insgnss.constants import C_MPS
 
 SETTINGS = Search()
 NEED = detector(SETTINGS.detection)

@@ -13,15 +13,13 @@ from typer.testing import CliRunner
 
 from insgnss.cli.visibility import visibility as command
 from insgnss.config.filter import Visibility
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, InputError, NavigationDataError
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.library import filter_config
 from insgnss.log.flight import Flight
-from insgnss.log.rinex import read_navigation
-from insgnss.simulation.constellation import satellite_states
-from insgnss.tables import ReferenceTable
-from insgnss.visibility import (
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.runs.visibility import (
     AttitudeHistory,
     Sky,
     VisibilityStudy,
@@ -29,8 +27,10 @@ from insgnss.visibility import (
     sky_of_table,
     visibility,
 )
-from insgnss.visibility.sources import visibility_of
-from insgnss.visibility.study import DOPS, dilutions
+from insgnss.runs.visibility.sources import visibility_of
+from insgnss.runs.visibility.study import DOPS, dilutions
+from insgnss.simulation.constellation import satellite_states
+from insgnss.tables import ReferenceTable
 from tests.antenna.vehicle import HIDDEN_FIVE, attitudes, paper_sky, vehicle
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight"

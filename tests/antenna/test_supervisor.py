@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.antenna.supervisor import Predictions, Supervision, supervise
-from insgnss.antenna.tracking_state import (
+from insgnss.antenna.visibility import HIDDEN, UNCERTAIN_HIDDEN, UNCERTAIN_VISIBLE, UNDECIDED, VISIBLE
+from insgnss.config.search import Guards, Search
+from insgnss.receiver.supervisor import Predictions, Supervision, supervise
+from insgnss.receiver.tracking_state import (
     CONTROL_DETECTION,
     HOLD,
     MISSING,
@@ -18,8 +20,6 @@ from insgnss.antenna.tracking_state import (
     STATE_NAMES,
     TRACK,
 )
-from insgnss.antenna.visibility import HIDDEN, UNCERTAIN_HIDDEN, UNCERTAIN_VISIBLE, UNDECIDED, VISIBLE
-from insgnss.config.search import Guards, Search
 from tests.antenna.gain_history import STEP_S, predictions, spans, story
 
 STARTED = [(0.0, "control_detection", "appeared"), (0.1, "resume", "detected"), (0.6, "track", "pulled_in")]

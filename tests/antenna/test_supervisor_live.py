@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.antenna.detection import detector
-from insgnss.antenna.search_window import signal_scale
-from insgnss.antenna.supervisor import Predictions, Supervisor, rules_of, supervise, transition_words
-from insgnss.antenna.tracking_state import REASON_NAMES, STATE_NAMES
 from insgnss.config.search import Detection, Grid, Guards, Search, Unsupervised
 from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError, InputError, TimeError
+from insgnss.receiver.detection import detector
+from insgnss.receiver.search_window import signal_scale
+from insgnss.receiver.supervisor import Predictions, Supervisor, rules_of, supervise, transition_words
+from insgnss.receiver.tracking_state import REASON_NAMES, STATE_NAMES
 from tests.antenna.gain_history import predictions
 from tests.antenna.test_supervisor import random_scene
 

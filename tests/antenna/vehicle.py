@@ -11,8 +11,8 @@ from insgnss.antenna.installation import Installation
 from insgnss.antenna.obstruction import directions
 from insgnss.antenna.visibility import Limits, look_at_all, new_looks
 from insgnss.config.flight import MountedAntenna
+from insgnss.runs.visibility import AttitudeHistory
 from insgnss.simulation.sky import PAPER_SKY
-from insgnss.visibility import AttitudeHistory
 
 NO_LIMIT = np.inf  # of the heading's variance
 HIDDEN_FIVE = {"G01", "G16", "G30", "G31", "G32"}

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import insgnss
-from insgnss.run import Run
-from insgnss.simulate import Simulation, simulate
+from insgnss.runs.result import Run
+from insgnss.runs.simulate import Simulation, simulate
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import GnssTable
 

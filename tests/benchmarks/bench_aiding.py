@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import insgnss
 from insgnss.constants import NS_PER_S
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.simulation.rinex_nav import write_rinex_navigation
 from insgnss.simulation.sky import nominal_constellation
 from tests.benchmarks.long_log import LongLog, start_ns, write_log

@@ -12,9 +12,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from insgnss.studies.campaign import CampaignConfig, run_campaign
-from insgnss.studies.campaign_scaling import Costs, scaling_table
-from insgnss.studies.campaign_tasks import RESULTS, Task
+from insgnss.studies.campaign.scaling import Costs, scaling_table
+from insgnss.studies.campaign.study import CampaignConfig, run_campaign
+from insgnss.studies.campaign.tasks import RESULTS, Task
 
 RUNS = 1_000_000
 WORKERS = (1, 2, 16, 100, 400, 1000)

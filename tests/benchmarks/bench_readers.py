@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from insgnss.library import imu_grade
+from insgnss.config.library import imu_grade
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu.csv_log import read_imu
 from tests.log.writing import GNSS_HEADER, IMU_HEADER, WEEK, gnss_config, imu_config, rest
 
 LIMIT = 2.0

@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from insgnss.corrected_rows import corrected_rows
+from insgnss.config.library import filter_config
 from insgnss.filter.whole_log import run_filter
-from insgnss.jit import cache_root
-from insgnss.library import filter_config
+from insgnss.kernels.jit import cache_root
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.log_replay import setup_filter
-from insgnss.run import Run
+from insgnss.runs.gnss_rows import corrected_rows
+from insgnss.runs.replay import setup_filter
+from insgnss.runs.result import Run
 from tests.benchmarks.limit_log import write_limit_log
 from tests.benchmarks.long_log import LongLog, write_log
 

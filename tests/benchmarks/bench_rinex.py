@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.rinex.observations import read_rinex_obs
 
 LIMIT_S = 1.5
 REPETITIONS = 5

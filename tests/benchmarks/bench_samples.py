@@ -14,8 +14,8 @@ import time
 
 import pandas as pd
 
-from insgnss.simulate import simulate
-from insgnss.studies.sample_study import SampleStudy, sample_receiver
+from insgnss.runs.simulate import simulate
+from insgnss.studies.samples.study import SampleStudy, sample_receiver
 
 LIMIT_S = 600.0
 LIMIT_M = 10.0

@@ -13,8 +13,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from insgnss.simulate import simulate
-from tests.doctor.spoilt import FAULTS, Fault, Verdict, judged, log_of
+from insgnss.runs.simulate import simulate
+from tests.log.checks.spoilt import FAULTS, Fault, Verdict, judged, log_of
 
 ROOT = Path(__file__).resolve().parents[2]
 FLIGHTS = [

@@ -17,8 +17,8 @@ import pandas as pd
 
 import insgnss
 from insgnss.config.filter import FilterConfig
-from insgnss.library import filter_config
-from insgnss.run import Run
+from insgnss.config.library import filter_config
+from insgnss.runs.result import Run
 
 FLIGHTS = Path(__file__).resolve().parent.parent / "flights"
 SETTLED_S = 20.0

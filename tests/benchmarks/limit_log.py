@@ -19,7 +19,7 @@ from insgnss.config.flight import GivenStart
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.satellite_state import range_rates
+from insgnss.gnss.orbits.satellite_state import range_rates
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.tables import Float64, GnssTable

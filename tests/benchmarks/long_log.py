@@ -19,9 +19,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 from insgnss.config.flight import ImuGrade
+from insgnss.config.library import imu_grade, oscillator
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
-from insgnss.library import imu_grade, oscillator
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure
 from insgnss.simulation.journeys import AIRFIELD, circle
 from insgnss.simulation.observations import (

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 import insgnss
 from insgnss.config.flight import MountedAntenna
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight"
 BLUE, RED, GREEN, AMBER, GREY = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#8c8c8c"

@@ -34,12 +34,12 @@ from pydantic import ValidationError
 import insgnss
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, ImuGrade, MountedAntenna, Oscillator
+from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
-from insgnss.gnss.satellite_state import satellite_states
-from insgnss.library import filter_config
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.flight import Flight, FlightInMemory
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64, GnssTable, ImuTable, NavigationData
 
 SAMPLE = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"

@@ -10,8 +10,8 @@ import pytest
 
 from insgnss.config.changes import as_tables, assignments, merged
 from insgnss.config.filter import FilterConfig
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, MissingFileError
-from insgnss.library import filter_config
 
 TIGHT = filter_config("tight")
 

@@ -10,11 +10,11 @@ from numpy.lib.recfunctions import structured_to_unstructured
 from pydantic import ValidationError
 
 from insgnss.config.filter import DEFAULT_SIGNALS, Faults, FilterConfig, Measurements
+from insgnss.config.library import filter_config
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.gnss.observation_rows import CARRIER
 from insgnss.gnss.signals import reason_unsupported, signal_of
 from insgnss.gnss.troposphere import STANDARD_WEATHER
-from insgnss.library import filter_config
 from tests.filter.scene import TACTICAL, TCXO
 from tests.layouts import layout_with
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss import library
 from insgnss.attitude.two_stage import equivalent_orders
 from insgnss.attitude.vehicle import array_of_vehicle
+from insgnss.config import library
 from insgnss.errors import ConfigError, ModelError
 
 CLOCK = 'h0_s = 1e-20\nh_minus2_per_s = 1e-24\nsource = "{}"\n'

@@ -10,7 +10,7 @@ from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
 from insgnss.config.toml_lines import key_lines, line_of
 from insgnss.errors import ConfigError, ModelError, NavigationDataError
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 
 GOOD = """\
 gps_week = 2385

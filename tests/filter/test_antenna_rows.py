@@ -30,7 +30,7 @@ from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.status import MASKED_GAIN, USED
 from tests.antenna.vehicle import vehicle
 from tests.jacobian import finite_difference_jacobian
-from tests.supervision.banking import MASK
+from tests.receiver.banking import MASK
 
 LEVER_B = np.array([[0.4, 0.1, -1.3], [1.4, 0.1, -1.3], [0.9, 1.0, -1.2]])
 R_E = np.array([2_762_000.0, 1_618_000.0, 5_498_000.0])

@@ -10,7 +10,6 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insgnss.compiled_ahead import compile_for
 from insgnss.constants import C_MPS
 from insgnss.filter import loop_calls
 from insgnss.filter.loop import run_epochs
@@ -34,6 +33,7 @@ from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import CARRIER, Rows
+from insgnss.kernels.compiled_ahead import compile_for
 from insgnss.status import GATED, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, attitude, new_filter, parameters, place, rows_of, sky, steady_force

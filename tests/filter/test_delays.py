@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from insgnss.config.filter import FilterConfig
+from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.filter.rows.delays import shell_mapping
 from insgnss.filter.setup import FilterSetup
@@ -21,7 +22,6 @@ from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.ionosphere_rows import ionosphere_growth
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.gnss.range_model import path_delay
-from insgnss.library import filter_config
 from insgnss.tables import Float64
 from tests.filter.scene import (
     START_NS,

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insgnss.config.library import filter_config
 from insgnss.filter.engine import Engine, EpochResult
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import Imu
 from insgnss.filter.whole_log import run_filter
-from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.log_replay import engine_settings, setup_filter
+from insgnss.runs.replay import engine_settings, setup_filter
 from insgnss.simulation.faults import carrier_alone, cycle_slip, half_cycle, outage
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.simulation.oscillator import MILLISECOND_M
@@ -31,7 +31,7 @@ from insgnss.status import (
     USED,
 )
 from insgnss.tables import GnssTable
-from tests.replay.scenes import flight, turns, with_faults
+from tests.runs.scenes import flight, turns, with_faults
 
 SAMPLE = Path(__file__).parents[2] / "data" / "sample_flight" / "flight.toml"
 SECONDS = 150  # of the sample flight: rest, run-up, take-off, the heading found

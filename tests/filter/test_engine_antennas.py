@@ -12,17 +12,17 @@ import pytest
 from insgnss.aiding.sources import aiding_sources
 from insgnss.aiding.trace import Samples, traced
 from insgnss.config.aiding import AidingConfig
-from insgnss.engine import Engine
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, InputError
 from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.engine import EpochResult
 from insgnss.filter.output.writing import Output
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import TraceWanted, run_filter
-from insgnss.late_antennas import with_antennas
-from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.log_replay import engine_settings, setup_filter
+from insgnss.runs.engine import Engine
+from insgnss.runs.late_antennas import with_antennas
+from insgnss.runs.replay import engine_settings, setup_filter
 from insgnss.status import NO_DIFFERENCE, NOT_STARTED, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
 from tests.aiding.arriving import Collected

@@ -7,16 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
+from insgnss.config.library import filter_config
 from insgnss.filter.engine import Engine, EpochResult
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_filter
-from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.log_replay import setup_filter
+from insgnss.runs.replay import setup_filter
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.status import DUPLICATE, NO_IMU, TOO_LATE, USED
 from insgnss.tables import GnssTable, ImuTable
-from tests.replay.scenes import START_NS, flight, true_start, turns, with_faults, without_samples
+from tests.runs.scenes import START_NS, flight, true_start, turns, with_faults, without_samples
 
 CARRIER_NOISE = NoiseTerms(floor=0.0015, elevation=0.0007, cn0=0.0015)
 DURATION_S = 40.0

@@ -11,7 +11,7 @@ from insgnss.filter.engine import Engine
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.tables import ImuTable
 from tests.filter.test_engine_arrivals import LATENCY_S, assert_replayed, epochs, feed, late, with_latency
-from tests.replay.scenes import START_NS, flight, turns, without_samples
+from tests.runs.scenes import START_NS, flight, turns, without_samples
 
 BASE = turns(90.0)
 

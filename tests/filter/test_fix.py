@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insgnss.config.library import filter_config
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import fix_epoch
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
-from insgnss.library import filter_config
 from insgnss.log.flight import Flight
-from insgnss.log_replay import setup_filter
-from insgnss.point_solutions import read_logs, solve_rows
+from insgnss.runs.point import read_logs, solve_rows
+from insgnss.runs.replay import setup_filter
 from insgnss.status import USED
 from tests.conftest import REPOSITORY
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from insgnss.config.flight import ImuGrade, Oscillator
+from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream, Screened, screened
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.setup import FilterSetup
-from insgnss.library import filter_config, imu_grade
 from insgnss.tables import Event, ImuTable
 
 START_NS = 1_400_000_000_000_000_000

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
+from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter.diagnosis.resetting import reset_kinematics
 from insgnss.filter.headings.heading_bank import turn_member
 from insgnss.filter.layout import Layout, StateBlock
@@ -26,7 +27,6 @@ from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import cross_matrix
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS, PSEUDORANGE, RANGE_RATE
-from insgnss.library import filter_config, imu_grade
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, attitude, new_filter, parameters, place, steady_force
 from tests.filter.test_carrier import STEP_NS, carrier_log

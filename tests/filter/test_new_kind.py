@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import insgnss
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError
 from insgnss.filter.layout import Layout, diagonal
 from insgnss.filter.output.writing import NAV_COLUMNS
-from insgnss.library import filter_config
-from insgnss.log_replay import setup_filter
-from insgnss.simulate import simulate
+from insgnss.runs.replay import setup_filter
+from insgnss.runs.simulate import simulate
 from tests.filter.test_engine import no_delay, stream
 
 SCALE = 1000e-6  # of the simulated gyro about the axis of the table

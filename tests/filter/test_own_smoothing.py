@@ -21,9 +21,9 @@ from insgnss.simulation.faults import outage
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.tables import Float64, Int64
 from tests.filter.test_smoother import error_of
-from tests.replay.matched_runs import matched_setup, matched_simulator
-from tests.replay.scenes import START_NS, with_faults
-from tests.replay.test_carrier_consistency import opened, setup, simulated
+from tests.runs.matched_runs import matched_setup, matched_simulator
+from tests.runs.scenes import START_NS, with_faults
+from tests.runs.test_carrier_consistency import opened, setup, simulated
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds, nees
 
 RUNS = 16  # the bounds of a block are 0.39 and 2.0 of what its covariance says

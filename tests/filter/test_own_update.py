@@ -23,13 +23,13 @@ from insgnss.filter.own_update import OwnUpdate, use_own_rows
 from insgnss.filter.prediction import Imu, new_scratch
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import OFFSETS, Bank, copy_bank, joined_banks
-from insgnss.result_tables import KINDS
-from insgnss.several_antennas import KIND
+from insgnss.runs.multi_antenna import KIND
+from insgnss.runs.result_tables import KINDS
 from insgnss.status import BAD_VALUE, GATED, NAMES, USED
 from tests.filter.scene import START_NS, attitude, new_filter, place
 from tests.layouts import layout_with
-from tests.replay.matched_runs import matched_setup
-from tests.replay.own_kinds import Beacon, Compass, MapHeight, ZeroVelocity
+from tests.runs.matched_runs import matched_setup
+from tests.runs.own_kinds import Beacon, Compass, MapHeight, ZeroVelocity
 
 AT = place()
 ONE = np.array([START_NS], np.int64)

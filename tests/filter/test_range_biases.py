@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from insgnss.config.library import filter_config, imu_grade, oscillator
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
@@ -22,7 +23,6 @@ from insgnss.filter.update.observe import observe
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.whole_log import run_blocks
 from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, Rows
-from insgnss.library import filter_config, imu_grade, oscillator
 from insgnss.tables import ImuTable
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
 

@@ -11,6 +11,7 @@ import pytest
 
 from insgnss.config.filter import SensorError
 from insgnss.config.flight import ImuGrade
+from insgnss.config.library import filter_config, imu_grade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.diagnosis.resetting import doubt_sensors
 from insgnss.filter.headings.motion import unknown_force
@@ -28,7 +29,6 @@ from insgnss.filter.start.start import LEVEL_FLOOR_RAD, Attitude, open_bank
 from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.states.wanted import StatesWanted
 from insgnss.inertial.sensor_model import UNIT_OF_ERROR, sensor_model
-from insgnss.library import filter_config, imu_grade
 from tests.filter.scene import START_NS, parameters, place
 from tests.filter.test_start_covariance import T_NS, kinematics
 

@@ -18,8 +18,8 @@ from insgnss.filter.state import OFFSETS
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.tables import Float64
-from tests.replay.matched_runs import BLOCKS, error_state, matched_setup, matched_simulator
-from tests.replay.test_carrier_consistency import opened, setup, simulated
+from tests.runs.matched_runs import BLOCKS, error_state, matched_setup, matched_simulator
+from tests.runs.test_carrier_consistency import opened, setup, simulated
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds, nees
 
 RUNS = 40

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from insgnss.config.flight import GivenStart, ImuGrade
+from insgnss.config.library import filter_config
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.filter.start.start import Attitude, Kinematics, given_attitudes, given_kinematics, open_bank
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank
 from insgnss.inertial.sensor_model import sensor_model
-from insgnss.library import filter_config
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, TACTICAL, attitude, parameters, place
 from tests.layouts import layout_with

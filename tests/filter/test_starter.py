@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.start import open_headings
 from insgnss.filter.start.starter import Starter
 from insgnss.inertial.alignment import Window
-from insgnss.library import filter_config
 from tests.filter.scene import TACTICAL, TCXO
 
 NOWHERE = np.zeros(0, np.int64)

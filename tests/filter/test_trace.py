@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from insgnss.aiding.trace import Samples, Traced, traced
+from insgnss.config.library import filter_config
 from insgnss.filter.output.trace_rows import output_samples
 from insgnss.filter.output.writing import NAV_COLUMNS, Output
 from insgnss.filter.state import BA, BG, CLOCK, DRIFT
 from insgnss.filter.whole_log import TraceWanted, run_filter
-from insgnss.library import filter_config
-from insgnss.log_replay import setup_filter
+from insgnss.runs.replay import setup_filter
 from insgnss.simulation.oscillator import MILLISECOND_M
-from tests.replay.scenes import (
+from tests.runs.scenes import (
     START_NS,
     FlightInMemory,
     flight,

@@ -17,31 +17,31 @@ from insgnss.config.interference import InterferenceConfig
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
 from insgnss.config.vehicle import Vehicle
-from insgnss.log.android import read_android
+from insgnss.log.android.reader import read_android
 from insgnss.log.detect import detect_format
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.imu_csv import read_imu
-from insgnss.log.novatel import read_novatel
+from insgnss.log.imu.csv_log import read_imu
+from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.precise import read_antennas, read_precise
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.receiver_events import read_receiver_events
 from insgnss.log.reference import read_reference
-from insgnss.log.rinex import read_navigation
-from insgnss.log.rinex_obs import read_rinex_obs
-from insgnss.log.rosbag import read_rosbag
-from insgnss.log.rtcm import read_rtcm
-from insgnss.log.sbf import read_sbf
-from insgnss.log.ubx import read_ubx
-from insgnss.log.ulog import read_ulog
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.rinex.observations import read_rinex_obs
+from insgnss.log.rosbag.reader import read_rosbag
+from insgnss.log.rtcm.reader import read_rtcm
+from insgnss.log.sbf.reader import read_sbf
+from insgnss.log.ubx.reader import read_ubx
+from insgnss.log.ulog.reader import read_ulog
 from insgnss.log.yuma import read_yuma
+from insgnss.receiver.event_log import read_receiver_events
 from insgnss.report.digest import digest
 from insgnss.report.export import as_csv
 from insgnss.report.geojson import as_geojson
 from insgnss.report.gpx import as_gpx
 from insgnss.report.kml import as_kml
-from insgnss.run import Run
-from insgnss.saving import RECORD, saving, write_file
-from insgnss.studies.campaign import load_campaign, tasks_of
+from insgnss.results.saving import RECORD, saving, write_file
+from insgnss.runs.result import Run
+from insgnss.studies.campaign.study import load_campaign, tasks_of
 from insgnss.tables import GnssTable
 from tests.antenna import test_obstruction, test_pattern_file
 from tests.config import test_simulation, test_strict

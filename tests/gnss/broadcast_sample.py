@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import EphemerisTable, GnssTable
 
 WEEK = 2268

@@ -6,7 +6,7 @@ import datetime as dt
 from pathlib import Path
 
 from insgnss.gpstime import datetime_to_ns
-from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import NavigationData, StateVectorTable
 
 # brdc3050.12g: RINEX 2.10, epochs in UTC, which GPS time was 16 s ahead of

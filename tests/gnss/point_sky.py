@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 import pymap3d
 
-from insgnss.gnss.integrity import Fits, agree, redundancy_room
 from insgnss.gnss.least_squares import RANGE, FitRows, Ties, free_clocks, workspace
 from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.point_solutions import chi_square_limits
+from insgnss.gnss.point.integrity import Fits, agree, redundancy_room
+from insgnss.runs.point import chi_square_limits
 from insgnss.tables import Float64
 
 PLACE = (48.78, 9.17, 320.0)  # [deg, deg, m]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.precise import read_precise
-from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import EphemerisTable, PreciseProducts
 
 START_NS = int(week_seconds_to_ns(1590, 345_600.0))

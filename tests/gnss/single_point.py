@@ -9,15 +9,24 @@ import numpy.typing as npt
 import pymap3d
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.gnss.ephemeris_choice import broadcast_messages
-from insgnss.gnss.integrity import BAD_GEOMETRY, EXCLUDED, OK, TOO_FEW, UNTESTED, Fits, agree, redundancy_room
 from insgnss.gnss.ionosphere import klobuchar_delay
 from insgnss.gnss.least_squares import RANGE, RANGE_RATE, Bool, FitRows, free_clocks, workspace
 from insgnss.gnss.line_of_sight import azimuth_elevation, line_of_sight, line_of_sight_range
-from insgnss.gnss.satellite_state import glonass_channels, range_rates, satellite_states
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.satellite_state import glonass_channels, range_rates, satellite_states
+from insgnss.gnss.point.integrity import (
+    BAD_GEOMETRY,
+    EXCLUDED,
+    OK,
+    TOO_FEW,
+    UNTESTED,
+    Fits,
+    agree,
+    redundancy_room,
+)
 from insgnss.gnss.signals import ionosphere_factor
 from insgnss.gnss.troposphere import tropospheric_delay
-from insgnss.point_solutions import chi_square_limits
+from insgnss.runs.point import chi_square_limits
 from insgnss.tables import EphemerisTable, Float64, GnssTable, NavigationData
 
 RANGE_SIGMA_M = 2.0  # at the zenith

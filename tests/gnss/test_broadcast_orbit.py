@@ -12,8 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from insgnss.constants import WGS84_OMEGA_RADPS
-from insgnss.gnss.broadcast_orbit import eccentric_anomaly, orbit_state
-from insgnss.gnss.ephemeris_rows import M0, E, N, ephemeris_rows, is_beidou_geo
+from insgnss.gnss.orbits.broadcast import eccentric_anomaly, orbit_state
+from insgnss.gnss.orbits.ephemeris_rows import M0, E, N, ephemeris_rows, is_beidou_geo
 from insgnss.tables import EphemerisTable, Float64
 from tests.gnss.broadcast_sample import ORBITS, navigation_table, navigation_text
 from tests.jacobian import finite_difference_jacobian
@@ -110,7 +110,7 @@ def test_self_made_messages_agree_with_an_independent_evaluation(table: Ephemeri
     ],
 )
 def test_recorded_messages_agree_with_an_independent_evaluation(data_root: Path, name: str) -> None:
-    from insgnss.log.rinex import read_navigation
+    from insgnss.log.rinex.navigation import read_navigation
 
     data, _ = read_navigation([data_root / name])
     records = sidereon.parse_rinex_nav_records((data_root / name).read_text())

@@ -11,8 +11,8 @@ import pytest
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.gnss.differential import Corrections, apply, base_ranges, differential_corrections
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.gnss.range_model import AirModel
-from insgnss.gnss.satellite_state import satellite_states
 from insgnss.gnss.troposphere import STANDARD_WEATHER
 from insgnss.simulation.sky import KLOBUCHAR, nominal_constellation
 from insgnss.tables import EphemerisTable, Float64, GnssTable

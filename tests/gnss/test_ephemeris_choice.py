@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from insgnss.constants import NS_PER_S
-from insgnss.gnss.ephemeris_choice import VALIDITY_S, BroadcastMessages, broadcast_messages, choose_message
+from insgnss.gnss.orbits.ephemeris_choice import (
+    VALIDITY_S,
+    BroadcastMessages,
+    broadcast_messages,
+    choose_message,
+)
 from insgnss.status import NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, USED
 from insgnss.tables import EphemerisTable
 from tests.gnss.broadcast_sample import TOE_NS, copies, navigation_table

@@ -13,17 +13,17 @@ import sidereon
 from scipy.integrate import solve_ivp
 
 from insgnss.constants import GLONASS_MU_M3PS2, GLONASS_OMEGA_RADPS, NS_PER_S
-from insgnss.gnss import glonass_orbit
-from insgnss.gnss.ephemeris_choice import broadcast_messages
-from insgnss.gnss.glonass_orbit import (
+from insgnss.gnss.orbits import glonass as glonass_orbit
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.glonass import (
     StateVectorArcs,
     arc_state,
     equations_of_motion,
     runge_kutta_step,
     state_vector_arcs,
 )
-from insgnss.gnss.plausible_messages import faults_of_states, is_plausible
-from insgnss.gnss.satellite_state import SatelliteStates, satellite_states
+from insgnss.gnss.orbits.plausible_messages import faults_of_states, is_plausible
+from insgnss.gnss.orbits.satellite_state import SatelliteStates, satellite_states
 from insgnss.status import USED
 from insgnss.tables import Float64, StateVectorTable
 from tests.gnss.broadcast_sample import observations

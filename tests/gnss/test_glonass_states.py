@@ -10,8 +10,8 @@ import pytest
 import sidereon
 
 from insgnss.constants import C_MPS, NS_PER_S
-from insgnss.gnss.ephemeris_choice import LONGEST_STATE_VECTOR_S, VALIDITY_S, broadcast_messages
-from insgnss.gnss.satellite_state import SatelliteStates, glonass_channels, satellite_states
+from insgnss.gnss.orbits.ephemeris_choice import LONGEST_STATE_VECTOR_S, VALIDITY_S, broadcast_messages
+from insgnss.gnss.orbits.satellite_state import SatelliteStates, glonass_channels, satellite_states
 from insgnss.status import NO_CHANNEL, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, NavigationData, StateVectorTable
 from tests.gnss.broadcast_sample import TOE_NS, navigation_table, observations

@@ -13,7 +13,7 @@ from insgnss.errors import ConfigError, NavigationDataError
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.gnss.ionosphere import ionosphere_above, klobuchar_delay
 from insgnss.gnss.ionosphere_rows import _nequick_at, antenna_places, ionosphere_rows, serving_models
-from insgnss.gnss.satellite_state import satellite_states
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.simulation.sky import KLOBUCHAR, nominal_constellation
 from insgnss.tables import Float64, GnssTable, NavigationData
 

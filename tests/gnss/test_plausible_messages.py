@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from insgnss.errors import InsGnssError
-from insgnss.gnss.ephemeris_choice import broadcast_messages
 from insgnss.gnss.observation_rows import prepare_rows
-from insgnss.gnss.plausible_messages import (
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.plausible_messages import (
     faults_of_ephemerides,
     faults_of_states,
     is_ionosphere,
@@ -20,10 +20,10 @@ from insgnss.gnss.plausible_messages import (
     plausible_klobuchar,
     refused_messages,
 )
-from insgnss.gnss.satellite_state import satellite_states
-from insgnss.log.rinex import read_navigation
-from insgnss.log.sbf import read_sbf
-from insgnss.log.ubx import read_ubx
+from insgnss.gnss.orbits.satellite_state import satellite_states
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.sbf.reader import read_sbf
+from insgnss.log.ubx.reader import read_ubx
 from insgnss.status import BAD_VALUE, NO_EPHEMERIS, USED
 from insgnss.tables import EphemerisTable, GnssTable, NavigationData, StateVectorTable
 from tests.gnss.broadcast_sample import TOE_NS, navigation_table, observations

@@ -11,7 +11,9 @@ from scipy import stats
 
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.dilution import dilution
-from insgnss.gnss.integrity import (
+from insgnss.gnss.least_squares import FitRows, fit, residual, workspace
+from insgnss.gnss.line_of_sight import line_of_sight_range
+from insgnss.gnss.point.integrity import (
     EXCLUDED,
     NOT_IDENTIFIED,
     OK,
@@ -20,9 +22,7 @@ from insgnss.gnss.integrity import (
     protection_levels,
     redundancy,
 )
-from insgnss.gnss.least_squares import FitRows, fit, residual, workspace
-from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.gnss.robust_fit import polish, search
+from insgnss.gnss.point.robust_fit import polish, search
 from tests.gnss.point_sky import CLOCK_M, PLACE, R_E, Sky
 
 

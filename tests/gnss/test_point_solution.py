@@ -10,7 +10,9 @@ import numpy.typing as npt
 import pymap3d
 import pytest
 
-from insgnss.gnss.integrity import (
+from insgnss.gnss.least_squares import RANGE, RANGE_RATE, FitRows, Ties, free_clocks, workspace
+from insgnss.gnss.line_of_sight import line_of_sight
+from insgnss.gnss.point.integrity import (
     BAD_GEOMETRY,
     EXCLUDED,
     NOT_IDENTIFIED,
@@ -21,9 +23,7 @@ from insgnss.gnss.integrity import (
     agree,
     redundancy_room,
 )
-from insgnss.gnss.least_squares import RANGE, RANGE_RATE, FitRows, Ties, free_clocks, workspace
-from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.point_solutions import chi_square_limits
+from insgnss.runs.point import chi_square_limits
 from insgnss.tables import Float64
 
 LAT_DEG, LON_DEG, H_M = 59.97, 30.32, 1000.0

@@ -10,9 +10,9 @@ import pytest
 import sidereon
 
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.gnss.orbits.precise import clock_between, orbit_between, pair_delays, precise_states
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.gnss.phase_centre import SatelliteAntennas
-from insgnss.gnss.precise_orbit import clock_between, orbit_between, pair_delays, precise_states
-from insgnss.gnss.satellite_state import satellite_states
 from insgnss.gnss.signals import L1_HZ, L2_HZ
 from insgnss.simulation.constellation import satellite_states as simulated_states
 from insgnss.simulation.sky import nominal_constellation

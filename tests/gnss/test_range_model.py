@@ -15,6 +15,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.differential import Corrections, apply, base_ranges
 from insgnss.gnss.line_of_sight import line_of_sight_range
+from insgnss.gnss.orbits.satellite_state import SatelliteStates, satellite_states
 from insgnss.gnss.phase_centre import SatelliteAntennas, phase_centre_offsets
 from insgnss.gnss.range_model import (
     AIR_DTYPE,
@@ -26,7 +27,6 @@ from insgnss.gnss.range_model import (
     place_air,
     slant_delay,
 )
-from insgnss.gnss.satellite_state import SatelliteStates, satellite_states
 from insgnss.gnss.troposphere import STANDARD_WEATHER, mapping_factors, weather_at_sea_level
 from insgnss.simulation.sky import KLOBUCHAR, nominal_constellation
 from insgnss.tables import Float64, GnssTable

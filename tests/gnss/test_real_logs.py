@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.log.rinex import read_navigation
-from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.rinex.observations import read_rinex_obs
 from insgnss.tables import Float64, GnssTable, NavigationData
 from tests.gnss.single_point import solve_log
 

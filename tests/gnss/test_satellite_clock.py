@@ -9,9 +9,9 @@ import pytest
 import sidereon
 
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
-from insgnss.gnss.broadcast_orbit import eccentric_anomaly, orbit_state
-from insgnss.gnss.ephemeris_rows import CIC, CUS, M0, RELATIVITY, TOC_MINUS_TOE, E, N, ephemeris_rows
-from insgnss.gnss.satellite_clock import group_delay, satellite_clock
+from insgnss.gnss.orbits.broadcast import eccentric_anomaly, orbit_state
+from insgnss.gnss.orbits.ephemeris_rows import CIC, CUS, M0, RELATIVITY, TOC_MINUS_TOE, E, N, ephemeris_rows
+from insgnss.gnss.orbits.satellite_clock import group_delay, satellite_clock
 from insgnss.gnss.signals import signal_of
 from insgnss.tables import EphemerisTable, Float64
 from tests.gnss.broadcast_sample import ORBITS, TOE_SOW, navigation_table, navigation_text

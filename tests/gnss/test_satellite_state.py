@@ -11,8 +11,8 @@ import pytest
 import sidereon
 
 from insgnss.constants import C_MPS, NS_PER_S
-from insgnss.gnss.ephemeris_choice import broadcast_messages
-from insgnss.gnss.satellite_state import SatelliteStates, flight_times, range_rates, satellite_states
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.satellite_state import SatelliteStates, flight_times, range_rates, satellite_states
 from insgnss.status import BAD_VALUE, NO_EPHEMERIS, STALE_EPHEMERIS, UNHEALTHY, UNKNOWN_SIGNAL, USED
 from insgnss.tables import EphemerisTable, GnssTable, NavigationData
 from tests.gnss.broadcast_sample import (

@@ -10,7 +10,7 @@ import pytest
 import sidereon
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
-from insgnss.gnss.satellite_state import satellite_states
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.gpstime import (
     BDT_MINUS_GPST_S,
     BDT_WEEK_OFFSET,
@@ -22,7 +22,7 @@ from insgnss.gpstime import (
     leap_seconds,
     utc_to_ns,
 )
-from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.status import USED
 from tests.gnss.broadcast_sample import observations
 from tests.log.test_rinex_navigation import HEADER, message

@@ -12,7 +12,7 @@ from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from tests.inertial.strapdown import EARTH, skew
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE, apply_transition, transition_step
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 ERRORS = 17
 NO_COUPLINGS = np.zeros(0, COUPLING_DTYPE)

@@ -11,7 +11,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.geodesy.rotations import matrix_to_quaternion, quaternion_to_matrix
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 EARTH = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 Function = Callable[[np.ndarray], np.ndarray]  # times (n,) [s] -> vectors (n, 3)

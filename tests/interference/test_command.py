@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
-from tests.flown_margin.scene import flown
+from tests.runs.margin.scene import flown
 
 EMITTERS = """
 [[emitter]]

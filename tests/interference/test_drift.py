@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from insgnss.config.flight import Oscillator
+from insgnss.config.library import imu_grade
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.gnss.signals import L1_HZ
@@ -25,7 +26,6 @@ from insgnss.interference.drift import (
     phase_walk_of,
     total_density,
 )
-from insgnss.library import imu_grade
 from insgnss.simulation.oscillator import simulate_clock
 
 

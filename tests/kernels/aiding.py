@@ -16,7 +16,7 @@ from insgnss.filter.output.trace_rows import new_trace_room, output_samples
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.state import select_members
 from insgnss.filter.update.epoch_space import new_workspace
-from insgnss.gnss.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.tables import Float64
 from tests.aiding.exact import (
     correlated_covariance,
@@ -30,7 +30,7 @@ from tests.gnss.glonass_sample import FIRST_NS, glonass_navigation
 from tests.kernels import KernelCase
 from tests.kernels.filter import EPOCHS, SKY, bank, imu, parameters, rows
 from tests.layouts import layout_with
-from tests.replay.scenes import WEEK
+from tests.runs.scenes import WEEK
 
 
 def aided() -> tuple[Float64, ...]:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.gnss.range_model import AirModel
-from insgnss.gnss.satellite_state import satellite_states
 from insgnss.gnss.troposphere import Weather
 from insgnss.tables import EphemerisTable, GnssTable, NavigationData, StateVectorTable
 from tests.kernels import KernelCase

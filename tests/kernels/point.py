@@ -9,10 +9,10 @@ import numpy as np
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.least_squares import Ties
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.gnss.point_log import solve_epochs
-from insgnss.gnss.point_rows import PointRows, PointSettings, at_time_tags, new_point_log
+from insgnss.gnss.point.log import solve_epochs
+from insgnss.gnss.point.rows import PointRows, PointSettings, at_time_tags, new_point_log
 from insgnss.gnss.troposphere import STANDARD_WEATHER
-from insgnss.point_solutions import chi_square_limits
+from insgnss.runs.point import chi_square_limits
 from insgnss.status import USED
 from tests.kernels import KernelCase
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insgnss.antenna.tracking_state import Rules, View, new_memory, new_spent
+from insgnss.receiver.tracking_state import Rules, View, new_memory, new_spent
 from tests.kernels import KernelCase
 
 _N, _M = 400, 6
@@ -31,7 +31,7 @@ _VIEW = View(
 # integers alone: the two must be equal
 CASES = [
     KernelCase(
-        "insgnss.antenna.tracking_rules:advance",
+        "insgnss.receiver.tracking_rules:advance",
         (
             np.arange(_N, dtype=np.int64) * (_SECOND // 10),
             _VIEW,

@@ -6,16 +6,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from insgnss.antenna.obstruction import directions
+from insgnss.config.library import imu_grade
 from insgnss.inertial.error_dynamics import COUPLING_DTYPE
 from insgnss.interference import PhaseLoop, UnknownAcceleration, discriminator, receiver_models
-from insgnss.library import imu_grade
 from insgnss.simulation.closed_loop_sky import closed_loop_truth, inertial_truth, orbits_towards
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.studies.manoeuvring_covariance import Drive, carry_along
-from insgnss.studies.receiver_imu import UnknownMotion
-from insgnss.studies.receiver_runs import Setting, run_once
-from insgnss.studies.receiver_slips import NEVER, error_loop, run_errors
-from insgnss.studies.receiver_variants import STARTS, VARIANTS
+from insgnss.studies.receiver.imu import UnknownMotion
+from insgnss.studies.receiver.manoeuvring_covariance import Drive, carry_along
+from insgnss.studies.receiver.runs import Setting, run_once
+from insgnss.studies.receiver.slips import NEVER, error_loop, run_errors
+from insgnss.studies.receiver.variants import STARTS, VARIANTS
 from insgnss.tracking.vector_loop import N_SEEN, channels_of, observe_channels
 from tests.kernels import KernelCase
 

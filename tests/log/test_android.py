@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insgnss.errors import InputError
-from insgnss.log.android import read_android
+from insgnss.log.android.reader import read_android
 from insgnss.log.receiver import ReceiverLog
 from insgnss.tables import GnssTable
 from tests.log.android_generator import (

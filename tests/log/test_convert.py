@@ -14,9 +14,9 @@ from insgnss.errors import ConfigError, InputError
 from insgnss.log.convert import convert
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.imu_csv import inertial, read_imu
+from insgnss.log.imu.csv_log import inertial, read_imu
 from insgnss.log.reference import read_reference
-from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import GnssTable
 from tests.log.android_generator import ELAPSED_MINUS_TIME_NS
 from tests.log.android_generator import HEADER as ANDROID_HEADER

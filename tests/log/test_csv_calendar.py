@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from insgnss.config.log_table import LogTable
 from insgnss.errors import ColumnError, TimeError
-from insgnss.log.csv_calendar import Calendar
-from insgnss.log.csv_columns import Wanted
-from insgnss.log.csv_table import read_csv_table
-from insgnss.log.time_tags import gps_times, wanted_with_time
+from insgnss.log.csv.calendar import Calendar
+from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.table import read_csv_table
+from insgnss.log.csv.time_tags import gps_times, wanted_with_time
 from insgnss.tables import Event, Int64
 from tests.log.writing import WEEK, write_lines
 

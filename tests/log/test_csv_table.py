@@ -11,10 +11,10 @@ import pyarrow as pa
 import pytest
 
 from insgnss.errors import ColumnError, InputError, MissingFileError
-from insgnss.log import csv_fast
-from insgnss.log.csv_cells import integers
-from insgnss.log.csv_columns import Wanted
-from insgnss.log.csv_table import CsvTable, read_csv_table
+from insgnss.log.csv import fast as csv_fast
+from insgnss.log.csv.cells import integers
+from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.table import CsvTable, read_csv_table
 from tests.log.writing import write_lines
 
 WANTED = Wanted(numeric=("time_s", "x"), optional=("y",), text=("name",))

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.doctor import corrected_flight
-from insgnss.log.doctor import check_flight
+from insgnss.log.checks import corrected_flight
+from insgnss.log.checks.each_log import check_flight
+from insgnss.log.checks.report import CheckReport
 from insgnss.log.flight import Flight
-from insgnss.log.report import CheckReport
 from tests.log.test_flight import FLIGHT, FLIGHTS
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
 from tests.log.test_rinex_navigation import message

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from insgnss.config.flight import FlightConfig
 from insgnss.config.strict import load_toml
 from insgnss.errors import InsGnssError
-from insgnss.log.csv_columns import Wanted
-from insgnss.log.csv_table import read_csv_table
+from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.table import read_csv_table
 from insgnss.log.gnss_csv import read_gnss
-from insgnss.log.imu_csv import read_imu
-from insgnss.log.rinex import read_navigation
-from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.imu.csv_log import read_imu
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.rinex.observations import read_rinex_obs
 from tests.config.test_strict import GOOD
 from tests.log.test_rinex_navigation import HEADER as NAV_HEADER
 from tests.log.test_rinex_navigation import message

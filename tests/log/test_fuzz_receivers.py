@@ -13,12 +13,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from insgnss.errors import InsGnssError
-from insgnss.log.android import read_android
+from insgnss.log.android.reader import read_android
 from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.rinex_obs import read_rinex_obs
-from insgnss.log.sbf import read_sbf
+from insgnss.log.rinex.observations import read_rinex_obs
+from insgnss.log.sbf.reader import read_sbf
 from insgnss.tables import GnssTable
 from tests.log.android_generator import ELAPSED_MINUS_TIME_NS
 from tests.log.android_generator import HEADER as ANDROID_HEADER

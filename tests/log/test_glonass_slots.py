@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.gnss.ephemeris_choice import broadcast_messages
-from insgnss.gnss.satellite_state import satellite_states
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.log.glonass_slots import with_slots
 from insgnss.log.satellites import channel_of_name, normalised_name
 from insgnss.tables import Float64, GnssTable, NavigationData, StateVectorTable

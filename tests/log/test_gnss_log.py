@@ -15,7 +15,7 @@ from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError, InputError, MissingFileError, NavigationDataError
 from insgnss.gnss.table_joining import joined
-from insgnss.log.doctor import check_flight
+from insgnss.log.checks.each_log import check_flight
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import GnssLogs, merged, read_gnss_logs, read_receiver
 from insgnss.tables import GnssTable, NavigationData

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.errors import ConfigError, InputError
-from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu.csv_log import read_imu
 from insgnss.tables import ImuTable
 from tests.log.writing import (
     G_MPS2,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.log.imu_faults import Axes, fault_events
+from insgnss.log.imu.faults import Axes, fault_events
 from tests.log.writing import Float64
 
 NAMES = ("a", "b", "c")

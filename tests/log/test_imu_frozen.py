@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.log.imu_faults import Axes
-from insgnss.log.imu_frozen import frozen_events
+from insgnss.log.imu.faults import Axes
+from insgnss.log.imu.frozen import frozen_events
 from insgnss.tables import Event
 from tests.log.writing import Float64
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insgnss.errors import TimeError
-from insgnss.log.imu_time import gap_events, increasing_samples
+from insgnss.log.imu.time import gap_events, increasing_samples
 from insgnss.tables import Int64
 
 STEP = 10_000_000

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import Imu
 from insgnss.errors import UnitsError
-from insgnss.log.imu_units import check_units
+from insgnss.log.imu.units import check_units
 from insgnss.tables import Event, ImuTable
 from tests.log.writing import G_MPS2, GRADE, Float64, imu_config
 

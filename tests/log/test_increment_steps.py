@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.log.increment_steps import increment_intervals
+from insgnss.log.imu.increment_steps import increment_intervals
 from tests.log.writing import G_MPS2, Float64
 
 MS = 1_000_000

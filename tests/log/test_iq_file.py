@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
 from insgnss.log.iq_file import NOISE_LSB, IqFile, rounded, write_iq
-from insgnss.saving import overwriting
+from insgnss.results.saving import overwriting
 from insgnss.tracking.signal import Samples, Sampling
 
 COMPLEX, REAL = Sampling(4e6, is_complex=True), Sampling(8e6, 2.1e6)

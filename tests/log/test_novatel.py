@@ -14,9 +14,9 @@ from insgnss.errors import InputError, InsGnssError
 from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
-from insgnss.log.imu_csv import inertial, read_imu
-from insgnss.log.novatel import read_novatel
-from insgnss.log.novatel_imu import SCALES
+from insgnss.log.imu.csv_log import inertial, read_imu
+from insgnss.log.novatel.imu import SCALES
+from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
 from tests.log.novatel_encoder import (

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from insgnss.errors import InputError
-from insgnss.log import novatel_rewritten
 from insgnss.log.detect import detect_format
-from insgnss.log.novatel import read_novatel
+from insgnss.log.novatel import rewritten as novatel_rewritten
+from insgnss.log.novatel.reader import read_novatel
 from tests.log.novatel_encoder import (
     TOW_S,
     Channel,

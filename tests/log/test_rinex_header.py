@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from insgnss.errors import InputError
-from insgnss.log.rinex_obs import read_rinex_obs
+from insgnss.log.rinex.observations import read_rinex_obs
 from tests.log.test_rinex_observations import HEADER, epoch, rows, write
 
 SLOTS = "  3 R11 -5R19 +3R23 -6".ljust(60) + "GLONASS SLOT / FRQ #\n"

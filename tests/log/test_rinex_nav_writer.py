@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.log.rinex import read_navigation
-from insgnss.log.rinex_nav_writer import write_rinex_navigation
+from insgnss.log.rinex.nav_writer import write_rinex_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import EphemerisTable, NavigationData, StateVectorTable
 
 CREATED = dt.datetime(2025, 8, 28)

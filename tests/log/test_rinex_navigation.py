@@ -13,7 +13,7 @@ import pytest
 
 from insgnss.errors import NavigationDataError
 from insgnss.gpstime import datetime_to_ns
-from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import EphemerisTable
 from tests.log.rinex_oracle import Message, navigation_messages
 

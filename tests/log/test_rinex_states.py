@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from insgnss.errors import InsGnssError, NavigationDataError
-from insgnss.gnss.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gpstime import datetime_to_ns
-from insgnss.log.rinex import read_navigation
+from insgnss.log.rinex.navigation import read_navigation
 from insgnss.tables import Event, StateVectorTable
 from tests.log.test_rinex_navigation import message
 

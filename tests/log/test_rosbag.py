@@ -20,7 +20,7 @@ from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.rosbag import read_rosbag
+from insgnss.log.rosbag.reader import read_rosbag
 from tests.log.rtcm_encoder import Orbit, galileo_ephemeris, msm
 from tests.log.test_convert import read_again, same
 from tests.log.test_fuzz_receivers import CUT, FLIPS, turned

@@ -20,8 +20,8 @@ from insgnss.log.declared import Declared
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.rinex import read_navigation
-from insgnss.log.rtcm import read_rtcm
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.rtcm.reader import read_rtcm
 from tests.log.rtcm_encoder import (
     Cell,
     Orbit,

@@ -13,7 +13,7 @@ from pysbf2 import SBFReader
 
 from insgnss.errors import InputError
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.sbf import read_sbf
+from insgnss.log.sbf.reader import read_sbf
 from insgnss.tables import GnssTable
 from tests.log.sbf_encoder import C_MPS, WEEK, Channel, block, epoch, ins_solution, satellite, sensor, time
 

@@ -13,11 +13,11 @@ import pytest
 from insgnss.config.flight import Base, FlightConfig, Reference
 from insgnss.config.strict import load_toml
 from insgnss.errors import ColumnError, ConfigError, InputError, TimeError
-from insgnss.log.csv_columns import Wanted
-from insgnss.log.csv_table import read_csv_table
+from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.table import read_csv_table
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_log import read_base
-from insgnss.log.imu_csv import read_imu
+from insgnss.log.imu.csv_log import read_imu
 from insgnss.log.reference import read_reference
 from insgnss.log.satellites import normalised_name, numbered_name, system_letter
 from insgnss.tables import Event

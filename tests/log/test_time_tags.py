@@ -11,9 +11,9 @@ import pytest
 from insgnss.config.log_table import LogTable
 from insgnss.errors import TimeError
 from insgnss.gpstime import datetime_to_ns
-from insgnss.log.csv_columns import Wanted
-from insgnss.log.csv_table import read_csv_table
-from insgnss.log.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.table import read_csv_table
+from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.tables import Event, Int64
 from tests.log.writing import WEEK, write_lines
 

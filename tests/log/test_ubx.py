@@ -15,9 +15,9 @@ from pyubx2 import UBXReader
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError, MissingFileError
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.rinex import read_navigation
-from insgnss.log.ubx import read_ubx
-from insgnss.log.ubx_frames import find_frames
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.ubx.frames import find_frames
+from insgnss.log.ubx.reader import read_ubx
 from insgnss.tables import EphemerisTable, Float64
 from tests.log.ubx_writing import TOW_S, WEEK, frame, measurement, rawx
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from insgnss.constants import NS_PER_S
 from insgnss.errors import InsGnssError
-from insgnss.log.ubx import read_ubx
+from insgnss.log.ubx.reader import read_ubx
 from tests.log.test_messages_beidou import d1_frame
 from tests.log.test_messages_glonass import strings
 from tests.log.test_ubx import NMEA, RTCM, SET

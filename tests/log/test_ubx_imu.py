@@ -11,7 +11,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.ubx import read_ubx
+from insgnss.log.ubx.reader import read_ubx
 from tests.log.test_ubx_observations import START_NS
 from tests.log.ubx_writing import TOW_S, frame, rawx
 

@@ -10,7 +10,7 @@ import pytest
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
-from insgnss.log.ubx import read_ubx
+from insgnss.log.ubx.reader import read_ubx
 from tests.log.test_messages_lnav import PARAMS, subframes
 from tests.log.test_ubx_imu import FORCES_MPS2, RATES_RADPS, TICK_S, raw_frame
 from tests.log.ubx_writing import WEEK, frame

@@ -11,8 +11,8 @@ import pytest
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.gnss.signals import reason_unsupported, signal_of
 from insgnss.log.receiver import ReceiverLog
-from insgnss.log.ubx import read_ubx
-from insgnss.log.ubx_observations import SIGNALS
+from insgnss.log.ubx.observations import SIGNALS
+from insgnss.log.ubx.reader import read_ubx
 from tests.log.ubx_writing import TOW_S, WEEK, frame, measurement, rawx
 
 START_NS = WEEK * NS_PER_WEEK + round(TOW_S * 1000) * 1_000_000

@@ -19,7 +19,7 @@ from insgnss.log.convert import convert
 from insgnss.log.detect import detect_format
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.reference import read_reference
-from insgnss.log.ulog import read_ulog
+from insgnss.log.ulog.reader import read_ulog
 from tests.log.test_convert import read_again, same
 from tests.log.test_fuzz_receivers import CUT, FLIPS, turned
 from tests.log.test_messages_lnav import subframes

@@ -9,8 +9,8 @@ import pandas as pd
 
 from insgnss.filter.output.writing import NAV_COLUMNS
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.imu_summary import imu_spectrum, imu_table
-from insgnss.run import Run
+from insgnss.runs.imu_summary import imu_spectrum, imu_table
+from insgnss.runs.result import Run
 from insgnss.tables import ImuTable
 
 WEEK = 2385

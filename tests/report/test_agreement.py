@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from insgnss.agreement import heading_of, times_their_sigma
 from insgnss.report.sentences import sentences
-from insgnss.run import Run
-from insgnss.studies.consistency import consistency_study
+from insgnss.runs.agreement import heading_of, times_their_sigma
+from insgnss.runs.result import Run
+from insgnss.studies.consistency.study import consistency_study
 from tests.report.runs import START_S, made_run
 
 KNOWN_S = START_S + 20.0  # of ``made_run``

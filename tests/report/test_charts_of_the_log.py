@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from insgnss.imu_summary import BINS, imu_spectrum, imu_table
 from insgnss.report import figures
 from insgnss.report.charts import Chart, colour_of, dash_of, symbol_of, unpacked
 from insgnss.report.event_marks import MOST, marked_events, with_events
 from insgnss.report.sections import inertial, innovations, reception, satellites, smoothing
 from insgnss.report.sections.reception import dilution_of_directions
-from insgnss.run import Run
+from insgnss.runs.imu_summary import BINS, imu_spectrum, imu_table
+from insgnss.runs.result import Run
 from insgnss.tables import ImuTable
 from tests.report.runs import START_S, made_run
 

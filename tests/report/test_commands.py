@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 
 from insgnss.cli.main import EXAMPLES, app
 from insgnss.report.export import FORMATS
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from tests.report.runs import made_run
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,7 +13,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ResultError
 from insgnss.report.compare import compare_runs, write_comparison
 from insgnss.report.settings_compared import settings_that_differ
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from tests.report.runs import START_S, WEEK, made_run
 
 SECONDS_OF_WEEK = NS_PER_WEEK // NS_PER_S

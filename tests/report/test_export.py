@@ -21,7 +21,7 @@ from insgnss.report.geojson import as_geojson
 from insgnss.report.gpx import as_gpx
 from insgnss.report.kml import as_kml, as_kmz
 from insgnss.report.run_time import utc, utc_texts
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from tests.report.runs import START_S, WEEK, made_run
 
 KML = "{http://www.opengis.net/kml/2.2}"

@@ -18,7 +18,6 @@ import pytest
 import xarray as xr
 from scipy.io import loadmat
 
-from insgnss.columns.page import SHEETS
 from insgnss.errors import ResultError
 from insgnss.report.export import export_run
 from insgnss.report.gpx import as_gpx
@@ -27,7 +26,8 @@ from insgnss.report.matlab import as_mat
 from insgnss.report.nmea import as_nmea
 from insgnss.report.sbet import ACCURACY_FIELDS, FIELDS
 from insgnss.report.solution import solution
-from insgnss.run import Run
+from insgnss.runs.columns.page import SHEETS
+from insgnss.runs.result import Run
 from tests.report.runs import START_S, made_run, words
 
 KML = "{http://www.opengis.net/kml/2.2}"

@@ -11,7 +11,7 @@ import pytest
 from insgnss.report.digest import digest
 from insgnss.report.epochs import satellites_used, used_at
 from insgnss.report.sentences import figures, sentences, way_m
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from tests.report.runs import START_S, made_run, words
 
 

@@ -10,8 +10,8 @@ import pytest
 
 import insgnss
 from insgnss.errors import ResultError
-from insgnss.log.report import CheckReport, Finding
-from insgnss.studies.consistency import consistency_study
+from insgnss.log.checks.report import CheckReport, Finding
+from insgnss.studies.consistency.study import consistency_study
 from tests.conftest import REPOSITORY
 from tests.report.runs import made_run
 

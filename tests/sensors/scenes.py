@@ -14,16 +14,16 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from insgnss.config.flight import GivenStart
+from insgnss.config.library import find
 from insgnss.config.sensors import Sensor
 from insgnss.config.simulated_sensors import SensorFault, SimulatedSensor
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
-from insgnss.library import find
 from insgnss.log.flight import FlightInMemory
 from insgnss.simulation.assembly import assemble
 from insgnss.simulation.flight_text import sensor_lines
 from insgnss.simulation.simulated_log import Simulator
-from tests.replay.scenes import flight
+from tests.runs.scenes import flight
 
 SIMULATED: TypeAdapter[Any] = TypeAdapter(SimulatedSensor)
 FAULT: TypeAdapter[Any] = TypeAdapter(SensorFault)

@@ -10,13 +10,13 @@ import pytest
 
 import insgnss
 from insgnss.config.flight import FlightConfig, GivenStart
+from insgnss.config.library import find
 from insgnss.errors import ConfigError, StartError
-from insgnss.library import find
 from insgnss.log.flight import FlightInMemory
 from insgnss.log.gnss_log import without_gnss
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 from insgnss.simulation.simulated_log import Simulator
-from tests.replay.scenes import START_S, kinds, true_start, turns
+from tests.runs.scenes import START_S, kinds, true_start, turns
 from tests.sensors.scenes import flown, simulated, with_sensors
 from tests.statistics_bounds import mean_chi_square_bounds
 

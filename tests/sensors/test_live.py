@@ -8,18 +8,18 @@ from pathlib import Path
 import pytest
 
 import insgnss
+from insgnss.config.library import filter_config
 from insgnss.errors import MeasurementError
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_blocks
-from insgnss.library import filter_config
 from insgnss.log.flight import FlightInMemory
-from insgnss.log_replay import setup_filter
+from insgnss.runs.replay import setup_filter
 from insgnss.sensors.fitting import fitted
 from insgnss.simulation.faults import outage
 from tests.conftest import REPOSITORY
 from tests.filter.test_engine import epochs
-from tests.replay.scenes import true_start, turns, with_faults
+from tests.runs.scenes import true_start, turns, with_faults
 from tests.sensors.scenes import flown, simulated, with_sensors
 
 SENSORS = (

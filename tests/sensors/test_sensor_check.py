@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import insgnss
-from insgnss.doctor.sensor_findings import sensor_findings
-from insgnss.doctor.track import Track, solve_track
-from insgnss.library import find
+from insgnss.config.library import find
+from insgnss.log.checks.report import Finding
+from insgnss.log.checks.sensor_findings import sensor_findings
+from insgnss.log.checks.track import Track
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.log.report import Finding
-from insgnss.simulate import Simulation, simulate
+from insgnss.runs.gnss_track import solve_track
+from insgnss.runs.simulate import Simulation, simulate
 
 SENSORS = """
 [[sensor]]

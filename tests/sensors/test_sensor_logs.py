@@ -15,7 +15,7 @@ from insgnss.config.strict import load_toml
 from insgnss.errors import ColumnError, ConfigError, InputError
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude, standard_pressure
-from insgnss.log.sensor_csv import read_sensor
+from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.tables import Event, SensorTable
 
 WEEK = 2385

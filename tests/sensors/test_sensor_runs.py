@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import insgnss
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.simulation.faults import outage
 from insgnss.simulation.journeys import AIRFIELD, static
 from insgnss.simulation.simulated_log import Simulator
 from insgnss.tables import Float64
-from tests.replay.scenes import START_S, even_sky, kinds, simulator, true_start, turns, with_faults
-from tests.replay.test_heading_at_rest import CONSUMER
+from tests.runs.scenes import START_S, even_sky, kinds, simulator, true_start, turns, with_faults
+from tests.runs.test_heading_at_rest import CONSUMER
 from tests.sensors.scenes import city_car, fault, flown, simulated, with_sensors
 from tests.statistics_bounds import mean_chi_square_bounds
 

@@ -10,10 +10,10 @@ import pytest
 
 from insgnss.antenna.pattern_file import read_pattern
 from insgnss.config.flight import MountedAntenna
+from insgnss.config.library import antenna_file
 from insgnss.constants import C_MPS
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.library import antenna_file
 from insgnss.simulation import journeys
 from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.faults import carrier_false_lock

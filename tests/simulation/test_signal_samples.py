@@ -12,7 +12,7 @@ from scipy import stats
 
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
-from insgnss.simulate import simulate
+from insgnss.runs.simulate import simulate
 from insgnss.simulation.observations import WAVELENGTH_M
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
 from insgnss.simulation.simulated_log import Scenario

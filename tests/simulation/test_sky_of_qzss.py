@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insgnss.config.library import find
 from insgnss.errors import ConfigError
-from insgnss.gnss.satellite_state import satellite_states
-from insgnss.library import find
-from insgnss.log.rinex import read_navigation
-from insgnss.simulate import Simulation, simulate
+from insgnss.gnss.orbits.satellite_state import satellite_states
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.runs.simulate import Simulation, simulate
 
 SKY = 'kind = "nominal"\nqzss = ["G04", "G20"]\nqzss_offset_m = '
 

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from insgnss.library import scenario_config
-from insgnss.studies.banked_flight import BankedFlight
+from insgnss.config.library import scenario_config
+from insgnss.studies.masking.banked_flight import BankedFlight
 
 SCENARIO = scenario_config("sokolov_2015")
 OUTAGE, ROLL_S = SCENARIO.outage, SCENARIO.flight.roll_s

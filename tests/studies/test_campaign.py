@@ -19,10 +19,10 @@ from typer.testing import CliRunner
 
 from insgnss.cli.main import app
 from insgnss.errors import ConfigError, ResultError
-from insgnss.studies import campaign_cluster
-from insgnss.studies.campaign import CampaignConfig, load_campaign, prepare, run_campaign, tasks_of
-from insgnss.studies.campaign_results import Sums, data_set, failures, summary
-from insgnss.studies.campaign_tasks import RESULTS
+from insgnss.studies.campaign import cluster
+from insgnss.studies.campaign.results import Sums, data_set, failures, summary
+from insgnss.studies.campaign.study import CampaignConfig, load_campaign, prepare, run_campaign, tasks_of
+from insgnss.studies.campaign.tasks import RESULTS
 
 ROOT = Path(__file__).resolve().parents[2]
 SLEEPY = "tests.studies.sleepy_case:sleepy"
@@ -137,8 +137,8 @@ def test_killed_worker_and_killed_client_cost_nothing_but_time(tmp_path: Path) -
 
 
 def test_running_cluster_gives_the_bytes_of_one_process(tmp_path: Path) -> None:
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        done = run_campaign(campaign(fails_at=3), tmp_path / "two", scheduler=cluster.scheduler_address)
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as local:
+        done = run_campaign(campaign(fails_at=3), tmp_path / "two", scheduler=local.scheduler_address)
     run_campaign(campaign(fails_at=3), tmp_path / "one", workers=0)
 
     assert (done.n_runs, done.n_failed, done.lost) == (12, 2, ())
@@ -149,7 +149,7 @@ def test_running_cluster_gives_the_bytes_of_one_process(tmp_path: Path) -> None:
 def test_without_dask_processes_of_this_machine_give_the_bytes_of_one_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign_cluster, "is_installed", lambda: False)
+    monkeypatch.setattr(cluster, "is_installed", lambda: False)
     done = run_campaign(campaign(fails_at=3), tmp_path / "two", workers=2)
     run_campaign(campaign(fails_at=3), tmp_path / "one", workers=0)
 
@@ -161,7 +161,7 @@ def test_without_dask_processes_of_this_machine_give_the_bytes_of_one_process(
 def test_without_dask_a_task_that_kills_its_process_is_lost_and_no_other_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign_cluster, "is_installed", lambda: False)
+    monkeypatch.setattr(cluster, "is_installed", lambda: False)
     config = campaign(seeds=6, dies_at=3)
     done = run_campaign(config, tmp_path, workers=2)
 
@@ -183,7 +183,7 @@ def test_scheduler_without_dask_is_an_error_that_says_what_to_install(
 def test_scheduler_that_does_not_answer_is_an_error_with_advice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign_cluster, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(cluster, "PATIENCE_S", 0.5)
     with pytest.raises(ResultError, match="no scheduler answers"):
         run_campaign(campaign(), tmp_path, scheduler="tcp://127.0.0.1:9")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from insgnss.errors import ConfigError
-from insgnss.studies.campaign_scaling import Costs, scaling_table, throughput
+from insgnss.studies.campaign.scaling import Costs, scaling_table, throughput
 
 COSTS = Costs(run_s=0.05, task_s=0.004, sent_bytes=1000.0, result_bytes=1400.0)
 

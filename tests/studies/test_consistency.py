@@ -16,21 +16,21 @@ from typer.testing import CliRunner
 
 from insgnss.cli.main import app
 from insgnss.config.filter import FilterConfig
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, ResultError
-from insgnss.library import filter_config
-from insgnss.log_replay import replay
-from insgnss.run import Run
+from insgnss.runs.replay import replay
+from insgnss.runs.result import Run
 from insgnss.simulation.observations import NoiseTerms
-from insgnss.studies.consistency import Consistency, consistency_study
-from insgnss.studies.epoch_residuals import fitted
-from insgnss.studies.error_statistics import independent_in_time, known_from
-from insgnss.studies.innovation_statistics import (
+from insgnss.studies.consistency.epoch_residuals import fitted
+from insgnss.studies.consistency.error_statistics import independent_in_time, known_from
+from insgnss.studies.consistency.innovation_statistics import (
     common_factor,
     independent_count,
     truncated_mean,
     whiteness_of,
 )
-from tests.replay.scenes import START_S, flight, turns
+from insgnss.studies.consistency.study import Consistency, consistency_study
+from tests.runs.scenes import START_S, flight, turns
 
 BUILT_IN = 1.4
 

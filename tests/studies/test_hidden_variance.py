@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insgnss.config.library import scenario_config
 from insgnss.errors import ConfigError, ModelError
-from insgnss.library import scenario_config
 from insgnss.studies import HiddenVariance, hidden_satellite_variance
 from insgnss.tables import Float64
 

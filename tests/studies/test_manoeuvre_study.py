@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from insgnss.config.library import scenario_config
 from insgnss.errors import ConfigError, ModelError
-from insgnss.library import scenario_config
 from insgnss.studies import ManoeuvreStudy, hidden_satellite_variance, manoeuvre_study
 
 BANKS_DEG = (-45.0, 0.0, 30.0, 45.0)

@@ -11,6 +11,7 @@ import pytest
 
 from insgnss.antenna.obstruction import directions
 from insgnss.config.flight import ImuGrade
+from insgnss.config.library import imu_grade
 from insgnss.config.manoeuvres import RandomMotion, Straight
 from insgnss.errors import ConfigError
 from insgnss.interference import PhaseLoop, UnknownAcceleration, discriminator, one_stage_model
@@ -18,10 +19,9 @@ from insgnss.interference.discriminators import equivalent_noise
 from insgnss.interference.margin import ratio
 from insgnss.interference.phase_models import VELOCITY
 from insgnss.interference.riccati import discretised, predicted_covariance
-from insgnss.library import imu_grade
 from insgnss.simulation.itinerary import course_of, knot_s_of
 from insgnss.simulation.trajectory import Trajectory
-from insgnss.studies.manoeuvring_covariance import ManoeuvringReceiver
+from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
 
 CARRIER_HZ: Final = 1.6e9
 SKY: Final = directions([20, 65, 110, 155, 200, 245, 290, 335], [12, 40, 20, 65, 15, 35, 70, 25])

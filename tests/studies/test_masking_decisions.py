@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from insgnss.library import scenario_config
-from insgnss.studies.masking_decisions import BANKS_DEG, HEADINGS_DEG, decision_table, position_sigma
+from insgnss.config.library import scenario_config
+from insgnss.studies.masking.decisions import BANKS_DEG, HEADINGS_DEG, decision_table, position_sigma
 
 SATELLITES = 11
 ERRORS = 9

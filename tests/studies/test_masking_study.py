@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from insgnss.config.library import scenario_config
 from insgnss.errors import ConfigError
-from insgnss.library import scenario_config
 from insgnss.studies import MaskingStudy, masking_study
-from insgnss.studies.banked_flight import BankedFlight
-from insgnss.studies.masking import SEED
-from insgnss.studies.masking_cases import CASES, fly
+from insgnss.studies.masking.banked_flight import BankedFlight
+from insgnss.studies.masking.cases import CASES, fly
+from insgnss.studies.masking.study import SEED
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 from tests.statistics_bounds import mean_chi_square_bounds
 

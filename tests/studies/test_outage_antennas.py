@@ -8,14 +8,14 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, InputError
-from insgnss.library import filter_config
 from insgnss.log.flight import Flight, FlightInMemory
-from insgnss.log_replay import replay
-from insgnss.slow_sigmas import COLUMNS
-from insgnss.studies.outage import OutageStudy, outage_study
-from insgnss.studies.outage_runs import OutageLog, branch, flight_without, undisturbed
-from insgnss.studies.outage_windows import Removal, Window
+from insgnss.runs.replay import replay
+from insgnss.runs.slow_sigmas import COLUMNS
+from insgnss.studies.outage.replays import OutageLog, branch, flight_without, undisturbed
+from insgnss.studies.outage.study import OutageStudy, outage_study
+from insgnss.studies.outage.windows import Removal, Window
 from tests.attitude.several_flights import AT_REST, SLALOM, scenario_text, write_flight
 
 START_S = 150_000.0

@@ -13,16 +13,16 @@ import pytest
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
+from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError
-from insgnss.library import filter_config
-from insgnss.log_replay import replay
+from insgnss.runs.replay import replay
+from insgnss.runs.slow_sigmas import COLUMNS
 from insgnss.simulation.observations import NoiseTerms
-from insgnss.slow_sigmas import COLUMNS
 from insgnss.status import SWITCHED_OFF, USED
-from insgnss.studies.outage import Banked, OutageStudy, Periodic, Random, outage_study
-from insgnss.studies.outage_drift import back_after, percentile_table
-from insgnss.studies.outage_runs import OutageLog, branch, flight_without, undisturbed
-from insgnss.studies.outage_windows import (
+from insgnss.studies.outage.drift import back_after, percentile_table
+from insgnss.studies.outage.replays import OutageLog, branch, flight_without, undisturbed
+from insgnss.studies.outage.study import Banked, OutageStudy, Periodic, Random, outage_study
+from insgnss.studies.outage.windows import (
     Removal,
     Window,
     banked_windows,
@@ -31,7 +31,7 @@ from insgnss.studies.outage_windows import (
     switch_off,
     window_ns,
 )
-from tests.replay.scenes import START_S, FlightInMemory, flight, turns
+from tests.runs.scenes import START_S, FlightInMemory, flight, turns
 
 DURATION_S = 300.0
 WINDOW = Window(START_S + 150.0, START_S + 170.0)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from insgnss.config.library import scenario_config
 from insgnss.config.scenario import FalseLock, ScenarioConfig
-from insgnss.library import scenario_config
-from insgnss.studies.banked_flight import Spell
-from insgnss.studies.receiver_channels import (
+from insgnss.studies.masking.banked_flight import Spell
+from insgnss.studies.masking.receiver_channels import (
     ChannelSpell,
     presence_of,
     unsupervised_channels,

@@ -11,13 +11,13 @@ import pytest
 from scipy import stats
 
 from insgnss.errors import ConfigError
-from insgnss.studies.campaign import run_campaign
-from insgnss.studies.campaign_cases import receiver
-from insgnss.studies.campaign_results import data_set
-from insgnss.studies.receiver_comparison import receiver_study
-from insgnss.studies.receiver_runs import run_many
-from insgnss.studies.receiver_scene import ReceiverOptions, scene_of
-from insgnss.studies.receiver_variants import VARIANTS
+from insgnss.studies.campaign.cases import receiver
+from insgnss.studies.campaign.results import data_set
+from insgnss.studies.campaign.study import run_campaign
+from insgnss.studies.receiver.comparison import receiver_study
+from insgnss.studies.receiver.runs import run_many
+from insgnss.studies.receiver.scene import ReceiverOptions, scene_of
+from insgnss.studies.receiver.variants import VARIANTS
 from tests.studies.test_receiver_study import (
     ATTITUDE,
     LOW,

@@ -12,8 +12,8 @@ from insgnss.filter.update.closed_loop import close_loop
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.simulation.closed_loop_sky import told_motion
 from insgnss.simulation.oscillator import clock_densities
-from insgnss.studies.receiver_imu import UnknownMotion
-from insgnss.studies.receiver_loop import (
+from insgnss.studies.receiver.imu import UnknownMotion
+from insgnss.studies.receiver.loop import (
     Arriving,
     FilterRoom,
     Receiver,
@@ -21,8 +21,8 @@ from insgnss.studies.receiver_loop import (
     lead_filter,
     run_receiver,
 )
-from insgnss.studies.receiver_runs import channel_room, new_found
-from insgnss.studies.receiver_variants import (
+from insgnss.studies.receiver.runs import channel_room, new_found
+from insgnss.studies.receiver.variants import (
     STARTS,
     VARIANTS,
     Begin,

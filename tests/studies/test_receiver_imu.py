@@ -11,10 +11,10 @@ import pytest
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
 from insgnss.simulation.closed_loop_sky import ToldMotion
-from insgnss.studies import receiver_runs
-from insgnss.studies.receiver_imu import UnknownMotion, with_gaps
-from insgnss.studies.receiver_scene import scene_of
-from insgnss.studies.receiver_variants import VARIANTS
+from insgnss.studies.receiver import runs as receiver_runs
+from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
+from insgnss.studies.receiver.scene import scene_of
+from insgnss.studies.receiver.variants import VARIANTS
 from tests.studies.test_receiver_study import (
     LOW,
     VELOCITY,

@@ -12,14 +12,14 @@ import pytest
 from insgnss.config.interference import Emitter, InterferenceConfig, LoopReceiver
 from insgnss.constants import C_MPS
 from insgnss.errors import ModelError
-from insgnss.flown_margin.loops import separation
 from insgnss.gnss.signals import signal_of
 from insgnss.interference.spectra import modulation_of
+from insgnss.runs.margin.loops import separation
 from insgnss.simulation.local_level import geodetic
 from insgnss.studies import ReceiverOptions, receiver_study
-from insgnss.studies.jammed_sky import emitters_of, jammed_cn0_dbhz
-from insgnss.studies.receiver_comparison import ReceiverStudy
-from insgnss.studies.receiver_scene import Scene, scene_of
+from insgnss.studies.receiver.comparison import ReceiverStudy
+from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
+from insgnss.studies.receiver.scene import Scene, scene_of
 
 OPTIONS = ReceiverOptions(duration_s=170.0, settle_s=30.0, step_s=10e-3, least_cn0_dbhz=20.0)
 

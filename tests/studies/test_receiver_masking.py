@@ -10,9 +10,9 @@ import pytest
 
 from insgnss.errors import ConfigError
 from insgnss.studies import ReceiverOptions, receiver_study
-from insgnss.studies.receiver_comparison import ReceiverStudy
-from insgnss.studies.receiver_masking import gain_dbic
-from insgnss.studies.receiver_scene import scene_of
+from insgnss.studies.receiver.comparison import ReceiverStudy
+from insgnss.studies.receiver.masking import gain_dbic
+from insgnss.studies.receiver.scene import scene_of
 from tests.antenna.vehicle import vehicle
 
 # the sky of Sokolov and Yurchenko (2015)

@@ -20,7 +20,7 @@ from insgnss.interference import (
     receiver_models,
 )
 from insgnss.interference.riccati import discretised, predicted_covariance
-from insgnss.studies.receiver_slips import error_loop, slip_runs
+from insgnss.studies.receiver.slips import error_loop, slip_runs
 
 CARRIER_HZ: Final = 1.6e9
 SKY: Final = directions([20, 65, 110, 155, 200, 245, 290, 335], [12, 40, 20, 65, 15, 35, 70, 25])

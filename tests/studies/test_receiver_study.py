@@ -14,17 +14,17 @@ from scipy import stats
 
 from insgnss.antenna.obstruction import directions
 from insgnss.config.flight import ImuGrade
+from insgnss.config.library import imu_grade
 from insgnss.config.manoeuvres import RandomMotion
 from insgnss.config.simulation import SimulationConfig
 from insgnss.errors import ConfigError
 from insgnss.interference import PhaseLoop, discriminator
-from insgnss.library import imu_grade
 from insgnss.simulation.closed_loop_sky import GLONASS_RADIUS_M
 from insgnss.studies import ManoeuvringReceiver, ReceiverOptions, receiver_study
-from insgnss.studies.interval_message import add_observation, carry_message, solve_message
-from insgnss.studies.receiver_runs import ReceiverRun, Setting, run_many
-from insgnss.studies.receiver_scene import scene_of
-from insgnss.studies.receiver_variants import VARIANTS, Variant
+from insgnss.studies.receiver.interval_message import add_observation, carry_message, solve_message
+from insgnss.studies.receiver.runs import ReceiverRun, Setting, run_many
+from insgnss.studies.receiver.scene import scene_of
+from insgnss.studies.receiver.variants import VARIANTS, Variant
 
 # a loop over the phase forgets its begin within seconds, one over the delay in a minute
 LASTS_S: Final = {"coherent": 40.0, "noncoherent": 110.0}

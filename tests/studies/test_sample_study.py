@@ -14,14 +14,14 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from insgnss.cli.main import app
+from insgnss.config.library import find
 from insgnss.config.sample_receiver import SampleReceiver
 from insgnss.errors import ConfigError, InputError
-from insgnss.library import find
 from insgnss.log.iq_file import IqFile
-from insgnss.simulate import Simulation, simulate
-from insgnss.studies.sample_design import loop_designs, loop_sigmas
-from insgnss.studies.sample_search import acquire_recording
-from insgnss.studies.sample_study import SampleStudy, record_samples, sample_receiver
+from insgnss.runs.simulate import Simulation, simulate
+from insgnss.studies.samples.design import loop_designs, loop_sigmas
+from insgnss.studies.samples.search import acquire_recording
+from insgnss.studies.samples.study import SampleStudy, record_samples, sample_receiver
 from insgnss.tracking.codes import gps_ca
 from insgnss.tracking.signal import Sampling
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from insgnss import library
+from insgnss.config import library
 from insgnss.errors import ConfigError
 from insgnss.simulation.sky import PAPER_SKY
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from insgnss.antenna.detection import detection_probability, threshold
 from insgnss.errors import ConfigError, InputError
 from insgnss.gnss.signals import L1_HZ
+from insgnss.receiver.detection import detection_probability, threshold
 from insgnss.tracking.acquisition import SearchSpan, acquire
 from insgnss.tracking.codes import gps_ca
 from insgnss.tracking.signal import CarrierAndCode, Received, Samples, Sampling, receive

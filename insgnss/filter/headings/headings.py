@@ -13,7 +13,7 @@ from insgnss.filter.headings.motion import sees_earth_rate
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import PSI, Bank, StateRecord
 from insgnss.geodesy.local_level import up_direction
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 _SAME_HEADING: Final = 0.5  # sigmas of the lighter one

@@ -13,7 +13,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.sensor_errors import accel_error_covariance, gyro_error_variance
 from insgnss.filter.state import BA, DR, DV, PSI, StateRecord
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 FORCE_MEAN_TIME_S: Final = 0.25  # over which specific force and rates are smoothed to tell motion from noise

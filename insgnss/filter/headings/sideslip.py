@@ -11,7 +11,7 @@ from typing import Final
 
 from insgnss.filter.state import DV, PSI, HeadRecord, StateRecord
 from insgnss.geodesy.local_level import up_direction
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 LEAST_SPEED_MPS: Final = 3.0

@@ -36,14 +36,14 @@ from insgnss.filter.imu.sensor_outage import (
     unknown_variance,
 )
 from insgnss.filter.imu.spikes import WARM, find_spike, is_possible, least_spike
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 ROOM: Final = 8  # most verdicts on one sample
 GAP_STEPS: Final = 1.75  # steps of more typical ones lack a sample: tags of loggers jitter by less
 STEPS_MEMORY: Final = 64  # steps over which the typical one follows
 TOLD_STEPS: Final = 5.0  # gaps of so many steps are told, if longer than ...
-TOLD_S: Final = 0.05  # ... this: as ``log.imu_time`` tells them
+TOLD_S: Final = 0.05  # ... this: as ``log.imu.time`` tells them
 WIGGLE_TIME_S: Final = 2.0
 MEAN_S: Final = 0.25  # over which samples are averaged to see motion in noise
 CHANGE_TIME_S: Final = 60.0  # over which the changes of the means are averaged

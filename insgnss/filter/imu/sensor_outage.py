@@ -11,7 +11,7 @@ import math
 from typing import Final
 
 from insgnss.filter.imu.screen_state import SATURATED, STUCK, ScreenRecord
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 WINDOW: Final = 100  # samples, in which repeats are counted
@@ -21,7 +21,7 @@ LEAST_RUN: Final = 8
 _RARE: Final = math.log(1e-12)
 # Sensors may be quieter than their grade, by smoothing or luck, and then repeat themselves more
 QUIETER: Final = 0.3
-AT_RANGE: Final = 0.999  # of the declared range, or of the largest value seen, as in ``log.imu_faults``
+AT_RANGE: Final = 0.999  # of the declared range, or of the largest value seen, as in ``log.imu.faults``
 # How long a rate or a specific force stays alike: turns and manoeuvres of vehicles take seconds
 MOTION_TIME_S: Final = 2.0
 OUT_S: Final = 4.0  # seconds of change that a sensor which is out may hide at least: 10 deg/s, 2 m/s^2

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from insgnss.filter.imu.screen_state import ACCEL, GYRO, ScreenRecord
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 WARM: Final = 50  # samples that must have been seen before a spike is one

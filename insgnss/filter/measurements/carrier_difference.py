@@ -28,7 +28,7 @@ from insgnss.filter.state import N_CLONE, OFFSETS, StateRecord
 from insgnss.geodesy.vectors import place
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.gnss.observation_rows import CARRIER, Rows
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 # the clone's entries stand behind those of a range, its clock last
 _THEN: Final = len(RANGE_COLUMNS)

@@ -23,7 +23,7 @@ from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import BG, DR, DRIFT, DV, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
 from insgnss.gnss.observation_rows import RANGE_RATE, Rows
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 COLUMNS: Final = (

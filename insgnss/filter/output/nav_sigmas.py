@@ -12,7 +12,7 @@ import numpy as np
 
 from insgnss.filter.state import DR, DV, PSI
 from insgnss.geodesy.ellipsoid import radii
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # near pitch 90 deg roll and yaw are not separately defined: their sigma stops growing here

@@ -15,7 +15,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, HeadRecord, StateRecord
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 TRACE_DTYPE: Final = np.dtype(

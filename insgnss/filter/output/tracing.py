@@ -9,7 +9,7 @@ from insgnss.filter.prediction import Scratch, propagate_covariance
 from insgnss.filter.sensor_errors import biases_to_whole_errors
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import Bank, HeadRecord
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

@@ -23,8 +23,8 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.gnss.observation_rows import CARRIER, Rows
-from insgnss.jit import kernel
-from insgnss.records import Record, dtype_of
+from insgnss.kernels.jit import kernel
+from insgnss.kernels.records import Record, dtype_of
 from insgnss.status import NO_IMU, USED
 from insgnss.tables import Event, Float64, Int64
 

@@ -33,7 +33,7 @@ from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.gnss.observation_rows import Observation, Rows
 from insgnss.gnss.range_model import place_air, slant_changes
 from insgnss.gnss.troposphere import Weather
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 LOOK_BACK_S: Final = 0.1  # short against the models' bend, long against the rounding of a delay
 _AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model [IS-GPS-200N, 20.3.3.5.2.5]

@@ -7,7 +7,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna, Line
 from insgnss.filter.state import StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 
 @kernel(inline=True)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, NamedTuple, TypeAlias
 import numpy.typing as npt
 
 from insgnss.gnss.observation_rows import N_KINDS
-from insgnss.records import Record, dtype_of
+from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
 WIDTH: Final = 18  # of the longest row, so that one compiled update serves all kinds

@@ -27,7 +27,7 @@ from typing import Final
 
 from insgnss.filter.state import CLOCK, DR, DRIFT, DV
 from insgnss.geodesy.vectors import place_negative
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 COLUMNS: Final = (DR, DR + 1, DR + 2, CLOCK, DV, DV + 1, DV + 2, DRIFT)

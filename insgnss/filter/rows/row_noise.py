@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from insgnss.filter.parameters import KindNumbers
 from insgnss.gnss.noise_model import measurement_variance, stated_variance
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 _STATED_FLOOR2 = 0.09  # a log's own sigma is believed down to 0.3 of the model's floor
 

@@ -31,7 +31,7 @@ from insgnss.filter.output.writing import COUNT_DTYPE, N_USED, Table, write_nav
 from insgnss.filter.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.state import STATE_DTYPE, Bank, StateArray, copy_state
 from insgnss.filter.update.closed_loop import close_loop
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _PIECE_NS: Final = NS_PER_S

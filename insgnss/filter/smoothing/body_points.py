@@ -27,7 +27,7 @@ from insgnss.filter.state import BG, DR, DV, PSI
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _W_IE: Final = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.filter.parameters import KindNumbers, Parameters
-from insgnss.gnss.integrity import EXCLUDED, OK, UNTESTED
 from insgnss.gnss.least_squares import CLOCKS, Ties
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
-from insgnss.gnss.point_log import solve_epochs
-from insgnss.gnss.point_rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
+from insgnss.gnss.point.integrity import EXCLUDED, OK, UNTESTED
+from insgnss.gnss.point.log import solve_epochs
+from insgnss.gnss.point.rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
 from insgnss.gnss.troposphere import Weather
 from insgnss.status import USED
 from insgnss.tables import Float64, Int64

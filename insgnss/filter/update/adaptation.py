@@ -15,9 +15,9 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Epoch, Line, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance, fit_all, fit_freely
+from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
-from insgnss.jit import kernel
-from insgnss.median import median_of
+from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 

@@ -6,7 +6,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, PSI, StateRecord
 from insgnss.gnss.range_model import Air
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

@@ -17,7 +17,7 @@ from insgnss.filter.update.lever_swing import keep_antenna
 from insgnss.geodesy.local_level import up_direction
 from insgnss.geodesy.rotations import quaternion_to_matrix, turn_left
 from insgnss.geodesy.vectors import Vector, place, rotate, rotate_back
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # Smaller turns add up to 1e-3 rad in an hour, which moves the end of a lever arm by 0.1 mm per sigma of the heading

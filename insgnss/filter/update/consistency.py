@@ -16,7 +16,7 @@ import numpy as np
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.gnss.observation_rows import PSEUDORANGE
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 

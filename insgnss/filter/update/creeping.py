@@ -35,7 +35,7 @@ from insgnss.filter.update.integrity import (
     solve,
 )
 from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Observations
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, GATED, USED
 from insgnss.tables import Float64, Int64
 

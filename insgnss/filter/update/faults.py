@@ -18,7 +18,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
 from insgnss.gnss.observation_rows import PSEUDORANGE, Observations
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import REFLECTED, USED
 
 HUBER, STUDENT = 1, 2  # values of ``Parameters.robust``; 0: the gate alone

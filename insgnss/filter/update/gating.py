@@ -10,9 +10,9 @@ import math
 
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.update.scalar_update import predicted_variance
+from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import CARRIER
-from insgnss.jit import kernel
-from insgnss.median import median_of
+from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 

@@ -20,7 +20,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import CLOCK, DR, DRIFT, DV, StateRecord
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 

@@ -16,7 +16,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.sensor_errors import gyro_error_variance
 from insgnss.filter.state import DR, StateRecord
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 

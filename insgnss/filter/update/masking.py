@@ -38,7 +38,7 @@ from insgnss.gnss.observation_rows import (
     RANGE_RATE,
     Observations,
 )
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, Int8, Int64
 

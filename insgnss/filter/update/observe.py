@@ -20,7 +20,7 @@ from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 

@@ -15,7 +15,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.state import ABSENT_STATE, N_CLONE, StateRecord
 from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Rows
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Int64
 
 # the kinds in the order of their numbers; ``predict`` names them once more, as the compiler follows no list

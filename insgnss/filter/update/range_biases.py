@@ -6,7 +6,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.state import OFFSETS, Bank, HeadRecord
 from insgnss.gnss.observation_rows import N_BANDS, Rows
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 
 
 @kernel(apart=True)

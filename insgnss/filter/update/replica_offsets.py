@@ -9,7 +9,7 @@ from insgnss.filter.rows.replica_offset import (
     offset_rate_row,
 )
 from insgnss.filter.update.scalar_update import covariance_with, predicted_variance, scalar_update
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 

@@ -15,7 +15,7 @@ from insgnss.filter.state import StateRecord
 from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION, REPEATED_VARIANCE
 from insgnss.filter.update.integrity import direction
 from insgnss.gnss.observation_rows import RANGE_RATE, Rows
-from insgnss.jit import kernel
+from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, STUCK, USED
 from insgnss.tables import Float64
 

@@ -10,7 +10,7 @@ import pandas as pd
 from insgnss.report.charts import Chart, Rows, colour_of, dash_of, line_trace
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 _PARTS: Final = ("velocity", "attitude", "accelerometer", "gyro", "clock", "satellite", "motion")
 

@@ -8,7 +8,7 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.report.charts import Chart, Rows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _RADPS_TO_DEG_PER_H = np.degrees(1.0) * 3600.0

@@ -11,7 +11,7 @@ from insgnss.report.charts import BAND_SIGMAS, Chart, Rows, band_trace, colour_o
 from insgnss.report.html import Section, table
 from insgnss.report.labels import label, row_of_numbers
 from insgnss.report.sections.motion import SIGMA_GROUPS
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _SHOWN_SHARE: Final = 0.95  # of the values lies inside the axis as it opens

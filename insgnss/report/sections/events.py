@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.report.html import Section, table
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 _MOST: Final = 3000  # rows that a phone can still sort
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from insgnss.report.charts import Chart, Rows, Trace, colour_of, log_ticks, packed, translucent, unpacked
 from insgnss.report.html import Section
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _SENSORS: Final = (("gyro", "degps", "rate, °/s"), ("accel", "mps2", "specific force, m/s²"))

@@ -25,7 +25,7 @@ from insgnss.report.html import Section, table, text
 from insgnss.report.labels import number
 from insgnss.report.own_kinds import own_kinds, unit_of
 from insgnss.report.thinning import envelope
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _POINTS: Final = 7000  # of a kind's innovations, all satellites together

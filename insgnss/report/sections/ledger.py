@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from insgnss.columns.statuses import STATUS_MEANINGS
 from insgnss.report.epochs import of_satellites, satellites_of
 from insgnss.report.html import Section, table
-from insgnss.run import Run
+from insgnss.runs.columns.statuses import STATUS_MEANINGS
+from insgnss.runs.result import Run
 
 
 def section(run: Run) -> Section:

@@ -10,7 +10,7 @@ import numpy as np
 from insgnss.report.charts import BAND_SIGMAS, Chart, Rows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 # column, its sigma, and the period of an angle

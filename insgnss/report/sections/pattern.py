@@ -13,7 +13,7 @@ from insgnss.config.filter import Visibility
 from insgnss.config.flight import MountedAntenna
 from insgnss.errors import InsGnssError
 from insgnss.report.charts import Trace, packed
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _STEP_DEG: Final = 10.0  # of the tiles: a pattern changes by about a decibel over one

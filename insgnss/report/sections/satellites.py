@@ -13,7 +13,7 @@ from insgnss.report.charts import TIME_AXIS, Chart, Rows, Trace, line_trace, pac
 from insgnss.report.epochs import of_satellites, satellites_of, satellites_used
 from insgnss.report.html import Section
 from insgnss.report.thinning import columns_of_time
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64, Int64
 
 _COLUMNS: Final = 1500  # of the picture's time

@@ -6,7 +6,7 @@ import json
 from pathlib import PurePath
 
 from insgnss.report.html import Section, folded, table, text
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 _SHOWN_APART = ("versions", "input_sha256", "took", "made")
 

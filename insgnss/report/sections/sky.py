@@ -12,7 +12,7 @@ from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
 from insgnss.report.sections.pattern import pattern_traces
 from insgnss.report.sections.satellites import STATE_COLOURS
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 _POINTS_EACH: Final = 200  # of a satellite's way
 _POINTS_ALL: Final = 6000

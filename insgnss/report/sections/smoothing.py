@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.comparison import errors_against, trajectory_of
 from insgnss.errors import ResultError
 from insgnss.report.charts import Chart, Rows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
 from insgnss.report.run_time import gps_week
 from insgnss.report.sections.motion import SIGMA_GROUPS, opening_range
-from insgnss.run import Run
+from insgnss.runs.reference_errors import errors_against, trajectory_of
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _CAPTION: Final = (

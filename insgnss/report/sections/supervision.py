@@ -7,7 +7,7 @@ import pandas as pd
 from insgnss.report.html import Section, table
 from insgnss.report.labels import number
 from insgnss.report.sections.satellites import timeline_chart
-from insgnss.run import Run
+from insgnss.runs.result import Run
 
 
 def section(run: Run) -> Section | None:

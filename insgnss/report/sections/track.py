@@ -12,7 +12,7 @@ from insgnss.report.charts import PALETTE, Chart, Trace, packed
 from insgnss.report.epochs import used_at
 from insgnss.report.html import Section
 from insgnss.report.thinning import envelope
-from insgnss.run import Run
+from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
 _POINTS: Final = 3000

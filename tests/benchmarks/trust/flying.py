@@ -15,13 +15,13 @@ import numpy as np
 import insgnss
 from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuGrade, MountedAntenna
 from insgnss.config.flight import Imu as ImuEntry
+from insgnss.config.library import find
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_S
-from insgnss.library import find
 from insgnss.log.flight import FlightInMemory, FlightLogs
-from insgnss.log.imu_csv import read_imu
-from insgnss.run import Run
+from insgnss.log.imu.csv_log import read_imu
+from insgnss.runs.result import Run
 from insgnss.simulation.assembly import assemble
 from insgnss.simulation.log_files import write_imu
 from insgnss.simulation.reference import reference_table

@@ -1,0 +1,1 @@
+"""The single-point solution: least squares, its integrity tests, and a log of such epochs."""

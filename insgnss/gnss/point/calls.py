@@ -1,0 +1,103 @@
+"""The kernels of the satellites' states and of the point solution, each with arguments of the types it is called with.
+
+Nothing here is run: the arrays are empty, only their types count (``insgnss.runs.kernel_list``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from insgnss.gnss.dilution import dilution
+from insgnss.gnss.least_squares import RANGE, FitRows, fit, free_clocks, workspace
+from insgnss.gnss.observation_rows import mark_repeats
+from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
+from insgnss.gnss.orbits.satellite_state import broadcast_states, flight_times, no_states, signal_facts
+from insgnss.gnss.point.integrity import (
+    Fits,
+    agree,
+    few_excluded,
+    many_excluded,
+    protection_levels,
+    redundancy,
+    redundancy_room,
+    swaps_fit,
+)
+from insgnss.gnss.point.log import Solution, fit_position, new_room, see_rows, solve_epochs, write_rows
+from insgnss.gnss.point.robust_fit import polish, search
+from insgnss.gnss.point.rows import PointRows, PointSettings, new_point_log
+from insgnss.gnss.troposphere import STANDARD_WEATHER
+from insgnss.tables import EphemerisTable, GnssTable
+
+_N = 0  # stands for any whole number
+_X = 0.0  # for any other
+
+
+def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
+    """Return the kernels, the longest to compile first."""
+    ties, x, P, u_n, use = (
+        free_clocks(1),
+        np.zeros(4),
+        np.zeros((4, 4)),
+        np.zeros((0, 3)),
+        np.zeros(0, np.bool_),
+    )
+    rows = _no_rows()
+    places = np.zeros(0, np.int64)
+    settings = PointSettings(_X, _X, _X, STANDARD_WEATHER, (_X,) * 4, (_X,) * 4, _X, _X, ties)
+    out, room, limits = new_point_log(rows, 1), new_room(0), np.zeros(1)
+    fits = Fits(limits, workspace(4), redundancy_room(0))
+    one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), Solution(use, x, P)
+    return {
+        solve_epochs: (rows, settings, limits, out),
+        search: (one, use, x, fits.work, x, P, use),
+        broadcast_states: _no_satellites(),
+        write_rows: (rows, settings, _N, _N, found, room, fits, out),
+        fit_position: (rows, settings, _N, _N, room, fits, found, u_n),
+        polish: (one, use, x, P, fits.work, use),
+        fit: (one, use, x, fits.work),
+        agree: (one, use, x, x, P, fits),
+        many_excluded: (one, use, _N, x, x, P, fits),
+        few_excluded: (one, use, _N, x, P, fits),
+        swaps_fit: (one, use, use, x, _X, _X, fits),
+        see_rows: (rows, settings, _N, x, _N, room, u_n),
+        dilution: (one, use, x, P, fits.work, P, x),
+        redundancy: (one, use, x, P, fits.work, fits.room),
+        protection_levels: (use, fits.room, P, P, _X, _X),
+        mark_repeats: (places, places, places, places, _N, places),
+        flight_times: (places, x, x),
+    }
+
+
+def _no_rows() -> PointRows:
+    """Return a log without an epoch."""
+    single: Any = np.zeros(0, np.float32)  # as the rows of a log are kept
+    places = np.zeros(0, np.int64)
+    return PointRows(
+        epoch_ns=places,
+        first=np.zeros(1, np.int64),
+        sat=np.zeros((0, 8)),
+        value=np.zeros((0, 2)),
+        sigma=np.zeros((0, 2), np.float32),
+        status=np.zeros((0, 2), np.int8),
+        group=places,
+        cn0=single,
+        thermal=single,
+        variance_scale=single,
+        ionosphere_factor=np.zeros(0),
+        ionosphere_m=single,
+        klobuchar=np.zeros(8),
+    )
+
+
+def _no_satellites() -> tuple[Any, ...]:
+    """Return the arguments of ``broadcast_states`` for a log without a row."""
+    none, times, signals = np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int16)
+    wide = {name: np.zeros(0) for name in EphemerisTable.__dataclass_fields__}
+    of_time = {"toe_ns": times, "toc_ns": times, "group_delay_s": np.zeros((0, 2))}
+    messages = broadcast_messages(EphemerisTable(**{**wide, **of_time, "sv_names": (), "message": ()}))  # type: ignore[arg-type]
+    log = GnssTable(times, signals, signals, none, none, none, none, (), ())
+    facts = signal_facts(log, messages)
+    return times, signals, signals, none, times, facts, messages.index, no_states(0)

@@ -1,0 +1,208 @@
+"""The decorator of the kernels and the cache policy.
+
+Compiled code is cached in a folder whose name holds a hash of all of the package's own sources and of the versions of
+Python, NumPy and Numba: Numba itself only notices an edit of the file a function stands in, not of the functions it
+calls. A new folder is the moment at which those of earlier versions that nobody has used for 30 days are removed.
+Each file ends in its SHA-256: a damaged one is compiled again. The files are pickles and machine code, so files of
+another user are never loaded, nor is a folder of another user used.
+``NUMBA_DISABLE_JIT=1`` runs every kernel as plain Python (slow, for tests and debuggers).
+
+With an empty cache the compiler takes most of the time of a first run: ``insgnss.kernels.compiled_ahead`` shares it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import dis
+import hashlib
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+import time
+import typing
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, TypeVar, cast, overload
+
+import numba
+import numpy as np
+
+from insgnss.kernels.numba_parts import Apart, compiled, is_trusted
+
+UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
+_S_PER_DAY: Final = 86_400.0
+_WITH_BOUNDS: Final = ("checks bounds",) if numba.config.BOUNDSCHECK else ()
+_OTHERS_MAY_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
+# what makes an array of its own, of NumPy or as an array's method
+_ALLOCATES: Final = frozenset(
+    (
+        "arange",
+        "array",
+        "asarray",
+        "ascontiguousarray",
+        "copy",
+        "empty",
+        "empty_like",
+        "eye",
+        "full",
+        "ones",
+        "zeros",
+    )
+)
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def source_hash() -> str:
+    """Return 16 hexadecimal digits that change when any source file of the package or a compiler version does.
+
+    So they do with ``NUMBA_BOUNDSCHECK``: code that checks every index is other code, which Numba's own cache does not
+    tell apart.
+    """
+    digest = hashlib.sha256()
+    for text in (sys.version, np.__version__, numba.__version__, *_WITH_BOUNDS):
+        digest.update(text.encode())
+    package = Path(__file__).parents[1]
+    for path in sorted(package.rglob("*.py")):
+        digest.update(str(path.relative_to(package)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def cache_root() -> Path:
+    """Return the folder that holds the compiled code: ``INSGNSS_CACHE``, else the user's cache folder."""
+    named = os.environ.get("INSGNSS_CACHE")
+    if named:
+        return Path(named)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "insgnss"
+
+
+def trusted_cache(root: Path) -> Path:
+    """Return ``root``, made if needed, or a folder of this process alone where ``root`` belongs to another user.
+
+    Processes that this one starts use the same folder. A folder of this user that others may write is closed to them.
+    """
+    with suppress(OSError):  # Numba compiles without a folder that cannot be made
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        status = root.stat()
+        if not is_trusted(status):
+            warnings.warn(
+                f"compiled code in {root} is not used: the folder belongs to another user, and loading it would run"
+                " that user's code. Kernels are compiled again in each session; INSGNSS_CACHE names another folder",
+                stacklevel=2,
+            )
+            private = tempfile.mkdtemp(prefix="insgnss-")
+            atexit.register(shutil.rmtree, private, ignore_errors=True)
+            os.environ["INSGNSS_CACHE"] = private
+            return Path(private)
+        ours = hasattr(os, "geteuid") and status.st_uid == os.geteuid()
+        everybodys = status.st_mode & stat.S_ISVTX  # a folder as /tmp, which has to stay as it is
+        if status.st_mode & _OTHERS_MAY_WRITE and ours and not everybodys:
+            root.chmod(stat.S_IMODE(status.st_mode) & ~_OTHERS_MAY_WRITE)
+    return root
+
+
+def tend_caches(folder: Path) -> None:
+    """Mark a folder of compiled code as used today; where it is new, remove those beside it that nobody uses.
+
+    Only folders that carry a hash as their name and hold compiled code are touched, and nothing is said when the disk
+    does not let us.
+    """
+    now = time.time()
+    with suppress(OSError):
+        if folder.is_dir():
+            if now - folder.stat().st_mtime > _S_PER_DAY:
+                os.utime(folder)
+            return
+        for other in folder.parent.iterdir():
+            unused_s = now - other.stat().st_mtime
+            if unused_s < UNUSED_DAYS * _S_PER_DAY or not re.fullmatch("[0-9a-f]{16}", other.name):
+                continue
+            if any(other.glob("*/*.nbi")):
+                shutil.rmtree(other, ignore_errors=True)
+
+
+CACHE_DIR: Final = trusted_cache(cache_root()) / source_hash()
+tend_caches(CACHE_DIR)
+
+
+@overload
+def kernel(function: _F, /) -> _F: ...
+
+
+@overload
+def kernel(*, inline: bool = False, apart: bool = False) -> Callable[[_F], _F]: ...
+
+
+def kernel(function: _F | None = None, /, *, inline: bool = False, apart: bool = False) -> Any:
+    """Compile a function with Numba on its first call and keep the machine code for the next process.
+
+    No fast mathematics: the same input must give the same bits. ``error_model="numpy"`` lets a division by zero give
+    inf, which the gates refuse, instead of a branch at every division. Python's lock is left free meanwhile. A kernel
+    that makes no array and returns none borrows those it is handed: no references are counted.
+
+    Parameters
+    ----------
+    inline : weave it into its callers; for a short kernel of one or two. A kernel of its own costs a fifth of a second
+        to compile, because each becomes a module that every caller links and optimises again; woven in, a short one
+        costs nothing of that and runs a little faster. The time to find the types grows with the square of what is
+        woven together. Called from Python it is an ordinary kernel
+    apart : let its callers reach it by its address (``numba_parts.Apart``); for a kernel of some length that is called
+        seldom: a call costs a few nanoseconds. What it returns must be annotated with numbers or tuples of numbers
+
+    Raises
+    ------
+    TypeError : a kernel apart does not stand at the top of a module
+    """
+    if function is None:
+        return lambda decorated: _compiled(decorated, inline=inline, apart=apart)
+    return _compiled(function, inline=inline, apart=apart)
+
+
+def _compiled(function: _F, *, inline: bool, apart: bool) -> _F:
+    if inline:
+        return cast(_F, compiled(function, CACHE_DIR, inline="always"))
+    if apart and "<locals>" in function.__qualname__:
+        raise TypeError(f"{function.__qualname__}: a kernel apart is found by its name in its module")
+    # said, as it would be taken over from a caller
+    made = compiled(function, CACHE_DIR, _nrt=not _borrows(function))
+    return cast(_F, Apart(made) if apart and not numba.config.DISABLE_JIT else made)
+
+
+def _borrows(function: Callable[..., Any]) -> bool:
+    """Return whether a function, and what it calls, hands it no array that it would have to give back.
+
+    The count of references costs the loop over a log a tenth of its time. A kernel that allocates unseen, by the
+    arithmetic of whole arrays, is refused: "NRT required". It is written as a loop.
+    """
+    names = function.__globals__
+    for step in dis.get_instructions(function):
+        if step.opname in ("LOAD_ATTR", "LOAD_METHOD") and step.argval in _ALLOCATES:
+            return False
+        called: Any = names.get(step.argval) if step.opname == "LOAD_GLOBAL" else None
+        if hasattr(called, "py_func"):
+            woven = called.targetoptions.get("inline") == "always"
+            if not (_borrows(called.py_func) if woven else _returns_numbers(called.py_func)):
+                return False
+    return _returns_numbers(function)
+
+
+def _returns_numbers(function: Callable[..., Any]) -> bool:
+    stated = function.__annotations__.get("return", Any)
+    try:
+        return _is_number(eval(stated, function.__globals__) if isinstance(stated, str) else stated)
+    except NameError:
+        return False
+
+
+def _is_number(kind: Any) -> bool:
+    """Return whether an annotation says a number, nothing, or a tuple of them."""
+    if kind in (bool, float, int, None, type(None)):
+        return True
+    if hasattr(kind, "_fields"):
+        return all(map(_is_number, typing.get_type_hints(kind).values()))
+    return typing.get_origin(kind) is tuple and all(map(_is_number, typing.get_args(kind)))

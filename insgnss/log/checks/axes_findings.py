@@ -1,0 +1,153 @@
+"""What the doctor says of the axes: that they fit, what they should be, or between which readings the log cannot tell.
+
+A proposal is sure only where the log speaks clearly against every other reading of the columns. Where another one does
+as well, the one that a mounting can give, both sensors turned alike, is likely, or else the simplest if there is one.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.log.checks.axis_search import EQUAL, SURE, Match
+from insgnss.log.checks.declaration import Declared
+from insgnss.log.checks.report import Finding, Proposal
+from insgnss.log.checks.vehicle_axes import Axes, contradicted, forward_known, names, strangeness
+from insgnss.tables import Float64
+
+# -2 log likelihood to every other reading, for axes that are sure: what no reading holds, as scale errors, made 16
+# between a reading and its mirror image in 10 minutes of coordinated flight
+SURE_AXES: Final = 50.0
+MOST_OPEN: Final = 3  # columns that the motion may leave open while it bears the others out
+SHOWN: Final = 4  # readings
+
+
+def axes_findings(declared: Declared, found: list[Axes], match: Match) -> list[Finding]:
+    """Return the finding on the axes.
+
+    Parameters
+    ----------
+    declared : what the flight file says
+    found : readings, the most credible first
+    match : the search they come from
+    """
+    best, near = found[0], _near(found)
+    told = [_told(axes) for axes in (best, *near)]
+    beyond = min(match.gap, min((axes.cost for axes in found if _told(axes) not in told), default=np.inf))
+    shown = _directions(best, beyond - best.cost)
+    if best.rank == 0:
+        return [_fitting(best, near, shown)]
+    if not decided(found):
+        return [_undecided([best, *near])]
+    return [_other_axes(declared, best, near, beyond - best.cost)]
+
+
+def decided(found: list[Axes]) -> bool:
+    """Return whether one reading leads, by the log or by being the simplest: time and lever arm are asked with it."""
+    best = found[0]
+    return best.rank == 0 or all(strangeness(axes) - strangeness(best) > EQUAL for axes in _near(found))
+
+
+def _near(found: list[Axes]) -> list[Axes]:
+    """Return the readings that cannot be told from the first."""
+    best = found[0]
+    level = best.cost if best.rank == 0 else min(axes.cost for axes in found)
+    apart = EQUAL if best.rank == 0 else SURE
+    return [axes for axes in found[1:] if axes.cost - level < apart and _told(axes) != _told(best)]
+
+
+def _fitting(best: Axes, near: list[Axes], shown: str) -> Finding:
+    if not near:
+        return Finding("ok", "motion", f"the axes fit the motion: {shown}")
+    advice = "turns with bank or pitch, runs and stops tell more"
+    if best.cost > SURE:
+        text = f"the motion speaks for other axes than the declared ones: axes {_listed(near)}"
+        return Finding("warning", "motion", text, advice, f"log likelihood {best.cost / 2.0:.0f} above")
+    columns = _open_columns(best, near)
+    if len(columns) <= MOST_OPEN:
+        text = f"the axes fit the motion, but for the sign or order of {', '.join(columns)}, which it does not show"
+        return Finding("ok", "motion", f"{text}: {shown}", advice)
+    text = (
+        f"nothing in the motion speaks against the axes, but {len(near)} other reading(s) explain it as well"
+    )
+    return Finding("ok", "motion", f"{text}: axes {_listed(near)}", advice)
+
+
+def _open_columns(best: Axes, near: list[Axes]) -> list[str]:
+    """Return the sensor columns that other readings take otherwise."""
+    found = set()
+    for axes in near:
+        for kind, ours, theirs in (("accel", best.accel, axes.accel), ("gyro", best.gyro, axes.gyro)):
+            rows = np.flatnonzero((ours != theirs).any(axis=1))
+            found |= {f"{kind} {names(ours)[row][1]}" for row in rows}
+    return sorted(found)
+
+
+def _undecided(readings: list[Axes]) -> Finding:
+    ordered = sorted(readings, key=strangeness)
+    text = f"the declared axes do not fit the motion; several others do: axes {_listed(ordered)}"
+    columns = _open_columns(ordered[0], ordered[1:])
+    if len(columns) <= MOST_OPEN:
+        text += f"; they differ in {', '.join(columns)} alone"
+    return Finding("error", "motion", text, "turns with bank or pitch, runs and stops tell them apart")
+
+
+def _listed(readings: list[Axes]) -> str:
+    shown = " or ".join(_told(axes) for axes in readings[:SHOWN])
+    return shown + (f" or {len(readings) - SHOWN} more" if len(readings) > SHOWN else "")
+
+
+def _told(axes: Axes) -> str:
+    accel, gyro = names(axes.accel), names(axes.gyro)
+    return ", ".join(accel) + ("" if accel == gyro else f" with gyros {', '.join(gyro)}")
+
+
+def _other_axes(declared: Declared, best: Axes, near: list[Axes], margin: float) -> Finding:
+    one = best.hypothesis
+    text = f"the axes are {_told(best)}: {_directions(best, margin)}"
+    if declared.turned:
+        return Finding("error", "motion", text, "correct imu.mounting_matrix by this turn")
+    if not forward_known(one) and contradicted(one, declared.accel):
+        advice = "gravity is along another axis than declared, but the motion has no one direction: which is forward?"
+        return Finding("error", "motion", text, advice)
+    left = " (left-handed)" if np.linalg.det(best.accel) < 0.0 else ""
+    sure = f"{_certainty(best, near, margin)} for a vehicle that moves nose first"
+    if not near:
+        return Finding("error", "motion", text + left, "", sure, _proposals(declared, best))
+    why = "the one that a mounting gives" if best.mounted else "the simplest"
+    sure += f"; of several readings that explain the motion {why}"
+    columns = _open_columns(best, near)
+    others = (
+        f"the sign or order of {', '.join(columns)}" if len(columns) <= MOST_OPEN else f"axes {_listed(near)}"
+    )
+    advice = f"the motion leaves open {others}"
+    return Finding("error", "motion", text + left, advice, sure, _proposals(declared, best))
+
+
+def _certainty(best: Axes, near: list[Axes], margin: float) -> str:
+    clear = not near and margin > SURE_AXES
+    # what the direction of motion prefers, the velocities must allow
+    return "sure" if clear and forward_known(best.hypothesis) and best.hypothesis.fit < EQUAL else "likely"
+
+
+def _proposals(declared: Declared, best: Axes) -> tuple[Proposal, ...]:
+    why = "gravity, turns and accelerations against the satellites' velocity ask for them"
+    accel, gyro = names(best.accel), names(best.gyro)
+    proposals = [Proposal("imu.axes", accel, why)]
+    apart = not np.array_equal(declared.accel, declared.gyro)
+    if accel != gyro or apart or np.linalg.det(best.accel) < 0.0:
+        proposals.append(Proposal("imu.gyro_axes", gyro, why))
+    return tuple(proposals)
+
+
+def _directions(best: Axes, margin: float) -> str:
+    one = best.hypothesis
+    return (
+        f"motion along {_vector(one.along_s)}, gravity along {_vector(one.down_s)} of the sensor's axes; log likelihood"
+        f" {min(max(margin, 0.0), 1e4) / 2.0:.0f} above the next"
+    )
+
+
+def _vector(direction: Float64) -> str:
+    return "(" + ", ".join(f"{value:+.2f}" for value in direction) + ")"

@@ -1,0 +1,57 @@
+"""What the flight file declares of the inertial log, as matrices, and the log in its own axes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from insgnss.config.flight import Imu
+from insgnss.log.flight import Flight
+from insgnss.log.imu.axes import mounting_matrix, signed_permutation
+from insgnss.log.imu.csv_log import inertial, read_imu_as_logged
+from insgnss.tables import Float64, ImuTable
+from insgnss.units import SI_PER_UNIT
+
+
+class Declared(NamedTuple):
+    """An inertial log in the axes that ``imu.axes`` picks from, and what the flight file makes of them."""
+
+    imu: ImuTable  # as logged; turned by the mounting matrix where there is one
+    accel: Float64  # (3, 3) to body axes
+    gyro: Float64  # (3, 3)
+    turned: bool  # by a mounting matrix: imu.axes are no key of this flight
+    factors: tuple[float, ...]  # on the gyros' unit: 1 and what another unit would make of it
+    units: tuple[str, ...]  # of the gyros, as ``factors``
+
+
+def declared_log(flight: Flight, imu: ImuTable | None = None) -> Declared:
+    """Return the inertial log of a flight in its own axes.
+
+    Parameters
+    ----------
+    imu : the log as read by ``read_imu``, where it could be; else it is read again and held against nothing
+
+    Raises
+    ------
+    InsGnssError : the log cannot be read, or its mounting matrix is no rotation
+    """
+    config = inertial(flight.config)
+    turned = config.mounting_matrix is not None
+    accel = np.eye(3) if turned else signed_permutation(config.axes)
+    gyro = accel if config.gyro_axes is None else signed_permutation(config.gyro_axes)
+    if imu is None:
+        logged = read_imu_as_logged(config, flight.config.gps_week)
+        C_bs = mounting_matrix(config) if turned else np.eye(3)
+        own = ImuTable(logged.t_ns, logged.w_ib_b @ C_bs.T, logged.f_b @ C_bs.T)
+    else:
+        own = ImuTable(imu.t_ns, imu.w_ib_b @ gyro, imu.f_b @ accel)
+    units = _gyro_units(config)
+    factors = tuple(SI_PER_UNIT[unit] / SI_PER_UNIT[config.gyro_unit] for unit in units)
+    return Declared(own, accel, gyro, turned, factors, units)
+
+
+def _gyro_units(config: Imu) -> tuple[str, ...]:
+    """Return the declared unit and the other one of its kind."""
+    now, other = ("rad", "deg") if config.gyro_unit.startswith("rad") else ("deg", "rad")
+    return config.gyro_unit, config.gyro_unit.replace(now, other)

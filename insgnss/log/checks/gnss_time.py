@@ -1,0 +1,157 @@
+"""Whether the GNSS tags are GPS time of the stated week: only then do the pseudoranges agree on a place.
+
+Satellites move by 4 km a second: tags that are off by leap seconds, hours or weeks put them where the ranges contradict
+each other, or where no message serves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.gpstime import leap_seconds, ns_to_datetime
+from insgnss.log.checks.report import Finding, Proposal
+from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, scale_for
+from insgnss.log.checks.track import Solve, solved_share
+from insgnss.log.flight import Flight
+from insgnss.log.gnss_rows import epochs
+from insgnss.tables import GnssTable, ImuTable, Int64, NavigationData
+
+TRIED_EPOCHS: Final = 12
+AGREEING: Final = 0.7  # of the tried epochs
+MOST_HOURS: Final = 14  # time zones
+FOUR: Final = 4  # satellites of an epoch for a place
+PLENTY: Final = 6  # so many that masks and a clock for a second system leave enough
+LEAST_EPOCHS: Final = 3
+
+
+class _Shift(NamedTuple):
+    """Something to be added to the GNSS tags."""
+
+    weeks: int
+    hours: int
+    leaps: int
+
+    def seconds(self, leap: int) -> int:
+        return self.weeks * WEEK_S + self.hours * HOUR_S + self.leaps * leap
+
+
+def gnss_time_findings(
+    flight: Flight, gnss: GnssTable, navigation: NavigationData | None, imu: ImuTable | None, solve: Solve
+) -> list[Finding]:
+    """Return by what whole weeks, hours or leap seconds the GNSS tags are off, if the pseudoranges say so.
+
+    With few satellites several shifts may do: then the one that makes the logs overlap counts. Epochs with fewer than
+    four satellites of known messages say nothing.
+    """
+    if navigation is None or gnss.sat is not None:
+        return []
+    count = _satellites(gnss, navigation)
+    enough = np.flatnonzero(count >= FOUR)
+    if len(enough) < LEAST_EPOCHS:
+        text = f"{len(enough)} epoch(s) with four satellites and more: whether the tags are GPS time was not compared"
+        return [Finding("warning", "gnss", text, "more satellites, or the messages of those that there are")]
+    sample = _sample(gnss, enough)
+    if solved_share(solve, sample, tested=False) >= AGREEING:
+        return []
+    found = _fitting(solve, sample, navigation)
+    sure = "sure: no other shift does"
+    if len(found) > 1 and imu is not None:
+        leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
+        found = [shift for shift in found if _overlaps(gnss, imu, shift.seconds(leap))]
+        sure = "likely: of several shifts the one that makes the logs overlap"
+    if len(found) == 1:
+        return [_finding(flight, found[0], gnss, sure)]
+    text = "the pseudoranges do not agree on a place, with the tags as they are"
+    told = f" nor shifted by weeks, hours up to {MOST_HOURS} or leap seconds" if not found else ""
+    if float(np.median(count[enough])) < PLENTY:
+        return [Finding("warning", "gnss", text + told, "with so few satellites the masks may leave too few")]
+    advice = "check the navigation files, and the columns of satellites, signals and pseudoranges"
+    return [Finding("error", "gnss", text + told, advice)]
+
+
+def _satellites(gnss: GnssTable, navigation: NavigationData) -> Int64:
+    """Return how many satellites with a pseudorange and a message of any time each epoch has."""
+    names = set(navigation.ephemerides.sv_names)
+    if navigation.state_vectors is not None:
+        names |= set(navigation.state_vectors.sv_names)
+    known = np.array([name in names for name in gnss.sv_names], np.bool_)
+    _, starts = epochs(gnss)
+    epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    which = np.isfinite(gnss.pseudorange_m) & known[gnss.sv]
+    pairs = np.unique(epoch[which] * len(gnss.sv_names) + gnss.sv[which])
+    return np.bincount(pairs // len(gnss.sv_names), minlength=len(starts) - 1)
+
+
+def _overlaps(gnss: GnssTable, imu: ImuTable, shift_s: int) -> bool:
+    shift_ns = shift_s * NS_PER_S
+    return bool(gnss.t_ns[0] + shift_ns <= imu.t_ns[-1] and imu.t_ns[0] <= gnss.t_ns[-1] + shift_ns)
+
+
+def _sample(gnss: GnssTable, enough: Int64) -> GnssTable:
+    """Return some of the epochs that have satellites enough, spread over the log."""
+    _, starts = epochs(gnss)
+    chosen = enough[np.unique(np.linspace(0, len(enough) - 1, TRIED_EPOCHS).astype(int))]
+    return gnss.take(np.concatenate([np.arange(starts[k], starts[k + 1]) for k in chosen]))
+
+
+def _fitting(solve: Solve, sample: GnssTable, navigation: NavigationData) -> list[_Shift]:
+    """Return the shifts with which the pseudoranges agree, the first group of them that does."""
+    leap = leap_seconds(ns_to_datetime(int(sample.t_ns[0])))
+    weeks = _weeks_to_messages(sample, navigation)
+    hours = [h for h in range(-MOST_HOURS, MOST_HOURS + 1) if h]
+    groups = [
+        [_Shift(weeks, 0, 0)] if weeks else [],
+        [_Shift(weeks, 0, leaps) for leaps in (1, -1)],
+        [_Shift(weeks, h, 0) for h in hours],
+        [_Shift(weeks, h, leaps) for h in hours for leaps in (1, -1)],
+    ]
+    for group in groups:
+        found = [shift for shift in group if _agrees(solve, sample, shift.seconds(leap))]
+        if found:
+            return found
+    return []
+
+
+def _agrees(solve: Solve, sample: GnssTable, shift_s: int) -> bool:
+    shifted = replace(sample, t_ns=sample.t_ns + shift_s * NS_PER_S)
+    return solved_share(solve, shifted, tested=True) >= AGREEING
+
+
+def _weeks_to_messages(sample: GnssTable, navigation: NavigationData) -> int:
+    """Return the whole weeks from the log to the messages."""
+    times = navigation.ephemerides.toe_ns
+    if navigation.state_vectors is not None:
+        times = np.concatenate([times, navigation.state_vectors.t_ns])
+    if not len(times):
+        return 0
+    apart_s = (float(np.median(times)) - float(np.median(sample.t_ns))) / NS_PER_S
+    return round(apart_s / WEEK_S)
+
+
+def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Finding:
+    leap = leap_seconds(ns_to_datetime(int(gnss.t_ns[0])))
+    config = flight.config
+    words = [f"{shift.weeks:+d} week(s)"] if shift.weeks else []
+    words += [f"{shift.hours:+d} hour(s)"] if shift.hours else []
+    words += [f"{shift.leaps * leap:+d} leap seconds"] if shift.leaps else []
+    text = f"the pseudoranges agree on a place with the GNSS tags shifted by {' and '.join(words)}"
+    why = "only so do the pseudoranges agree on a place"
+    proposals = []
+    added = shift.hours * HOUR_S
+    if shift.weeks and config.gnss.format == "csv" and config.gnss.counts_in_gps_week:
+        proposals.append(Proposal("gps_week", config.gps_week + shift.weeks, why))
+    else:
+        added += shift.weeks * WEEK_S
+    if shift.leaps:
+        scale = scale_for(config.gnss.time, shift.leaps) if config.gnss.format == "csv" else None
+        if scale is None:
+            added += shift.leaps * leap
+        else:
+            proposals.append(Proposal("gnss.time.scale", scale, why))
+    if added:
+        proposals.append(Proposal("gnss.time.offset_s", round(config.gnss.time.offset_s + added, 3), why))
+    return Finding("error", "gnss", text, "", sure, tuple(proposals))

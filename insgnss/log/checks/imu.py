@@ -1,0 +1,146 @@
+"""What an inertial log shows before any filter runs: its rate, its gaps, gravity at rest, tilt, and the axes."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.gpstime import ns_to_week_seconds
+from insgnss.log.checks.report import Finding
+from insgnss.log.imu.time import GAP_STEPS
+from insgnss.log.imu.windows import Bool, ImuWindows, imu_windows
+from insgnss.tables import Float64, ImuTable, Int64
+
+REST_DIRECTION_RAD: Final = np.deg2rad(0.5)  # f turns less than this from second to second at rest ...
+REST_RATE_CHANGE_RADPS: Final = np.deg2rad(0.5)  # ... and the mean rate changes less than this
+REST_NEAR_G: Final = 0.1
+MIN_REST_WINDOWS: Final = 3
+# as [start] of the filter has it: range rates of a receiver at rest scatter by less
+REST_SPEED_MPS: Final = 0.5
+REST_SIGMAS: Final = 3.0
+SPEED_NEAR_S: Final = 5.0  # between two epochs, for a speed between them
+SLOW_HZ: Final = 20.0  # below: coning and vibration pass between the samples
+# Gravity varies by 0.5 % over the Earth; the rest is accelerometer bias and scale
+GRAVITY_TOLERANCE: Final = 0.01
+LEVEL_TILT_DEG: Final = 20.0  # vehicles park flatter than this
+
+
+class GroundSpeed(NamedTuple):
+    """How fast the vehicle was by the satellites: rest cannot be told from steady motion by inertial sensors."""
+
+    t_ns: Int64  # (m,) GPS time, rising
+    speed_mps: Float64  # (m,)
+    sd_mps: Float64  # (m,)
+
+
+def imu_findings(imu: ImuTable, week: int, speed: GroundSpeed | None = None) -> list[Finding]:
+    """Return what an inertial log shows: rate and jitter, gravity at rest, tilt, suspicion of axes.
+
+    Parameters
+    ----------
+    speed : by the GNSS log; without it, and where it has no common time, what is steady counts as at rest
+    """
+    step_s = np.diff(imu.t_ns) / NS_PER_S
+    median_s = float(np.median(step_s))
+    mean_s = float(step_s[step_s < GAP_STEPS * median_s].mean())
+    first, last = ns_to_week_seconds(imu.t_ns[[0, -1]], week)
+    findings = [
+        Finding(
+            "ok",
+            "imu",
+            f"{len(imu.t_ns)} samples, {first:.3f} to {last:.3f} s of week {week} ({last - first:.1f} s),"
+            f" {1.0 / mean_s:.4g} Hz, steps {1e3 * step_s.min():.4g} to {1e3 * step_s.max():.4g} ms",
+        )
+    ]
+    if 1.0 / mean_s < SLOW_HZ:
+        findings.append(Finding("warning", "imu", f"only {1.0 / mean_s:.3g} Hz: fast motion is lost"))
+    windows = imu_windows(imu, median_s * NS_PER_S)
+    if windows is None:
+        findings.append(
+            Finding("warning", "imu", "shorter than four seconds: nothing can be said about rest and axes")
+        )
+        return findings
+    steady = _resting(windows)
+    known, mps, sd_mps = _speed_at(windows, speed)
+    resting = steady & (mps - REST_SIGMAS * sd_mps < REST_SPEED_MPS) if known.any() else steady
+    if resting.sum() >= MIN_REST_WINDOWS:
+        return findings + _rest_findings(windows, resting, "at rest")
+    moving = steady & known
+    if moving.sum() >= MIN_REST_WINDOWS:
+        where = f"in steady motion at {np.median(mps[moving]):.3g} m/s"
+        return findings + _rest_findings(windows, moving, where)
+    text = "never at rest: units, axes and tilt cannot be judged by gravity"
+    return [*findings, Finding("ok", "imu", text)]
+
+
+def _speed_at(windows: ImuWindows, speed: GroundSpeed | None) -> tuple[Bool, Float64, Float64]:
+    """Return at which windows (m,) the speed is known, by epochs near enough on both sides, the speed and its sigma."""
+    n = len(windows.t_ns)
+    if speed is None or len(speed.t_ns) < 2:
+        return np.zeros(n, np.bool_), np.full(n, np.nan), np.full(n, np.nan)
+    at = np.clip(np.searchsorted(speed.t_ns, windows.t_ns), 1, len(speed.t_ns) - 1)
+    near = speed.t_ns[at] - speed.t_ns[at - 1] <= SPEED_NEAR_S * NS_PER_S
+    known = near & (windows.t_ns >= speed.t_ns[0]) & (windows.t_ns <= speed.t_ns[-1])
+    t_s, epoch_s = ((t_ns - speed.t_ns[0]) / NS_PER_S for t_ns in (windows.t_ns, speed.t_ns))
+    mps, sd_mps = (np.interp(t_s, epoch_s, values) for values in (speed.speed_mps, speed.sd_mps))
+    return known, np.where(known, mps, np.nan), sd_mps
+
+
+def _resting(windows: ImuWindows) -> Bool:
+    """Return (m,) which windows are at rest: f near g and steady in size and direction, rates steady."""
+    turn, _ = windows.turns()
+    size = np.linalg.norm(windows.f_b, axis=1) / STANDARD_GRAVITY_MPS2
+    near = np.abs(size - 1.0) < REST_NEAR_G
+    rate_change = np.linalg.norm(np.diff(windows.w_ib_b, axis=0), axis=1)
+    still = (np.linalg.norm(turn, axis=1) < REST_DIRECTION_RAD) & (rate_change < REST_RATE_CHANGE_RADPS)
+    pairs = windows.pairs & still & near[:-1] & near[1:] & windows.same_side()
+    return np.concatenate((pairs, [False])) | np.concatenate(([False], pairs))
+
+
+def _rest_findings(windows: ImuWindows, resting: Bool, where: str) -> list[Finding]:
+    f_b = np.median(windows.f_b[resting], axis=0)
+    w = np.rad2deg(np.median(windows.w_ib_b[resting], axis=0))
+    size = float(np.median(np.linalg.norm(windows.f_b[resting], axis=1)))
+    off = size / STANDARD_GRAVITY_MPS2 - 1.0
+    seconds = resting.sum() * windows.length_s
+    severity = "ok" if abs(off) <= GRAVITY_TOLERANCE else "warning"
+    advice = "" if severity == "ok" else "accelerometer bias or scale error: choose a grade that admits it"
+    gravity = f"{where} for {seconds:.0f} s: |f| = {size:.4f} m/s^2 ({100.0 * off:+.2f} % of g)"
+    rates = f"{where} the gyros show {w[0]:+.4f} {w[1]:+.4f} {w[2]:+.4f} deg/s"
+    findings = [
+        Finding("warning" if severity == "warning" else "ok", "imu", gravity, advice),
+        Finding("ok", "imu", rates),
+    ]
+    return [*findings, _tilt_finding(f_b, where)]
+
+
+def _tilt_finding(f_b: Float64, where: str) -> Finding:
+    """Judge the axes by f at rest or in steady motion: in forward-right-down axes (0, 0, -g) when level."""
+    roll = float(np.rad2deg(np.arctan2(-f_b[1], -f_b[2])))
+    pitch = float(np.rad2deg(np.arctan2(f_b[0], np.hypot(f_b[1], f_b[2]))))
+    axis = int(np.argmax(np.abs(f_b)))
+    shown = f"f {where} ({f_b[0]:+.2f}, {f_b[1]:+.2f}, {f_b[2]:+.2f}) m/s^2"
+    if axis == 2 and f_b[2] > 0.0:
+        advice = (
+            "turn the sensor's axes into forward-right-down with imu.axes, e.g. ['+x', '-y', '-z'] for z up"
+        )
+        return Finding(
+            "warning", "imu", f"{shown} points along +z: upside down, or the z axis points up", advice
+        )
+    if axis != 2:
+        side = "+" if f_b[axis] > 0.0 else "-"
+        text = f"{shown}: the {side}{'xyz'[axis]} axis points up (roll {roll:.1f}, pitch {pitch:.1f} deg)"
+        return Finding(
+            "warning", "imu", text, "right for a vehicle on its tail or side, else exchange imu.axes"
+        )
+    text = f"{shown}: roll {roll:.2f}, pitch {pitch:.2f} deg"
+    if max(abs(roll), abs(pitch)) > LEVEL_TILT_DEG:
+        return Finding(
+            "warning",
+            "imu",
+            f"{text}: tilted {where}",
+            "give the mounting as imu.mounting_matrix if it is fixed",
+        )
+    return Finding("ok", "imu", text)

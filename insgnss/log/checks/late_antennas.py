@@ -1,0 +1,14 @@
+"""The findings on several antennas, loaded for flights that have them: the rooms behind them take most of a second."""
+
+from __future__ import annotations
+
+from insgnss.log.checks.report import Finding
+from insgnss.log.flight import Flight
+from insgnss.tables import GnssTable
+
+
+def antenna_findings(flight: Flight, main: GnssTable | None) -> list[Finding]:
+    """Return what ``antennas`` says of a flight with an [attitude] block."""
+    from insgnss.log.checks import antennas
+
+    return antennas.antenna_findings(flight, main)

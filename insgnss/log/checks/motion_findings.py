@@ -1,0 +1,159 @@
+"""Axes, gyro unit, time offset and lever arm: the inertial log held against the motion that the satellites show."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.log.checks.axes_findings import axes_findings, decided
+from insgnss.log.checks.axis_search import LOOKED_AT, SURE, Hypothesis, Match, in_motion, is_map, search
+from insgnss.log.checks.declaration import Declared
+from insgnss.log.checks.lever_arm import lever_arm_findings
+from insgnss.log.checks.refinement import ANY_LEVER_M, TAU, Refined, refine
+from insgnss.log.checks.report import Finding, Proposal
+from insgnss.log.checks.stretches import Stretch, inertial_grid, length_for, spans_without_gaps, stretches
+from insgnss.log.checks.time_offset import Timing, offset_findings
+from insgnss.log.checks.track import Track
+from insgnss.log.checks.vehicle_axes import Axes, candidates, relative
+from insgnss.log.flight import Flight
+from insgnss.tables import Float64
+
+EDGE_S: Final = 1.0  # the stretches stay so far inside the inertial log, for the fine shift
+MARGIN_S: Final = 1.5
+REFINED_STRETCHES: Final = 12
+GIVEN_M: Final = 1.0  # how far a given lever arm may be off, while the time offset is sought
+USUAL_LEVER_M: Final = 3.0  # of one that is not given
+UNIT_FITS: Final = 20.0  # a unit that is ruled out by less is only suspected
+
+
+def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: float = 0.0) -> list[Finding]:
+    """Return what the motion says of the inertial log.
+
+    Parameters
+    ----------
+    declared : the log in its own axes, accelerometers in their right unit
+    track : the antenna's way
+    base_s : whole hours or weeks that the inertial tags are off, added to them here
+    """
+    match = match_of(flight, declared, track, base_s)
+    if match is None:
+        return [_no_motion()]
+    match = _weighed(match, flight, declared, track, base_s + match.shift_s)
+    if match.contrast < SURE:
+        return [_unexplained(match)]
+    found = candidates(match.readings, declared.accel, declared.gyro)
+    best = found[0]
+    unit = _unit_findings(declared, best, match)
+    axes = axes_findings(declared, found, match)
+    timing = _timing(flight, declared, track, best, base_s, match.shift_s) if decided(found) else None
+    if timing is None:
+        return [*unit, *axes]
+    times = offset_findings(flight, timing, match.contrast, track.origin_ns)
+    free = np.zeros(3)
+    refined = _refined(flight, declared, track, best.hypothesis, timing.offset_s, free, ANY_LEVER_M)
+    if refined is None:
+        return [*unit, *axes, *times]
+    return [*unit, *axes, *times, *lever_arm_findings(flight, refined, best.accel, declared, track)]
+
+
+def match_of(flight: Flight, declared: Declared, track: Track, base_s: float) -> Match | None:
+    """Return the best hypotheses of axes, unit and time, None without motion in common."""
+    found = _common(flight, declared, track, base_s, 0.35)
+    declared_map = relative(declared.accel, declared.gyro)
+    return search(declared.imu, track.origin_ns, found, declared_map, declared.factors, base_s)
+
+
+def _common(flight: Flight, declared: Declared, track: Track, shift_s: float, edge_s: float) -> list[Stretch]:
+    spans = spans_without_gaps(declared.imu, track.origin_ns, shift_s, edge_s)
+    return stretches(track, length_for(flight.imu_grade), spans)
+
+
+def _weighed(match: Match, flight: Flight, declared: Declared, track: Track, shift_s: float) -> Match:
+    """Return the match with its hypotheses weighed anew with biases and lever arm, unless the declared one leads.
+
+    What the first fit leaves out, a gyro's bias or a long lever arm, must not speak for other axes.
+    """
+    own = relative(declared.accel, declared.gyro)
+    handed = int(np.rint(np.linalg.det(declared.accel)))
+    if any(is_map(one, own, 1.0) and one.handed == handed for one in match.tied):
+        return match
+    seen = [one for one in match.ranked if one.cost < LOOKED_AT or is_map(one, own, 1.0)]
+    refined = [_refined(flight, declared, track, one, shift_s, np.zeros(3), ANY_LEVER_M) for one in seen]
+    costs = np.array([np.inf if one is None else one.cost for one in refined])
+    if not np.isfinite(costs).any():
+        return match
+    costs -= costs.min()
+    order = np.argsort(costs, kind="stable")
+    ranked = [seen[k]._replace(cost=float(costs[k])) for k in order]
+    units = [one.cost for one in ranked if one.factor != ranked[0].factor]
+    return match._replace(ranked=ranked, unit_gap=min(units, default=np.inf))
+
+
+def _timing(
+    flight: Flight, declared: Declared, track: Track, best: Axes, base_s: float, shift_s: float
+) -> Timing | None:
+    """Return the offset by least squares, begun on both sides of the peak too, and what speaks against none."""
+    given = flight.config.gnss.lever_b
+    lever_s = best.accel.T @ np.array(given or (0.0, 0.0, 0.0))
+    lever_sd = USUAL_LEVER_M if given is None else GIVEN_M
+    found = []
+    for begin in (-0.25, 0.0, 0.25):
+        begin_s = base_s + shift_s + begin
+        refined = _refined(flight, declared, track, best.hypothesis, begin_s, lever_s, lever_sd)
+        if refined is not None:
+            offset = begin_s + float(refined.x[TAU])
+            found.append(Timing(offset, float(refined.sd[TAU]), refined.cost, np.inf))
+    if not found:
+        return None
+    timing = min(found, key=lambda one: one.cost)
+    if shift_s != 0.0 or base_s != 0.0:
+        return timing
+    still = _refined(flight, declared, track, best.hypothesis, 0.0, lever_s, lever_sd, 1e-6)
+    return timing if still is None else timing._replace(gain=still.cost - timing.cost)
+
+
+def _refined(
+    flight: Flight,
+    declared: Declared,
+    track: Track,
+    one: Hypothesis,
+    shift_s: float,
+    lever_s: Float64,
+    lever_sd_m: float,
+    time_sd_s: float = 2.0,
+) -> Refined | None:
+    chosen = in_motion(_common(flight, declared, track, shift_s, EDGE_S))[:REFINED_STRETCHES]
+    if not chosen:
+        return None
+    grid = inertial_grid(declared.imu, track.origin_ns, chosen, MARGIN_S, shift_s)
+    gyro_map = one.factor * one.gyro_map
+    return refine(chosen, grid, gyro_map, one.handed, lever_s, lever_sd_m, time_sd_s)
+
+
+def _no_motion() -> Finding:
+    text = (
+        "no motion that stands out of the noise while both logs run: neither forward axis nor gyro unit nor time offset"
+        " can be seen"
+    )
+    return Finding("ok", "motion", text, "a minute with two turns, or a run and a stop, decides them")
+
+
+def _unexplained(match: Match) -> Finding:
+    text = (
+        f"nothing tried makes the inertial log explain the GNSS velocities (best rms {match.rms_mps:.2g} m/s): 48 axis"
+        " mappings, both gyro units, shifts of 22 s"
+    )
+    return Finding("warning", "motion", text, "is it the inertial log of this drive?")
+
+
+def _unit_findings(declared: Declared, best: Axes, match: Match) -> list[Finding]:
+    if best.factor == 1.0:
+        return []
+    unit = declared.units[declared.factors.index(best.factor)]
+    how = f"log likelihood {match.unit_gap / 2.0:.0f} above any other"
+    text = f"the gyros turn {1.0 / best.factor:.3g} times as far as the course does: their unit is {unit}"
+    if match.unit_gap < UNIT_FITS:
+        return [Finding("warning", "motion", text, f"suspected gyro_unit = '{unit}'; more turns decide", how)]
+    proposal = Proposal("imu.gyro_unit", unit, "the turns of the GNSS course ask for it")
+    return [Finding("error", "motion", text, "", f"sure: {how}", (proposal,))]

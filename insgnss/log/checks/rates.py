@@ -1,0 +1,187 @@
+"""Range rates held against the change of the pseudoranges: sign and unit, and steps of the receiver's clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.flight import Gnss
+from insgnss.config.log_table import NO_COLUMN
+from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.gnss.signals import wavelength_m
+from insgnss.gpstime import ns_to_week_seconds
+from insgnss.log.checks.report import Finding, Proposal
+from insgnss.tables import Float64, GnssTable, Int64
+
+Bool = npt.NDArray[np.bool_]
+
+MAX_PAIR_S: Final = 5.0  # a longer step lets the range rate change too much to be compared with the mean
+MIN_PAIRS: Final = 10
+# Differences of range rate between satellites below this say nothing about sign and unit
+MIN_RATE_MPS: Final = 30.0
+SLOPE_TOLERANCE: Final = 0.15
+# A common step of half a microsecond: no receiver clock wanders so far within an epoch
+CLOCK_JUMP_M: Final = 150.0  # half a microsecond within an epoch
+# Jumps of one receiver are of one size, or a whole multiple of it where epochs are missing, to this share
+JUMP_TOLERANCE: Final = 0.05
+_SURE: Final = "sure: the ratio is that of the median of all satellites"
+
+
+@dataclass(frozen=True)
+class RatePairs:
+    """The same satellite and signal in two successive epochs."""
+
+    epoch: Int64  # (p,) index of the later epoch
+    from_code: Float64  # (p,) change of pseudorange over time [m/s]
+    from_rate: Float64  # (p,) mean of the two range rates [m/s]
+    dt_s: Float64  # (p,)
+
+
+def rate_pairs(gnss: GnssTable, t_ns: Int64, starts: Int64, rate: Float64) -> RatePairs:
+    """Return the rows that have the same satellite and signal in the epoch before, the first where it stands twice."""
+    epoch = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    channel = gnss.sv.astype(np.int64) * len(gnss.signal_names) + gnss.signal
+    keys, row = np.unique(channel * (len(t_ns) + 1) + epoch, return_index=True)
+    later = np.flatnonzero(np.diff(keys) == 1) + 1
+    a, b = row[later - 1], row[later]
+    dt_s = (gnss.t_ns[b] - gnss.t_ns[a]) / NS_PER_S
+    pairs = RatePairs(
+        epoch[b], (gnss.pseudorange_m[b] - gnss.pseudorange_m[a]) / dt_s, 0.5 * (rate[a] + rate[b]), dt_s
+    )
+    used = (dt_s <= MAX_PAIR_S) & np.isfinite(pairs.from_code) & np.isfinite(pairs.from_rate)
+    return RatePairs(pairs.epoch[used], pairs.from_code[used], pairs.from_rate[used], dt_s[used])
+
+
+def _common(values: Float64, epoch: Int64) -> tuple[Float64, Int64]:
+    """Return the median of the values of each epoch, and the epochs."""
+    order = np.lexsort((values, epoch))
+    distinct, start, count = np.unique(epoch[order], return_index=True, return_counts=True)
+    middle = values[order]
+    return 0.5 * (middle[start + (count - 1) // 2] + middle[start + count // 2]), distinct
+
+
+def rate_findings(gnss: GnssTable, pairs: RatePairs, config: Gnss) -> list[Finding]:
+    """Compare range rates with the change of the pseudoranges, both against the epoch's median (no receiver clock)."""
+    if not len(pairs.epoch):
+        return []
+    code = pairs.from_code - _spread(pairs.from_code, pairs.epoch)
+    rate = pairs.from_rate - _spread(pairs.from_rate, pairs.epoch)
+    fast = (np.abs(code) > MIN_RATE_MPS) & (rate != 0.0)
+    if fast.sum() < MIN_PAIRS:
+        return [Finding("ok", "gnss", "too little relative motion to judge sign and unit of the range rates")]
+    slope = float(np.median(code[fast] / rate[fast]))
+    return [_slope_finding(slope, gnss, config)]
+
+
+def _spread(values: Float64, epoch: Int64) -> Float64:
+    """Return each epoch's median at each of its rows."""
+    middle, distinct = _common(values, epoch)
+    return middle[np.searchsorted(distinct, epoch)]
+
+
+def _slope_finding(slope: float, gnss: GnssTable, config: Gnss) -> Finding:
+    logged = "range_rate_mps" if np.isfinite(gnss.range_rate_mps).any() else "doppler_hz"
+    if abs(slope - 1.0) < SLOPE_TOLERANCE:
+        return Finding("ok", "gnss", f"range rates agree with the pseudoranges (ratio {slope:.3f})")
+    if abs(slope + 1.0) < SLOPE_TOLERANCE:
+        advice = (
+            "Doppler has the RINEX sign, positive when the distance shrinks; a range rate the opposite one"
+        )
+        text = f"range-rate sign reversed: {logged} runs against the pseudoranges"
+        return Finding("error", "gnss", text, advice, _SURE, (_other_sign(config),))
+    # the column holds the other quantity: with its own sign, or with the sign of what it was taken for
+    turned = (_other_sign(config),) if slope > 0.0 else ()
+    wavelength = _usual_wavelength_m(gnss)
+    if logged == "range_rate_mps" and abs(abs(slope) / wavelength - 1.0) < SLOPE_TOLERANCE:
+        sign = " and the sign of a range rate" if slope > 0.0 else ", with the sign of Doppler"
+        proposals = (*_mapped(config, "doppler", "range_rate"), *turned)
+        advice = "map the column as gnss.columns.doppler"
+        return Finding(
+            "error", "gnss", f"range_rate_mps looks like Doppler in Hz{sign}", advice, _SURE, proposals
+        )
+    if logged == "doppler_hz" and abs(abs(slope) * wavelength - 1.0) < SLOPE_TOLERANCE:
+        sign = " with the sign of a range rate" if slope < 0.0 else ""
+        proposals = (*_mapped(config, "range_rate", "doppler"), *turned)
+        advice = "map the column as gnss.columns.range_rate if it is positive when the distance grows"
+        text = f"doppler_hz looks like metres per second{sign}"
+        return Finding("error", "gnss", text, advice, _SURE, proposals)
+    text = f"range rates and pseudoranges disagree: pseudoranges change {slope:.3g} times as fast"
+    return Finding("error", "gnss", text, "check the unit and the signal codes")
+
+
+def _other_sign(config: Gnss) -> Proposal:
+    value = "reversed" if config.rate_sign == "standard" else "standard"
+    return Proposal("gnss.rate_sign", value, "the range rates run against the change of the pseudoranges")
+
+
+def _mapped(config: Gnss, wanted: str, logged: str) -> tuple[Proposal, ...]:
+    """Return the mapping of the column that is read as ``logged`` to ``wanted``."""
+    if config.format != "csv":
+        return ()
+    column = str(getattr(config.columns, logged))
+    why = f"'{column}' changes with the pseudoranges as a {wanted.replace('_', ' ')} does"
+    return (
+        Proposal(f"gnss.columns.{wanted}", column, why),
+        Proposal(f"gnss.columns.{logged}", NO_COLUMN, why),
+    )
+
+
+def _usual_wavelength_m(gnss: GnssTable) -> float:
+    """Return the wavelength of the log's most frequent signal, of GLONASS that of channel 0 [m]."""
+    n = max(len(gnss.signal_names), 1)
+    pairs, count = np.unique(gnss.sv.astype(np.int64) * n + gnss.signal, return_counts=True)
+    most = int(pairs[np.argmax(count)])
+    return wavelength_m(gnss.sv_names[most // n][0], gnss.signal_names[most % n], 0)
+
+
+def jump_findings(pairs: RatePairs, t_ns: Int64, week: int) -> list[Finding]:
+    """Report common steps of all pseudoranges against the range rates."""
+    if not len(pairs.epoch):
+        return []
+    step_m, at = _common((pairs.from_code - pairs.from_rate) * pairs.dt_s, pairs.epoch)
+    real, leaps = clock_jumps(step_m)
+    findings = []
+    if len(real):
+        first = float(ns_to_week_seconds(t_ns[at[real[0]]], week))
+        size = float(np.median(np.abs(step_m[real]))) / C_MPS * 1e3
+        text = f"the receiver's clock jumps {len(real)} time(s), typically by {size:.3g} ms, first at {first:.3f} s"
+        findings.append(Finding("ok" if len(real) < 0.5 * len(at) else "warning", "gnss", text))
+    if len(leaps):
+        first = float(ns_to_week_seconds(t_ns[at[leaps[0]]], week))
+        findings.append(leaps_finding(step_m[leaps], f", first at {first:.3f} s"))
+    return findings
+
+
+def clock_jumps(step_m: Float64) -> tuple[Int64, Int64]:
+    """Return where a receiver's clock jumps, and where it leaps and does not, of (n,) steps beyond its drift [m]."""
+    beyond = np.flatnonzero(np.abs(step_m) > CLOCK_JUMP_M)
+    agree = jumps_that_agree(step_m[beyond])
+    return beyond[agree], beyond[~agree]
+
+
+def jumps_that_agree(size_m: Float64) -> Bool:
+    """Return (n,) which leaps of the clock are jumps of a receiver: all of one sign and size, or multiples of it.
+
+    One alone is a jump; of several that do not agree none is.
+    """
+    if len(size_m) < 2:
+        return np.ones(len(size_m), np.bool_)
+    times = np.rint(size_m[None, :] / size_m[:, None])  # of each row's size
+    off_m = np.abs(size_m[None, :] - times * size_m[:, None])
+    fits = (times >= 1.0) & (off_m <= np.maximum(CLOCK_JUMP_M, JUMP_TOLERANCE * np.abs(size_m[:, None])))
+    fits &= np.abs(size_m[:, None]) > 2.0 * CLOCK_JUMP_M  # of a smaller one nearly everything is a multiple
+    best = fits[np.argmax(fits.sum(axis=1))]
+    return np.asarray(best if best.sum() > 1 else np.zeros(len(size_m), np.bool_))
+
+
+def leaps_finding(size_m: Float64, where: str = "") -> Finding:
+    """Return what leaps of the clock are that do not agree in size: epochs with a wrong position."""
+    least, most = np.abs(size_m).min() / C_MPS * 1e3, np.abs(size_m).max() / C_MPS * 1e3
+    text = (
+        f"the clock leaps {len(size_m)} time(s) by {least:.2g} to {most:.2g} ms, no two of one size{where}: bad epochs,"
+        " not jumps of the receiver's clock"
+    )
+    return Finding("warning", "gnss", text, "'insgnss point' shows their residuals")

@@ -1,0 +1,159 @@
+"""Time offset, lever arm and sensor biases by least squares over the stretches, once the axes are known.
+
+Per stretch, with Q C the attitude and U the gained velocity of ``motion_fit``, the velocity freed from gravity is
+
+    s = s_0 + Q U + [theta x]^T Q U - tau Q C f - Q B b_a + Q D b_g + Q C (w x l),
+    B = integral of C dt,   D = integral of [(C f) x] B dt
+
+linear in the start s_0, the small turn theta, the shift tau of the inertial tags, the biases (measured minus true) and
+the lever arm l in sensor axes. s_0 and theta belong to a stretch and are projected out of it; the rest is common.
+Rows are weighed by Huber's weights. Neglects: scale factors (a part goes into b_a), motion of the biases.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from insgnss.log.checks.motion_fit import MODEL_SIGMA_MPS, Path, at_times, best_rotation, integrate, rotate
+from insgnss.log.checks.stretches import SPACING_S, STEP_S, InertialGrid, Stretch
+from insgnss.tables import Float64
+
+N_COMMON: Final = 10
+TAU: Final = 0
+BIAS_A: Final = slice(1, 4)
+BIAS_G: Final = slice(4, 7)
+LEVER: Final = slice(7, 10)
+# Velocities of a receiver nearer in time than this share a good part of their errors [s]
+CORRELATION_S: Final = 2.0
+HUBER: Final = 1.5
+RATE_OVER_S: Final = 0.2  # the rate that moves the antenna is the mean over this
+# What is known before the fit: more would have been seen already; no antenna is farther away
+ANY_LEVER_M: Final = 30.0
+PRIOR: Final = np.array([*[0.5] * 3, *[0.02] * 3])  # biases [m/s^2, rad/s]
+
+
+class Refined(NamedTuple):
+    """Estimates in sensor axes with their sigmas, which count correlated epochs once."""
+
+    x: Float64  # (10,) tau [s], b_a [m/s^2], b_g [rad/s], lever arm [m]
+    P: Float64  # (10, 10)
+    rms_mps: float  # of what is left of a velocity component
+    cost: float  # -2 log likelihood, for comparing hypotheses on the same stretches
+
+    @property
+    def sd(self) -> Float64:
+        """One sigma of each."""
+        return np.sqrt(np.diag(self.P))
+
+
+def refine(
+    chosen: list[Stretch],
+    grid: InertialGrid,
+    gyro_map: Float64,
+    handed: int,
+    lever_s: Float64,
+    lever_sd_m: float = ANY_LEVER_M,
+    time_sd_s: float = 2.0,
+) -> Refined:
+    """Return the estimates from stretches, the gyros' columns mapped by ``gyro_map`` (3, 3).
+
+    Parameters
+    ----------
+    chosen, grid : with motion; the margin of the grid must hold the offset
+    handed : det Q, +1 for right-handed accelerometers
+    lever_s, lever_sd_m : what is known of the lever arm, sensor axes: in a flat turn its forward part looks like an
+        offset of time
+    time_sd_s : what is known of the offset; next to nothing holds it at zero
+    """
+    path = integrate(grid, gyro_map[None])
+    prior = np.concatenate(([time_sd_s], PRIOR, np.full(3, lever_sd_m)))
+    known = np.concatenate((np.zeros(7), lever_s))
+    x, P, rms = known.copy(), np.diag(prior**2), float("nan")
+    nodes = [_node_values(grid, path, i) for i in range(len(chosen))]
+    for _ in range(4):
+        parts = [
+            _rows(stretch, nodes[i], float(grid.start_s[i]), gyro_map, handed, x)
+            for i, stretch in enumerate(chosen)
+        ]
+        scale = 1.4826 * float(np.median(np.abs(np.concatenate([r for _, r in parts]))))
+        N, rhs, squares, count = _normal(parts, max(scale, 1e-3))
+        variance = max(squares / max(count, 1.0), 1e-6) * max(1.0, CORRELATION_S / _spacing(chosen))
+        P = np.linalg.inv(N / variance + np.diag(1.0 / prior**2))
+        x = x + P @ (rhs / variance - (x - known) / prior**2)
+        rms = float(np.sqrt(squares / max(count, 1.0)))
+    rows = sum(len(r) for _, r in parts) / max(1.0, CORRELATION_S / _spacing(chosen))
+    return Refined(x, P, rms, rows * float(np.log(rms**2 + MODEL_SIGMA_MPS**2)))
+
+
+def _spacing(chosen: list[Stretch]) -> float:
+    return max(SPACING_S, float(np.median(np.diff(chosen[0].t_s))))
+
+
+def _normal(parts: list[tuple[Float64, Float64]], scale: float) -> tuple[Float64, Float64, float, float]:
+    """Return the normal matrix, its right side, the weighted squares and their number of redundant rows."""
+    N, rhs = np.zeros((N_COMMON, N_COMMON)), np.zeros(N_COMMON)
+    squares = count = 0.0
+    for rows, residual in parts:
+        weight = np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-12))
+        root = np.sqrt(weight)[:, None]
+        local, _ = np.linalg.qr(rows[:, N_COMMON:] * root)
+        common, left = rows[:, :N_COMMON] * root, residual * root[:, 0]
+        common = common - local @ (local.T @ common)
+        left = left - local @ (local.T @ left)
+        N += common.T @ common
+        rhs += common.T @ left
+        squares += float(left @ left)
+        count += len(left) - 6.0
+    return N, rhs, squares, count
+
+
+def _rows(
+    stretch: Stretch, nodes: Float64, start_s: float, gyro_map: Float64, handed: int, x: Float64
+) -> tuple[Float64, Float64]:
+    """Return (3 k, 16) derivatives and (3 k,) residuals of a stretch at the present estimate."""
+    now = at_times(nodes[None], start_s, stretch.t_s - x[TAU])[0]
+    gained, force, B, D, C, w = np.split(now, [3, 6, 15, 24, 33], axis=1)
+    k = len(now)
+    B, D, C = (part.reshape(k, 3, 3) for part in (B, D, C))
+    rate = w @ gyro_map.T - x[BIAS_G]
+    arm = np.cross(rate, x[LEVER])
+    model = gained - B @ x[BIAS_A] + D @ x[BIAS_G] + np.einsum("kij,kj->ki", C, arm)
+    centred, seen = model - model.mean(axis=0), stretch.s_e - stretch.s_e.mean(axis=0)
+    Q = best_rotation(seen, centred, handed)
+    rows = np.zeros((k, 3, N_COMMON + 6))
+    rows[:, :, TAU] = -force @ Q.T
+    rows[:, :, BIAS_A] = -Q @ B
+    rows[:, :, BIAS_G] = Q @ D
+    rows[:, :, LEVER] = Q @ C @ _cross_matrix(rate)
+    rows[:, :, N_COMMON : N_COMMON + 3] = -_cross_matrix(centred @ Q.T)
+    rows[:, :, N_COMMON + 3 :] = np.eye(3)
+    residual = seen - centred @ Q.T
+    return rows.reshape(3 * k, -1), residual.ravel()
+
+
+def _node_values(grid: InertialGrid, path: Path, i: int) -> Float64:
+    """Return (n, 36) of one stretch: U, C f, B, D, C at the nodes, and the gyros' own rate about them."""
+    q, gained = path.q[0, i], path.gained[0, i]
+    n = len(q)
+    C = np.stack([rotate(q, np.broadcast_to(unit, (n, 3))) for unit in np.eye(3)], axis=-1)
+    force = np.gradient(gained, STEP_S, axis=0)
+    B = np.cumsum(C, axis=0) * STEP_S
+    middle = n // 2
+    B -= B[middle]  # biases turn and push from the middle on: better conditioned, and s_0 takes the rest
+    D = np.cumsum(_cross_matrix(force) @ B, axis=0) * STEP_S
+    D -= D[middle]
+    over = max(1, round(RATE_OVER_S / STEP_S))
+    padded = np.concatenate((grid.theta[i], grid.theta[i, -1:])) / STEP_S
+    kernel = np.ones(over) / over
+    w = np.stack([np.convolve(padded[:, axis], kernel, mode="same") for axis in range(3)], axis=1)
+    flat = [part.reshape(n, 9) for part in (B, D, C)]
+    return np.concatenate((gained, force, *flat, w), axis=1)
+
+
+def _cross_matrix(v: Float64) -> Float64:
+    """Return [v x] of each of (k, 3) vectors, (k, 3, 3)."""
+    zero = np.zeros(len(v))
+    x, y, z = v.T
+    return np.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=1).reshape(-1, 3, 3)

@@ -1,0 +1,268 @@
+"""Further sensors held against the satellites: rate and gaps, unit, sign, mounting and time of each.
+
+GNSS alone gives the antenna's position, velocity and, in motion, its course. Each sensor is compared with the one that
+it measures: a factor, an offset or a turn that no noise explains is told, with the key that would mend it. Lever arms
+are neglected: metres and tenths of m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from insgnss.config.sensors import Sensor
+from insgnss.constants import NS_PER_S
+from insgnss.errors import InsGnssError
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.local_level import ecef_to_ned_matrix
+from insgnss.geodesy.sea_level import geoid_height
+from insgnss.log.checks.report import Finding, Severity, from_events
+from insgnss.log.checks.track import Track
+from insgnss.log.flight import Flight
+from insgnss.log.imu.sensor_csv import read_sensor
+from insgnss.tables import Float64, ImuTable, SensorTable
+from insgnss.units import SI_PER_UNIT
+
+_LEAST_POINTS: Final = 10
+_MOVING_MPS: Final = 3.0
+_GAP_STEPS: Final = 5.0
+_FACTOR: Final = 1.1  # of an odometer: tyres differ by less
+_SHIFTS_S: Final = np.arange(-30, 31) / 10.0
+_SURE_SHIFT: Final = 0.5  # the residual's variance falls at least to this share
+_LEAST_SHIFT_S: Final = 0.2
+_CLIMB_M: Final = 30.0  # of height that a barometer's slope can be told from
+_TURN_DEG: Final = 20.0  # a heading further from the course than a vehicle crabs
+_STRAY_M: Final = 30.0
+_STRAY_MPS: Final = 1.0
+
+
+class _Common(NamedTuple):
+    """GNSS at the times of a sensor's readings."""
+
+    t_s: Float64  # (m,) of the readings, after the track's origin
+    values: Float64  # (m, k)
+    v_n: Float64  # (m, 3)
+    place: Float64  # (m, 3) latitude, longitude [rad], height [m]
+    gnss: _Gnss
+
+    @property
+    def speed(self) -> Float64:
+        return np.asarray(np.linalg.norm(self.v_n[:, :2], axis=1))
+
+
+class _Gnss(NamedTuple):
+    """The track, local level."""
+
+    t_s: Float64
+    v_n: Float64
+    place: Float64
+
+
+def sensor_findings(flight: Flight, track: Track | None, imu: ImuTable | None) -> list[Finding]:
+    """Return what is found of each further sensor; one whose log cannot be read is a finding too."""
+    gnss = None if track is None or len(track.t_s) < _LEAST_POINTS else _local(track)
+    findings = []
+    for config in flight.config.sensor:
+        if not config.files:
+            findings.append(Finding("ok", config.label, "has no log: its values come live"))
+            continue
+        try:
+            table, events = read_sensor(config, flight.config.gps_week)
+        except InsGnssError as error:
+            text = f"{error.place()}: {error.message}" if error.place() else error.message
+            findings.append(Finding("error", config.label, text, error.advice))
+            continue
+        findings += from_events(config.label, events, frozenset({"columns_not_read", "csv_delimiter"}))
+        findings.append(_rate(config, table))
+        if imu is not None and (table.t_ns[-1] < imu.t_ns[0] or table.t_ns[0] > imu.t_ns[-1]):
+            text = "no time in common with the inertial log"
+            findings.append(Finding("warning", config.label, text, "check its time.unit, origin, offset_s"))
+        elif gnss is not None and track is not None:
+            common = _common(table, gnss, track.origin_ns)
+            if len(common.t_s) >= _LEAST_POINTS:
+                findings += _CHECKS[config.kind](config, common)
+    return findings
+
+
+def _local(track: Track) -> _Gnss:
+    place, v_n, C_ne = np.zeros((len(track.t_s), 3)), np.zeros((len(track.t_s), 3)), np.zeros((3, 3))
+    for k, (r_e, v_e) in enumerate(zip(track.r_e, track.v_e, strict=True)):
+        place[k] = ecef_to_geodetic(r_e)
+        ecef_to_ned_matrix(place[k, 0], place[k, 1], C_ne)
+        v_n[k] = C_ne @ v_e
+    return _Gnss(track.t_s, v_n, place)
+
+
+def _at(gnss: _Gnss, t_s: Float64, of: Float64) -> Float64:
+    return np.column_stack([np.interp(t_s, gnss.t_s, of[:, k]) for k in range(3)])
+
+
+def _common(table: SensorTable, gnss: _Gnss, origin_ns: int) -> _Common:
+    """Return the readings within two seconds of a GNSS epoch, and GNSS at their times."""
+    t_s = (table.t_ns - origin_ns) / NS_PER_S
+    near = np.clip(np.searchsorted(gnss.t_s, t_s), 1, len(gnss.t_s) - 1)
+    away = np.minimum(np.abs(gnss.t_s[near] - t_s), np.abs(gnss.t_s[near - 1] - t_s))
+    good = np.isfinite(table.values[:, :2]).all(axis=1) & (away < 2.0)
+    t_s = t_s[good]
+    return _Common(t_s, table.values[good], _at(gnss, t_s, gnss.v_n), _at(gnss, t_s, gnss.place), gnss)
+
+
+def _rate(config: Sensor, table: SensorTable) -> Finding:
+    """Return how many readings there are, how often, and the longest gap."""
+    text = f"{len(table.t_ns)} readings"
+    if len(table.t_ns) < 3:
+        return Finding("warning", config.label, text)
+    step_s = np.diff(table.t_ns) / NS_PER_S
+    usual, longest = float(np.median(step_s)), float(step_s.max())
+    text += f" at {1.0 / usual:.3g} Hz, longest gap {longest:.3g} s"
+    severity: Severity = "warning" if longest > max(_GAP_STEPS * usual, 1.0) else "ok"
+    return Finding(severity, config.label, text)
+
+
+def _shift(common: _Common, measured: Float64, of: Callable[[Float64], Float64]) -> list[str]:
+    """Return the time offset that fits far better than none, in words: what is to be added to the tags."""
+    rms = [float(np.std(measured - of(common.t_s + shift))) for shift in _SHIFTS_S]
+    best, none = int(np.argmin(rms)), rms[len(_SHIFTS_S) // 2]
+    if abs(_SHIFTS_S[best]) < _LEAST_SHIFT_S or rms[best] ** 2 > _SURE_SHIFT * none**2:
+        return []
+    return [f"its time tags are off: add {_SHIFTS_S[best]:+.1f} s by time.offset_s"]
+
+
+def _odometer(config: Any, common: _Common) -> list[Finding]:
+    moving = common.speed > _MOVING_MPS
+    if moving.sum() < _LEAST_POINTS:
+        return [Finding("ok", config.label, "the vehicle does not move: not compared with GNSS")]
+    z, speed = common.values[moving, 0], common.speed[moving]
+    factor = float(np.median(z / speed))
+    told = []
+    if not 1.0 / _FACTOR < abs(factor) < _FACTOR:
+        units = [u for u in ("m/s", "km/h", "mph", "kn") if config.metres_per_count is None]
+        fits = [u for u in units if abs(abs(factor) * SI_PER_UNIT[u] / SI_PER_UNIT[config.unit] - 1.0) < 0.05]
+        told.append(f"the unit fits {' or '.join(fits)}" if fits else "check its unit or metres_per_count")
+    if factor < 0.0 or (np.abs(z).sum() > 2.0 * np.abs(z.sum())):
+        told.append("its sign is against the motion: is it mounted or counted backwards?")
+    gnss = common.gnss
+    ground = np.linalg.norm(gnss.v_n[:, :2], axis=1)
+    told += _shift(common, np.abs(common.values[:, 0] / factor), lambda t: np.interp(t, gnss.t_s, ground))
+    return [_judged(config, f"{factor:.3f} times the speed by GNSS", told)]
+
+
+def _barometer(config: Any, common: _Common) -> list[Finding]:
+    z, h = common.values[:, 0], common.place[:, 2]
+    offset = float(np.median(z - h))
+    text = f"{offset:+.0f} m against the height by GNSS"
+    told = []
+    if np.ptp(h) > _CLIMB_M:
+        slope = float(np.polyfit(h, z, 1)[0])
+        text += f", {slope:.2f} m per metre"
+        if not 0.8 < slope < 1.25:
+            told.append("its height does not follow: check its unit (hPa, Pa, kPa, m, ft) and its sign")
+        told += _shift(common, z, lambda t: np.interp(t, common.gnss.t_s, common.gnss.place[:, 2]))
+    if abs(offset) > 4.0 * config.offset_sigma_m:
+        told.append("the offset is beyond its sigma: check its unit, or give a larger offset_sigma_m")
+    return [_judged(config, text, told)]
+
+
+def _heading_against_course(config: Any, common: _Common, heading: Float64, declared: str) -> list[Finding]:
+    moving = common.speed > _MOVING_MPS
+    if moving.sum() < _LEAST_POINTS:
+        return [Finding("ok", config.label, "the vehicle does not move: not compared with the course")]
+    course = np.arctan2(common.v_n[moving, 1], common.v_n[moving, 0])
+    away, spread = _mean_turn(heading[moving] - course)
+    _, reversed_spread = _mean_turn(-heading[moving] - course)
+    text = f"{away:+.1f} deg against the course of GNSS, spread {spread:.1f} deg"
+    told = []
+    if reversed_spread < 0.3 * spread:
+        told.append("it turns the other way: check its sign or axes")
+    elif spread > 2.0 * _TURN_DEG:
+        told.append("it does not follow the course: check its unit, axes and time")
+    elif abs(away) > _TURN_DEG:
+        told.append(f"a fixed turn: {declared}, or the vehicle goes backwards")
+    return [_judged(config, text, told)]
+
+
+def _mean_turn(turn: Float64) -> tuple[float, float]:
+    """Return mean and spread [deg] of angles on a circle."""
+    mean = np.angle(np.mean(np.exp(1j * turn)))
+    rest = np.angle(np.exp(1j * (turn - mean)))
+    return float(np.degrees(mean)), float(np.degrees(np.sqrt(np.mean(rest**2))))
+
+
+def _heading(config: Any, common: _Common) -> list[Finding]:
+    return _heading_against_course(config, common, common.values[:, 0], "give it by offset_deg")
+
+
+def _attitude(config: Any, common: _Common) -> list[Finding]:
+    good = np.isfinite(common.values[:, 2])
+    if not good.any():
+        return []
+    kept = common._replace(t_s=common.t_s[good], v_n=common.v_n[good], place=common.place[good])
+    return _heading_against_course(config, kept, common.values[good, 2], "give it by mounting_rpy_deg")
+
+
+def _magnetometer(config: Any, common: _Common) -> list[Finding]:
+    """Compare the level heading: roll and pitch are neglected, 2 deg for each degree where the field dips by 63 deg."""
+    m = common.values
+    heading = np.arctan2(-m[:, 1], m[:, 0]) + np.radians(config.declination_deg)
+    findings = _heading_against_course(config, common, heading, "check axes and declination_deg")
+    level = float(np.median(np.hypot(m[:, 0], m[:, 1])))
+    text = f"horizontal field {level:.1f} uT, declared {config.horizontal_ut:g}"
+    told = [] if 0.5 < level / config.horizontal_ut < 2.0 else ["check its unit, axes and horizontal_ut"]
+    return [*findings, _judged(config, text, told)]
+
+
+def _position(config: Any, common: _Common) -> list[Finding]:
+    radius = 6.371e6
+    lat, lon, h = (common.values - common.place).T
+    apart = np.column_stack([lat * radius, lon * radius * np.cos(common.place[:, 0])])
+    n, e = np.median(apart, axis=0)
+    up = float(np.nanmedian(h)) if np.isfinite(h).any() else np.nan
+    text = f"{n:+.1f} m north, {e:+.1f} m east, {up:+.1f} m up of the solution by pseudoranges"
+    told = []
+    speed2 = np.sum(common.v_n[:, :2] ** 2, axis=1)
+    moving = speed2 > _MOVING_MPS**2
+    if moving.sum() >= _LEAST_POINTS:
+        late_s = float(np.median(np.sum(apart * common.v_n[:, :2], axis=1)[moving] / speed2[moving]))
+        across = apart[moving] - late_s * common.v_n[moving, :2]
+        if abs(late_s) > 0.5 and np.median(np.abs(across)) < 0.5 * np.median(np.abs(apart[moving])):
+            told.append(f"its time tags are off: add {late_s:+.1f} s by time.offset_s")
+    if not told and np.hypot(n, e) > _STRAY_M:
+        told.append("check the order of its columns, its frame and its datum")
+    geoid = float(geoid_height(*np.degrees(common.place[:1, :2].T))[0])
+    if abs(up) > 10.0 and abs(up + geoid) < 0.5 * abs(up):
+        told.append("its heights are above sea level: height = 'sea_level'")
+    return [_judged(config, text, told)]
+
+
+def _velocity(config: Any, common: _Common) -> list[Finding]:
+    apart = common.values - common.v_n
+    rms = float(np.sqrt(np.nanmedian(apart[:, :2] ** 2)))
+    swapped = float(np.sqrt(np.nanmedian((common.values[:, (1, 0)] - common.v_n[:, :2]) ** 2)))
+    told = []
+    if rms > _STRAY_MPS:
+        other = "enu" if config.axes == "ned" else "ned"
+        advice = "check its axes, unit and time"
+        told.append(f"axes = '{other}' fits" if swapped < 0.3 * rms else advice)
+    gnss = common.gnss
+    ground = np.linalg.norm(gnss.v_n[:, :2], axis=1)
+    if np.isfinite(common.values[:, :2]).all():
+        level = np.linalg.norm(common.values[:, :2], axis=1)
+        told += _shift(common, level, lambda t: np.interp(t, gnss.t_s, ground))
+    return [_judged(config, f"{rms:.2f} m/s from the velocity by range rates (median, horizontal)", told)]
+
+
+def _judged(config: Any, text: str, told: list[str]) -> Finding:
+    return Finding("warning" if told else "ok", config.label, text, "; ".join(told))
+
+
+_CHECKS: Final[dict[str, Callable[[Any, _Common], list[Finding]]]] = {
+    "odometer": _odometer,
+    "barometer": _barometer,
+    "magnetometer": _magnetometer,
+    "heading": _heading,
+    "attitude": _attitude,
+    "position": _position,
+    "velocity": _velocity,
+}

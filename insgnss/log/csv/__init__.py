@@ -1,0 +1,1 @@
+"""Readers and writers of CSV tables: dialects, times, cells, columns."""

@@ -1,0 +1,121 @@
+"""Which columns of a CSV file are read, how strictly, and where they stand in the file."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.errors import ColumnError
+from insgnss.log.csv.calendar import Calendar
+from insgnss.log.csv.dialect import Dialect, column_number, is_data
+from insgnss.tables import Event, Float64, Int64
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which columns of a file are read, and how strictly.
+
+    A row whose ``numeric`` or ``exact`` cell is not a finite number is refused. An ``optional`` column may be absent,
+    its cells may be empty (NaN); a cell that is neither empty nor a finite number is NaN and listed in ``bad_cells``.
+    ``exact`` columns are returned as integers in units of 10^-digits, ``calendar`` ones as GPS time [ns] under the name
+    of the column of times. ``text`` columns must exist, ``optional_text`` ones may. ``decimal`` is the mark before the
+    decimals of all numbers. The numbers of columns named ``together`` lie side by side in memory where the file has all
+    of them. What is ``chosen``, named by the user and not by default, must exist even where it is optional.
+    """
+
+    numeric: Sequence[str] = ()
+    optional: Sequence[str] = ()
+    text: Sequence[str] = ()
+    optional_text: Sequence[str] = ()
+    exact: Mapping[str, int] = field(default_factory=dict)
+    together: Sequence[str] = ()
+    chosen: Sequence[str] = ()
+    calendar: Calendar | None = None
+    decimal: str = "."
+
+    @property
+    def dates(self) -> tuple[str, ...]:
+        """The columns of dates and times: none, one or two."""
+        return () if self.calendar is None else self.calendar.columns
+
+    @property
+    def integers(self) -> tuple[str, ...]:
+        """The names under which integers are returned."""
+        return (*self.exact, *self.dates[-1:])
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """The names that the file must have."""
+        return (*self.exact, *self.dates, *self.numeric, *self.text)
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Every name that is looked for."""
+        return (*self.required, *self.optional, *self.optional_text)
+
+
+@dataclass(frozen=True)
+class TextColumn:
+    """A column of words: the index of each row into the distinct words."""
+
+    codes: npt.NDArray[np.int32]  # (n,)
+    words: tuple[str, ...]
+
+
+@dataclass
+class CsvRows:
+    """What either path reads: one array of n rows for each column found."""
+
+    n: int = 0
+    columns: dict[str, Float64] = field(default_factory=dict)
+    exact: dict[str, Int64] = field(default_factory=dict)
+    text: dict[str, TextColumn] = field(default_factory=dict)
+    bad_cells: dict[str, Int64] = field(default_factory=dict)  # rows of optional columns, unreadable
+    events: list[Event] = field(default_factory=list)
+    lines: Int64 | None = None  # file line of each row, where the exact path found it
+    block: Float64 | None = None  # (n, k) the columns wanted together, where they lie so
+
+
+def column_places(dialect: Dialect, wanted: Wanted, path: Path) -> dict[str, int]:
+    """Return the position of each wanted column that the file has."""
+    for name in (*wanted.required, *wanted.chosen):
+        if dialect.place(name) is None:
+            raise _missing_column(name, dialect, path)
+    for name in wanted.all:
+        if dialect.columns.count(name) > 1:
+            raise ColumnError(
+                "the header names this column twice",
+                file=path,
+                line=dialect.header_line,
+                column=name,
+                advice="rename one of them in the file, or give the columns by number: time = 1",
+            )
+    found = {name: dialect.place(name) for name in wanted.all}
+    return {name: place for name, place in found.items() if place is not None}
+
+
+def unread_columns(dialect: Dialect, places: Mapping[str, int]) -> list[str]:
+    """Return the names of the columns that nothing reads; where the header has no name, the number."""
+    read = set(places.values())
+    return [name or f"#{k + 1}" for k, name in enumerate(dialect.columns) if k not in read]
+
+
+def _missing_column(name: str, dialect: Dialect, path: Path) -> ColumnError:
+    present = [column for column in dialect.columns if column]
+    if column_number(name) is not None:
+        advice = f"the line has {len(dialect.columns)} columns, counted from 1"
+    elif sum(map(is_data, present)) * 2 >= len(present) > 0:
+        advice = (
+            "the first line holds numbers, not names: give every column by its number (time = 1, ...)"
+            " under 'columns' in the flight file, or put a header line above it"
+        )
+    else:
+        near = difflib.get_close_matches(name, present, n=1, cutoff=0.4)
+        hint = f"nearest: '{near[0]}'; " if near else ""
+        advice = f"{hint}the file has {', '.join(present)}; map the names under 'columns' in the flight file"
+    return ColumnError("column missing", file=path, line=dialect.header_line, column=name, advice=advice)

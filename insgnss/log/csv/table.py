@@ -1,0 +1,107 @@
+"""One reader for every numeric CSV file: fast where the file is clean, exact about each bad cell where it is not.
+
+The fast path hands the file to Arrow's reader, piece by piece (``csv_fast``). Whenever that one objects, or a required
+cell is not a finite number, the file is read again line by line (``csv_exact``), so that each bad row is reported with
+its file line, column and text and none is dropped silently.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from insgnss.errors import InputError
+from insgnss.log.csv.columns import CsvRows, TextColumn, Wanted, column_places, unread_columns
+from insgnss.log.csv.dialect import DELIMITER_NAMES, FALLBACK_ENCODING, Dialect, detect_dialect
+from insgnss.log.csv.exact import last_line_is_cut, read_exact
+from insgnss.log.csv.fast import read_fast
+from insgnss.log.files import byte_stream, file_buffer
+from insgnss.tables import Event, Int64
+
+
+@dataclass(kw_only=True)
+class CsvTable(CsvRows):
+    """The numbers of one CSV file."""
+
+    path: Path
+    dialect: Dialect
+
+    @cached_property
+    def line(self) -> Int64:
+        """The 1-based file line of each row (blank lines are looked for only when somebody asks)."""
+        if self.lines is not None:
+            return self.lines
+        raw = file_buffer(self.path).to_pybytes().splitlines()[self.dialect.skip :]
+        filled = np.flatnonzero(np.fromiter((bool(text) for text in raw), np.bool_, len(raw)))
+        return np.asarray(filled + self.dialect.skip + 1, dtype=np.int64)
+
+    def take(self, rows: npt.NDArray[np.intp]) -> CsvTable:
+        """Return the table with the given rows, in ascending order."""
+        bad = {
+            name: np.flatnonzero(np.isin(rows, cells)).astype(np.int64)
+            for name, cells in self.bad_cells.items()
+        }
+        return replace(
+            self,
+            n=len(rows),
+            columns={name: values[rows] for name, values in self.columns.items()},
+            exact={name: values[rows] for name, values in self.exact.items()},
+            text={name: TextColumn(column.codes[rows], column.words) for name, column in self.text.items()},
+            bad_cells=bad,
+            lines=self.line[rows],
+            block=None,
+        )
+
+
+def read_csv_table(path: Path, wanted: Wanted) -> CsvTable:
+    """Read the wanted columns of a CSV file (plain or gzipped).
+
+    Raises
+    ------
+    MissingFileError, InputError : no such file, or it is empty, damaged or no CSV
+    ColumnError : a column is missing, or more than 5 % of the rows cannot be read
+    """
+    buffer = file_buffer(path)
+    dialect = detect_dialect(memoryview(buffer), wanted.all, wanted.decimal, path)
+    places = column_places(dialect, wanted, path)
+    rows = _read_fast(buffer, path, dialect, places, wanted)
+    if rows is None:
+        rows = read_exact(buffer, path, dialect, places, wanted)
+    pa.default_memory_pool().release_unused()  # the columns have been copied out of Arrow's memory
+    if rows.n == 0:
+        raise InputError("the file holds a header but no rows", file=path, line=dialect.header_line)
+    events = _dialect_events(path, dialect, unread_columns(dialect, places)) + rows.events
+    return CsvTable(**vars(rows) | {"events": events}, path=path, dialect=dialect)
+
+
+def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list[Event]:
+    events = []
+    if dialect.delimiter != ",":
+        events.append(
+            Event(None, "csv_delimiter", f"{path}: columns parted by {DELIMITER_NAMES[dialect.delimiter]}")
+        )
+    if dialect.header_in_comment:
+        detail = f"{path}:{dialect.header_line}: the column names stand in a comment line"
+        events.append(Event(None, "csv_header_in_comment", detail))
+    if not dialect.header_is_utf8:
+        detail = f"{path}:{dialect.header_line}: the header is no UTF-8, read as {FALLBACK_ENCODING}"
+        events.append(Event(None, "csv_encoding", detail))
+    if unread:
+        events.append(Event(None, "columns_not_read", f"{path}: columns not read: {', '.join(unread)}"))
+    return events
+
+
+def _read_fast(
+    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: Wanted
+) -> CsvRows | None:
+    """Return the table as Arrow reads it, None when anything in the file needs the exact path."""
+    if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer), dialect.delimiter):
+        return None
+    with byte_stream(path, buffer) as stream:
+        return read_fast(stream, buffer.size, dialect, places, wanted)

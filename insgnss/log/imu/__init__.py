@@ -1,0 +1,1 @@
+"""Inertial and other sensor logs: axes, units, times, faults."""

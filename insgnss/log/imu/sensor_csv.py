@@ -1,0 +1,219 @@
+"""Logs of further sensors: a CSV file, or several that follow each other, becomes a ``SensorTable``.
+
+A cell that is empty, unreadable or beyond what the kind can measure is NaN: the reading stands in the ledger as
+'bad_value'. Rows are sorted by time; of rows with one time the first stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.config.log_table import NO_COLUMN
+from insgnss.config.sensors import (
+    AttitudeSensor,
+    Barometer,
+    HeadingSensor,
+    Magnetometer,
+    Odometer,
+    PositionSensor,
+    Sensor,
+    VelocitySensor,
+)
+from insgnss.constants import NS_PER_S
+from insgnss.errors import InputError
+from insgnss.geodesy.ellipsoid import ecef_to_geodetic
+from insgnss.geodesy.sea_level import geoid_height
+from insgnss.geodesy.standard_atmosphere import pressure_altitude
+from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.table import CsvTable, read_csv_table
+from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
+from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
+from insgnss.tables import Event, Float64, Int64, SensorTable
+from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
+
+_HPA_PER_UNIT: Final = {"hPa": 1.0, "Pa": 0.01, "kPa": 10.0}
+_UT_PER_UNIT: Final = {"uT": 1.0, "nT": 1e-3, "mG": 0.1, "G": 100.0}
+# beyond these, SI units or as in SensorTable, a reading is a fault of unit or sensor: per component, lowest and highest
+_POSSIBLE: Final[dict[str, tuple[tuple[float, float], ...]]] = {
+    "odometer": ((-350.0, 350.0),),
+    "barometer": ((-2_000.0, 40_000.0),),
+    "magnetometer": ((-1_000.0, 1_000.0),) * 3,
+    "heading": ((-13.0, 13.0),),
+    "attitude": ((-13.0, 13.0),) * 3,
+    "position": ((-1.5708, 1.5708), (-6.2832, 6.2832), (-1e4, 1e7)),
+    "velocity": ((-2e4, 2e4),) * 3,
+}
+_LONGEST_COUNT_NS: Final = 2 * NS_PER_S  # over a longer pause of the counter its mean speed is no reading
+
+
+def read_sensor(config: Sensor, week: int) -> tuple[SensorTable, list[Event]]:
+    """Read a further sensor's log in SI units and body axes.
+
+    Raises
+    ------
+    InputError and its kin : a file or a column is missing, or no row holds a reading
+    ConfigError : the axes are left-handed or no rotation
+    """
+    parts: list[tuple[Int64, Float64, Float64]] = []
+    events: list[Event] = []
+    for path in config.files:
+        table = read_csv_table(path, wanted_with_time(config, _wanted(config)))
+        t_ns, rows, found = gps_times(table, config, week)
+        table = table if rows is None else table.take(rows)
+        t_ns, later = continued_week(t_ns, int(parts[-1][0][-1]) if parts else None, str(path))
+        values = np.column_stack([_column(table, name) for name in config.value_columns])
+        sigma = [_column(table, name) for name in config.sigma_columns]
+        converted = _CONVERSIONS[type(config)](config, values)
+        events += table.events + found + later + _bad_values(config, table, converted)
+        parts.append((t_ns, converted, np.column_stack(sigma) if sigma else np.zeros((table.n, 0))))
+    readings, reordered = _in_time_order(config, *(np.concatenate(each) for each in zip(*parts, strict=True)))
+    if isinstance(config, Odometer) and config.metres_per_count is not None:
+        readings = _speeds_of_counts(readings)
+    _require_readings(config, readings)
+    return readings, events + reordered
+
+
+def _in_time_order(
+    config: Sensor, t_ns: Int64, values: Float64, sigma: Float64
+) -> tuple[SensorTable, list[Event]]:
+    """Return the readings in the order of their times, each time once, and an event where that changed them."""
+    t_ns, order = np.unique(t_ns, return_index=True)
+    events = []
+    if len(order) != len(values) or (np.diff(order) < 0).any():
+        repeated = len(values) - len(order)
+        detail = f"{config.files[0]}: rows sorted by time, {repeated} row(s) with a repeated time refused"
+        events.append(Event(None, "sensor_time_order", detail))
+    return SensorTable(config.label, t_ns, values[order], _si_sigma(config, sigma[order])), events
+
+
+def _wanted(config: Sensor) -> Wanted:
+    needed = tuple(name for name in config.value_columns if name != NO_COLUMN)
+    optional = (*needed, *(name for name in config.sigma_columns if name != NO_COLUMN))
+    return Wanted(optional=optional, chosen=(*needed, *config.columns.chosen_names()))
+
+
+def _column(table: CsvTable, name: str) -> Float64:
+    return table.columns[name] if name in table.columns else np.full(table.n, np.nan)
+
+
+def _odometer(config: Any, values: Float64) -> Float64:
+    if config.metres_per_count is not None:
+        return np.asarray(config.metres_per_count * values)  # a distance, as yet
+    return np.asarray(SI_PER_UNIT[config.unit] * values)
+
+
+def _barometer(config: Any, values: Float64) -> Float64:
+    if config.unit in _HPA_PER_UNIT:
+        pressure = _HPA_PER_UNIT[config.unit] * values
+        return pressure_altitude(np.where(pressure > 0.0, pressure, np.nan))
+    return np.asarray(SI_PER_UNIT[config.unit] * values)
+
+
+def _magnetometer(config: Any, values: Float64) -> Float64:
+    return np.asarray(_UT_PER_UNIT[config.unit] * values @ magnetometer_axes(config).T)
+
+
+def _heading(config: Any, values: Float64) -> Float64:
+    added = RAD_PER_DEG * (config.declination_deg + config.offset_deg)
+    return np.asarray(SI_PER_UNIT[config.unit] * values + added)
+
+
+def _attitude(config: Any, values: Float64) -> Float64:
+    return body_rotation(SI_PER_UNIT[config.unit] * values, config.mounting_rpy_deg)
+
+
+def _position(config: Any, values: Float64) -> Float64:
+    if config.frame == "ecef":
+        found = np.full(values.shape, np.nan)
+        for k in np.flatnonzero(np.linalg.norm(values, axis=1) > 1e6):
+            found[k] = ecef_to_geodetic(values[k])
+    else:
+        found = values * (RAD_PER_DEG, RAD_PER_DEG, 1.0)
+    if config.height == "sea_level":
+        found[:, 2] += geoid_height(*np.degrees(found[:, :2].T))
+    return np.asarray(found)
+
+
+def _velocity(config: Any, values: Float64) -> Float64:
+    return values if config.axes == "ned" else np.asarray(values[:, (1, 0, 2)] * (1.0, 1.0, -1.0))
+
+
+_CONVERSIONS: Final[dict[type, Callable[[Any, Float64], Float64]]] = {
+    Odometer: _odometer,
+    Barometer: _barometer,
+    Magnetometer: _magnetometer,
+    HeadingSensor: _heading,
+    AttitudeSensor: _attitude,
+    PositionSensor: _position,
+    VelocitySensor: _velocity,
+}
+
+
+def _si_sigma(config: Sensor, sigma: Float64) -> Float64:
+    """Return stated sigmas in SI units, NaN where the cell is empty or holds none."""
+    factor = 1.0
+    if isinstance(config, Odometer | HeadingSensor | AttitudeSensor):
+        factor = SI_PER_UNIT[config.unit]
+    if isinstance(config, VelocitySensor) and config.axes == "enu":
+        sigma = sigma[:, (1, 0, 2)]
+    scaled = factor * sigma
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where((scaled > 0.0) & (scaled < 1e6), scaled, np.nan))
+
+
+def _bad_values(config: Sensor, table: CsvTable, values: Float64) -> list[Event]:
+    """Set impossible values to NaN, in place, and tell how many cells hold no reading and where the first is."""
+    if not (isinstance(config, Odometer) and config.metres_per_count is not None):
+        low, high = np.array(_POSSIBLE[config.kind]).T
+        with np.errstate(invalid="ignore"):
+            values[(values < low) | (values > high)] = np.nan
+    lacking = [name == NO_COLUMN for name in config.value_columns]
+    bad = np.isnan(values) & ~np.array(lacking)
+    if not bad.any():
+        return []
+    row, column = (int(each[0]) for each in np.nonzero(bad))
+    name = config.value_columns[column] if config.kind != "magnetometer" else "field"
+    place = f"{table.path}:{table.line[row]}, column '{name}'"
+    rows = f"{int(bad.any(axis=1).sum())} of {table.n} rows have such cells: refused as bad_value"
+    return [Event(None, "sensor_bad_values", f"{place}: no possible {config.kind} reading; {rows}")]
+
+
+def _speeds_of_counts(table: SensorTable) -> SensorTable:
+    """Return mean speeds between the rows of a counter, each at the middle of its time.
+
+    A count that falls, by a reset, gives no reading; nor does one after a pause.
+    """
+    step_ns = np.diff(table.t_ns)
+    speed = np.diff(table.values[:, 0]) / (step_ns / NS_PER_S)
+    with np.errstate(invalid="ignore"):
+        speed[(step_ns > _LONGEST_COUNT_NS) | (speed < 0.0) | (speed > _POSSIBLE["odometer"][0][1])] = np.nan
+    return SensorTable(table.name, table.t_ns[:-1] + step_ns // 2, speed[:, None], table.sigma[1:])
+
+
+def _require_readings(config: Sensor, table: SensorTable) -> None:
+    """Refuse a log without a single reading.
+
+    Raises
+    ------
+    InputError : every row is empty or impossible, or sigmas are given nowhere
+    """
+    if not np.isfinite(table.values).any():
+        raise InputError(
+            f"no row holds a possible {config.kind} reading",
+            file=config.files[0],
+            column=config.value_columns[0],
+            advice=f"check columns and unit of the sensor '{config.label}' in the flight file",
+        )
+    given = config.sigma_m if isinstance(config, PositionSensor) else (0.0,)
+    given = config.sigma_mps if isinstance(config, VelocitySensor) else given
+    if given is None and not np.isfinite(table.sigma).any():
+        key = "sigma_m" if isinstance(config, PositionSensor) else "sigma_mps"
+        raise InputError(
+            f"sensor '{config.label}' has no sigmas: neither the flight file nor the log states any",
+            file=config.files[0],
+            key=f"sensor.{key}",
+            advice=f"give {key} = [north, east, down], or name the columns of sigmas",
+        )

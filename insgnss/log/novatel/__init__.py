@@ -1,0 +1,1 @@
+"""NovAtel OEM files."""

@@ -1,0 +1,265 @@
+"""NovAtel's broadcast messages become the tables of ``insgnss.tables``.
+
+RAWEPHEM and QZSSRAWEPHEM hold the satellites' own subframes; GPSEPHEM, QZSSEPHEMERIS, GLOEPHEMERIS, GALEPHEMERIS,
+GALINAVEPHEMERIS, GALFNAVEPHEMERIS, BDSEPHEMERIS and IONUTC are decoded by the receiver (OEM7 commands and logs
+reference manual), in radians, metres and seconds; times of GLONASS in GPS time, of BeiDou in its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.signals import CHANNELS
+from insgnss.gpstime import BDT_MINUS_GPST_S, LATEST_WEEK
+from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
+from insgnss.log.messages.galileo import sisa_m
+from insgnss.log.messages.gps_lnav import LnavMessages
+from insgnss.log.novatel.frames import NovatelFrames, records
+from insgnss.log.novatel.signals import CHANNEL_OFFSET, satellite_name
+
+_BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S
+_GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))
+_UNKNOWN_CHANNEL: Final = -128
+_QZSS_FIRST: Final = 193
+_ELEMENTS: Final = (
+    *("toe", "af0", "af1", "af2", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n"),
+    *("omega_dot", "idot", "cuc", "cus", "crc", "crs", "cic", "cis"),
+)
+_SUBFRAMES: Final = np.dtype([("prn", "<u4"), ("week", "<u4"), ("toe", "<u4"), ("subframe", "u1", (3, 30))])
+
+
+def _doubles(*names: str) -> list[tuple[str, str]]:
+    return [(name, "<f8") for name in names]
+
+
+def _words(*names: str) -> list[tuple[str, str]]:
+    return [(name, "<u4") for name in names]
+
+
+_HARMONICS: Final = ("cuc", "cus", "crc", "crs", "cic", "cis")
+_GPS: Final = np.dtype(
+    [
+        *(*_words("prn"), *_doubles("tow"), *_words("health", "iode", "iode2", "week", "z_week")),
+        *_doubles(
+            "toe", "a", "delta_n", "m0", "e", "omega", *_HARMONICS, "i0", "idot", "omega0", "omega_dot"
+        ),
+        *(*_words("iodc"), *_doubles("toc", "tgd", "af0", "af1", "af2"), *_words("spoofing")),
+        *_doubles("n", "variance"),
+    ]
+)
+_GALILEO_BOTH: Final = np.dtype(
+    [
+        *_words("prn", "has_fnav", "has_inav"),
+        *((name, "u1") for name in ("hs_e1", "hs_e5a", "hs_e5b", "dvs_e1", "dvs_e5a", "dvs_e5b", "sisa", "")),
+        *(*_words("iod", "toe"), *_doubles("sqrt_a", "delta_n", "m0", "e", "omega", *_HARMONICS)),
+        *(
+            *_doubles("i0", "idot", "omega0", "omega_dot"),
+            *_words("fnav_toc"),
+            *_doubles("fnav_af0", "fnav_af1"),
+        ),
+        *(*_doubles("fnav_af2"), *_words("inav_toc"), *_doubles("inav_af0", "inav_af1", "inav_af2")),
+        *_doubles("bgd_e5a", "bgd_e5b"),
+    ]
+)
+_GALILEO_ORBIT: Final = (
+    *(*_words("toe", "toc"), *_doubles("m0", "delta_n", "e", "sqrt_a", "i0", "idot", "omega0", "omega")),
+    *_doubles("omega_dot", *_HARMONICS, "af0", "af1", "af2", "bgd_e5a"),
+)
+_GALILEO_INAV: Final = np.dtype(
+    [
+        *_words("prn"),
+        *(
+            (name or f"_{k}", "u1")
+            for k, name in enumerate(("hs_e5b", "dvs_e5b", "", "", "hs_e1", "dvs_e1", "", ""))
+        ),
+        *(("iod", "<u2"), ("sisa", "u1"), ("source", "u1"), *_GALILEO_ORBIT, *_doubles("bgd_e5b")),
+    ]
+)
+_GALILEO_FNAV: Final = np.dtype(
+    [
+        *_words("prn"),
+        *((name or f"_{k}", "u1") for k, name in enumerate(("hs_e5a", "dvs_e5a", "", ""))),
+        *(("iod", "<u2"), ("sisa", "u1"), ("", "u1"), *_GALILEO_ORBIT),
+    ]
+)
+_BEIDOU: Final = np.dtype(
+    [
+        *(*_words("prn", "week"), *_doubles("ura"), *_words("health"), *_doubles("tgd1", "tgd2")),
+        *(*_words("aodc", "toc"), *_doubles("af0", "af1", "af2"), *_words("aode", "toe")),
+        *_doubles("sqrt_a", "e", "omega", "delta_n", "m0", "omega0", "omega_dot", "i0", "idot", *_HARMONICS),
+    ]
+)
+_GLONASS: Final = np.dtype(
+    [
+        *(("slot", "<u2"), ("channel", "<u2"), ("kind", "u1"), ("", "u1"), ("week", "<u2"), ("ms", "<u4")),
+        *(
+            ("offset_s", "<u4"),
+            ("day", "<u2"),
+            ("_reserved", "u1", (2,)),
+            ("issue", "<u4"),
+            ("health", "<u4"),
+        ),
+        *((name, "<f8", (3,)) for name in ("r_e", "v_e", "a_e")),
+        *_doubles("tau", "delta_tau", "gamma"),
+    ]
+)
+_IONOSPHERE: Final = np.dtype(
+    [
+        *(("coefficients", "<f8", (8,)), *_words("week_t", "tot"), *_doubles("a0", "a1")),
+        *(*_words("week_lsf", "dn"), ("leap", "<i4")),
+    ]
+)
+RAW: Final = {41: "G", 1331: "J"}  # RAWEPHEM, QZSSRAWEPHEM
+IONUTC: Final = 8
+
+
+def broadcast(files: list[NovatelFrames]) -> Broadcast:
+    """Return every message of the files, each distinct one once; subframes count before what was decoded of them."""
+    found = Broadcast()
+    lnav = LnavMessages(found)
+    for frames in files:
+        for kind, system in RAW.items():
+            _raw(frames, kind, system, lnav)
+    raw = {(message.sv, message.toe_ns) for message in found.ephemerides}
+    for frames in files:
+        for kind, (layout, take) in DECODED.items():
+            chosen = [f for f in frames.of(kind) if f.length >= layout.itemsize]
+            for frame, row in zip(
+                chosen, records(frames.data, [f.offset for f in chosen], layout), strict=True
+            ):
+                take(found, row, frame.t_ns, raw)
+        chosen = [f for f in frames.of(IONUTC) if f.length >= _IONOSPHERE.itemsize]
+        for row in records(frames.data, [f.offset for f in chosen], _IONOSPHERE):
+            if np.isfinite(row["coefficients"]).all():
+                found.ionosphere_of("gps", tuple(row["coefficients"].tolist()))
+                found.leap_seconds = int(row["leap"]) if 0 < row["leap"] < 100 else found.leap_seconds
+    return found
+
+
+def _raw(frames: NovatelFrames, kind: int, system: str, lnav: LnavMessages) -> None:
+    chosen = [f for f in frames.of(kind) if f.length >= _SUBFRAMES.itemsize]
+    for frame, row in zip(chosen, records(frames.data, [f.offset for f in chosen], _SUBFRAMES), strict=True):
+        sv = satellite_name(system, int(row["prn"]))
+        if sv:
+            for subframe in row["subframe"]:
+                lnav.add(
+                    sv, int.from_bytes(subframe.tobytes(), "big"), frame.t_ns if frame.t_ns >= 0 else None
+                )
+
+
+def _take(
+    found: Broadcast,
+    sv: str,
+    kind: str,
+    row: Any,
+    near_ns: int,
+    stated: tuple[tuple[float, float], float, float, float, float],
+    named: dict[str, float],
+) -> None:
+    """Keep a message; ``stated`` are delays, health, accuracy, issue, fit interval, ``named`` what the row has not."""
+    values = [named[name] if name in named else float(row[name]) for name in _ELEMENTS]
+    toc = named.get("toc", float(row["toc"]) if "toc" in row.dtype.names else math.nan)
+    if not sv or near_ns < 0 or not all(map(math.isfinite, (*values, toc, *stated[0]))):
+        found.refused[
+            "ephemeris of an unknown satellite, without a time or with a number that is none; refused"
+        ] += 1
+        return
+    shift = _BDT_TO_GPS_NS if sv[0] == "C" else 0
+    toe_ns, toc_ns = (nearest_in_week(s % 604_800, near_ns - shift) + shift for s in (values[0], toc))
+    found.ephemerides.setdefault(Ephemeris(sv, kind, toe_ns, toc_ns, *stated, tuple(values)))
+
+
+def _gps(found: Broadcast, row: Any, near_ns: int, raw: set[tuple[str, int]]) -> None:
+    number = int(row["prn"])
+    sv = satellite_name("J" if number >= _QZSS_FIRST else "G", number)
+    toe = float(row["toe"])
+    if math.isfinite(toe) and near_ns >= 0 and (sv, nearest_in_week(toe % 604_800, near_ns)) in raw:
+        return
+    sqrt_a, accuracy = math.sqrt(max(float(row["a"]), 0.0)), math.sqrt(max(float(row["variance"]), 0.0))
+    health, issue = float(row["health"]), float(row["iode"])
+    stated = (
+        (float(row["tgd"]), 0.0),
+        health,
+        accuracy if math.isfinite(accuracy) else math.nan,
+        issue,
+        math.nan,
+    )
+    _take(found, sv, "LNAV", row, near_ns, stated, {"sqrt_a": sqrt_a})
+
+
+def _galileo_both(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+    health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
+    health |= int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
+    delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
+    stated = (delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]), math.nan)
+    for kind in ("inav", "fnav"):
+        if row[f"has_{kind}"]:
+            clock = {name: float(row[f"{kind}_{name}"]) for name in ("af0", "af1", "af2", "toc")}
+            _take(found, satellite_name("E", int(row["prn"])), kind.upper(), row, near_ns, stated, clock)
+
+
+def _inav(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+    health = int(row["dvs_e1"]) | int(row["hs_e1"]) << 1 | int(row["dvs_e5b"]) << 6 | int(row["hs_e5b"]) << 7
+    delays = (float(row["bgd_e5a"]), float(row["bgd_e5b"]))
+    stated = (delays, float(health), sisa_m(int(row["sisa"])), float(row["iod"]), math.nan)
+    _take(found, satellite_name("E", int(row["prn"])), "INAV", row, near_ns, stated, {})
+
+
+def _fnav(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+    health = int(row["dvs_e5a"]) << 3 | int(row["hs_e5a"]) << 4
+    stated = (
+        (float(row["bgd_e5a"]), 0.0),
+        float(health),
+        sisa_m(int(row["sisa"])),
+        float(row["iod"]),
+        math.nan,
+    )
+    _take(found, satellite_name("E", int(row["prn"])), "FNAV", row, near_ns, stated, {})
+
+
+def _beidou(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+    sv = satellite_name("C", int(row["prn"]))
+    delays = (float(row["tgd1"]), float(row["tgd2"]))
+    accuracy = float(row["ura"]) if math.isfinite(row["ura"]) else math.nan
+    stated = (delays, float(int(row["health"]) & 1), accuracy, float(row["aode"]), math.nan)
+    _take(found, sv, "D2" if sv in _GEOSTATIONARY else "D1", row, near_ns, stated, {})
+
+
+def _glonass(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) -> None:
+    sv = satellite_name("R", int(row["slot"]))
+    numbers = [*row["r_e"], *row["v_e"], *row["a_e"], row["tau"], row["gamma"]]
+    if not sv or not 0 < row["week"] <= LATEST_WEEK or not np.isfinite(numbers).all():
+        found.refused["GLONASS ephemeris of an unknown satellite or without a time; refused"] += 1
+        return
+    # leap seconds make it end in odd seconds; a receiver's milliseconds are rounded away
+    t_ns = int(row["week"]) * NS_PER_WEEK + round(int(row["ms"]) / 1000) * NS_PER_S
+    channel = int(row["channel"]) - CHANNEL_OFFSET
+    r_e, v_e, a_e = (tuple(row[name].tolist()) for name in ("r_e", "v_e", "a_e"))
+    found.states.setdefault(
+        StateVector(
+            sv,
+            t_ns,
+            r_e,
+            v_e,
+            a_e,
+            -float(row["tau"]),
+            float(row["gamma"]),
+            float(row["delta_tau"]) if math.isfinite(row["delta_tau"]) else math.nan,
+            float(int(row["health"]) & 0b1111 != 0),
+            channel if channel in CHANNELS else _UNKNOWN_CHANNEL,
+        )
+    )
+
+
+DECODED: Final[
+    dict[int, tuple[np.dtype[np.void], Callable[[Broadcast, Any, int, set[tuple[str, int]]], None]]]
+] = {
+    **{7: (_GPS, _gps), 1336: (_GPS, _gps)},
+    **{723: (_GLONASS, _glonass), 1696: (_BEIDOU, _beidou)},
+    **{1122: (_GALILEO_BOTH, _galileo_both), 1309: (_GALILEO_INAV, _inav), 1310: (_GALILEO_FNAV, _fnav)},
+}

@@ -1,0 +1,150 @@
+"""INSPVAX, INSPVA or BESTPOS, the receiver's own solution, as a reference with its sigmas.
+
+OEM7 commands and logs reference manual: roll about the forward, pitch about the right axis, azimuth clockwise from
+north, degrees; velocities north, east, up. INSPVAX and BESTPOS state the height above the geoid and the undulation. The
+sigmas of INSPVA come in another message (INSSTDEV) and are not taken.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
+from insgnss.gpstime import LATEST_WEEK
+from insgnss.log.novatel.frames import NovatelFrames, records
+from insgnss.tables import Event, Float64, Int64, ReferenceTable
+
+INSPVAX: Final = 1465
+INSPVA: Final = (507, 508)  # with the long and the short header
+BESTPOS, BESTVEL = 42, 99
+_POSITION: Final = (("lat", "<f8"), ("lon", "<f8"), ("height", "<f8"))
+_MOTION: Final = tuple((name, "<f8") for name in ("vn", "ve", "vu", "roll", "pitch", "azimuth"))
+_INSPVAX: Final = np.dtype(
+    [("status", "<u4"), ("kind", "<u4"), *_POSITION, ("undulation", "<f4"), *_MOTION, ("sigma", "<f4", (9,))]
+)
+_INSPVA: Final = np.dtype([("week", "<u4"), ("sow", "<f8"), *_POSITION, *_MOTION, ("status", "<u4")])
+_BESTPOS: Final = np.dtype(
+    [
+        ("status", "<u4"),
+        ("kind", "<u4"),
+        *_POSITION,
+        ("undulation", "<f4"),
+        ("", "<u4"),
+        ("sigma", "<f4", (3,)),
+    ]
+)
+_BESTVEL: Final = np.dtype(
+    [
+        ("status", "<u4"),
+        ("kind", "<u4"),
+        ("latency_s", "<f4"),
+        ("", "<f4"),
+        ("speed", "<f8"),
+        ("track", "<f8"),
+        ("vu", "<f8"),
+    ]
+)
+_GOOD: Final = (3,)  # INS_SOLUTION_GOOD
+_USABLE: Final = (2, 6, 7)  # high variance, free of satellites, alignment complete: quality 2
+_COMPUTED: Final = 0
+
+
+def solution(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, bool, list[Event]]:
+    """Return the fullest solution of the files, whether it is that of the inertial sensor, and what was left out."""
+    for read, is_inertial in ((_inspvax, True), (_inspva, True), (_bestpos, False)):
+        table, left_out = read(files)
+        if table is not None:
+            events = []
+            if left_out:
+                detail = f"{files[0].path}: {left_out} row(s) of the receiver's solution that it calls none left out"
+                events.append(Event(None, "novatel_no_solution", detail))
+            return table, is_inertial, events
+    return None, False, []
+
+
+def _read(files: list[NovatelFrames], layout: np.dtype[np.void], *kinds: int) -> tuple[Any, Int64]:
+    """Return the messages' contents and the GPS times of their headers."""
+    rows, times = [], []
+    for frames in files:
+        chosen = [f for f in frames.of(*kinds) if f.length >= layout.itemsize]
+        rows.append(records(frames.data, [f.offset for f in chosen], layout))
+        times += [f.t_ns for f in chosen]
+    return np.concatenate(rows), np.array(times, np.int64)
+
+
+def _inspvax(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, int]:
+    rows, t_ns = _read(files, _INSPVAX, INSPVAX)
+    sigma = rows["sigma"].astype(np.float64)
+    height = rows["height"] + rows["undulation"]
+    return _table(rows, t_ns, height, _ins_quality(rows), _motion(rows), sigma)
+
+
+def _inspva(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, int]:
+    rows, _ = _read(files, _INSPVA, *INSPVA)
+    timed = (
+        (rows["week"] > 0) & (rows["week"] <= LATEST_WEEK) & (rows["sow"] >= 0) & (rows["sow"] <= S_PER_WEEK)
+    )
+    sow = np.where(timed, rows["sow"], 0.0)
+    t_ns = rows["week"].astype(np.int64) * NS_PER_WEEK + np.rint(sow * NS_PER_S).astype(np.int64)
+    return _table(rows, np.where(timed, t_ns, -1), rows["height"], _ins_quality(rows), _motion(rows), None)
+
+
+def _bestpos(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, int]:
+    """Return positions, with the velocities of BESTVEL that carry the same time."""
+    rows, t_ns = _read(files, _BESTPOS, BESTPOS)
+    speeds, speed_ns = _read(files, _BESTVEL, BESTVEL)
+    motion = np.full((len(rows), 6), np.nan)
+    usable = np.flatnonzero(
+        (speeds["status"] == _COMPUTED) & np.isfinite(speeds["track"]) & np.isfinite(speeds["speed"])
+    )
+    _, here, there = np.intersect1d(t_ns, speed_ns[usable], return_indices=True)
+    chosen = speeds[usable[there]]
+    track = np.radians(chosen["track"])
+    motion[here, :3] = np.column_stack(
+        [chosen["speed"] * np.cos(track), chosen["speed"] * np.sin(track), -chosen["vu"]]
+    )
+    quality = np.where((rows["status"] == _COMPUTED) & (rows["kind"] > 0), 1.0, np.nan)
+    sigma = np.column_stack([rows["sigma"].astype(np.float64), np.full((len(rows), 6), np.nan)])
+    return _table(rows, t_ns, rows["height"] + rows["undulation"], quality, motion, sigma)
+
+
+def _ins_quality(rows: Any) -> Float64:
+    """Return 1 for a good solution, 2 for a usable one, NaN for none."""
+    return np.where(
+        np.isin(rows["status"], _GOOD), 1.0, np.where(np.isin(rows["status"], _USABLE), 2.0, np.nan)
+    )
+
+
+def _motion(rows: Any) -> Float64:
+    """Return velocity north, east, down [m/s] and roll, pitch, yaw [deg]."""
+    return np.column_stack(
+        [rows["vn"], rows["ve"], -rows["vu"], rows["roll"], rows["pitch"], rows["azimuth"]]
+    )
+
+
+def _table(
+    rows: Any, t_ns: Int64, height: Float64, quality: Float64, motion: Float64, sigma: Float64 | None
+) -> tuple[ReferenceTable | None, int]:
+    """Return the usable rows in the order of time, and how many others there were."""
+    usable = (t_ns >= 0) & np.isfinite(quality) & np.isfinite(height) & (np.abs(height) < 1e8)
+    usable &= (np.abs(rows["lat"]) <= 90.0) & (np.abs(rows["lon"]) <= 360.0)
+    times, first = np.unique(t_ns[usable], return_index=True)
+    kept = np.flatnonzero(usable)[first]
+    if len(kept) < 2:
+        return None, len(rows)
+    motion = np.where(np.isfinite(motion) & (np.abs(motion) < 1e6), motion, np.nan)[kept]
+    if sigma is not None:
+        sigma = np.where(np.isfinite(sigma) & (sigma > 0.0) & (sigma < 1e6), sigma, np.nan)[kept]
+    table = ReferenceTable(
+        times,
+        rows["lat"][kept],
+        rows["lon"][kept],
+        height[kept],
+        motion[:, :3],
+        motion[:, 3:],
+        quality[kept],
+        sigma,
+    )
+    return table, int((~usable).sum())

@@ -1,0 +1,135 @@
+"""RINEX observation text with damage: a bad number costs its own value, a damaged epoch the epoch, never the file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from insgnss.log.rinex.text import ObservationText, version_of
+
+# RINEX 2.11, table A2; RINEX 3.05, table A3: each observation is F14.3, I1, I1
+_CELL: Final = 16
+_NUMBER: Final = 14
+_WRITTEN: Final = re.compile(r" *[-+]?\d*\.\d{3}")
+_NAME: Final = re.compile(r"[A-Z ][ \d]\d")
+_NAMES_2, _NAMES_PER_LINE_2, _CELLS_PER_LINE_2 = 32, 12, 5
+_TYPES_2: Final = re.compile(r"^ *(\d+) .*# / TYPES OF OBSERV", re.MULTILINE)
+
+
+class DamagedCell(NamedTuple):
+    """A cell that holds no number."""
+
+    line: int  # of the file, from 1
+    sv: str
+    place: int  # among the satellite's observations, as the header lists their codes
+    text: str
+
+
+class ParsedStretch(NamedTuple):
+    """Epochs read together; one that was mended stands alone, with the cells that it lost."""
+
+    product: Any
+    damaged_cells: tuple[DamagedCell, ...] = ()
+
+
+@dataclass
+class ParsedText:
+    """What could be read of a text, in order, and the file line and reason of each epoch that could not."""
+
+    stretches: list[ParsedStretch] = field(default_factory=list)
+    refused: list[tuple[int, str]] = field(default_factory=list)
+
+
+class _Stretch(NamedTuple):
+    """A line of cells: its number in the epoch, its satellite, the place of its first cell and where that begins."""
+
+    line: int
+    sv: str
+    place: int
+    column: int
+
+
+def parse_around_damage(
+    text: ObservationText, parse: Callable[[str], Any], error: type[Exception]
+) -> ParsedText:
+    """Parse all epochs that can be parsed, halving the stretch around each one that cannot, and mending that one."""
+    parsed = ParsedText()
+    stretches = [(0, len(text.epochs))]
+    while stretches:
+        start, end = stretches.pop()
+        try:
+            parsed.stretches.append(ParsedStretch(parse(text.part(start, end))))
+        except error as problem:
+            if end - start > 1:
+                middle = (start + end) // 2
+                stretches += [(middle, end), (start, middle)]
+            elif end > start:
+                _parse_mended(text, start, parse, error, parsed, str(problem))
+    return parsed
+
+
+def _parse_mended(
+    text: ObservationText,
+    index: int,
+    parse: Callable[[str], Any],
+    error: type[Exception],
+    parsed: ParsedText,
+    problem: str,
+) -> None:
+    """Add a damaged epoch to ``parsed``, read without its damaged cells or refused."""
+    mended, cells = without_damaged_cells(text.epochs[index], text.header, text.lines[index])
+    try:
+        parsed.stretches.append(ParsedStretch(parse(text.header + mended), cells))
+    except error:
+        parsed.refused.append((text.lines[index], problem))
+
+
+def without_damaged_cells(epoch: str, header: str, first_line: int) -> tuple[str, tuple[DamagedCell, ...]]:
+    """Return the text of an epoch, its cells blanked that are neither blank nor written as F14.3, and what these were.
+
+    Meant for an epoch that cannot be read as it stands. A number of another form counts as damaged there, since it may
+    be a cell's part only, where a character of the line is lost.
+    """
+    lines = epoch.split("\n")
+    stretches = _stretches_3(lines) if version_of(header) >= 3.0 else _stretches_2(lines, header)
+    cells = []
+    for line, sv, place, column in stretches:
+        text = lines[line]
+        for k, start in enumerate(range(column, len(text), _CELL)):
+            cell = text[start : start + _NUMBER]
+            if cell.strip() and not (len(cell) == _NUMBER and _WRITTEN.fullmatch(cell)):
+                cells.append(DamagedCell(first_line + line, sv, place + k, cell.strip()))
+                text = text[:start] + " " * _CELL + text[start + _CELL :]
+        lines[line] = text
+    return "\n".join(lines), tuple(cells)
+
+
+def _stretches_3(lines: list[str]) -> Iterator[_Stretch]:
+    """Yield the line of each satellite, RINEX 3 and 4."""
+    for k, line in enumerate(lines[1:], start=1):
+        if _NAME.fullmatch(line[:3]):
+            yield _Stretch(k, _full_name(line[:3], "G"), 0, 3)
+
+
+def _stretches_2(lines: list[str], header: str) -> Iterator[_Stretch]:
+    """Yield the lines of each satellite, RINEX 2; its epoch names all satellites before the first number."""
+    types, count = _TYPES_2.search(header), lines[0][29:32].strip()
+    if types is None or not count.isdigit():
+        return
+    n_names, n_cells = int(count), int(types[1])
+    per_satellite = -(-n_cells // _CELLS_PER_LINE_2)
+    n_first = -(-n_names // _NAMES_PER_LINE_2)
+    names = "".join(line[_NAMES_2 : _NAMES_2 + 3 * _NAMES_PER_LINE_2] for line in lines[:n_first])
+    own_system = header[40:41].strip().replace("M", "") or "G"
+    for i in range(n_names):
+        for k in range(per_satellite):
+            line, name = n_first + i * per_satellite + k, names[3 * i : 3 * i + 3]
+            if line < len(lines) and _NAME.fullmatch(name):
+                yield _Stretch(line, _full_name(name, own_system), k * _CELLS_PER_LINE_2, 0)
+
+
+def _full_name(name: str, own_system: str) -> str:
+    """Return a satellite's name with its system, the file's own where that is blank, and two digits."""
+    return f"{name[0].strip() or own_system}{int(name[1:]):02d}"

@@ -1,0 +1,260 @@
+"""RINEX navigation files, read through the compiled reader ``sidereon``.
+
+What it returns becomes the package's own tables, times as integer nanoseconds of GPS time. Nothing is filtered: the
+message of an unhealthy satellite is data that the selection of ephemerides judges.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import NavigationDataError
+from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
+from insgnss.log.files import file_text
+from insgnss.log.first_events import first_events
+from insgnss.log.rinex.ionosphere import read_ionosphere
+from insgnss.log.rinex.states import (
+    IMPOSSIBLE_DATE,
+    NO_CHANNEL,
+    StateVector,
+    is_date,
+    read_state_vectors,
+    state_vector_table,
+)
+from insgnss.tables import EphemerisTable, Event, Float64, NavigationData
+
+MESSAGES: Final = {
+    "gps_lnav": "LNAV",
+    "qzss_lnav": "LNAV",
+    "navic_lnav": "LNAV",
+    "galileo_inav": "INAV",
+    "galileo_fnav": "FNAV",
+    "galileo_unclassified": "INAV",  # the data source is not stated; most receivers log I/NAV
+    "beidou_d1": "D1",
+    "beidou_d2": "D2",
+}
+_READ_ELSEWHERE: Final = ("glonass", "sbas", "ionosphere")
+_ELEMENTS: Final = (
+    *("sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot"),
+    *("cuc", "cus", "crc", "crs", "cic", "cis"),
+)
+
+
+@dataclass
+class _Found:
+    """What the files gave so far."""
+
+    keplerian: list[Any] = field(default_factory=list)
+    states: list[StateVector] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    klobuchar: Float64 | None = None
+    leap_seconds: int | None = None
+    ionosphere: dict[str, Float64] = field(default_factory=dict)
+    inter_signal_s: dict[str, Float64] = field(default_factory=dict)
+
+
+def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]:
+    """Read RINEX navigation files and merge them: repeated messages once, sorted by satellite and reference time.
+
+    The week of the reference time follows from the calendar date of the clock's epoch, so a week field of ten bits or
+    counted from another start does no harm. Ionosphere coefficients and leap seconds are those of the first file
+    that has them, inter-signal corrections those of a satellite's last CNAV message.
+
+    Raises
+    ------
+    NavigationDataError : a file is no RINEX navigation file, or there is no ephemeris in any
+    """
+    found = _Found()
+    for path in paths:
+        text = _navigation_text(path)
+        _read_records(text, path, found)
+        found.klobuchar = _klobuchar(text) if found.klobuchar is None else found.klobuchar
+        found.leap_seconds = _leap_seconds(text) if found.leap_seconds is None else found.leap_seconds
+        found.ionosphere = read_ionosphere(text) | found.ionosphere
+    if not found.keplerian and not found.states:
+        names = ", ".join(str(path) for path in paths)
+        raise NavigationDataError(
+            "no ephemeris that can be used",
+            file=names,
+            advice="give the broadcast navigation file of the flight's day",
+        )
+    table, repeated = _ephemerides(found.keplerian)
+    states, repeated_states = state_vector_table(found.states)
+    if repeated + repeated_states:
+        detail = f"{repeated + repeated_states} repeated message(s) left out"
+        found.events.append(Event(None, "navigation_repeated", detail))
+    navigation = NavigationData(
+        ephemerides=table,
+        klobuchar=found.klobuchar,
+        leap_seconds=found.leap_seconds,
+        state_vectors=states,
+        ionosphere=found.ionosphere,
+        inter_signal_s=found.inter_signal_s,
+    )
+    return navigation, found.events
+
+
+def _navigation_text(path: Path) -> str:
+    text = file_text(path)
+    head = text[:400]
+    if "RINEX VERSION / TYPE" not in head or head[20:21] not in "NGELJCRIHS":
+        raise NavigationDataError(
+            "this is no RINEX navigation file",
+            file=path,
+            advice="the first line must say so: 'N: GNSS NAV DATA'",
+        )
+    version = text[:9].strip()
+    if version.isascii() and version.isdigit():
+        # the archives' merged files state "2" where the format asks for F9.2, and sidereon insists on the format
+        text = f"{int(version):9.2f}{text[9:]}"
+    return text
+
+
+def _read_records(text: str, path: Path, found: _Found) -> None:
+    """Add the messages of a file, and an event for what is damaged or of another kind."""
+    try:
+        parsed = sidereon.parse_rinex_nav_lenient(text)
+    except sidereon.SidereonError as error:
+        raise NavigationDataError(f"the navigation file cannot be read: {error}", file=path) from error
+    states = read_state_vectors(
+        text,
+        glonass=[b.line for b in parsed.other if b.kind == "glonass"]
+        + [b.line for b in parsed.skipped if b.satellite[:1] == "R"],
+        sbas=[b.line for b in parsed.other if b.kind == "sbas"],
+    )
+    found.states += states.found
+    told_twice = {line for line, _, _ in states.refused} | states.mended
+    damaged = [(b.line, b.satellite, b.message) for b in parsed.skipped if b.line not in told_twice]
+    damaged += states.refused
+    kinds: Counter[str] = Counter()
+    for record in parsed.records:
+        label = record.message.label
+        if label in MESSAGES and not all(map(is_date, _reference_times_ns(record))):
+            damaged.append((1, record.satellite, IMPOSSIBLE_DATE))
+        elif label in MESSAGES:
+            found.keplerian.append(record)
+        elif record.is_cnav_family:
+            kinds[f"{label} (orbit)"] += 1
+            found.inter_signal_s[record.satellite] = _inter_signal(record)
+        else:
+            kinds[label] += 1
+    _tell_damage(damaged, path, found.events)
+    _tell_channels(states.found, path, found.events)
+    kinds += Counter(block.kind for block in parsed.other if block.kind not in _READ_ELSEWHERE)
+    if kinds:
+        listed = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+        detail = f"{path}: messages of a kind not used: {listed}"
+        found.events.append(Event(None, "navigation_not_used", detail))
+
+
+def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[Event]) -> None:
+    """Add an event for each damaged message (line, satellite, reason) up to a number, then one with the total."""
+
+    def event(message: tuple[int, str, str]) -> Event:
+        line, sv, why = message
+        return Event(None, "navigation_damaged", f"{path}:{line}: {sv}: {why}; message refused")
+
+    events += first_events(sorted(damaged), event, path, "messages refused")
+
+
+def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:
+    """Add an event that names the GLONASS satellites whose channel the file does not tell."""
+    without = sorted({state.sv for state in states if state.sv[0] == "R" and state.channel == NO_CHANNEL})
+    if without:
+        detail = f"{path}: no frequency channel for {', '.join(without)}: taken from the observations, if they have it"
+        events.append(Event(None, "glonass_channel_missing", detail))
+
+
+def _inter_signal(record: Any) -> Float64:
+    """Return the corrections of ``NavigationData.inter_signal_s``."""
+    delays = record.group_delays
+    names = ("l1ca", "l2c", "l5i5", "l5q5", "l1cd", "l1cp")
+    return np.array([_or_nan(getattr(delays, f"cnav_isc_{name}_s")) for name in names])
+
+
+def _klobuchar(text: str) -> Float64 | None:
+    try:
+        gps = sidereon.parse_rinex_iono_corrections(text).gps
+    except sidereon.SidereonError:
+        return None
+    return None if gps is None else np.concatenate([gps.alpha, gps.beta])
+
+
+def _leap_seconds(text: str) -> int | None:
+    try:
+        seconds = sidereon.parse_rinex_leap_seconds(text)
+    except sidereon.SidereonError:
+        return None
+    return None if seconds is None else round(seconds)
+
+
+def _ephemerides(records: list[Any]) -> tuple[EphemerisTable, int]:
+    """Return the distinct messages, sorted by satellite and reference time, and how many were repeated."""
+    distinct: dict[tuple[Any, ...], Any] = {}
+    for record in records:
+        toc_ns, toe_ns = _reference_times_ns(record)
+        key = (record.satellite, toe_ns, toc_ns, MESSAGES[record.message.label], record.issue)
+        distinct.setdefault(key, record)
+    keys = sorted(
+        distinct, key=lambda key: (key[0], key[1], key[2], key[3], -1 if key[4] is None else key[4])
+    )
+    rows = [distinct[key] for key in keys]
+    elements = {
+        name: np.array([getattr(row.elements, name) for row in rows], dtype=np.float64) for name in _ELEMENTS
+    }
+    table = EphemerisTable(
+        sv_names=tuple(key[0] for key in keys),
+        message=tuple(key[3] for key in keys),
+        toe_ns=np.array([key[1] for key in keys], dtype=np.int64),
+        toc_ns=np.array([key[2] for key in keys], dtype=np.int64),
+        toe_sow_s=np.array([row.elements.toe_sow for row in rows], dtype=np.float64),
+        af0=np.array([row.clock.af0 for row in rows], dtype=np.float64),
+        af1=np.array([row.clock.af1 for row in rows], dtype=np.float64),
+        af2=np.array([row.clock.af2 for row in rows], dtype=np.float64),
+        group_delay_s=np.array([_group_delays(row) for row in rows], dtype=np.float64).reshape(-1, 2),
+        health=np.array([row.sv_health for row in rows], dtype=np.float64),
+        accuracy_m=np.array([_or_nan(row.sv_accuracy_m) for row in rows], dtype=np.float64),
+        issue=np.array([_or_nan(row.issue) for row in rows], dtype=np.float64),
+        fit_interval_s=np.array([_or_nan(row.fit_interval_s) for row in rows], dtype=np.float64),
+        **elements,
+    )
+    return table, len(records) - len(rows)
+
+
+def _reference_times_ns(record: Any) -> tuple[int, int]:
+    """Return toc and toe in GPS time [ns]; toe is the one nearest to toc, whatever the week field says."""
+    toc_ns = round(record.toc_tow_s * NS_PER_S) + record.toc_week * NS_PER_WEEK
+    if record.time_scale == sidereon.TimeScale.BDT:
+        toc_ns += BDT_WEEK_OFFSET * NS_PER_WEEK
+    after_toc = round((record.elements.toe_sow - record.toc_tow_s) * NS_PER_S)
+    half = NS_PER_WEEK // 2
+    toe_ns = toc_ns + (after_toc + half) % NS_PER_WEEK - half
+    to_gps = -BDT_MINUS_GPST_S * NS_PER_S if record.time_scale == sidereon.TimeScale.BDT else 0
+    return toc_ns + to_gps, toe_ns + to_gps
+
+
+def _group_delays(record: Any) -> tuple[float, float]:
+    """Return the two delays [s] of ``EphemerisTable.group_delay_s``; one that was not broadcast is zero."""
+    delays = record.group_delays
+    system = record.satellite[0]
+    if system == "E":
+        pair = (delays.galileo_bgd_e5a_e1_s, delays.galileo_bgd_e5b_e1_s)
+    elif system == "C":
+        pair = (delays.beidou_tgd1_s, delays.beidou_tgd2_s)
+    elif system == "I":
+        pair = (delays.gps_tgd_s, None)  # as broadcast; the record's own delay is scaled to L5 already
+    else:
+        pair = (record.group_delay_s, None)
+    return pair[0] or 0.0, pair[1] or 0.0
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else float(value)

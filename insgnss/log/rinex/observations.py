@@ -1,0 +1,207 @@
+"""RINEX observation files, read through the compiled reader ``sidereon``.
+
+What it returns becomes the package's own table, times as integer nanoseconds of GPS time.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from insgnss.constants import NS_PER_S
+from insgnss.errors import InputError
+from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss.table_joining import joined
+from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds
+from insgnss.log.files import file_text
+from insgnss.log.first_events import first_events
+from insgnss.log.gnss_rows import in_time_order
+from insgnss.log.rinex.damage import DamagedCell, ParsedStretch, ParsedText, parse_around_damage
+from insgnss.log.rinex.hatanaka import sound_start
+from insgnss.log.rinex.header import mended_header
+from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
+from insgnss.log.rinex.states import IMPOSSIBLE_DATE, is_date
+from insgnss.log.rinex.text import split_epochs
+from insgnss.tables import Event, Float64, GnssTable
+
+# 1: after a power failure, the values are good; 2 to 6 carry no measurements
+OBSERVATION_FLAGS: Final = (0, 1)
+_LINE_END: Final = re.compile(r"\r*\n|\r")
+_NO_DATE: Final = -1
+
+
+def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTable, list[Event]]:
+    """Read RINEX observation files (2.11, 3, 4; plain, gzipped or Hatanaka-compressed), merged and in time order.
+
+    One row for each satellite, epoch and pseudorange code that has a pseudorange or a Doppler, with the carrier phase
+    and the loss-of-lock indicator of the same signal. The optional receiver clock offset of an epoch is not applied:
+    tag, pseudorange and phase of an epoch agree with each other either way, and the filter estimates the clock. Cycle
+    slip records (epoch flag 6) tell of slips that the writer has repaired in the phases, so they mark no row. An epoch
+    that stands in the file twice is kept twice; which row is used is decided, and told, with the measurements.
+
+    Parameters
+    ----------
+    paths : the files
+    offset_s : added to each time tag [s]
+
+    Raises
+    ------
+    InputError : a file is no RINEX observation file, or holds no epoch that can be read
+    """
+    parts = []
+    events: list[Event] = []
+    for path in paths:
+        part, found = _read_observation_file(path, offset_s)
+        parts.append(part)
+        events += found
+    table, reordered = in_time_order(joined(parts), str(paths[0]))
+    return table, events + reordered
+
+
+def _read_observation_file(path: Path, offset_s: float) -> tuple[GnssTable, list[Event]]:
+    text, events = _observation_text(path)
+    try:
+        parsed = ParsedText([ParsedStretch(sidereon.parse_rinex_obs(text))])
+    except sidereon.SidereonError as error:
+        text, mended = mended_header(text, sidereon.parse_rinex_obs, sidereon.SidereonError, path)
+        events += mended
+        blocks = split_epochs(text)
+        if not blocks.epochs:
+            raise InputError(f"no RINEX observation file: {error}", file=path) from error
+        parsed = parse_around_damage(blocks, sidereon.parse_rinex_obs, sidereon.SidereonError)
+    events += _damage_events(parsed, path)
+    values = ObservationValues()
+    channels: dict[str, int] = {}
+    for product, damaged_cells in parsed.stretches:
+        events += _collect(product, damaged_cells, values, round(offset_s * NS_PER_S), path)
+        channels |= {f"R{slot:02d}": channel for slot, channel in product.header.glonass_slots}
+    table = observation_rows(values, channels)
+    if not len(table.t_ns):
+        why = f": {parsed.refused[0][1]}" if parsed.refused else ""
+        raise InputError(f"the RINEX file holds no observation that can be read{why}", file=path)
+    if values.phases_alone:
+        detail = f"{path}: {values.phases_alone} carrier phase(s) without pseudorange and Doppler left out"
+        events.append(Event(None, "rinex_phase_alone", detail))
+    return table, events
+
+
+def _damage_events(parsed: ParsedText, path: Path) -> list[Event]:
+    """Return an event for each refused epoch and each lost value up to a number, then one with the total."""
+
+    def epoch(refused: tuple[int, str]) -> Event:
+        line, why = refused
+        return Event(None, "rinex_epoch_damaged", f"{path}:{line}: {why}; epoch refused")
+
+    def value(cell: DamagedCell) -> Event:
+        detail = f"observation {cell.place + 1}, '{cell.text}', is no number; value refused"
+        return Event(None, "rinex_value_damaged", f"{path}:{cell.line}: {cell.sv}: {detail}")
+
+    cells = [cell for _, damaged in parsed.stretches for cell in damaged]
+    refused = first_events(parsed.refused, epoch, path, "epochs refused")
+    return refused + first_events(cells, value, path, "values refused")
+
+
+def _observation_text(path: Path) -> tuple[str, list[Event]]:
+    """Return the file's text, line ends made one kind, Hatanaka compression undone as far as it goes."""
+    text = file_text(path)
+    events: list[Event] = []
+    if "\r" in text:
+        text = _LINE_END.sub("\n", text)
+    if "CRINEX VERS" in text[:200]:
+        text, told = _unpacked(text, path)
+        events += told
+    if "RINEX VERSION / TYPE" not in text[:400]:
+        raise InputError(
+            "this is no RINEX file: the first line lacks 'RINEX VERSION / TYPE'",
+            file=path,
+            advice="for CSV set gnss.format = 'csv'",
+        )
+    return text, events
+
+
+def _unpacked(text: str, path: Path) -> tuple[str, list[Event]]:
+    """Return the text without the Hatanaka compression: all of it, or what stands before the first damage."""
+    try:
+        return sidereon.decode_crinex(text), []
+    except sidereon.SidereonError as error:
+        before = sound_start(text, sidereon.decode_crinex, sidereon.SidereonError)
+        if before is None:
+            message = f"the Hatanaka compression cannot be undone: {error}"
+            raise InputError(message, file=path, advice="pack the file again, or give it unpacked") from error
+        unpacked, line = before
+        detail = (
+            f"{path}:{line}: {error}; Hatanaka lines depend on those before, the rest of the file is refused"
+        )
+        return unpacked, [Event(None, "rinex_hatanaka_damaged", detail)]
+
+
+def _collect(
+    product: Any, damaged_cells: Sequence[DamagedCell], values: ObservationValues, offset_ns: int, path: Path
+) -> list[Event]:
+    """Append the product's observations to ``values``; epochs that report an event are passed over with one of ours."""
+    values.version = product.header.version
+    shift_ns = offset_ns + _scale_shift_ns(product)
+    # an epoch's values have a place for every code of its satellites' systems, those of later headers included
+    layouts: dict[tuple[str, ...], int] = {}
+    events = []
+    for index in range(product.epoch_count):
+        epoch = product.epoch(index)
+        civil_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds)
+        t_ns = None if civil_ns is None else civil_ns + shift_ns
+        if t_ns is not None and (civil_ns == _NO_DATE or not is_date(t_ns)):
+            detail = f"{path}: epoch of {epoch.epoch.year:04d}-{epoch.epoch.month:02d} passed over: {IMPOSSIBLE_DATE}"
+            events.append(Event(None, "rinex_event", detail))
+            continue
+        if epoch.flag not in OBSERVATION_FLAGS or t_ns is None:
+            detail = f"{path}: epoch with flag {epoch.flag} and {epoch.declared_record_count} record(s) passed over"
+            events.append(Event(t_ns, "rinex_event", detail))
+            continue
+        if epoch.flag == 1:
+            events.append(Event(t_ns, "rinex_event", f"{path}: power failure before this epoch"))
+        series = product.observation_values(index)
+        satellites = tuple(epoch.satellites)
+        if satellites not in layouts:
+            layouts[satellites] = values.new_layout(series.satellites, series.codes)
+        values.append(t_ns, layouts[satellites], _marked(series, damaged_cells), series.lli)
+    if product.skipped_records:
+        detail = f"{path}: {product.skipped_records} observation record(s) could not be read"
+        events.append(Event(None, "rinex_record_skipped", detail))
+    return events
+
+
+def _marked(series: Any, damaged_cells: Sequence[DamagedCell]) -> Float64:
+    """Return an epoch's values, with a mark where a cell was damaged; one of a line too many has no place there."""
+    values: Float64 = series.values
+    for cell in damaged_cells:
+        places = [k for k, sv in enumerate(series.satellites) if sv == cell.sv]
+        values[places[cell.place : cell.place + 1]] = UNREADABLE
+    return values
+
+
+def _civil_ns(civil: Any, picoseconds: int | None = None) -> int:
+    """Return a civil date of any time scale as nanoseconds since 1980-01-06 of that scale; -1 for no date."""
+    try:
+        minute = dt.datetime(civil.year, civil.month, civil.day, civil.hour, civil.minute)
+    except ValueError:  # the year 0
+        return _NO_DATE
+    fraction = float(civil.second) * NS_PER_S + (picoseconds or 0) / 1000.0
+    return datetime_to_ns(minute) + round(fraction)
+
+
+def _scale_shift_ns(product: Any) -> int:
+    """Return what is added to the file's time tags to make them GPS time [ns]."""
+    first = product.header.time_of_first_obs
+    if first is None:
+        return 0
+    civil, scale = first
+    if scale == sidereon.TimeScale.BDT:
+        return -BDT_MINUS_GPST_S * NS_PER_S
+    if scale in (sidereon.TimeScale.UTC, sidereon.TimeScale.GLONASST):
+        try:
+            return leap_seconds(dt.datetime(civil.year, civil.month, civil.day)) * NS_PER_S
+        except ValueError:
+            return 0
+    return 0

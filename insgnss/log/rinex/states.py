@@ -1,0 +1,206 @@
+"""State vectors in RINEX navigation files: GLONASS, read through ``sidereon``, and SBAS.
+
+A GLONASS message whose channel is missing is kept, its channel marked as not known: the log may tell it.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss.signals import CHANNELS
+from insgnss.gpstime import datetime_to_ns, utc_to_ns
+from insgnss.tables import Float64, StateVectorTable
+
+NO_CHANNEL: Final = -128
+_J2000: Final = dt.datetime(2000, 1, 1, 12)
+IMPOSSIBLE_DATE: Final = "its date is impossible"
+_LATEST_NS: Final = datetime_to_ns(dt.datetime(2100, 1, 1))
+_FIELD: Final = 19  # characters of a number
+_KILO: Final = 1000.0
+
+
+@dataclass(frozen=True, eq=False)
+class StateVector:
+    """One message."""
+
+    sv: str
+    t_ns: int
+    r_e: Float64
+    v_e: Float64
+    a_e: Float64
+    clock_s: float
+    clock_rate: float
+    group_delay_s: float  # NaN when not given
+    health: float
+    channel: int
+
+
+@dataclass(frozen=True)
+class StateVectors:
+    """The messages of a file, and what was amiss."""
+
+    found: list[StateVector]
+    refused: list[tuple[int, str, str]]  # line (1 where it is not known), satellite and reason
+    mended: set[int]  # lines of messages that were read without their channel
+
+
+def read_state_vectors(text: str, glonass: Sequence[int], sbas: Sequence[int]) -> StateVectors:
+    """Return the state vectors of a file; ``glonass`` and ``sbas`` are the lines (from 1) where messages begin."""
+    result = StateVectors([], [], set())
+    lines = text.splitlines()
+    try:
+        records = sidereon.parse_rinex_glonass_records(text) if glonass else []
+        result.found.extend(map(_glonass, records))
+    except sidereon.SidereonError:
+        for line in glonass:
+            _read_alone(lines, line, result)
+    for line in sbas:
+        try:
+            result.found.append(_sbas(_block(lines, line), old=_version(lines) < 3.0))
+        except (ValueError, IndexError) as error:
+            result.refused.append((line, lines[line - 1][:3], str(error)))
+    undated = [state for state in result.found if not is_date(state.t_ns)]
+    result.refused.extend((1, state.sv, IMPOSSIBLE_DATE) for state in undated)
+    kept = [state for state in result.found if is_date(state.t_ns)]
+    return StateVectors(kept, result.refused, result.mended)
+
+
+def is_date(t_ns: int) -> bool:
+    """Return whether a GPS time lies between the start of GPS and a year of which no file can be."""
+    return 0 <= t_ns < _LATEST_NS
+
+
+def state_vector_table(states: Sequence[StateVector]) -> tuple[StateVectorTable | None, int]:
+    """Return the distinct messages, sorted by satellite and time, and how many were repeated; None without any."""
+    distinct = {(state.sv, state.t_ns): state for state in states}
+    rows = [distinct[key] for key in sorted(distinct)]
+    if not rows:
+        return None, 0
+    table = StateVectorTable(
+        sv_names=tuple(row.sv for row in rows),
+        t_ns=np.array([row.t_ns for row in rows], dtype=np.int64),
+        r_e=np.array([row.r_e for row in rows], dtype=np.float64),
+        v_e=np.array([row.v_e for row in rows], dtype=np.float64),
+        a_e=np.array([row.a_e for row in rows], dtype=np.float64),
+        clock_s=np.array([row.clock_s for row in rows], dtype=np.float64),
+        clock_rate=np.array([row.clock_rate for row in rows], dtype=np.float64),
+        group_delay_s=np.array([row.group_delay_s for row in rows], dtype=np.float64),
+        health=np.array([row.health for row in rows], dtype=np.float64),
+        channel=np.array([row.channel for row in rows], dtype=np.int16),
+    )
+    return table, len(states) - len(rows)
+
+
+def _glonass(record: Any) -> StateVector:
+    """Return a message as read; its time is UTC, a multiple of 15 min (RINEX 3.05, table A10)."""
+    delay = record.l1_l2_group_delay_s
+    return StateVector(
+        sv=record.satellite,
+        t_ns=_utc_j2000_to_ns(record.toe_utc_j2000_s),
+        r_e=np.asarray(record.position_m),
+        v_e=np.asarray(record.velocity_m_s),
+        a_e=np.asarray(record.acceleration_m_s2),
+        clock_s=record.clock_bias_s,
+        clock_rate=record.gamma_n,
+        group_delay_s=float("nan") if delay is None else delay,
+        # B_n, and l_n and C_n where the file has them
+        health=0.0 if record.is_healthy else max(float(record.sv_health), 1.0),
+        channel=record.freq_channel if record.freq_channel in CHANNELS else NO_CHANNEL,
+    )
+
+
+def _utc_j2000_to_ns(seconds: float) -> int:
+    """Return GPS time [ns] of UTC seconds since J2000; no date for what is none."""
+    try:
+        return utc_to_ns(_J2000 + dt.timedelta(seconds=seconds))
+    except (OverflowError, ValueError):
+        return -1
+
+
+def _read_alone(lines: list[str], line: int, result: StateVectors) -> None:
+    """Add one GLONASS message of a file that cannot be read whole."""
+    block = _block(lines, line)
+    for attempt in (block, _without_channel(block, old=_version(lines) < 3.0)):
+        try:
+            records = sidereon.parse_rinex_glonass_records(_file_of(lines, attempt))
+        except sidereon.SidereonError as error:
+            why = str(error)
+            if "channel" not in why:
+                break
+            continue
+        result.found.extend(map(_glonass, records))
+        if attempt is not block:
+            result.mended.add(line)
+        return
+    result.refused.append((line, block[-4][:3] if len(block) > 3 else block[0][:3], why))
+
+
+def _version(lines: list[str]) -> float:
+    try:
+        return float(lines[0][:9])
+    except ValueError:
+        return 3.0
+
+
+def _block(lines: list[str], line: int) -> list[str]:
+    """Return the lines of the message that begins at ``line`` (from 1)."""
+    first = line - 1
+    if _version(lines) < 3.0:
+        return lines[first : first + 4]
+    last = first + (2 if lines[first].startswith(">") else 1)
+    while last < len(lines) and lines[last][:1] == " ":
+        last += 1
+    return lines[first:last]
+
+
+def _file_of(lines: list[str], block: list[str]) -> str:
+    """Return a file of one message; one of four lines is what RINEX 3.04 asks for, whatever the file calls itself."""
+    length = len(block) - block[0].startswith(">")
+    stated = f"{3.04:9.2f}{lines[0][9:]}" if 3.04 < _version(lines) < 4.0 and length == 4 else lines[0]
+    return "\n".join([stated, "".ljust(60) + "END OF HEADER", *block]) + "\n"
+
+
+def _without_channel(block: list[str], *, old: bool) -> list[str]:
+    """Return the message with the channel's field filled in as not known."""
+    at = block[0].startswith(">") + 2
+    if len(block) <= at:
+        return block
+    start = (3 if old else 4) + 3 * _FIELD
+    return [*block[:at], f"{block[at][:start]:{start}}{NO_CHANNEL:{_FIELD}.12E}", *block[at + 1 :]]
+
+
+def _sbas(block: list[str], *, old: bool) -> StateVector:
+    """Return a message of a geostationary satellite: its time is GPS time (RINEX 3.05, table A16)."""
+    block = block[block[0].startswith(">") :]
+    head = 22 if old else 23
+    date = block[0][3:head].split() if old else block[0][4:head].split()
+    year, month, day, hour, minute = (int(part) for part in date[:5])
+    year += 0 if year > 99 else 1900 if year >= 80 else 2000
+    when = dt.datetime(year, month, day, hour, minute) + dt.timedelta(seconds=float(date[5]))
+    clock_s, clock_rate, _ = _numbers(block[0], head, 3)
+    rows = np.array([_numbers(line, head - 19, 4) for line in block[1:4]])
+    sv = f"S{int(block[0][:2]):02d}" if old else block[0][:3].replace(" ", "0")
+    return StateVector(
+        sv=sv,
+        t_ns=datetime_to_ns(when),
+        r_e=rows[:, 0] * _KILO,
+        v_e=rows[:, 1] * _KILO,
+        a_e=rows[:, 2] * _KILO,
+        clock_s=clock_s,
+        clock_rate=clock_rate,
+        group_delay_s=float("nan"),
+        health=float(rows[0, 3]),
+        channel=NO_CHANNEL,
+    )
+
+
+def _numbers(line: str, start: int, n: int) -> list[float]:
+    """Return the ``n`` numbers of a line from a column on; a blank one counts as zero."""
+    fields = (line[start + _FIELD * k : start + _FIELD * (k + 1)].strip() for k in range(n))
+    return [float(field.replace("D", "E").replace("d", "E")) if field else 0.0 for field in fields]

@@ -1,0 +1,179 @@
+"""ROS 2 bags (MCAP) become tables: sensor_msgs/Imu, NavSatFix, and raw GNSS in messages of u-blox drivers or as bytes.
+
+Raw measurements are read from ublox_msgs/RxmRAWX with RxmSFRBX, ublox_ubx_msgs/UBXRxmRawx with UBXRxmSfrbx, and from
+bytes (std_msgs/UInt8MultiArray, rtcm_msgs/Message, mavros_msgs/RTCM) that are UBX or RTCM 3. All other topics are
+named. An Imu or NavSatFix may also be a field of a driver's own message. Stamps are the computer's UTC: how far they
+are from the receiver's time no bag says. Axes are ROS's, forward, left, up (REP-103), unless gravity shows z downwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S
+from insgnss.errors import InputError
+from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
+from insgnss.log.android.fixes import OWN_SOLUTION
+from insgnss.log.imu.sensor_pairs import paired
+from insgnss.log.receiver import ReceiverLog, assembled
+from insgnss.log.rosbag.mcap_file import Topic, read_topics
+from insgnss.log.rosbag.raw import BYTES, RAW_KINDS, SUBFRAME_KINDS, is_stream, raw_log
+from insgnss.tables import Event, ImuTable, Int64, ReferenceTable
+
+IMU: Final = "sensor_msgs/msg/Imu"
+FIX: Final = "sensor_msgs/msg/NavSatFix"
+_READ: Final = frozenset((IMU, FIX, *RAW_KINDS, *SUBFRAME_KINDS, *BYTES))
+_AXES: Final = ("+x", "-y", "-z")  # forward, left, up -> forward, right, down
+_AXES_DOWN: Final = ("+x", "+y", "+z")
+_UPSIDE_DOWN_MPS2: Final = 5.0  # half of gravity
+_EARLIEST_S: Final = 1_000_000_000  # Unix time of the year 2001: earlier stamps count from a start
+_LATEST_S: Final = 6_000_000_000
+_NO_FIX: Final = -1
+_NOT_MEASURED: Final = -1.0  # first element of a covariance
+Decoded = list[tuple[int, Any]]
+
+
+def read_rosbag(path: Path, topics: Mapping[str, str] | None = None) -> ReceiverLog:
+    """Read a ROS 2 bag (MCAP, plain or gzipped).
+
+    Parameters
+    ----------
+    topics : "imu", "gnss", "reference" -> topic, where several would do
+
+    Raises
+    ------
+    InputError : the libraries are not installed, the file is no MCAP file or holds nothing of use, or several topics
+        would do and none is named
+    """
+    found, events = read_topics(path, _READ, (IMU, FIX))
+    wanted = dict(topics or {})
+    for part, name in wanted.items():
+        if name not in found:
+            raise InputError(
+                f"the bag has no topic '{name}'",
+                file=path,
+                key=f"--topic {part}",
+                advice=f"it has {_listed(found.values())}",
+            )
+    with np.errstate(all="ignore"):
+        imu_topic = _one(found, "imu", (IMU,), wanted, path)
+        imu = None if imu_topic is None else _inertial(imu_topic, events)
+        raw_topic = _one(found, "gnss", (*RAW_KINDS, *BYTES), wanted, path)
+        subframes = [topic for topic in found.values() if topic.kind in SUBFRAME_KINDS]
+        raw = None if raw_topic is None else raw_log(raw_topic, subframes, path, events)
+        fix_topic = _one(found, "reference", (FIX,), wanted, path)
+        own = None if fix_topic is None else _fixes(fix_topic, events)
+    used = {topic.name for topic in (imu_topic, raw_topic, fix_topic, *subframes) if topic is not None}
+    others = [topic for topic in found.values() if topic.name not in used and topic.count]
+    if others:
+        events.append(Event(None, "mcap_not_used", f"topics not read: {_listed(others)}"))
+    advice = f"record {IMU}, {FIX}, ublox_msgs/msg/RxmRAWX with RxmSFRBX, or the receiver's bytes"
+    log = assembled(path, raw, imu, own, events, holder="bag", advice=advice)
+    return replace(log, imu_axes=_axes(imu, imu_topic, log.events))
+
+
+def _listed(topics: Any) -> str:
+    return ", ".join(f"{topic.count} {topic.name} ({topic.kind or 'no type'})" for topic in topics)
+
+
+def _one(
+    found: Mapping[str, Topic], part: str, kinds: tuple[str, ...], wanted: Mapping[str, str], path: Path
+) -> Topic | None:
+    """Return the topic of these types that is named or alone.
+
+    Raises
+    ------
+    InputError : there are several
+    """
+    if part in wanted:
+        return found[wanted[part]]
+    fitting = [topic for topic in found.values() if topic.kind in kinds and topic.messages]
+    if len(fitting) > 1:
+        fitting = [topic for topic in fitting if topic.kind not in BYTES or is_stream(topic)]
+    if len(fitting) > 1:
+        raise InputError(
+            f"{len(fitting)} topics could be the {part}: {_listed(fitting)}",
+            file=path,
+            advice=f"name the one to read: --topic {part}={fitting[0].name}",
+        )
+    return fitting[0] if fitting else None
+
+
+def _times(topic: Topic, messages: Decoded, events: list[Event]) -> Int64:
+    """Return the GPS time of each message's stamp, -1 for one that is no date."""
+    seconds = np.array([m.header.stamp.sec for _, m in messages], np.int64)
+    nanos = np.array([m.header.stamp.nanosec for _, m in messages], np.int64)
+    good = (seconds > _EARLIEST_S) & (seconds < _LATEST_S) & (nanos < NS_PER_S)
+    if not good.all():
+        detail = f"{topic.name}: {int((~good).sum())} message(s) whose stamp is no date (a simulator's time?) left out"
+        events.append(Event(None, "mcap_time_unknown", detail))
+    if not good.any():
+        return np.full(len(messages), -1, np.int64)
+    since = (seconds - UNIX_TO_GPS_S) * NS_PER_S + nanos
+    leap = leap_seconds(ns_to_datetime(int(since[good][0])))
+    return np.where(good, since + leap * NS_PER_S, -1)
+
+
+def _inertial(topic: Topic, events: list[Event]) -> ImuTable | None:
+    messages = topic.decoded(events)
+    rates = [m for m in messages if m[1].angular_velocity_covariance[0] != _NOT_MEASURED]
+    forces = [m for m in messages if m[1].linear_acceleration_covariance[0] != _NOT_MEASURED]
+    parts = []
+    for chosen, name in ((rates, "angular_velocity"), (forces, "linear_acceleration")):
+        vectors = [getattr(m, name) for _, m in chosen]
+        values = np.array([(v.x, v.y, v.z) for v in vectors], np.float64).reshape(-1, 3)
+        t_ns = (
+            _times(topic, chosen, events if name == "angular_velocity" else [])
+            if chosen
+            else np.zeros(0, np.int64)
+        )
+        parts.append((t_ns[t_ns >= 0], values[t_ns >= 0]))
+    imu, told = paired(*parts[0], *parts[1], topic.name)
+    events += told
+    if imu is not None:
+        detail = f"{topic.name}: stamps of the computer's clock (UTC); how far it is from the receiver's no bag says"
+        events.append(Event(int(imu.t_ns[0]), "imu_time_estimated", detail))
+    return imu
+
+
+def _axes(imu: ImuTable | None, topic: Topic | None, events: list[Event]) -> tuple[str, str, str]:
+    """Return the sensor axes that point forward, right, down: by REP-103, unless gravity shows z downwards."""
+    if imu is None or topic is None or float(np.median(imu.f_b[:, 2])) > -_UPSIDE_DOWN_MPS2:
+        return _AXES
+    detail = f"{topic.name}: the specific force points along -z: taken for forward, right, down, not for REP-103's axes"
+    events.append(Event(int(imu.t_ns[0]), "imu_axes_downwards", detail))
+    return _AXES_DOWN
+
+
+def _fixes(topic: Topic, events: list[Event]) -> ReferenceTable | None:
+    """Return the fixes as a reference of quality 2: no truth."""
+    messages = [m for m in topic.decoded(events) if m[1].status.status > _NO_FIX]
+    if not messages:
+        return None
+    t_ns = _times(topic, messages, events)
+    place = np.array([(m.latitude, m.longitude, m.altitude) for _, m in messages], np.float64)
+    covariance = np.array([list(m.position_covariance) for _, m in messages], np.float64)
+    known = np.array([m.position_covariance_type > 0 for _, m in messages])
+    good = (t_ns >= 0) & np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0)
+    good &= (np.abs(place[:, 1]) <= 360.0) & (np.abs(place[:, 2]) < 1e8)
+    rows = np.flatnonzero(good)
+    _, first = np.unique(t_ns[rows], return_index=True)
+    rows = rows[first]
+    if len(rows) < 2:
+        return None
+    sigma = np.full((len(rows), 9), np.nan)
+    variance = covariance[rows][:, [4, 0, 8]]  # east, north, up on the diagonal
+    sigma[:, :3] = np.where(
+        known[rows, None] & (variance > 0.0) & (variance < 1e12), np.sqrt(variance), np.nan
+    )
+    unknown = np.full((len(rows), 3), np.nan)
+    events.append(
+        Event(None, "reference_own", f"the reference is {topic.name}, the receiver's fixes: no truth")
+    )
+    lat, lon, h = place[rows].T
+    return ReferenceTable(t_ns[rows], lat, lon, h, unknown, unknown, np.full(len(rows), OWN_SOLUTION), sigma)

@@ -1,0 +1,186 @@
+"""RTCM's ephemerides (1019, 1020, 1042, 1044, 1045, 1046) become the tables of ``insgnss.tables``.
+
+The messages hold the numbers as the satellites sent them, with the scales of each system's interface document
+(RTCM 10403.3, tables 3.5-21, 3.5-24, 3.5-105 and after).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.signals import CHANNELS
+from insgnss.log.messages.bits import angle, power
+from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
+from insgnss.log.messages.galileo import sisa_m
+from insgnss.log.messages.glonass_strings import nearest_in_day
+from insgnss.log.messages.gps_lnav import fit_interval_s, ura_m
+from insgnss.log.rtcm.observations import CHANNEL_OFFSET
+from insgnss.log.rtcm.time import BDT_TO_GPS_NS, GPS_WEEKS_SENT
+from insgnss.log.satellites import MAX_NUMBER
+
+_UNKNOWN_CHANNEL: Final = -128
+_KM: Final = 1000.0
+_FAR_NS: Final = 2 * 86_400 * NS_PER_S  # of a message's week from that of the epochs
+_GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))  # they send D2
+_ANGLES: Final = {
+    **{"i0": -31, "omega0": -31, "omega": -31, "m0": -31},
+    **{"delta_n": -43, "omega_dot": -43, "idot": -43},
+}
+# Scales of toc and toe [s], af0 af1 af2, cu and ci, cr; e and sqrt(a) are alike in all
+_GPS: Final = (16.0, (-31, -43, -55), -29, -5)
+_GALILEO: Final = (60.0, (-34, -46, -59), -29, -5)
+_BEIDOU: Final = (8.0, (-33, -50, -66), -31, -6)
+
+
+def broadcast(messages: Sequence[tuple[Any, int]]) -> Broadcast:
+    """Return what the ephemerides give, each distinct one once.
+
+    Parameters
+    ----------
+    messages : each with the GPS time of the epochs about it [ns]
+    """
+    found = Broadcast()
+    for message, near_ns in messages:
+        EPHEMERIDES[message.message_number](found, message, near_ns)
+    return found
+
+
+def stated_channels(messages: Sequence[Any]) -> dict[str, int]:
+    """Return the frequency channels of the GLONASS satellites that sent their ephemeris."""
+    states = [message.glonass_ephemeris for message in messages if message.message_number == 1020]
+    channels = {f"R{state.satellite_id:02d}": state.frequency_channel - CHANNEL_OFFSET for state in states}
+    return {sv: channel for sv, channel in channels.items() if channel in CHANNELS}
+
+
+def _elements(row: Any, scales: tuple[float, tuple[int, int, int], int, int]) -> tuple[float, ...]:
+    """Return the elements in the order of ``ELEMENTS``."""
+    times, clock, angles, radii = scales
+    return (
+        row.t_oe * times,
+        *(raw * power(exponent) for raw, exponent in zip((row.a_f0, row.a_f1, row.a_f2), clock, strict=True)),
+        row.sqrt_a * power(-19),
+        row.eccentricity * power(-33),
+        *(getattr(row, name) * angle(exponent) for name, exponent in _ANGLES.items()),
+        *(raw * power(angles) for raw in (row.c_uc, row.c_us)),
+        *(raw * power(radii) for raw in (row.c_rc, row.c_rs)),
+        *(raw * power(angles) for raw in (row.c_ic, row.c_is)),
+    )
+
+
+def _lnav(system: str) -> Callable[[Broadcast, Any, int], None]:
+    def take(found: Broadcast, message: Any, near_ns: int) -> None:
+        row = message.gps_ephemeris or message.qzss_ephemeris
+        sv = _name(system, row.satellite_id)
+        sent_ns = row.week_number * NS_PER_WEEK + int(row.t_oe * 16) * NS_PER_S
+        if not _is_near(found, sv, sent_ns, near_ns, GPS_WEEKS_SENT, message):
+            return
+        fit = fit_interval_s(system, int(row.fit_interval), row.iodc)
+        health, accuracy = float(row.sv_health), ura_m(row.sv_accuracy if system == "G" else row.ura)
+        delay = 0.0 if system == "J" and row.t_gd == -128 else row.t_gd * power(-31)  # "not available"
+        _add(found, sv, "LNAV", row, _GPS, near_ns, ((delay, 0.0), health, accuracy, float(row.iode), fit))
+
+    return take
+
+
+def _galileo(found: Broadcast, message: Any, near_ns: int) -> None:
+    inav = message.galileo_inav_ephemeris
+    row = inav or message.galileo_fnav_ephemeris
+    sv = _name("E", row.satellite_id)
+    sent_ns = (row.week_number + 1024) * NS_PER_WEEK + row.t_oe * 60 * NS_PER_S
+    if not _is_near(found, sv, sent_ns, near_ns, 4096, message):
+        return
+    # the bits of RINEX 3.05, table A8
+    if inav:
+        health = _flags(row.e1b_data_validity, row.e1b_signal_health, 0)
+        health |= _flags(row.e5b_data_validity, row.e5b_signal_health, 6)
+    else:
+        health = _flags(row.e5a_data_validity, row.e5a_signal_health, 3)
+    delays = (row.bgd_e5a_e1 * power(-32), row.bgd_e5b_e1 * power(-32) if inav else 0.0)
+    accuracy = sisa_m(row.sisa_index if inav else row.sisa)
+    stated = (delays, float(health), accuracy, float(row.iod_nav), math.nan)
+    _add(found, sv, "INAV" if inav else "FNAV", row, _GALILEO, near_ns, stated)
+
+
+def _flags(invalid: bool, health: int, place: int) -> int:
+    return (int(invalid) | int(health) << 1) << place
+
+
+def _beidou(found: Broadcast, message: Any, near_ns: int) -> None:
+    row = message.beidou_ephemeris
+    sv = _name("C", row.satellite_id)
+    sent_ns = (row.week_number + 1356) * NS_PER_WEEK + row.t_oe * 8 * NS_PER_S + BDT_TO_GPS_NS
+    if not _is_near(found, sv, sent_ns, near_ns, 8192, message):
+        return
+    delays = (row.t_gd1 * 1e-10, row.t_gd2 * 1e-10)
+    stated = (delays, float(row.sv_health), ura_m(row.sv_urai), float(row.aode), math.nan)
+    _add(found, sv, "D2" if sv in _GEOSTATIONARY else "D1", row, _BEIDOU, near_ns, stated, BDT_TO_GPS_NS)
+
+
+def _add(
+    found: Broadcast,
+    sv: str,
+    kind: str,
+    row: Any,
+    scales: tuple[float, tuple[int, int, int], int, int],
+    near_ns: int,
+    stated: tuple[tuple[float, float], float, float, float, float],
+    shift_ns: int = 0,
+) -> None:
+    """Keep a message; ``stated`` are group delays, health, accuracy, issue and fit interval."""
+    toe_ns, toc_ns = (
+        nearest_in_week(raw * scales[0], near_ns - shift_ns) + shift_ns for raw in (row.t_oe, row.t_oc)
+    )
+    found.ephemerides.setdefault(Ephemeris(sv, kind, toe_ns, toc_ns, *stated, _elements(row, scales)))
+
+
+def _name(system: str, number: int) -> str:
+    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else ""
+
+
+def _is_near(found: Broadcast, sv: str, sent_ns: int, near_ns: int, weeks: int, message: Any) -> bool:
+    """Return whether a message has a satellite and is of the epochs' days, its week sent modulo ``weeks``.
+
+    A reference time at the week's edge may be one week off the week sent.
+    """
+    period = weeks * NS_PER_WEEK
+    off_ns = (sent_ns - near_ns + period // 2) % period - period // 2
+    off_ns = min((off_ns, off_ns - NS_PER_WEEK, off_ns + NS_PER_WEEK), key=abs)
+    why = "without a known satellite" if not sv else "of another date" if abs(off_ns) > _FAR_NS else ""
+    if why:
+        found.refused[f"message {message.message_number} {why}; refused"] += 1
+    return not why
+
+
+def _glonass(found: Broadcast, message: Any, near_ns: int) -> None:
+    row = message.glonass_ephemeris
+    sv = _name("R", row.satellite_id)
+    if not sv or row.t_b * 900 >= 86_400:
+        found.refused["message 1020 without a known satellite or time; refused"] += 1
+        return
+    channel = row.frequency_channel - CHANNEL_OFFSET
+    r_e, v_e, a_e = (
+        tuple(getattr(row, f"{axis}n{dots}") * power(scale) * _KM for axis in "xyz")
+        for dots, scale in (("", -11), ("_dot", -20), ("_dot_dot", -30))
+    )
+    state = StateVector(
+        sv,
+        nearest_in_day(row.t_b * 900, near_ns),
+        r_e,
+        v_e,
+        a_e,
+        -row.tau_n * power(-30),  # ICD: t_GLONASS = t_satellite + tau
+        row.gamma_n * power(-40),
+        row.delta_tau_n * power(-30),
+        float(int(row.b_n_msb) | int(row.m_l_n_third) << 1),
+        channel if channel in CHANNELS else _UNKNOWN_CHANNEL,
+    )
+    found.states.setdefault(state)
+
+
+EPHEMERIDES: Final[dict[int, Callable[[Broadcast, Any, int], None]]] = {
+    **{1019: _lnav("G"), 1020: _glonass, 1042: _beidou},
+    **{1044: _lnav("J"), 1045: _galileo, 1046: _galileo},
+}

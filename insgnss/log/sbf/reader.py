@@ -1,0 +1,101 @@
+"""Septentrio SBF files become tables: measurements, broadcast messages, inertial samples, the receiver's solution.
+
+The blocks are decoded here, all of a kind at once: the parser of blocks one by one reads a quarter of a megabyte per
+second (``pysbf2``, which the tests hold this against).
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from insgnss.errors import InputError
+from insgnss.log.files import file_buffer
+from insgnss.log.gnss_rows import in_time_order
+from insgnss.log.imu.sensor_pairs import paired
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.sbf.blocks import (
+    EXT_SENSOR,
+    HEADER_LENGTH,
+    LAYOUTS,
+    MEAS_EPOCH,
+    SENSOR,
+    Blocks,
+    block_records,
+    block_times_ns,
+    find_blocks,
+    records,
+    time_known,
+)
+from insgnss.log.sbf.measurements import measurements
+from insgnss.log.sbf.navigation import broadcast
+from insgnss.log.sbf.solution import solution
+from insgnss.tables import Event, ImuTable
+
+_ACCELERATION, _ANGULAR_RATE = 0, 1  # types of ExtSensorMeas: m/s^2, deg/s
+
+
+def read_sbf(path: Path, *further: Path) -> ReceiverLog:
+    """Read a Septentrio receiver's SBF file, or several as one (plain or gzipped).
+
+    Measurements are those of MeasEpoch (main antenna); the compressed Meas3 blocks have no public definition and are
+    told. Messages are those that the receiver has decoded (GPSNav, GALNav, GLONav, BDSNav, QZSNav and ionosphere).
+    Inertial samples (ExtSensorMeas) stay in the sensor's own axes. A file may hold them or the receiver's own solution
+    (INSNavGeod) alone; the table of measurements is empty then.
+
+    Raises
+    ------
+    InputError : the file holds no SBF block, or none of what is read
+    """
+    data = b"".join(file_buffer(part).to_pybytes() for part in (path, *further))
+    blocks = find_blocks(data)
+    if not blocks.starts and not blocks.unread:
+        raise InputError(
+            "no SBF block in the file", file=path, advice="is it a Septentrio receiver's binary log?"
+        )
+    gnss, events = measurements(data, blocks)
+    imu, told = _inertial(data, blocks)
+    own, without = solution(data, blocks)
+    if not len(gnss.t_ns) and imu is None and own is None:
+        raise InputError(
+            "the SBF file holds no measurement and no inertial sample",
+            file=path,
+            advice=f"log MeasEpoch (block {MEAS_EPOCH}) or ExtSensorMeas ({EXT_SENSOR}); Meas3 blocks cannot be read",
+        )
+    gnss, reordered = in_time_order(gnss, str(path))
+    found = broadcast(data, blocks)
+    events += reordered
+    events += [
+        Event(None, "navigation_damaged", f"{count} {reason}; refused")
+        for reason, count in found.refused.items()
+    ]
+    if blocks.damaged:
+        events.append(Event(None, "sbf_damaged", f"{blocks.damaged} damaged or cut block(s) left out"))
+    named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told + without]
+    return ReceiverLog(gnss, found.navigation(), imu, named, own)
+
+
+def _inertial(data: bytes, blocks: Blocks) -> tuple[ImuTable | None, list[Event]]:
+    """Return the samples of the first sensor that gave both kinds."""
+    heads = block_records(data, blocks, EXT_SENSOR)
+    starts: list[int] = []
+    times: list[int] = []
+    timed = time_known(heads)
+    heads = heads[timed]
+    block_starts = np.array(blocks.starts.get(EXT_SENSOR, []), dtype=np.int64)[timed].tolist()
+    for start, head, t in zip(block_starts, heads, block_times_ns(heads).tolist(), strict=True):
+        end = start + int.from_bytes(data[start + 6 : start + 8], "little")
+        at, length = start + HEADER_LENGTH + LAYOUTS[EXT_SENSOR].itemsize, int(head["length"])
+        if length < SENSOR.itemsize:
+            continue
+        inside = [at + k * length for k in range(int(head["n"])) if at + (k + 1) * length <= end]
+        starts += inside
+        times += [t] * len(inside)
+    if not starts:
+        return None, []
+    rows, t_ns = records(data, starts, SENSOR), np.array(times, dtype=np.int64)
+    gyro, accel = rows["type"] == _ANGULAR_RATE, rows["type"] == _ACCELERATION
+    rates, forces = rows["xyz"][gyro] * (math.pi / 180.0), rows["xyz"][accel]
+    return paired(t_ns[gyro], rates, t_ns[accel], forces, "ExtSensorMeas")

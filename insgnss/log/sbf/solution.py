@@ -1,0 +1,94 @@
+"""SBF's INSNavGeod, the receiver's own solution of satellites and inertial sensor, as a reference with sigmas.
+
+AsteRx SBi reference guide, "INSNavGeod": a fixed part, then position sigmas, attitude, its sigmas, velocity and its
+sigmas, of which ``SBList`` names those that follow. Angles of the attitude in degrees, heading clockwise from north.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.log.sbf.blocks import (
+    FLOAT_MISSING,
+    HEADER_LENGTH,
+    INS_NAV,
+    LAYOUTS,
+    Blocks,
+    block_records,
+    block_times_ns,
+    records,
+    time_known,
+)
+from insgnss.tables import Event, Float64, Int64, ReferenceTable
+from insgnss.units import RAD_PER_DEG
+
+_TRIPLE: Final = np.dtype([("value", "<f4", (3,))])
+# Sub-blocks in the order of their bits in SBList
+_POSITION_SD, _ATTITUDE, _ATTITUDE_SD, _VELOCITY, _VELOCITY_SD = range(5)
+_N_PARTS: Final = 5
+
+
+def solution(data: bytes, blocks: Blocks) -> tuple[ReferenceTable | None, list[Event]]:
+    """Return the receiver's solution, None when the file has none; rows in error or without a place are counted."""
+    heads = block_records(data, blocks, INS_NAV)
+    if not len(heads):
+        return None, []
+    starts = np.array(blocks.starts[INS_NAV], np.int64)
+    place = np.column_stack([heads[name] for name in ("lat_rad", "lon_rad", "h_m")])
+    usable = time_known(heads) & (heads["error"] == 0) & (place > FLOAT_MISSING).all(axis=1)
+    usable &= np.isfinite(place).all(axis=1)
+    rows = np.flatnonzero(usable)
+    events = []
+    if len(rows) < len(heads):
+        detail = f"{len(heads) - len(rows)} INSNavGeod block(s) without a solution left out"
+        events.append(Event(None, "sbf_no_solution", detail))
+    t_ns, first = np.unique(block_times_ns(heads[rows]), return_index=True)
+    rows = rows[first]
+    if len(rows) < 2:
+        return None, events
+    parts = _parts(data, starts[rows], heads[rows])
+    # the receiver's order: latitude, longitude, height; east, north, up; heading, pitch, roll
+    velocity = parts[_VELOCITY][:, [1, 0, 2]] * [1.0, 1.0, -1.0]
+    attitude = parts[_ATTITUDE][:, ::-1]
+    sigma = np.column_stack(
+        [parts[_POSITION_SD], parts[_VELOCITY_SD][:, [1, 0, 2]], parts[_ATTITUDE_SD][:, ::-1]]
+    )
+    table = ReferenceTable(
+        t_ns,
+        place[rows, 0] / RAD_PER_DEG,
+        place[rows, 1] / RAD_PER_DEG,
+        place[rows, 2],
+        velocity,
+        attitude,
+        np.ones(len(rows)),
+        sigma,
+    )
+    return table, events
+
+
+def _parts(data: bytes, starts: Int64, heads: npt.NDArray[np.void]) -> list[Float64]:
+    """Return the five sub-blocks (n, 3) of each block, NaN where it has not sent one."""
+    listed = heads["parts"].astype(np.int64)
+    size = _TRIPLE.itemsize
+    at = starts + HEADER_LENGTH + LAYOUTS[INS_NAV].itemsize
+    ends = starts + np.array([_length(data, start) for start in starts.tolist()], np.int64)
+    found = []
+    for part in range(_N_PARTS):
+        present = (listed >> part & 1 != 0) & (at + size <= ends)
+        values = np.full((len(starts), 3), np.nan)
+        values[present] = _values(records(data, at[present].tolist(), _TRIPLE))
+        found.append(values)
+        at = at + size * (listed >> part & 1)
+    return found
+
+
+def _length(data: bytes, start: int) -> int:
+    return int.from_bytes(data[start + 6 : start + 8], "little")
+
+
+def _values(rows: Any) -> Float64:
+    values = rows["value"].astype(np.float64)
+    return np.where(values > FLOAT_MISSING, values, np.nan)

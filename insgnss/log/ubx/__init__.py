@@ -1,0 +1,1 @@
+"""u-blox UBX files."""

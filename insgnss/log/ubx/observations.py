@@ -1,0 +1,233 @@
+"""UBX-RXM-RAWX, the raw measurements of a u-blox receiver, as observation rows (ZED-F9P interface description, 3.17.5).
+
+Of the standard deviations that the receiver states none is kept: they are classes of signal strength, no statistics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
+from insgnss.gpstime import LATEST_WEEK
+from insgnss.log.carrier_slips import slipped_rows
+from insgnss.log.first_events import first_events
+from insgnss.log.gnss_rows import in_time_order
+from insgnss.log.satellites import MAX_NUMBER
+from insgnss.log.ubx.frames import UbxFrames
+from insgnss.tables import Event, Float64, GnssTable, Int64
+
+RAWX: Final = 0x0215
+_EPOCH: Final = np.dtype(
+    [("tow_s", "<f8"), ("week", "<u2"), ("leap_s", "i1"), ("count", "u1"), ("status", "u1"), ("", "u1", 3)]
+)
+MEASUREMENT: Final = np.dtype(
+    [
+        ("pseudorange_m", "<f8"),
+        ("carrier_cycles", "<f8"),
+        ("doppler_hz", "<f4"),
+        ("gnss", "u1"),
+        ("satellite", "u1"),
+        ("signal", "u1"),
+        ("frequency", "u1"),  # GLONASS channel plus 7
+        ("lock_ms", "<u2"),
+        ("cn0_dbhz", "u1"),
+        ("sigmas", "u1", 3),
+        ("status", "u1"),
+        ("", "u1"),
+    ]
+)
+LEAP_KNOWN, CLOCK_RESET = 1, 2  # bits of the epoch's status
+# bits of the measurement's status
+RANGE_VALID, CARRIER_VALID, HALF_CYCLE_KNOWN, HALF_CYCLE_SUBTRACTED = 1, 2, 4, 8
+SLIP, HALF_CYCLE_OPEN = 1, 2  # bits of the loss-of-lock indicator (RINEX 3.05, table A3)
+LOCK_CEILING_MS: Final = 64_500  # the lock time counts no further
+CHANNEL_OFFSET: Final = 7
+
+SYSTEMS: Final = {0: "G", 1: "S", 2: "E", 3: "C", 5: "J", 6: "R", 7: "I"}  # 4 is IMES, indoors
+SBAS_OFFSET: Final = 100  # S20 is PRN 120
+
+# Signal identifiers of each system as RINEX codes (interface description, 1.5.4 "Signal identifiers")
+SIGNALS: Final[dict[str, dict[int, str]]] = {
+    "G": {0: "C1C", 3: "C2L", 4: "C2S", 6: "C5I", 7: "C5Q"},
+    "S": {0: "C1C"},
+    "E": {0: "C1C", 1: "C1B", 3: "C5I", 4: "C5Q", 5: "C7I", 6: "C7Q", 8: "C6B", 9: "C6C", 10: "C6A"},
+    "C": {
+        **{0: "C2I", 1: "C2I", 2: "C7I", 3: "C7I", 4: "C6I", 10: "C6I"},  # B1I, B2I, B3I with D1 and with D2
+        **{5: "C1P", 6: "C1D", 7: "C5P", 8: "C5D"},
+    },
+    "J": {0: "C1C", 1: "C1Z", 4: "C2S", 5: "C2L", 8: "C5I", 9: "C5Q", 12: "C1E"},
+    "R": {0: "C1C", 2: "C2C"},
+    "I": {0: "C5A"},
+}
+
+
+@dataclass(frozen=True)
+class RawEpochs:
+    """The epochs of one file as they stand in it."""
+
+    t_ns: Int64  # (m,) receiver time tag
+    offset: Int64  # (m,) place of each in the file
+    leap_s: Int64  # (m,) GPS minus UTC, -128 where the receiver does not know it
+    reset: npt.NDArray[np.bool_]  # (m,) the receiver's clock was set here
+    count: Int64  # (m,) measurements of each
+    measurements: npt.NDArray[np.void]  # all of them, in order
+
+
+def raw_epochs(frames: UbxFrames) -> tuple[RawEpochs, list[Event]]:
+    """Return a file's epochs, and an event for each frame that contradicts itself or has no date."""
+    data = frames.data
+    good = [
+        (offset, length)
+        for offset, length in frames.of(RAWX)
+        if length >= 16 and length == 16 + 32 * data[offset + 11]
+    ]
+    events = []
+    if len(good) < len(frames.of(RAWX)):
+        wrong = len(frames.of(RAWX)) - len(good)
+        detail = f"{frames.path}: {wrong} RXM-RAWX frames whose length and count differ; refused"
+        events.append(Event(None, "ubx_damaged", detail))
+    heads = np.frombuffer(b"".join([data[o : o + 16] for o, _ in good]), _EPOCH)
+    dated = np.isfinite(heads["tow_s"]) & (heads["tow_s"] >= 0.0) & (heads["tow_s"] < S_PER_WEEK + 1.0)
+    dated &= (heads["week"] > 0) & (heads["week"] <= LATEST_WEEK)
+    events += first_events(
+        np.flatnonzero(~dated).tolist(),
+        lambda index: Event(
+            None, "ubx_damaged", f"{frames.path}: byte {good[index][0]}: RXM-RAWX without a date; refused"
+        ),
+        frames.path,
+        "epochs refused",
+    )
+    kept = [place for place, has_date in zip(good, dated, strict=True) if has_date]
+    heads = heads[dated]
+    body = b"".join([data[o + 16 : o + n] for o, n in kept])
+    empty = int((heads["count"] == 0).sum())
+    if empty:
+        detail = f"{frames.path}: {empty} epochs without a measurement"
+        events.append(Event(None, "gnss_epoch_empty", detail))
+    tow_ns = np.rint(heads["tow_s"] * NS_PER_S).astype(np.int64)  # a double resolves 0.1 ns of a week
+    known = heads["status"] & LEAP_KNOWN > 0
+    epochs = RawEpochs(
+        tow_ns + heads["week"].astype(np.int64) * NS_PER_WEEK,
+        np.array([o for o, _ in kept], dtype=np.int64),
+        np.where(known, heads["leap_s"], -128).astype(np.int64),
+        heads["status"] & CLOCK_RESET > 0,
+        heads["count"].astype(np.int64),
+        np.frombuffer(body, MEASUREMENT),
+    )
+    resets = [
+        Event(int(t), "clock_reset", f"{frames.path}: the receiver set its clock")
+        for t in epochs.t_ns[epochs.reset]
+    ]
+    return epochs, events + resets
+
+
+def observation_table(files: list[RawEpochs], path: Path) -> tuple[GnssTable, list[Event]]:
+    """Return one row for each measurement of a known satellite and signal, epochs in order and each once."""
+    t_ns = np.concatenate([epochs.t_ns for epochs in files])
+    count = np.concatenate([epochs.count for epochs in files])
+    measured = np.concatenate([epochs.measurements for epochs in files])
+    _, first = np.unique(t_ns, return_index=True)
+    once = np.zeros(len(t_ns), np.bool_)
+    once[first] = True
+    rows = np.repeat(once, count)
+    events = []
+    if not once.all():
+        again = np.flatnonzero(~once)
+        detail = f"{path}: {len(again)} repeated epoch(s) left out"
+        events.append(Event(int(t_ns[again[0]]), "gnss_epoch_repeated", detail))
+    table, lock_ms, halved, unknown = _rows(np.repeat(t_ns, count)[rows], measured[rows], path)
+    order = np.argsort(table.t_ns, kind="stable")
+    slips = np.zeros(len(order), np.bool_)
+    slips[order] = slipped_rows(table.take(order), lock_ms[order], halved[order], LOCK_CEILING_MS)
+    assert table.lli is not None
+    table.lli[slips] |= SLIP
+    table, reordered = in_time_order(table, str(path))
+    return table, events + unknown + reordered
+
+
+def _rows(
+    t_ns: Int64, measured: npt.NDArray[np.void], path: Path
+) -> tuple[GnssTable, Int64, npt.NDArray[np.bool_], list[Event]]:
+    """Return the rows, the lock time of each, whether a half cycle was subtracted, and what was passed over."""
+    satellite = _named(measured["gnss"], measured["satellite"], satellite_name)
+    signal = _named(measured["gnss"], measured["signal"], _signal_name)
+    known = (satellite.index >= 0) & (signal.index >= 0)
+    events = []
+    if not known.all():
+        detail = f"{path}: {int((~known).sum())} measurements of unknown satellites or signals left out"
+        events.append(Event(None, "ubx_unknown_signal", detail))
+    measured = measured[known]
+    status = measured["status"]
+    range_m = _valid(measured["pseudorange_m"], status & RANGE_VALID > 0)
+    carrier = _valid(measured["carrier_cycles"], status & CARRIER_VALID > 0)
+    doppler = _valid(measured["doppler_hz"].astype(np.float64), True)
+    unreadable = (status & RANGE_VALID > 0) & np.isnan(range_m) | np.isnan(doppler)
+    is_open = np.isfinite(carrier) & (status & HALF_CYCLE_KNOWN == 0)
+    table = GnssTable(
+        t_ns[known],
+        satellite.index[known].astype(np.int16),
+        signal.index[known].astype(np.int16),
+        range_m,
+        doppler,
+        np.full(len(measured), np.nan),
+        np.where(measured["cn0_dbhz"] > 0, measured["cn0_dbhz"], np.nan),
+        satellite.names,
+        signal.names,
+        bad_cells=np.flatnonzero(unreadable).astype(np.int64),
+        carrier_cycles=carrier,
+        lli=np.where(is_open, HALF_CYCLE_OPEN, 0).astype(np.int8),
+        glonass_channels=_channels(measured),
+    )
+    return table, measured["lock_ms"].astype(np.int64), status & HALF_CYCLE_SUBTRACTED > 0, events
+
+
+@dataclass(frozen=True)
+class _Names:
+    index: npt.NDArray[np.intp]  # of each measurement into the names, -1 when it has none
+    names: tuple[str, ...]  # sorted
+
+
+def _named(
+    system: npt.NDArray[np.uint8], number: npt.NDArray[np.uint8], name_of: Callable[[int, int], str | None]
+) -> _Names:
+    """Return names for pairs of system and number; ``name_of`` gives None for what is not known."""
+    pairs, index = np.unique(system.astype(np.int64) * 256 + number, return_inverse=True)
+    words = [name_of(int(pair) >> 8, int(pair) & 255) for pair in pairs]
+    names = tuple(sorted({word for word in words if word is not None}))
+    place = np.array([-1 if word is None else names.index(word) for word in words] + [-1], dtype=np.intp)
+    return _Names(place[index], names)
+
+
+def satellite_name(gnss: int, number: int) -> str | None:
+    """Return the satellite of u-blox's two identifiers ("G05"), None when it is not known (GLONASS: 255)."""
+    system = SYSTEMS.get(gnss)
+    if system is None:
+        return None
+    number -= SBAS_OFFSET if system == "S" else 0
+    return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else None
+
+
+def _signal_name(gnss: int, signal: int) -> str | None:
+    return SIGNALS.get(SYSTEMS.get(gnss, ""), {}).get(signal)
+
+
+def _valid(values: Float64, valid: npt.NDArray[np.bool_] | bool) -> Float64:
+    return np.where(valid & np.isfinite(values), values, np.nan)
+
+
+def _channels(measured: npt.NDArray[np.void]) -> dict[str, int]:
+    """Return the frequency channel of each GLONASS satellite, the one seen last."""
+    glonass = measured[measured["gnss"] == 6]
+    pairs = np.unique(glonass["satellite"].astype(np.int64) * 256 + glonass["frequency"])
+    channels = {}
+    for pair in pairs:
+        name, channel = satellite_name(6, int(pair) >> 8), (int(pair) & 255) - CHANNEL_OFFSET
+        if name is not None and -7 <= channel <= 6:
+            channels[name] = channel
+    return channels

@@ -1,0 +1,181 @@
+"""u-blox receivers' own files (UBX): raw measurements, broadcast messages, inertial samples and time marks.
+
+Read are RXM-RAWX, RXM-SFRBX (RXM-RAW and RXM-SFRB of older receivers), ESF-RAW or ESF-MEAS and TIM-TM2; NAV-PVT or
+NAV-TIMEGPS tells the time where there is no raw measurement. Everything else is counted. Read by
+``insgnss.log.ubx.frames`` rather than by ``pyubx2``: see there.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.errors import InputError
+from insgnss.gpstime import LATEST_WEEK, datetime_to_ns, leap_seconds
+from insgnss.log.receiver import ReceiverLog
+from insgnss.log.ubx.frames import UbxFrames, find_frames, frames_in
+from insgnss.log.ubx.imu import MEAS, RAW, imu_table
+from insgnss.log.ubx.legacy import RAW_LEGACY, SFRB, legacy_epochs
+from insgnss.log.ubx.messages import SFRBX, UbxMessages
+from insgnss.log.ubx.observations import RAWX, RawEpochs, observation_table, raw_epochs
+from insgnss.tables import Event, ImuTable, Int64
+
+PVT: Final = 0x0107
+TIMEGPS: Final = 0x0120
+TM2: Final = 0x0D03
+KNOWN: Final = {RAWX, RAW_LEGACY, SFRBX, SFRB, MEAS, RAW, PVT, TIMEGPS, TM2}
+_TM2_LAYOUT: Final = np.dtype(
+    [("channel", "u1"), ("flags", "u1"), ("count", "<u2"), ("week_rise", "<u2"), ("week_fall", "<u2")]
+    + [(name, "<u4") for name in ("rise_ms", "rise_ns", "fall_ms", "fall_ns", "accuracy_ns")]
+)
+_TIME_VALID, _NEW_RISE, _NEW_FALL, _UTC_BASE = 64, 128, 4, 16  # bits of the time mark's flags
+_PVT_LAYOUT: Final = np.dtype(
+    [("tow_ms", "<u4"), ("year", "<u2")]
+    + [(name, "u1") for name in ("month", "day", "hour", "minute", "second", "valid")]
+)
+_DATE_AND_TIME_VALID: Final = 3
+_TIMEGPS_LAYOUT: Final = np.dtype(
+    [("tow_ms", "<u4"), ("tow_ns", "<i4"), ("week", "<i2"), ("leap_s", "i1"), ("valid", "u1"), ("", "<u4")]
+)
+
+
+def read_ubx(paths: Sequence[Path]) -> ReceiverLog:
+    """Read UBX files (plain or gzipped) of one receiver, merged and in time order.
+
+    A file may hold inertial samples alone; the table of measurements is empty then.
+
+    Raises
+    ------
+    InputError : a file cannot be read or holds no UBX frame, or there is neither measurement nor sample in any
+    """
+    return _read([find_frames(path) for path in paths])
+
+
+def read_ubx_bytes(streams: Sequence[tuple[Path, bytes]]) -> ReceiverLog:
+    """Read the UBX that another format's files hold, each as the receiver sent it (see ``read_ubx``).
+
+    Raises
+    ------
+    InputError : as ``read_ubx``
+    """
+    return _read([frames_in(path, data) for path, data in streams])
+
+
+def _read(files: list[UbxFrames]) -> ReceiverLog:
+    paths = [frames.path for frames in files]
+    epochs: list[RawEpochs] = []
+    imu: list[ImuTable] = []
+    events: list[Event] = []
+    messages = UbxMessages()
+    for frames in files:
+        if not frames.count:
+            raise InputError(
+                "the file holds no UBX frame",
+                file=frames.path,
+                advice="give the receiver's own log; NMEA holds no measurements",
+            )
+        part, found = raw_epochs(frames) if frames.of(RAWX) else legacy_epochs(frames)
+        offset, t_ns = (part.offset, part.t_ns) if len(part.t_ns) else _solution_times(frames)
+        messages.add_file(frames, offset, t_ns)
+        table, told = imu_table(frames, offset, t_ns)
+        events += [*frames.events(KNOWN), *found, *told, *_time_marks(frames)]
+        epochs.append(part)
+        imu += [] if table is None else [table]
+    gnss, told = observation_table(epochs, paths[0])
+    joined_imu, joining = _joined_imu(imu, str(paths[0]))
+    if not len(gnss.t_ns) and joined_imu is None:
+        why = "; ".join(event.detail for event in events if event.kind == "imu_not_used")
+        raise InputError(
+            f"the UBX file holds no raw measurement and no inertial sample{': ' + why if why else ''}",
+            file=paths[0],
+            advice="the receiver must be told to log UBX-RXM-RAWX (and UBX-RXM-SFRBX for the ephemerides);"
+            " receivers of the generations 4 to 6: UBX-RXM-RAW (and UBX-RXM-SFRB)",
+        )
+    leaps = np.concatenate([part.leap_s for part in epochs])
+    if (leaps != -128).any():
+        messages.broadcast.leap_seconds = int(leaps[leaps != -128][-1])
+    events += [*told, *messages.events(str(paths[0]))]
+    return ReceiverLog(gnss, messages.broadcast.navigation(), joined_imu, events + joining)
+
+
+def _joined_imu(parts: list[ImuTable], file: str) -> tuple[ImuTable | None, list[Event]]:
+    """Return the samples of all files, those left out whose time does not advance."""
+    if not parts:
+        return None, []
+    t_ns = np.concatenate([part.t_ns for part in parts])
+    order = np.argsort(t_ns, kind="stable")
+    rows = order[np.concatenate(([True], np.diff(t_ns[order]) > 0))]
+    events = []
+    if len(rows) < len(t_ns):
+        detail = f"{file}: {len(t_ns) - len(rows)} samples with a time that was there already left out"
+        events.append(Event(None, "imu_repeated", detail))
+    rates, forces = (
+        np.concatenate([getattr(part, name) for part in parts])[rows] for name in ("w_ib_b", "f_b")
+    )
+    return ImuTable(t_ns[rows], rates, forces), events
+
+
+def _time_marks(frames: UbxFrames) -> list[Event]:
+    """Return an event for each edge that the receiver timed (TIM-TM2), UTC turned into GPS time."""
+    body = b"".join([frames.data[o : o + n] for o, n in frames.of(TM2) if n == _TM2_LAYOUT.itemsize])
+    events = []
+    for mark in np.frombuffer(body, _TM2_LAYOUT):
+        flags = int(mark["flags"])
+        for edge, new in (("rise", _NEW_RISE), ("fall", _NEW_FALL)):
+            if not flags & new or not flags & _TIME_VALID or mark[f"week_{edge}"] > LATEST_WEEK:
+                continue
+            ms, ns = int(mark[f"{edge}_ms"]), int(mark[f"{edge}_ns"])
+            t_ns = int(mark[f"week_{edge}"]) * NS_PER_WEEK + ms * 1_000_000 + ns
+            if flags & _UTC_BASE:
+                t_ns += (
+                    leap_seconds(dt.datetime(1980, 1, 6) + dt.timedelta(microseconds=t_ns // 1000)) * NS_PER_S
+                )
+            detail = f"{frames.path}: {edge} on input {mark['channel']}, to {mark['accuracy_ns']} ns"
+            events.append(Event(t_ns, "time_mark", detail))
+    return events
+
+
+def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
+    """Return where the receiver's solutions (NAV-PVT, else NAV-TIMEGPS) stand in a file and their GPS times."""
+    if not frames.of(PVT):
+        return _gps_times(frames)
+    size = _PVT_LAYOUT.itemsize
+    offsets, times = [], []
+    for offset, length in frames.of(PVT):
+        if length < size:
+            continue
+        row = np.frombuffer(frames.data, _PVT_LAYOUT, 1, offset)[0]
+        if row["valid"] & _DATE_AND_TIME_VALID != _DATE_AND_TIME_VALID or not 1980 < row["year"] < 2171:
+            continue
+        try:
+            utc = dt.datetime(int(row["year"]), int(row["month"]), int(row["day"]))
+        except ValueError:
+            continue  # no date of the calendar
+        # the date tells the week, the milliseconds of the week the time in it
+        midday = datetime_to_ns(utc) + NS_PER_S * 43_200
+        tow = int(row["tow_ms"]) * 1_000_000
+        half = NS_PER_WEEK // 2
+        offsets.append(offset)
+        times.append(midday + (tow - midday + half) % NS_PER_WEEK - half)
+    return np.array(offsets, dtype=np.int64), np.array(times, dtype=np.int64)
+
+
+def _gps_times(frames: UbxFrames) -> tuple[Int64, Int64]:
+    """Return where NAV-TIMEGPS stands in a file and the GPS times it states."""
+    found = [
+        (o, np.frombuffer(frames.data, _TIMEGPS_LAYOUT, 1, o)[0])
+        for o, n in frames.of(TIMEGPS)
+        if n >= _TIMEGPS_LAYOUT.itemsize
+    ]
+    valid = [
+        (o, r)
+        for o, r in found
+        if r["valid"] & _DATE_AND_TIME_VALID == _DATE_AND_TIME_VALID and 0 < r["week"] <= LATEST_WEEK
+    ]
+    times = [int(r["week"]) * NS_PER_WEEK + int(r["tow_ms"]) * 1_000_000 + int(r["tow_ns"]) for _, r in valid]
+    return np.array([o for o, _ in valid], np.int64), np.array(times, np.int64)

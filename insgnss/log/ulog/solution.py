@@ -1,0 +1,178 @@
+"""PX4's own solution, or its receiver's fixes, as a reference: no truth, quality 2.
+
+The solution is vehicle_global_position with the velocity of vehicle_local_position and the attitude of vehicle_attitude
+(a quaternion from body to north-east-down) that are nearest in time. Where it states its heights above the geoid alone,
+the difference of the receiver's two heights is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.log.android.fixes import OWN_SOLUTION
+from insgnss.log.boot_time import BootClock, dated, utc_us_to_gps_ns
+from insgnss.tables import Event, Float64, Int64, ReferenceTable
+
+FIXES: Final = ("vehicle_gps_position", "sensor_gps")
+GLOBAL: Final = "vehicle_global_position"
+SOLUTION: Final = (GLOBAL, "vehicle_local_position", "vehicle_attitude")
+_FIX_3D: Final = 3
+_LONGEST_GAP_NS: Final = 200_000_000  # between a position and the velocity or attitude put beside it
+Data = Mapping[tuple[str, int], Any]
+
+
+def solution(data: Data, clock: BootClock, wanted: str | None) -> tuple[ReferenceTable | None, list[Event]]:
+    """Return the reference, None when the log has none.
+
+    Parameters
+    ----------
+    data : columns of each topic and instance
+    wanted : the topic to take, None for the best
+    """
+    fixes = max(
+        (key for key in data if key[0] in FIXES and (wanted is None or key[0] == wanted.partition(":")[0])),
+        key=lambda key: len(data[key]["timestamp"]),
+        default=None,
+    )
+    if (GLOBAL, 0) in data and (wanted is None or wanted.startswith(GLOBAL)):
+        found, events = _filtered(data, clock)
+        if found is not None or wanted is not None:
+            return found, events
+    if fixes is None:
+        return None, []
+    return _fixes(data[fixes], fixes[0])
+
+
+def _filtered(data: Data, clock: BootClock) -> tuple[ReferenceTable | None, list[Event]]:
+    rows = data[GLOBAL, 0]
+    if not {"lat", "lon", "alt", "timestamp"} <= set(rows):
+        return None, [Event(None, "ulog_damaged", f"{GLOBAL} without its columns")]
+    t_ns = clock.gps_ns(_times(rows))
+    place = np.column_stack([np.asarray(rows[name], np.float64) for name in ("lat", "lon", "alt")])
+    place[:, 2] += _above_ellipsoid(data, rows)
+    kept = _distinct(t_ns, np.isfinite(place).all(axis=1) & (np.abs(place[:, 0]) <= 90.0))
+    if len(kept) < 2:
+        return None, []
+    velocity = _beside(data.get(("vehicle_local_position", 0)), ("vx", "vy", "vz"), clock, t_ns[kept])
+    attitude = _beside(
+        data.get(("vehicle_attitude", 0)), tuple(f"q[{k}]" for k in range(4)), clock, t_ns[kept]
+    )
+    sigma = np.full((len(kept), 9), np.nan)
+    for name, columns in (("eph", (0, 1)), ("epv", (2,))):
+        if name in rows:
+            sigma[:, columns] = _positive(rows[name])[kept, None]
+    lat, lon, h = place[kept].T
+    quality = np.full(len(kept), OWN_SOLUTION)
+    table = ReferenceTable(t_ns[kept], lat, lon, h, velocity, _euler_deg(attitude), quality, sigma)
+    return table, [
+        Event(None, "reference_own", f"the reference is PX4's own solution ({', '.join(SOLUTION)}): no truth")
+    ]
+
+
+def _fixes(rows: Any, name: str) -> tuple[ReferenceTable | None, list[Event]]:
+    """Return the receiver's fixes at their own UTC."""
+    degrees = "latitude_deg" in rows
+    names = (
+        ("latitude_deg", "longitude_deg", "altitude_ellipsoid_m")
+        if degrees
+        else ("lat", "lon", "alt_ellipsoid")
+    )
+    if not {*names, "time_utc_usec", "fix_type"} <= set(rows):
+        return None, [Event(None, "ulog_damaged", f"{name} without its columns")]
+    scale = np.array([1.0, 1.0, 1.0] if degrees else [1e-7, 1e-7, 1e-3])
+    place = np.column_stack([np.asarray(rows[key], np.float64) for key in names]) * scale
+    good = dated(rows) & (np.asarray(rows["fix_type"]) >= _FIX_3D) & np.isfinite(place).all(axis=1)
+    good &= np.abs(place[:, 0]) <= 90.0
+    utc_us = np.asarray(rows["time_utc_usec"]).astype(np.int64)
+    t_ns = np.zeros(len(utc_us), np.int64)
+    t_ns[good] = utc_us_to_gps_ns(utc_us[good])
+    kept = _distinct(t_ns, good)
+    if len(kept) < 2:
+        return None, [Event(None, "ulog_no_fix", f"{name}: no two fixes with a date")]
+    speeds = ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
+    velocity = (
+        np.column_stack([np.asarray(rows[key], np.float64) for key in speeds])[kept]
+        if set(speeds) <= set(rows)
+        else np.full((len(kept), 3), np.nan)
+    )
+    sigma = np.full((len(kept), 9), np.nan)
+    for key, columns in (("eph", (0, 1)), ("epv", (2,)), ("s_variance_m_s", (3, 4, 5))):
+        if key in rows:
+            sigma[:, columns] = _positive(rows[key])[kept, None]
+    lat, lon, h = place[kept].T
+    table = ReferenceTable(
+        t_ns[kept],
+        lat,
+        lon,
+        h,
+        velocity,
+        np.full((len(kept), 3), np.nan),
+        np.full(len(kept), OWN_SOLUTION),
+        sigma,
+    )
+    return table, [Event(None, "reference_own", f"the reference is {name}, the receiver's fixes: no truth")]
+
+
+def _times(rows: Any) -> Int64:
+    name = (
+        "timestamp_sample" if "timestamp_sample" in rows and np.any(rows["timestamp_sample"]) else "timestamp"
+    )
+    return np.asarray(rows[name]).astype(np.int64)
+
+
+def _positive(values: Any) -> Float64:
+    sigma = np.asarray(values, np.float64)
+    return np.asarray(np.where(np.isfinite(sigma) & (sigma > 0.0) & (sigma < 1e6), sigma, np.nan))
+
+
+def _distinct(t_ns: Int64, good: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Int64:
+    """Return the good rows in the order of time, of those with the same time the first."""
+    rows = np.flatnonzero(good)
+    _, first = np.unique(t_ns[rows], return_index=True)
+    return rows[first]
+
+
+def _above_ellipsoid(data: Data, rows: Any) -> Float64 | float:
+    """Return what is added to the solution's heights to count them from the ellipsoid."""
+    if "alt_ellipsoid" in rows:
+        difference: Float64 = np.asarray(rows["alt_ellipsoid"], np.float64) - np.asarray(
+            rows["alt"], np.float64
+        )
+        return difference
+    for name in FIXES:
+        fixes = data.get((name, 0), {})
+        for above, sea, scale in (
+            ("altitude_ellipsoid_m", "altitude_msl_m", 1.0),
+            ("alt_ellipsoid", "alt", 1e-3),
+        ):
+            if above in fixes and sea in fixes and len(fixes[sea]):
+                off = (np.asarray(fixes[above], np.float64) - np.asarray(fixes[sea], np.float64)) * scale
+                return float(np.median(off))
+    return 0.0
+
+
+def _beside(rows: Any | None, names: tuple[str, ...], clock: BootClock, at_ns: Int64) -> Float64:
+    """Return another topic's columns at the positions' times, those nearest in time, NaN where none is near."""
+    if rows is None or not set(names) <= set(rows) or not len(rows["timestamp"]):
+        return np.full((len(at_ns), len(names)), np.nan)
+    t_ns = clock.gps_ns(_times(rows))
+    order = np.argsort(t_ns, kind="stable")
+    t_ns = t_ns[order]
+    after = np.minimum(np.searchsorted(t_ns, at_ns), len(t_ns) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(t_ns[after] - at_ns) < np.abs(t_ns[before] - at_ns), after, before)
+    values = np.column_stack([np.asarray(rows[name], np.float64) for name in names])[order[nearest]]
+    far = np.abs(t_ns[nearest] - at_ns) > _LONGEST_GAP_NS
+    return np.asarray(np.where(far[:, None] | ~np.isfinite(values), np.nan, values))
+
+
+def _euler_deg(q: Float64) -> Float64:
+    """Return roll, pitch, yaw [deg] of quaternions (w, x, y, z) from body to navigation axes."""
+    w, x, y, z = (q / np.linalg.norm(np.where(np.isfinite(q), q, 1.0), axis=1, keepdims=True)).T
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.asarray(np.degrees(np.column_stack([roll, pitch, yaw])))

@@ -1,0 +1,240 @@
+"""The supervisor's tables: what it says of every satellite and epoch, each transition, and the time spent in search.
+
+| table           | one row for each | columns |
+|-----------------|------------------|---------|
+| supervision     | satellite above the horizon and time | time_s sv state decision receiver el_deg gain_dbi sd_gain_db cn0_dbhz pseudorange_m doppler_hz sd_range_m sd_range_rate_mps within_aperture delay_half_width_chips doppler_half_width_hz delay_cells doppler_bins accumulation_s search_s |
+| transitions     | change of state  | time_s sv from_state to_state reason pseudorange_m doppler_hz sd_range_m sd_doppler_hz accumulation_s delay_cells doppler_bins search_s |
+| search_times    | satellite        | sv predicted_s hold_s control_s search_s in_vain_s unsupervised_s unsupervised_in_vain_s, and with a log of the receiver's events n_events n_agree n_differ n_not_covered receiver_search_s receiver_inhibited_s receiver_needless_s |
+| receiver_events | event in the receiver's log | time_s sv event supervisor verdict lag_s |
+
+``sd_range_m`` and ``sd_range_rate_mps`` are sqrt(D), D = h P^- h^T (``predictions``); pseudorange and Doppler are what the
+receiver would measure, its clock in. ``receiver`` says whether the receiver's log has a pseudorange. An ``accumulation_s``
+or ``search_s`` that is infinite has no allowed accumulation that suffices.
+"""  # noqa: E501 - the table is the documentation
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from insgnss.antenna.visibility import DECISIONS, UNDECIDED
+from insgnss.config.search import Search
+from insgnss.constants import NS_PER_S
+from insgnss.gpstime import ns_to_week_seconds
+from insgnss.receiver.events import (
+    EVENT_NAMES,
+    VERDICT_NAMES,
+    EventComparison,
+    ReceiverEvents,
+    compare_events,
+)
+from insgnss.receiver.predictions import Outlook
+from insgnss.receiver.sightings import Sightings, presence
+from insgnss.receiver.supervisor import Predictions, Supervision, Totals, Transitions, supervise
+from insgnss.receiver.tracking_state import ABSENT, NOT_KNOWN, REASON_NAMES, STATE_NAMES
+from insgnss.tables import Float64, Int8, Int64
+
+RECEIVER_NAMES: Final = ("not_known", "missing", "present")  # presence + 1
+_GAP_INTERVALS: Final = 5.0  # usual intervals, and
+_GAP_S: Final = 2.0  # seconds without a prediction after which there is none
+
+
+@dataclass(frozen=True)
+class SupervisedRun:
+    """What ``supervise_run`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    supervision: pd.DataFrame
+    transitions: pd.DataFrame
+    search_times: pd.DataFrame
+    receiver_events: pd.DataFrame | None = None  # None without a log of the receiver's events
+
+
+def supervise_run(
+    view: Outlook,
+    sightings: Sightings | None,
+    settings: Search,
+    week: int,
+    receiver_log: ReceiverEvents | None = None,
+) -> SupervisedRun:
+    """Return what a supervised receiver does about every satellite over a run.
+
+    Where the filter left no prediction for long (it started anew) every satellite's prediction ends.
+
+    Parameters
+    ----------
+    view : the predictions
+    sightings : what the receiver saw; None: nothing is known, a visible signal is there
+    settings : the supervisor's
+    week : GPS week that ``time_s`` counts from
+    receiver_log : the receiver's own events, to be compared
+
+    Raises
+    ------
+    ConfigError, TimeError : as ``insgnss.receiver.supervisor.supervise``
+    """
+    source = rows_and_gaps(view.predicted.t_ns)
+    predicted = _with_gaps(view.predicted, source)
+    seen = np.full(predicted.decision.shape, NOT_KNOWN, np.int8)
+    if sightings is not None:
+        seen = presence(sightings, predicted.t_ns, view.sv_names)
+    result = supervise(predicted, seen, settings, view.scale)
+    times = search_times(view.sv_names, _predicted_s(predicted.t_ns, result), result.totals)
+    compared = None
+    if receiver_log is not None:
+        verdicts = compare_events(receiver_log, predicted.t_ns, result.state, view.sv_names)
+        compared = _event_table(verdicts, receiver_log, week)
+        times = _with_receiver(times, verdicts)
+    return SupervisedRun(
+        supervision_table(view, source, result, seen, settings, week),
+        transition_table(result.transitions, view.sv_names, week),
+        times,
+        compared,
+    )
+
+
+def rows_and_gaps(t_ns: Int64) -> Int64:
+    """Return the rows of a timeline in order, with -1 after the last one before each gap."""
+    steps = np.diff(t_ns)
+    rows = np.arange(len(t_ns), dtype=np.int64)
+    if not len(steps):
+        return rows
+    return np.insert(rows, np.flatnonzero(steps > longest_gap_ns(float(np.median(steps)))) + 1, -1)
+
+
+def longest_gap_ns(usual_ns: float) -> float:
+    """Return for how long a satellite keeps its state without a prediction."""
+    return max(_GAP_INTERVALS * usual_ns, _GAP_S * NS_PER_S)
+
+
+def _with_gaps(predicted: Predictions, source: Int64) -> Predictions:
+    """Return the predictions with a row of none a usual interval after the last before each gap."""
+    gap = np.flatnonzero(source < 0)
+    if not len(gap):
+        return predicted
+    filled = {name: values[source] for name, values in predicted._asdict().items()}
+    filled["t_ns"][gap] = filled["t_ns"][gap - 1] + int(np.median(np.diff(predicted.t_ns)))
+    filled["decision"][gap] = UNDECIDED
+    for name in ("cn0_dbhz", "d_range_m2", "d_rate_m2ps2", "delay_m", "range_rate_mps"):
+        filled[name][gap] = np.nan
+    return Predictions(**filled)
+
+
+def supervision_table(
+    view: Outlook, source: Int64, result: Supervision, seen: Int8, settings: Search, week: int
+) -> pd.DataFrame:
+    """Return one row for each satellite and time with a prediction."""
+    predicted, window = view.predicted, result.window
+    known = (result.state != ABSENT) & (source >= 0)[:, None]
+    at = np.nonzero(known)
+    row = source[at[0]], at[1]  # in the predictions, which know no gaps
+    chip_m, wavelength_m = (np.asarray(s, np.float64)[at[1]] for s in view.scale[:2])
+    sigmas = settings.grid.sigmas
+    sd_range, sd_rate = np.sqrt(predicted.d_range_m2[row]), np.sqrt(predicted.d_rate_m2ps2[row])
+    columns: dict[str, Any] = {
+        "time_s": ns_to_week_seconds(predicted.t_ns[row[0]], week),
+        "sv": _words(at[1], view.sv_names),
+        "state": _words(result.state[at], STATE_NAMES),
+        "decision": _words(predicted.decision[row], DECISIONS),
+        "receiver": _words(seen[at] + 1, RECEIVER_NAMES),
+        "el_deg": np.degrees(view.elevation[row]),
+        "gain_dbi": view.gain[(*row, 0)],
+        "sd_gain_db": view.gain[(*row, 1)],
+        "cn0_dbhz": predicted.cn0_dbhz[row],
+        "pseudorange_m": predicted.delay_m[row],
+        "doppler_hz": -predicted.range_rate_mps[row] / wavelength_m,
+        "sd_range_m": sd_range,
+        "sd_range_rate_mps": sd_rate,
+        "within_aperture": window.within_aperture[at],
+        "delay_half_width_chips": sigmas * sd_range / chip_m,
+        "doppler_half_width_hz": sigmas * sd_rate / wavelength_m,
+        **{
+            name: getattr(window, name)[at]
+            for name in ("delay_cells", "doppler_bins", "accumulation_s", "search_s")
+        },
+    }
+    return pd.DataFrame(columns)
+
+
+def transition_table(transitions: Transitions, sv_names: Sequence[str], week: int) -> pd.DataFrame:
+    """Return one row for each transition, in the order of time, then of the satellites."""
+    t = transitions
+    return pd.DataFrame(
+        {
+            "time_s": ns_to_week_seconds(t.t_ns, week),
+            "sv": _words(t.sv, sv_names),
+            "from_state": _words(t.before, STATE_NAMES),
+            "to_state": _words(t.after, STATE_NAMES),
+            "reason": _words(t.reason, REASON_NAMES),
+            "pseudorange_m": t.delay_m,
+            "doppler_hz": t.doppler_hz,
+            "sd_range_m": t.sigma_delay_m,
+            "sd_doppler_hz": t.sigma_doppler_hz,
+            "accumulation_s": t.accumulation_s,
+            "delay_cells": t.delay_cells,
+            "doppler_bins": t.doppler_bins,
+            "search_s": t.search_s,
+        }
+    )
+
+
+def search_times(sv_names: Sequence[str], predicted_s: Float64, totals: Totals) -> pd.DataFrame:
+    """Return the seconds of each satellite."""
+    codes = np.arange(len(sv_names))
+    return pd.DataFrame({"sv": _words(codes, sv_names), "predicted_s": predicted_s, **totals._asdict()})
+
+
+def _predicted_s(t_ns: Int64, result: Supervision) -> Float64:
+    """Return for how long each satellite was predicted; a state lasts until the next time."""
+    known = result.state[:-1] != ABSENT
+    spent: Float64 = np.diff(t_ns) / NS_PER_S @ known if len(t_ns) > 1 else np.zeros(known.shape[1])
+    return spent
+
+
+def _with_receiver(times: pd.DataFrame, compared: EventComparison) -> pd.DataFrame:
+    """Return the seconds with those that the receiver itself has spent; its satellites that were not predicted too."""
+    own = compared.satellites
+    counts = ("n_events", "n_agree", "n_differ", "n_not_covered")
+    receiver = pd.DataFrame(
+        {
+            "sv": list(own.sv),
+            **dict(zip(counts, own[1:5], strict=True)),
+            "receiver_search_s": own.search_s,
+            "receiver_inhibited_s": own.inhibited_s,
+            "receiver_needless_s": own.needless_s,
+        }
+    )
+    names = [str(name) for name in times["sv"]]
+    names += sorted(set(own.sv) - set(names))
+    joined = times.astype({"sv": "str"}).merge(receiver, on="sv", how="outer").set_index("sv").loc[names]
+    joined = joined.reset_index()
+    joined["sv"] = _words(np.arange(len(names)), names)
+    whole = joined[list(counts)].fillna(0).astype("int64")
+    return joined.assign(**{name: whole[name] for name in counts})
+
+
+def _event_table(compared: EventComparison, log: ReceiverEvents, week: int) -> pd.DataFrame:
+    """Return one row for each event of the receiver."""
+    verdicts = compared.verdicts
+    return pd.DataFrame(
+        {
+            "time_s": ns_to_week_seconds(verdicts.t_ns, week),
+            "sv": _words(log.sv, log.sv_names),
+            "event": _words(log.event, EVENT_NAMES),
+            "supervisor": pd.Categorical(verdicts.supervisor, categories=_index(STATE_NAMES)),
+            "verdict": pd.Categorical(verdicts.verdict, categories=_index(VERDICT_NAMES)),
+            "lag_s": verdicts.lag_s,
+        }
+    )
+
+
+def _words(codes: npt.NDArray[Any], names: Sequence[str]) -> pd.Categorical:
+    return pd.Categorical.from_codes(codes, categories=_index(names))
+
+
+def _index(names: Sequence[str]) -> pd.Index:
+    return pd.Index(list(names), dtype="str")

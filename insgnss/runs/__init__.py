@@ -1,0 +1,1 @@
+"""The jobs and what they give: replay, engine, point, check, simulate, visibility, margin; result tables."""

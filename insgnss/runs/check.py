@@ -1,0 +1,190 @@
+"""The examination of a flight: each log by itself, then the logs against each other, and what should be declared.
+
+A log is examined with what was found so far already mended in memory: units first, then the GNSS log's rates and time,
+then the inertial log against the motion that the satellites show. Nothing is written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.errors import InsGnssError
+from insgnss.log.checks.clock import clock_findings
+from insgnss.log.checks.corrected_file import corrected_flight
+from insgnss.log.checks.declaration import Declared, declared_log
+from insgnss.log.checks.each_log import ReadLogs, read_and_check
+from insgnss.log.checks.gap_cost import gap_findings
+from insgnss.log.checks.gnss_time import gnss_time_findings
+from insgnss.log.checks.imu import GroundSpeed, imu_findings
+from insgnss.log.checks.motion_findings import match_of, motion_findings
+from insgnss.log.checks.report import CheckReport, Finding, Proposal
+from insgnss.log.checks.sensor_findings import sensor_findings
+from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, overlapping_shifts, time_proposals
+from insgnss.log.checks.track import Track
+from insgnss.log.flight import Flight
+from insgnss.log.gnss_log import read_receiver
+from insgnss.log.imu.csv_log import inertial
+from insgnss.log.imu.frozen import DEAD
+from insgnss.log.imu.units import fitting_accel_units, keys_of_accel_unit
+from insgnss.runs.first_run import compiled
+from insgnss.runs.gnss_track import solve_track
+from insgnss.tables import GnssTable, ImuTable
+
+LEAST_G: Final = 0.5  # the median of |f| in any vehicle that flies, drives or swims
+MOST_G: Final = 2.0
+MIN_TRACK: Final = 8  # epochs
+MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overlap
+
+
+def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> CheckReport:
+    """Return everything that can be said of a flight's logs, with proposals for its flight file.
+
+    ``check_flight`` tells what each log shows; here they are held against each other. A log that cannot be read is a
+    finding, not an error. ``progress`` receives a message while the compiler runs.
+    """
+    with compiled(progress or (lambda _: None)):
+        report, logs = read_and_check(flight)
+    findings = list(report.findings)
+    mended = corrected_flight(flight, report.proposals)
+    try:
+        more, confirmed = _against_each_other(mended, logs, findings, flight.config.gps_week)
+    except InsGnssError as error:
+        more, confirmed = (
+            [Finding("warning", "motion", f"not examined: {error.message}", error.advice)],
+            False,
+        )
+    if confirmed:
+        findings = [_cleared(finding) for finding in findings]
+    return CheckReport(report.name, tuple(findings + more))
+
+
+def _against_each_other(
+    flight: Flight, logs: ReadLogs, findings: list[Finding], week: int
+) -> tuple[list[Finding], bool]:
+    """Return further findings, and whether the motion bears out the declared axes.
+
+    Parameters
+    ----------
+    flight : with the proposals of the findings so far taken
+    findings : of each log by itself; those of rest are replaced once the speed is known
+    week : that the inertial log was read with
+    """
+    more: list[Finding] = []
+    if logs.receiver is None:
+        return sensor_findings(flight, None, logs.imu), False
+    gnss = logs.receiver.gnss
+    if any(p.key.startswith("gnss.") for finding in findings for p in finding.proposals):
+        gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
+    solve = partial(solve_track, flight, navigation=logs.navigation)
+    time = gnss_time_findings(flight, gnss, logs.navigation, logs.imu, solve)
+    more += time
+    flight = _with(flight, time)
+    if any(finding.proposals for finding in time):
+        gnss = read_receiver(flight.config.gnss, flight.config.gps_week).gnss
+    track = solve_track(flight, gnss, logs.navigation)
+    if track is not None:
+        more += clock_findings(track)
+    more += sensor_findings(flight, track, logs.imu)
+    if flight.config.imu is None:
+        return more, False
+    if track is not None:
+        _judge_rest_by_speed(findings, week, logs.imu, track)
+    changed = any(p.key.startswith(("imu.", "gps_week")) for f in [*findings, *time] for p in f.proposals)
+    declared = declared_log(flight, None if changed else logs.imu)
+    units = _accelerometer_findings(flight, declared, findings)
+    if any(finding.proposals for finding in units):
+        flight = _with(flight, units)
+        declared = declared_log(flight)
+    more += units
+    more += gap_findings(declared.imu, gnss.t_ns, flight.imu_grade, flight.config.gps_week)
+    size = float(np.median(np.linalg.norm(declared.imu.f_b, axis=1))) / STANDARD_GRAVITY_MPS2
+    if not LEAST_G < size < MOST_G:
+        text = f"the specific force is {size:.3g} g in the middle of the log: not held against the satellites"
+        return [*more, Finding("warning", "motion", text, "its unit must be known first")], False
+    if any(finding.text.startswith(DEAD) for finding in findings):
+        text = "a sensor holds its values for most of the log: not held against the satellites"
+        return [*more, Finding("warning", "motion", text)], False
+    if track is None or len(track.t_s) < MIN_TRACK:
+        text = "too few epochs with a position: the inertial log cannot be held against the satellites"
+        return [*more, Finding("warning", "motion", text)], False
+    motion = _motion(flight, declared, track, gnss)
+    return more + motion, any(finding.text.startswith("the axes fit") for finding in motion)
+
+
+def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | None, track: Track) -> None:
+    """Put what the inertial log shows in place of what it showed while nobody knew how fast the vehicle was."""
+    if imu is None:
+        return
+    t_ns = track.origin_ns + np.rint(track.t_s * NS_PER_S).astype(np.int64)
+    order = np.argsort(t_ns, kind="stable")
+    speed = GroundSpeed(t_ns[order], np.linalg.norm(track.v_e, axis=1)[order], track.sd_v_mps[order])
+    before = imu_findings(imu, week)
+    at = min(findings.index(finding) for finding in before)
+    findings[:] = [finding for finding in findings if finding not in before]
+    findings[at:at] = imu_findings(imu, week, speed)
+
+
+def _with(flight: Flight, findings: list[Finding]) -> Flight:
+    return corrected_flight(flight, [p for finding in findings for p in finding.proposals])
+
+
+def _accelerometer_findings(flight: Flight, declared: Declared, told: list[Finding]) -> list[Finding]:
+    """Return the accelerometers' unit where the reader could not take the log and did not name one."""
+    if any(p.key == "imu.accel_unit" for finding in told for p in finding.proposals):
+        return []
+    config = inertial(flight.config)
+    units = fitting_accel_units(declared.imu, config)
+    if not units or units[0] == config.accel_unit:
+        return []
+    text = f"|f| is g in the middle of the log if the accelerometers' unit is {' or '.join(units)}"
+    if len(units) > 1:
+        return [Finding("error", "imu", text)]
+    why = "the specific force is near g in the middle of the log"
+    proposals = tuple(Proposal(key, value, why) for key, value in keys_of_accel_unit(units[0], config))
+    return [Finding("error", "imu", text, "", "sure: no other unit does", proposals)]
+
+
+def _motion(flight: Flight, declared: Declared, track: Track, gnss: GnssTable) -> list[Finding]:
+    imu_ns = (int(declared.imu.t_ns[0]), int(declared.imu.t_ns[-1]))
+    gnss_ns = (int(gnss.t_ns[0]), int(gnss.t_ns[-1]))
+    shifts = overlapping_shifts(imu_ns, gnss_ns)[:MOST_SHIFTS]
+    if not shifts:
+        return motion_findings(flight, declared, track)
+    peaks = [(match_of(flight, declared, track, float(shift)), shift) for shift in shifts]
+    found = [(match.contrast, shift) for match, shift in peaks if match is not None]
+    if found:
+        return motion_findings(flight, declared, track, float(max(found)[1]))
+    return [_unmoved(flight, shifts)]
+
+
+def _unmoved(flight: Flight, shifts: list[int]) -> Finding:
+    """Return what the logs' spans alone say where there is no motion."""
+    shift = shifts[0]
+    hours = round((shift - round(shift / WEEK_S) * WEEK_S) / HOUR_S)
+    text = f"IMU and GNSS overlap if {shift} s are added to the IMU tags: {_words(shift)}"
+    if not hours:
+        proposals = time_proposals(flight.config, round(shift / WEEK_S), 0, 0, 0.0)
+        return Finding("error", "flight", text, "", "sure: whole weeks", proposals)
+    told = " or ".join(str(s) for s in shifts)
+    advice = f"suspected imu.time.offset_s = {told}; a log with motion decides"
+    return Finding("error", "flight", text, advice)
+
+
+def _words(shift_s: int) -> str:
+    weeks = round(shift_s / WEEK_S)
+    hours = round((shift_s - weeks * WEEK_S) / HOUR_S)
+    words = [f"{weeks:+d} week(s)"] if weeks else []
+    return " and ".join(words + ([f"{hours:+d} hour(s)"] if hours else []))
+
+
+def _cleared(finding: Finding) -> Finding:
+    """Return a doubt about axes, raised by gravity at rest alone, as a fact: the motion bears the axes out."""
+    if finding.severity != "warning" or not finding.text.startswith(("f at rest", "f in steady")):
+        return finding
+    return replace(finding, severity="ok", advice="the motion bears the axes out")

@@ -1,0 +1,277 @@
+"""The columns of a run's tables: navigation, ledger, satellites, events, errors, aiding, supervision."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from insgnss.runs.columns.sheet import Sheet
+
+_NAV = """
+time_s: GPS seconds of the week stated in the flight file; beyond 604 800 after a week crossover
+lat_deg lon_deg: position of the IMU, WGS-84
+h_m: height of the IMU above the ellipsoid
+vn_mps ve_mps vd_mps: velocity against the Earth: north, east, down
+roll_deg pitch_deg yaw_deg: attitude of the body (forward, right, down) against north, east, down; yaw
+  clockwise from north
+sd_n_m sd_e_m sd_d_m: one sigma of position: north, east, down
+sd_vn_mps sd_ve_mps sd_vd_mps: one sigma of velocity
+sd_roll_deg sd_pitch_deg sd_yaw_deg: one sigma of attitude
+accel_bias_x_mps2 accel_bias_y_mps2 accel_bias_z_mps2: estimated accelerometer bias along forward, right, down
+gyro_bias_x_radps gyro_bias_y_radps gyro_bias_z_radps: estimated gyro bias along forward, right, down
+sd_accel_bias_x_mps2 sd_accel_bias_y_mps2 sd_accel_bias_z_mps2: one sigma of the accelerometer bias
+sd_gyro_bias_x_radps sd_gyro_bias_y_radps sd_gyro_bias_z_radps: one sigma of the gyro bias
+clock_bias_m clock_drift_mps: receiver clock against GPS time, and its rate
+sd_clock_bias_m sd_clock_drift_mps: one sigma of the receiver clock
+n_used: pseudorange rows used in the latest epoch; a satellite counts once for each of its bands
+n_hypotheses: headings still possible: 1 as soon as the heading is known
+offset_*_m: clock offset of each further constellation, and of each further band of one, where estimated; that of
+  QZSS begins as that of GPS's same band, with a sigma of `process.qzss_offset_sigma_m`
+glonass_bias_m_per_channel: delay that grows with the GLONASS frequency channel, where estimated
+zenith_delay_m: residual tropospheric delay at the zenith, where estimated
+ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (carriers of one band)
+lever_arm_x_m lever_arm_y_m lever_arm_z_m: estimated correction to the antenna's lever arm in the flight file,
+  forward, right, down; with `process.lever_arm_sigma_m`
+sd_lever_arm_x_m sd_lever_arm_y_m sd_lever_arm_z_m: one sigma of these
+mounting_pitch_deg mounting_yaw_deg: pitch and yaw of the IMU against the vehicle, beyond those in the flight file; with
+  the rows `non_holonomic` of `[vehicle]`
+leeway_deg: angle from heading to course that lasts, of leeway, current or wind; with the rows `course` of `[vehicle]`
+sd_mounting_pitch_deg sd_mounting_yaw_deg sd_leeway_deg: one sigma of these
+sd_offset_*_m sd_glonass_bias_m_per_channel sd_zenith_delay_m sd_ionosphere_m: one sigma of these
+gyro_scale_factor_*_ppm accel_scale_factor_*_ppm gyro_misalignment_*_mrad accel_misalignment_*_mrad
+  gyro_g_sensitivity_*_deg_per_h_per_g: further errors of the sensors by their axis, and the axis of the rate or force
+  that they go with; with `process.sensor_error_columns`
+sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mrad sd_accel_misalignment_*_mrad
+  sd_gyro_g_sensitivity_*_deg_per_h_per_g: one sigma of these
+*_scale_percent: scale factor of an odometer, or of a barometer's heights; this and the next five of a [[sensor]],
+  whose name comes first, each with its one sigma under sd_
+*_offset_m: height of a barometer's zero: what it reads more than the height above the ellipsoid
+*_iron_x_ut *_iron_y_ut *_iron_z_ut: magnetic field of the vehicle itself at a magnetometer, along forward, right, down
+*_strength_ut: horizontal intensity of the Earth's field beyond `horizontal_ut`
+*_declination_deg: declination beyond `declination_deg`
+*_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that persist for minutes (orbits and clocks of the
+  messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
+  empty where no epoch of the log has used ranges enough to tell; absent where `process.range_bias_states` makes
+  states of them, as sd_n_m sd_e_m sd_d_m then include them
+q_nb_w q_nb_x q_nb_y q_nb_z: attitude as a quaternion, body to north-east-down, scalar first and not negative;
+  with `--quaternion`
+cov_n_n_m2 cov_n_e_m2 cov_n_d_m2 cov_e_e_m2 cov_e_d_m2 cov_d_d_m2: covariance of position north, east, down; this
+  and the next two with `--covariance`
+cov_vn_vn_m2ps2 cov_vn_ve_m2ps2 cov_vn_vd_m2ps2 cov_ve_ve_m2ps2 cov_ve_vd_m2ps2 cov_vd_vd_m2ps2: covariance of
+  velocity north, east, down
+cov_turn_n_turn_n_deg2 cov_turn_n_turn_e_deg2 cov_turn_n_turn_d_deg2 cov_turn_e_turn_e_deg2
+  cov_turn_e_turn_d_deg2 cov_turn_d_turn_d_deg2: covariance of the attitude's error: the small turns about north, east
+  and down that bring the true attitude to the estimated one
+point_lat_deg point_lon_deg point_h_m: where the point of the body is, WGS-84; with `--point`, as the next three lines
+point_vn_mps point_ve_mps point_vd_mps: its velocity against the Earth: north, east, down
+sd_point_n_m sd_point_e_m sd_point_d_m: one sigma of its position
+sd_point_vn_mps sd_point_ve_mps sd_point_vd_mps: one sigma of its velocity
+cov_point_n_n_m2 cov_point_n_e_m2 cov_point_n_d_m2 cov_point_e_e_m2 cov_point_e_d_m2 cov_point_d_d_m2: covariance of
+  its position; this and the next with `--point` and `--covariance`
+cov_point_vn_vn_m2ps2 cov_point_vn_ve_m2ps2 cov_point_vn_vd_m2ps2 cov_point_ve_ve_m2ps2 cov_point_ve_vd_m2ps2
+  cov_point_vd_vd_m2ps2: covariance of its velocity
+"""
+_EXPORT = """
+utc: UTC date of time_s in ISO 8601; in NetCDF the coordinate time, of `run.nav_with(utc=True)` the index
+gps_week: GPS week that time_s counts from
+h_msl_m: height of the IMU above mean sea level, by the geoid of EGM96
+geoid_m: height of that geoid above the ellipsoid: h_m is the sum of both
+heading_deg: yaw clockwise from true north, 0 to below 360
+posix_s: seconds of UTC since 1970, in MAT files
+"""
+_MEASUREMENTS = """
+time_s: receiver time tag, seconds of the GPS week
+sv: satellite, as G05; empty of a further sensor or a user's own measurement
+signal: RINEX code, as C1C; empty of a user's own measurement
+kind: pseudorange, range_rate, carrier_difference or, with several antennas, attitude_difference; the name of a further
+  sensor ([[sensor]]) or of a user's own measurement; of `[vehicle]` in the flight file non_holonomic, course,
+  zero_velocity, zero_rate
+antenna: where there are several: which one an attitude difference is of
+innovation: measured minus predicted, at the prior; m, of a range rate m/s, of a user's own measurement in its own
+  unit; empty, and the next two, where nothing was predicted: before the filter, without a satellite, below a mask, of
+  a filter that is lost
+sd_innovation: its predicted sigma, measurement noise included; in the innovation's unit
+nis: squared ratio of the two: 1 in the mean where filter and noise agree
+status: used, or why not: see the list at the end
+"""
+_SATELLITES = """
+time_s: receiver time tag, seconds of the GPS week
+sv: satellite
+az_deg el_deg: direction from the local level: azimuth clockwise from north, elevation
+body_az_deg body_el_deg: direction from the airframe: azimuth from forward to the right, elevation against
+  the body's own horizon
+gain_dbi: gain of the best antenna towards it, circularly polarised; empty where no antenna is described
+cn0_dbhz: C/N0 of the signal that was used, else of its first; empty where the log has none
+state: tracked, or why not: see the list at the end; absent: no measurement in this epoch
+sd_range_m sd_range_rate_mps: how well range and range rate were predicted before the update: sqrt(h P h^T);
+  empty where they were not
+"""
+EVENTS: Final = Sheet(
+    "events",
+    "thing worth telling: a gap, a reset, a clock jump, the heading known",
+    """
+time_s: seconds of the GPS week; empty for what concerns a whole file
+kind: one word: imu_gap, heading_known, clock_jump, ...; of further sensors sensor_refused (for ten seconds and more),
+  sensor_agrees (again), sensor_frozen, sensor_bad_values, sensor_no_overlap, sensor_readings_left_out, ...
+detail: the same in a sentence, with numbers
+""",
+)
+ERRORS: Final = Sheet(
+    "errors",
+    "navigation row inside the reference",
+    """
+time_s: seconds of the GPS week
+quality: the reference's own mark of its quality, 1 where it has none
+d_n_m d_e_m d_d_m: estimate minus reference: position north, east, down
+d_vn_mps d_ve_mps d_vd_mps: estimate minus reference: velocity
+d_roll_deg d_pitch_deg d_yaw_deg: estimate minus reference: attitude, within a half circle
+sd_n_m sd_e_m sd_d_m: the estimate's one sigma of position
+sd_slow_n_m sd_slow_e_m sd_slow_d_m: what slow errors add to it, as in the navigation table
+sd_vn_mps sd_ve_mps sd_vd_mps: the estimate's one sigma of velocity
+sd_roll_deg sd_pitch_deg sd_yaw_deg: the estimate's one sigma of attitude
+sd_reference_n_m sd_reference_e_m sd_reference_d_m: the reference's own one sigma, where it states any
+sd_reference_vn_mps sd_reference_ve_mps sd_reference_vd_mps: its sigma of velocity
+sd_reference_roll_deg sd_reference_pitch_deg sd_reference_yaw_deg: its sigma of attitude
+""",
+    "Only where the flight file names a reference; what the reference has not is empty. A point solution has no"
+    " attitude and no sd_slow_*.",
+)
+_AIDING = """
+time_s: time of use, seconds of the GPS week
+sv: satellite
+range_rate_mps: of the antenna's phase centre, the receiver clock's drift included; positive when the
+  distance grows
+range_acceleration_mps2 range_jerk_mps3: its first and second derivative
+doppler_hz doppler_rate_hz_per_s: at the carrier; RINEX sign, positive when the distance shrinks
+pseudorange_m: predicted, the receiver clock included
+code_delay_rate_s_per_s: rate of the code's delay
+sd_range_rate_mps sd_range_acceleration_mps2 sd_range_jerk_mps3: one sigma at the time of use
+sd_doppler_hz sd_doppler_rate_hz_per_s: one sigma at the time of use
+sd_pseudorange_m sd_code_delay_rate_s_per_s: one sigma at the time of use
+age_s: time since the inertial sample it was predicted from
+"""
+_BUDGET = """
+time_s: when the sigmas were found, seconds of the GPS week
+sv: satellite
+sd_rate_velocity_mps: part of the range rate's sigma that velocity's uncertainty makes
+sd_rate_attitude_mps: part of attitude and lever arm
+sd_rate_accelerometer_mps: part of the accelerometer
+sd_rate_gyro_mps: part of the gyro
+sd_rate_clock_mps: part of the receiver clock
+sd_rate_satellite_mps: part of the satellite's orbit and clock
+sd_rate_motion_mps: part of the motion since the last inertial sample
+cross_rate_m2ps2: what correlations between the parts add to the variance; negative as a rule
+sd_acceleration_velocity_mps2 sd_acceleration_attitude_mps2 sd_acceleration_accelerometer_mps2: the same
+  parts of the acceleration's sigma
+sd_acceleration_gyro_mps2 sd_acceleration_clock_mps2 sd_acceleration_satellite_mps2
+  sd_acceleration_motion_mps2: the same parts of the acceleration's sigma
+cross_acceleration_m2ps4: what correlations between the parts add to the acceleration's variance
+"""
+_SUPERVISION = """
+time_s: seconds of the GPS week
+sv: satellite
+state: what the receiver should do: track, hold, control_detection, resume, search, lost; absent without a
+  prediction
+decision: whether antenna and airframe let it be seen: visible, hidden, or either while uncertain
+receiver: whether the receiver's log has a pseudorange: present, missing, not_known
+el_deg: elevation above the local level
+gain_dbi sd_gain_db: gain of the best antenna and its sigma, from that of the attitude
+cn0_dbhz: expected C/N0
+pseudorange_m doppler_hz: what the receiver would measure, its clock included
+sd_range_m sd_range_rate_mps: sqrt(D), D = h P h^T of the prior: how well they are predicted
+within_aperture: whether three sigmas stay inside the discriminator's aperture
+delay_half_width_chips doppler_half_width_hz: half widths of the search window
+delay_cells doppler_bins: cells of the window in delay and Doppler
+accumulation_s search_s: time of one accumulation and of the whole search; infinite where none suffices
+"""
+_TRANSITIONS = """
+time_s: seconds of the GPS week
+sv: satellite
+from_state to_state: of the channel
+reason: why: hidden, visible_again, signal_lost, detected, pulled_in, ...
+pseudorange_m doppler_hz: predicted at the transition, the receiver clock included
+sd_range_m sd_doppler_hz: how well
+accumulation_s: time of one accumulation; infinite where none suffices
+delay_cells doppler_bins: cells of the search window in delay and Doppler
+search_s: time of the whole search; infinite where none suffices
+"""
+_SEARCH = """
+sv: satellite
+predicted_s: time with a prediction
+hold_s: time held while hidden
+control_s search_s: time in detections at the predicted place, and in search
+in_vain_s: of both: failed or broken off
+unsupervised_s unsupervised_in_vain_s: what a receiver without attitude would have searched; of it while
+  there was nothing to be found
+n_events n_agree n_differ n_not_covered: events in the receiver's own log, and how they compare; only with
+  such a log
+receiver_search_s receiver_inhibited_s receiver_needless_s: search by the receiver's own log; of it while
+  hidden, and while the signal was expected at the predicted place; only with such a log
+"""
+_RECEIVER = """
+time_s: seconds of the GPS week
+sv: satellite
+event: lock, loss, search or detection
+supervisor: the supervisor's state at that moment
+verdict: agrees, not_covered, or how they differ
+lag_s: the receiver's event after the supervisor's change of state
+"""
+_FILTERED = """
+time_s: seconds of the GPS week
+lat_deg lon_deg h_m: position, as in the navigation table, by the filter alone
+vn_mps ve_mps vd_mps: velocity
+roll_deg pitch_deg yaw_deg: attitude
+sd_n_m sd_e_m sd_d_m sd_vn_mps sd_ve_mps sd_vd_mps sd_roll_deg sd_pitch_deg sd_yaw_deg: one sigma of each
+"""
+_IMU = """
+time_s: seconds of the GPS week: the first sample of a stretch of the log
+gyro_x_min_degps gyro_y_min_degps gyro_z_min_degps gyro_x_max_degps gyro_y_max_degps gyro_z_max_degps: smallest
+  and largest rate in it, as logged, along forward, right, down
+accel_x_min_mps2 accel_y_min_mps2 accel_z_min_mps2 accel_x_max_mps2 accel_y_max_mps2 accel_z_max_mps2: the same of
+  the specific force
+"""
+_SPECTRUM = """
+frequency_hz: up to half of the rate
+gyro_x_degps_per_sqrt_hz gyro_y_degps_per_sqrt_hz gyro_z_degps_per_sqrt_hz: amplitude spectral density of the
+  rate, along forward, right, down
+accel_x_mps2_per_sqrt_hz accel_y_mps2_per_sqrt_hz accel_z_mps2_per_sqrt_hz: of the specific force
+"""
+RUN_SHEETS: Final = (
+    Sheet("nav", "output time", _NAV),
+    Sheet(
+        "export",
+        "output time",
+        _EXPORT,
+        "Beside the columns of nav in the CSV, MAT and NetCDF files of `insgnss export`;"
+        " `run.nav_with(utc=True, sea_level=True, heading=True)` has utc, heights and heading.",
+    ),
+    Sheet(
+        "measurements",
+        "satellite, signal, epoch and kind: every value of the log; row of a user's own measurement",
+        _MEASUREMENTS,
+    ),
+    Sheet("satellites", "satellite and epoch", _SATELLITES),
+    EVENTS,
+    ERRORS,
+    Sheet(
+        "filtered",
+        "navigation row of a smoothed run, as the filter had it",
+        _FILTERED,
+        "Only of a smoothed run.",
+    ),
+    Sheet("imu", "stretch of the inertial log, at most 1500", _IMU),
+    Sheet(
+        "imu_spectrum", "frequency", _SPECTRUM, "Empty where the log is too short or its steps are uneven."
+    ),
+    Sheet("aiding", "time and satellite above the horizon", _AIDING, "Only with `--aiding`."),
+    Sheet("aiding_budget", "satellite, whenever its sigmas are found anew", _BUDGET, "Only with `--aiding`."),
+    Sheet("supervision", "satellite above the horizon and epoch", _SUPERVISION, "Only with `--supervise`."),
+    Sheet("transitions", "change of a channel's state", _TRANSITIONS, "Only with `--supervise`."),
+    Sheet("search_times", "satellite", _SEARCH, "Only with `--supervise`."),
+    Sheet(
+        "receiver_events",
+        "event in the receiver's own log",
+        _RECEIVER,
+        "Only with `--supervise` and `receiver_events` in the flight file.",
+    ),
+)

@@ -1,0 +1,109 @@
+"""Times, heights and headings of a result table as others count them: UTC, mean sea level, clockwise from true north.
+
+The GPS week and the units of a table are in its ``attrs``, also after it was saved as Parquet::
+
+    nav = with_utc(with_sea_level(with_heading(run.nav)))       # run.nav_with(utc=True, ...) does the same
+    events = with_utc(run.events)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from insgnss.errors import ResultError
+from insgnss.geodesy.sea_level import geoid_height
+from insgnss.gpstime import ns_to_utc, week_seconds_to_ns
+from insgnss.runs.columns.sheet import unit_of
+
+GPS_WEEK: Final = "gps_week"
+
+
+def annotate(table: pd.DataFrame, week: int) -> None:
+    """Write into ``table.attrs`` the GPS week that its times count from, their scale, and the unit of each column."""
+    units = {str(name): unit_of(str(name)) for name in table.columns}
+    table.attrs |= {
+        GPS_WEEK: week,
+        "time_scale": "GPS",
+        "units": {n: unit for n, unit in units.items() if unit},
+    }
+
+
+def annotate_all(tables: Iterable[pd.DataFrame | None], settings: Mapping[str, Any]) -> None:
+    """Write week, scale and units into the ``attrs`` of a result's tables, where its settings say the GPS week."""
+    flight = settings.get("flight")
+    week = flight.get(GPS_WEEK) if isinstance(flight, Mapping) else None
+    for table in tables:
+        if table is not None and isinstance(week, int):
+            annotate(table, week)
+
+
+def with_utc(table: pd.DataFrame, week: int | None = None) -> pd.DataFrame:
+    """Return the table with UTC as its index, leap seconds applied; ``time_s`` stays a column.
+
+    Rows without a time (events of whole files) have NaT. An inserted leap second repeats the dates of the next second.
+
+    Parameters
+    ----------
+    table : any table of a run that has a column ``time_s``
+    week : GPS week of its times; by default that of ``table.attrs``
+
+    Raises
+    ------
+    ResultError : the table has no ``time_s``, or neither says which GPS week it counts from
+    """
+    _check_columns(table, "time_s")
+    week = table.attrs.get(GPS_WEEK) if week is None else week
+    if not isinstance(week, int):
+        raise ResultError(
+            "the table does not say which GPS week its times count from",
+            key='attrs["gps_week"]',
+            advice="pass it: with_utc(table, week)",
+        )
+    time_s = table["time_s"].to_numpy(np.float64)
+    known = np.isfinite(time_s)
+    dates = np.full(len(time_s), "NaT", "datetime64[ns]")
+    dates[known] = ns_to_utc(week_seconds_to_ns(week, time_s[known]))
+    return table.set_axis(pd.DatetimeIndex(dates, tz="UTC", name="utc"), axis="index")
+
+
+def with_sea_level(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table with ``h_msl_m``, the height above mean sea level, and ``geoid_m``, the geoid's (EGM96).
+
+    Raises
+    ------
+    ResultError : the table has no ``lat_deg``, ``lon_deg``, ``h_m``
+    """
+    _check_columns(table, "lat_deg", "lon_deg", "h_m")
+    geoid_m = geoid_height(table["lat_deg"], table["lon_deg"])
+    added = table.assign(h_msl_m=table["h_m"] - geoid_m, geoid_m=geoid_m)
+    return _with_units(added, "h_msl_m", "geoid_m")
+
+
+def with_heading(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table with ``heading_deg``, the yaw counted clockwise from true north, 0 to below 360.
+
+    Raises
+    ------
+    ResultError : the table has no ``yaw_deg``
+    """
+    _check_columns(table, "yaw_deg")
+    heading = np.mod(table["yaw_deg"].to_numpy(np.float64), 360.0)
+    heading[heading == 360.0] = 0.0  # a yaw of -1e-15
+    return _with_units(table.assign(heading_deg=heading), "heading_deg")
+
+
+def _check_columns(table: pd.DataFrame, *names: str) -> None:
+    for name in names:
+        if name not in table.columns:
+            raise ResultError("the table has no such column", column=name, advice="pass run.nav or its like")
+
+
+def _with_units(table: pd.DataFrame, *names: str) -> pd.DataFrame:
+    """Return the table with the units of further columns in its ``attrs``."""
+    units = dict(table.attrs.get("units", {})) | {name: unit_of(name) for name in names}
+    table.attrs |= {"units": units}
+    return table

@@ -1,0 +1,38 @@
+"""What the first command of an installation compiles, for itself and for those that come after it.
+
+``check``, ``point``, ``replay`` and ``simulate`` need what ``insgnss.runs.kernel_list`` names; what only some of their
+options need (masking, the trace, the smoother) is compiled where it is first called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from insgnss.kernels.compiled_ahead import compiled_ahead, is_complete
+
+# run in processes of its own: one that finds everything compiled does not load it
+_LIST: Final = "insgnss.runs.kernel_list"
+_ABOUT: Final = "compiling, once per installation (half a minute to a minute)"
+
+
+@contextmanager
+def compiled(tell: Callable[[str], None] = lambda words: None) -> Iterator[None]:
+    """Let the kernels be compiled beside what is done inside, and have them all at its end.
+
+    Parameters
+    ----------
+    tell : called with a message when the command has to wait
+    """
+    with compiled_ahead(_LIST) as beside:
+        yield
+        if not is_complete():
+            tell(_ABOUT)
+            beside.wait()
+
+
+def main() -> None:
+    """Compile them without a command."""
+    with compiled(print):
+        pass

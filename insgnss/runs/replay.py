@@ -1,0 +1,398 @@
+"""The main job: a flight and a filter in, a run out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from insgnss.aiding.sources import AidingSources, aiding_sources
+from insgnss.aiding.trace import Samples, Traced, at_times, traced
+from insgnss.antenna.equipment import installation, limits_of
+from insgnss.antenna.installation import Installation
+from insgnss.config.aiding import AidingConfig, aiding_config
+from insgnss.config.filter import FilterConfig
+from insgnss.config.library import filter_config
+from insgnss.filter.imu.inertial_stream import screened
+from insgnss.filter.layout import StateBlock
+from insgnss.filter.loop_calls import fetch_loop
+from insgnss.filter.output.trace_rows import output_samples
+from insgnss.filter.output.writing import Output, Table
+from insgnss.filter.own_rows.ledger import OwnEntry
+from insgnss.filter.own_rows.rows import Measurement
+from insgnss.filter.setup import FilterSetup
+from insgnss.filter.smoothing.body_points import Further
+from insgnss.filter.whole_log import LedgerPart, TraceWanted, run_blocks
+from insgnss.filter.whole_log import run_filter as run_filter
+from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
+from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.orbits.plausible_messages import refused_messages
+from insgnss.gpstime import week_seconds_to_ns
+from insgnss.kernels.compiled_ahead import is_complete
+from insgnss.log.flight import Flight, FlightLogs
+from insgnss.log.rinex.navigation import read_navigation
+from insgnss.receiver.sources import SupervisionSources, supervision_sources
+from insgnss.runs.first_run import compiled
+from insgnss.runs.further_antennas import Record
+from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
+from insgnss.runs.imu_summary import imu_spectrum, imu_table
+from insgnss.runs.late_antennas import with_aid, with_antennas
+from insgnss.runs.reference_errors import errors_against
+from insgnss.runs.result import Run
+from insgnss.runs.result_settings import run_settings
+from insgnss.runs.result_tables import (
+    LogNames,
+    RowKeys,
+    aiding_budget,
+    aiding_table,
+    event_table,
+    filtered_table,
+    ledger_tables,
+    nav_table,
+    row_keys,
+    with_own_rows,
+)
+from insgnss.runs.slow_sigmas import slow_columns, slow_variances
+from insgnss.runs.wanted_rows import (
+    AtTimes,
+    Point,
+    described,
+    further_of,
+    output_of,
+    refuse_smoothing,
+    times_without_row,
+    with_further,
+)
+from insgnss.sensors.fitting import fitted
+from insgnss.sensors.reading_events import reading_events
+from insgnss.sensors.start_from_fixes import refuse_live_without_gnss, started_without_gnss
+from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
+
+Progress = Callable[[str], None]
+
+
+def setup_filter(
+    flight: Flight, logs: FlightLogs, config: FilterConfig, *, several: bool = True
+) -> FilterSetup:
+    """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay.
+
+    ``several`` includes the attitude stage of [attitude], as yet without phases.
+    """
+    navigation = None if logs.gnss.sat is not None else logs.navigation
+    with_carrier = logs.gnss.carrier_cycles is not None
+    setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
+    seen, base = len(logs.gnss.sv_names), flight.config.gnss.base is not None and logs.base is not None
+    setup = replace(setup, products=logs.products, antennas=logs.antennas, n_satellites=seen, with_base=base)
+    setup = setup.with_further(*fitted(flight.config, logs))
+    if not flight.config.gnss.files:
+        setup = started_without_gnss(setup, flight, logs)
+    return with_aid(setup, flight) if several else setup
+
+
+def engine_settings(
+    flight: Flight | str | Path,
+    filter: str | Path | FilterConfig = "tight",
+    *,
+    settings: Mapping[str, Any] | None = None,
+    signals: Iterable[Pair] | None = None,
+    carrier: bool = False,
+    states: Sequence[StateBlock] = (),
+) -> FilterSetup:
+    """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
+
+    The inertial and GNSS logs are not opened: they are what the engine will be fed. With several antennas ([attitude])
+    ``Engine.gnss`` takes the epochs of each.
+
+    Parameters
+    ----------
+    flight : the flight or its file
+    filter : a name in the library, a file, or the settings themselves
+    settings : of the filter, to be otherwise, as in ``replay``
+    signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
+        the filter's settings gets its clock, for each constellation that has an ephemeris
+    carrier : whether the epochs will bring carrier phases; with several antennas they do
+    states : further states that the filter is to estimate, as in ``replay``
+
+    Raises
+    ------
+    ConfigError : the flight has position fixes alone
+    """
+    if not isinstance(flight, Flight):
+        flight = Flight.load(flight)
+    refuse_live_without_gnss(flight)
+    config = filter_config(filter, settings)
+    carrier = carrier or flight.config.attitude is not None
+    beside = fitted(flight.config, None)
+    wanted = config.measurements.signals_of()
+    if not flight.config.gnss.navigation:
+        setup = _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
+        return with_aid(setup.with_further(*beside).with_further(states), flight)
+    navigation, _ = read_navigation(flight.config.gnss.navigation)
+    orbits = navigation.state_vectors
+    seen = (*navigation.ephemerides.sv_names, *(() if orbits is None else orbits.sv_names))
+    pairs = _all_pairs(wanted, {name[0] for name in seen}) if signals is None else set(signals)
+    setup = _setup(flight, config, navigation, pairs, with_carrier=carrier)
+    return with_aid(setup.with_further(*beside).with_further(states), flight)
+
+
+def _installed(flight: Flight) -> tuple[Installation, list[Event]]:
+    """Return the vehicle's antennas, and what is worth telling of their files."""
+    gnss = flight.config.gnss
+    return installation(gnss.antenna, flight.path.absolute().parent, gnss.lever_b)
+
+
+def _all_pairs(signals: dict[str, tuple[str, ...]], letters: set[str]) -> set[Pair]:
+    return {(letter, code) for letter in letters for code in signals.get(letter, ())}
+
+
+def _setup(
+    flight: Flight,
+    config: FilterConfig,
+    navigation: NavigationData | None,
+    pairs: set[Pair],
+    *,
+    with_carrier: bool,
+) -> FilterSetup:
+    gnss, start, use = flight.config.gnss, flight.config.start, config.measurements
+    given = None if start == "automatic" else start
+    start_ns = None
+    if given is not None and given.time_s is not None:
+        start_ns = int(week_seconds_to_ns(flight.config.gps_week, given.time_s))
+    return FilterSetup(
+        config=config,
+        grade=flight.imu_grade,
+        oscillator=flight.oscillator,
+        lever_arm_m=gnss.lever_b or (0.0, 0.0, 0.0),
+        clock_groups=clock_groups(use.constellations, use.signals_of(), pairs, every_band=use.every_band),
+        start=given,
+        start_ns=start_ns,
+        navigation=navigation,
+        with_carrier=with_carrier,
+        installation=_installed(flight)[0],
+        visibility_limits=limits_of(config.visibility),
+    )
+
+
+def replay(
+    flight: Flight | str | Path,
+    filter: str | Path | FilterConfig = "tight",
+    *,
+    settings: Mapping[str, Any] | None = None,
+    output: AtTimes = "gnss",
+    point: Point | None = None,
+    quaternion: bool = False,
+    covariance: bool = False,
+    aiding: float | AidingConfig | None = None,
+    supervise: bool = False,
+    smooth: bool = False,
+    states: Sequence[StateBlock] = (),
+    measurements: Sequence[Measurement] = (),
+    progress: Progress | None = None,
+) -> Run:
+    """Run the filter over a flight's logs.
+
+    Parameters
+    ----------
+    flight : the flight or its file
+    filter : a name in the library (``models/filters``), a file, or the settings themselves
+    settings : of the filter, to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
+    output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), at a rate [Hz], or at given
+        times: increasing seconds of the flight's GPS week. The filter itself is carried to each, so attitudes of a
+        camera are right however the vehicle turns; a time without a filter has no row, which an event tells
+    point : a point of the body (camera, radar, antenna) whose position, velocity and sigmas the rows are to have too:
+        forward, right, down from the IMU [m], or a name of the flight file: "antenna", an antenna's, one of [points]
+    quaternion : whether the rows are to have the attitude as a quaternion too, body to north-east-down, scalar first
+    covariance : whether they are to have the covariances of position, velocity and attitude, and of the point
+    aiding : rate [Hz] of ``run.aiding``, the filter's other settings of the aiding kept, or all settings; None: no
+        aiding
+    supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
+        ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
+    smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
+        outages and while several headings were open too (``filter.smoothing.smoother``); the measurements are then
+        still those of the filter
+    states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
+    measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
+        ``rows(state, layout)``, see ``Measurement``. Their rows stand in ``run.measurements`` by their name
+    progress : is told in words what is being done
+
+    Raises
+    ------
+    ConfigError : no such output, times or point; smoothing gives neither aiding nor supervision, which live on the
+        past
+    MeasurementError : a measurement's name, times or gate, or a row that it gives, cannot be used
+    InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
+        aiding or supervision is asked for and nothing says where the satellites are
+    """
+    tell = progress or (lambda _: None)
+    began = time.perf_counter()
+    if not isinstance(flight, Flight):
+        flight = Flight.load(flight)
+    config = filter_config(filter, settings)
+    aided = None if aiding is None else aiding_config(aiding, config.aiding)
+    refuse_smoothing(flight, smooth=smooth, beside=aided is not None or supervise)
+    rows_at = output_of(output, flight.config.gps_week, has_epochs=bool(flight.config.gnss.files))
+    further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
+    setup, work, record = _prepared(flight, config, aided, supervise, (states, measurements), tell)
+    read = time.perf_counter()
+    tell("running the filter")
+    wanted = _trace_wanted(aided, record.supervised)
+    forward: list[Table] | None = [] if smooth else None
+    entries: list[OwnEntry] = []
+    out, ledger, events = run_blocks(
+        setup,
+        *work,
+        rows_at,
+        trace=wanted,
+        smooth=smooth,
+        further=further,
+        filtered=forward,
+        own=entries,
+    )
+    events += reading_events(setup.own, entries)
+    events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
+    filtered = time.perf_counter()
+    samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
+    if wanted is not None:
+        samples = Samples(*screened(work[0], setup).imu[:3])  # as the filter took them
+    found = traced(out.trace, samples)
+    aids = None if record.aiding is None else _aiding(record, found, flight, tell)
+    given = time.perf_counter()
+    supervised = _supervised(record, found, flight, tell)
+    settled = time.perf_counter()
+    del work, found, samples  # a big log's samples take as much room as a table
+    tell("writing the tables")
+    run = _as_run(flight, record, setup, out, ledger, events, further)
+    run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
+    run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
+    run.aiding, run.aiding_budget = (None, None) if aids is None else aids
+    for name, table in supervised.items():
+        setattr(run, name, table)
+    run.annotate()
+    took = {"read_s": read - began, "filter_s": filtered - read, "tables_s": time.perf_counter() - settled}
+    took |= {} if aided is None else {"aiding_s": given - filtered}
+    took |= {"supervision_s": settled - given} if supervise else {}
+    run.settings = {**run.settings, "took": took, "output": described(output), "smooth": smooth}
+    run.settings["aiding"] = None if aided is None else aided.model_dump(mode="json")
+    run.settings["point"] = None if further is None else further.wanted.lever_b
+    return run
+
+
+def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:
+    """Return when the filter is to leave its state behind, None for never."""
+    samples_ns = None if supervised is None else supervised.samples_ns
+    if aided is not None:
+        return TraceWanted(aided.rate_hz, aided.sigma_interval_s, samples_ns)
+    return None if samples_ns is None else TraceWanted(None, epoch_samples_ns=samples_ns)
+
+
+def _aiding(
+    record: _Record, found: Traced, flight: Flight, tell: Progress
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return the aiding and its budget from what the filter left behind."""
+    assert record.aiding is not None
+    tell("computing the aiding")
+    if record.supervised is not None:  # which has rows of its own in the trace
+        t_ns = found.samples.t_ns
+        found = at_times(found, t_ns[output_samples(t_ns, record.aiding.setup.config.rate_hz)])
+    table, week = record.aiding.table(found), flight.config.gps_week
+    return aiding_table(table, week), aiding_budget(table, week)
+
+
+def _supervised(record: _Record, found: Traced, flight: Flight, tell: Progress) -> dict[str, Any]:
+    """Return the supervisor's tables by their names, none where it is not asked for."""
+    if record.supervised is None:
+        return {}
+    tell("supervising the search")
+    return vars(record.supervised.run(found, flight.config.gps_week))
+
+
+class _Record(NamedTuple):
+    """What is kept of the logs for the result tables."""
+
+    keys: list[RowKeys]  # of each block
+    names: LogNames
+    reference: ReferenceTable | None
+    events: list[Event]
+    input_hashes: dict[str, str]
+    aiding: AidingSources | None
+    supervised: SupervisionSources | None
+    further: Record | None  # adds several antennas to the ledger
+    imu: tuple[pd.DataFrame, pd.DataFrame]  # extremes over time, spectrum
+
+
+def _prepared(
+    flight: Flight,
+    config: FilterConfig,
+    aided: AidingConfig | None,
+    supervise: bool,
+    also: tuple[Sequence[StateBlock], Sequence[Measurement]],
+    tell: Progress,
+) -> tuple[FilterSetup, tuple[ImuTable, list[Rows]], _Record]:
+    """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
+    tell("reading the logs")
+    with compiled(tell), ThreadPoolExecutor(1) as beside:
+        reading = beside.submit(flight.read)
+        if is_complete():
+            fetch_loop()  # from the cache, while the logs are parsed
+        logs = reading.result()
+        del reading  # it would keep the logs
+    tell("computing the satellites")
+    setup = setup_filter(flight, logs, config, several=False).with_further(*also)
+    sources = None
+    if aided is not None:
+        sources = aiding_sources(setup, aided, logs.navigation, logs.gnss.glonass_channels)
+    # several antennas look at the log as a whole
+    most_rows = MOST_ROWS if flight.config.attitude is None else None
+    blocks, found = row_blocks(setup, logs, flight, most_rows)
+    setup, ledger, told = with_antennas(setup, logs, flight, blocks[0])
+    found = found + told
+    supervised = None
+    if supervise:
+        supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
+        found = found + told
+    events = logs.events + _installed(flight)[1] + refused_messages(logs.navigation) + found
+    names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
+    keys = row_keys(logs.gnss, blocks)
+    imu = imu_table(logs.imu, flight.config.gps_week), imu_spectrum(logs.imu)
+    record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger, imu)
+    return setup, (logs.imu, blocks), record
+
+
+def _as_run(
+    flight: Flight,
+    record: _Record,
+    setup: FilterSetup,
+    out: Output,
+    ledger: list[LedgerPart],
+    events: list[Event],
+    further: Further | None,
+) -> Run:
+    week = flight.config.gps_week
+    nav = with_further(nav_table(out, week, setup), further)
+    if not setup.config.process.range_bias_states:  # the sigmas hold the slow errors then
+        slow = slow_variances(ledger, record.keys, record.names, setup)
+        nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
+    errors = None
+    if record.reference is not None:
+        point = flight.config.reference.point if flight.config.reference is not None else "imu"
+        errors = errors_against(
+            nav, record.reference, week, setup.lever_arm_m if point == "antenna" else None
+        )
+    measurements, satellites = ledger_tables(ledger, record.keys, record.names, week)
+    if record.further is not None:
+        measurements = record.further(measurements, week)
+    return Run(
+        nav=nav,
+        measurements=measurements,
+        satellites=satellites,
+        events=event_table(record.events + events, week),
+        errors=errors,
+        imu=record.imu[0],
+        imu_spectrum=record.imu[1],
+        settings=run_settings(flight, record.input_hashes, setup),
+    )

@@ -1,0 +1,236 @@
+"""A saved run's folder: how it is read, and what is checked before anybody computes with it."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NoReturn
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from pandas.api.types import is_bool_dtype, is_numeric_dtype
+
+from insgnss.errors import ResultError
+from insgnss.results.saving import reading
+from insgnss.results.table_files import read_csv
+
+SETTINGS: Final = "settings.json"
+COLUMN_TYPES: Final = "columns.json"  # beside tables in CSV, which does not tell them
+_SAVE_AGAIN: Final = "save the run again"
+_WORDS: Final = (
+    *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),
+    *("from_state", "to_state", "reason", "event", "supervisor", "verdict"),
+)
+_COMPARED: Final = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
+# Columns without which a table is of no use; a run of an earlier version may lack others
+_COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
+    "nav": (
+        *("time_s", "lat_deg", "lon_deg", "h_m", "vn_mps", "ve_mps", "vd_mps"),
+        *("roll_deg", "pitch_deg", "yaw_deg", "sd_n_m", "sd_e_m", "sd_d_m", "n_used"),
+        *("sd_vn_mps", "sd_ve_mps", "sd_vd_mps", "sd_roll_deg", "sd_pitch_deg", "sd_yaw_deg"),
+    ),
+    "measurements": ("time_s", "sv", "signal", "kind", "innovation", "sd_innovation", "nis", "status"),
+    "satellites": ("time_s", "sv", "az_deg", "el_deg", "body_az_deg", "body_el_deg", "state"),
+    "events": ("time_s", "kind", "detail"),
+    "errors": ("time_s", *(f"{sign}_{name}" for name in _COMPARED for sign in ("d", "sd"))),
+    "filtered": ("time_s",),
+    "imu": ("time_s",),
+    "imu_spectrum": ("frequency_hz",),
+    "aiding": ("time_s", "sv"),
+    "aiding_budget": ("time_s", "sv"),
+    "supervision": ("time_s", "sv", "state", "decision", "receiver"),
+    "transitions": ("time_s", "sv", "from_state", "to_state", "reason"),
+    "search_times": ("sv",),
+    "receiver_events": ("time_s", "sv", "event", "verdict"),
+}
+# Of columns that are computed with wherever a run is read, and never empty: the largest size that can be true
+_LARGEST: Final = {
+    **{"time_s": 1e10, "lat_deg": 90.0, "lon_deg": 360.0, "h_m": 1e12},
+    **dict.fromkeys(("vn_mps", "ve_mps", "vd_mps", "sd_n_m", "sd_e_m", "sd_d_m"), 1e12),
+}
+_LARGEST_OF_OTHERS: Final = 1e100  # its square is a number, too
+_GROUPED: Final = ("sv", "signal", "kind", "status", "state")  # of the large tables: made of few words
+# Of the settings: what is looked into, and as what
+_TABLES_OF_SETTINGS: Final = (
+    *(("flight",), ("filter",), ("took",), ("versions",), ("input_sha256",), ("flight", "gnss")),
+    *(("filter", "heading"), ("filter", "adaptation"), ("filter", "gates")),
+)
+_LARGEST_WEEK: Final = 1e5
+
+
+def read_run(
+    folder: Path, tables: Sequence[str], optional: Sequence[str]
+) -> tuple[dict[str, pd.DataFrame | None], dict[str, Any]]:
+    """Return the tables and the settings of a saved run; a save that was interrupted is finished before.
+
+    Raises
+    ------
+    ResultError : there is no such folder, it holds no complete run, or a file of it is damaged
+    """
+    if not folder.is_dir():
+        raise ResultError("there is no such folder", file=folder, advice=_nearest_folders(folder))
+    try:
+        with reading(folder):
+            return _tables(folder, tables, optional), _settings(folder / SETTINGS)
+    except OSError as error:
+        raise ResultError(f"the folder cannot be read: {error.strerror}", file=folder) from error
+
+
+def _nearest_folders(folder: Path) -> str:
+    if folder.is_file():
+        return "this is a file; name the folder of the run"
+    near: list[str] = []
+    if folder.parent.is_dir():
+        beside = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()]
+        near = difflib.get_close_matches(folder.name, beside, n=3, cutoff=0.4)
+    return (
+        f"nearest: {', '.join(near)}" if near else "save a run with 'insgnss replay FLIGHT --output FOLDER'"
+    )
+
+
+def _tables(folder: Path, tables: Sequence[str], optional: Sequence[str]) -> dict[str, pd.DataFrame | None]:
+    found: dict[str, pd.DataFrame | None] = {}
+    for name in tables:
+        parquet, csv = folder / f"{name}.parquet", folder / f"{name}.csv"
+        if parquet.exists():
+            found[name] = _checked(_from_parquet(parquet), parquet)
+        elif csv.exists():
+            found[name] = _checked(_from_csv(csv), csv)
+        elif name in optional:
+            found[name] = None
+        else:
+            raise ResultError(f"no table '{name}' in the folder", file=folder, advice=_SAVE_AGAIN)
+    return found
+
+
+def _from_parquet(path: Path) -> pd.DataFrame:
+    try:
+        with path.open("rb") as file:  # whose name need not be UTF-8, as the library wants it
+            return pd.read_parquet(file, page_checksum_verification=True)
+    except Exception as error:  # damaged bytes: the library's errors are of many kinds
+        _damaged(path, error)
+
+
+def _from_csv(path: Path) -> pd.DataFrame:
+    told = path.parent / COLUMN_TYPES
+    try:
+        types = json.loads(told.read_text(encoding="utf-8"))[path.stem] if told.is_file() else None
+        return read_csv(path, types)
+    except (
+        OSError,
+        KeyError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        RecursionError,
+        pa.ArrowException,
+    ) as error:
+        raise ResultError(
+            f"the table cannot be read as {COLUMN_TYPES} beside it says: {error}",
+            file=path,
+            advice=_SAVE_AGAIN,
+        ) from error
+
+
+def _damaged(path: Path, error: Exception) -> NoReturn:
+    told = (str(error) or type(error).__name__).splitlines()[0]
+    raise ResultError(f"the file is damaged: {told}", file=path, advice=_SAVE_AGAIN) from error
+
+
+def _checked(table: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Return a table whose columns can be computed with.
+
+    Raises
+    ------
+    ResultError : a column is missing, holds no numbers or no words where it should, or impossible numbers
+    """
+    # a table in CSV without its types was made by hand, of what its user needs
+    is_ours = path.suffix != ".csv" or (path.parent / COLUMN_TYPES).is_file()
+    for name in _COLUMNS[path.stem] if is_ours and len(table.columns) else ():
+        if name not in table:
+            raise ResultError("the table has no such column", file=path, column=name, advice=_SAVE_AGAIN)
+    if not table.columns.is_unique:
+        raise ResultError("the table has two columns of one name", file=path, advice=_SAVE_AGAIN)
+    for name in map(str, table.columns):
+        if name in _WORDS:
+            table = _with_words(table, name, path)
+        elif name in _COLUMNS[path.stem] or name.startswith(("d_", "sd_")):
+            _check_numbers(table, name, path)
+    return table
+
+
+def _with_words(table: pd.DataFrame, name: str, path: Path) -> pd.DataFrame:
+    words = table[name]
+    if len(words) and words.isna().all() and name not in _COLUMNS[path.stem]:
+        return table  # a word that no row has
+    content = words.cat.categories if isinstance(words.dtype, pd.CategoricalDtype) else words
+    if len(content) and not pd.api.types.is_string_dtype(content):
+        raise ResultError("the column does not hold words", file=path, column=name, advice=_SAVE_AGAIN)
+    if name in _COLUMNS[path.stem] and words.isna().any():
+        raise ResultError("an empty cell in the column", file=path, column=name, advice=_SAVE_AGAIN)
+    if name in _GROUPED and path.stem != "events" and not isinstance(words.dtype, pd.CategoricalDtype):
+        return table.astype({name: "category"})
+    return table
+
+
+def _check_numbers(table: pd.DataFrame, name: str, path: Path) -> None:
+    if not is_numeric_dtype(table[name]) or is_bool_dtype(table[name]):
+        raise ResultError("the column does not hold numbers", file=path, column=name, advice=_SAVE_AGAIN)
+    values = table[name].to_numpy(np.float64)
+    bad = ~(np.abs(values) <= _LARGEST.get(name, _LARGEST_OF_OTHERS))  # not a number, too
+    if name not in _LARGEST or path.stem not in ("nav", "measurements"):
+        bad &= ~np.isnan(values)  # an empty cell; an event of a whole file has no time
+    if bad.any():
+        told = f"{values[bad][0]:g} in row {int(np.argmax(bad)) + 1} cannot be true: the table is damaged"
+        raise ResultError(told, file=path, column=name, advice=_SAVE_AGAIN)
+
+
+def _settings(path: Path) -> dict[str, Any]:
+    """Return a run's settings; those that are looked into later are of the right kind.
+
+    Raises
+    ------
+    ResultError : the file is missing, is no JSON, or an entry is of another kind
+    """
+    if not path.is_file():
+        raise ResultError(f"no {SETTINGS} in the folder", file=path.parent, advice=_SAVE_AGAIN)
+    try:
+        settings = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        _damaged(path, error)
+    if not isinstance(settings, dict):
+        raise ResultError("the file holds no table of settings", file=path, advice=_SAVE_AGAIN)
+    for keys in _TABLES_OF_SETTINGS:
+        _check_entry(settings, keys, path, lambda value: isinstance(value, dict))
+    for table in (("took",), ("filter", "gates")):
+        for name in _at(settings, table) or {}:
+            _check_entry(settings, (*table, name), path, _is_number)
+    for keys in (("flight", "name"), ("filter", "name"), ("made",)):
+        _check_entry(settings, keys, path, lambda value: isinstance(value, str))
+    _check_entry(settings, ("filter", "heading", "known_below_deg"), path, _is_number)
+    _check_entry(
+        settings, ("flight", "gps_week"), path, lambda week: _is_number(week) and 0 <= week < _LARGEST_WEEK
+    )
+    return settings
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST_OF_OTHERS
+
+
+def _at(settings: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    """Return what stands at a path of keys, None where there is no such path."""
+    value: Any = settings
+    for key in keys:
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
+
+
+def _check_entry(settings: Mapping[str, Any], keys: Sequence[str], path: Path, is_right: Any) -> None:
+    value = _at(settings, keys)
+    if value is not None and not is_right(value):
+        key = ".".join(keys)
+        raise ResultError(f"the entry cannot be {str(value)[:40]!r}", file=path, key=key, advice=_SAVE_AGAIN)

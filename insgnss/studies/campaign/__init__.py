@@ -1,0 +1,1 @@
+"""Campaigns: grids of cases over processes or a cluster."""

@@ -1,0 +1,180 @@
+"""Case functions of campaigns: pure functions of (case, seed) that return rows of numbers.
+
+| name    | keys of the case, with what they are when not given | rows |
+|---------|------------------------------------------------------|------|
+| matched | imu "tactical", oscillator "tcxo", duration_s 120, imu_rate_hz 100, noise_factor 1, scenario "" (one of models/scenarios) | one an epoch looked at: NEES of each block, NIS, errors with their sigma |
+| outage  | as matched but duration_s 400; length_s 30, every_s 60, satellites "", kinds "" (all; names parted by commas) | one a window: drift, error, sigma, time to come back |
+| masking | scenario "sokolov_2015", imu, oscillator (those of the scenario), fault_tests true | one a way to treat hidden satellites: errors, false rows, delay of re-acquisition |
+| receiver | scenario "manoeuvring_5g", variant "one_stage", tracking "coherent", imu "industrial" ("" for no INS), oscillator "tcxo" (or a number, its drift density), cn0_dbhz 40, emitters "" (a name or a file), and the numbers of ``ReceiverOptions`` | one: lost, lost_s, errors, offsets of the replicas, NEES (``receiver_study``) |
+
+The seed alone makes the random numbers: the same (case, seed) gives the same rows on any worker.
+"""  # noqa: E501 - the table is the documentation
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.config.library import scenario_config
+from insgnss.errors import ConfigError
+from insgnss.studies.campaign.tasks import CaseFunction, Row
+from insgnss.studies.masking.banked_flight import BankedFlight
+from insgnss.studies.masking.cases import CaseResult, fly
+from insgnss.studies.matched_flight import BLOCKS, flight_in_memory, matched_flight
+from insgnss.studies.outage.study import Periodic, outage_study
+from insgnss.studies.outage.windows import Removal
+from insgnss.studies.receiver.comparison import receiver_row
+from insgnss.studies.receiver.scene import ReceiverOptions, Scene, scene_of
+from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
+
+_AXES: Final = {"position": "m", "velocity": "mps", "attitude": "rad"}
+
+
+def matched(case: Mapping[str, Any], seed: int) -> list[Row]:
+    """Return one run of ``matched_flight``: a row for each epoch looked at."""
+    known = {"imu": "tactical", "oscillator": "tcxo", "duration_s": 120.0, "imu_rate_hz": 100.0}
+    asked = _asked(case, {**known, "noise_factor": 1.0, "scenario": ""})
+    flight = matched_flight(
+        str(asked["imu"]),
+        str(asked["oscillator"]),
+        float(asked["duration_s"]),
+        float(asked["imu_rate_hz"]),
+        float(asked["noise_factor"]),
+        scenario=str(asked["scenario"]) or None,
+    )
+    found = flight.run(flight.draw(np.random.default_rng([seed])))
+    rows: list[Row] = []
+    for k, look in enumerate(flight.looks):
+        row: dict[str, float] = {"time_s": float(flight.simulator.tag_s[look])}
+        row |= {f"nees_{name}": float(found.nees[k, i]) for i, name in enumerate(BLOCKS)}
+        row |= {"nis_range": float(found.nis[0]), "nis_rate": float(found.nis[1]), "refused": found.n_refused}
+        for name, unit in _AXES.items():
+            row[f"{name}_error_{unit}"] = float(np.linalg.norm(found.error[k, BLOCKS[name]]))
+            row[f"{name}_sd_{unit}"] = float(np.linalg.norm(found.sd[k, BLOCKS[name]]))
+        rows.append(row)
+    return rows
+
+
+def outage(case: Mapping[str, Any], seed: int) -> list[Row]:
+    """Return the outage study of one drawn flight, started by itself: a row for each window."""
+    known = {
+        "imu": "tactical",
+        "oscillator": "tcxo",
+        "duration_s": 400.0,
+        "imu_rate_hz": 100.0,
+        "noise_factor": 1.0,
+    }
+    asked = _asked(case, {**known, "length_s": 30.0, "every_s": 60.0, "satellites": "", "kinds": ""})
+    flight = matched_flight(
+        str(asked["imu"]),
+        str(asked["oscillator"]),
+        float(asked["duration_s"]),
+        float(asked["imu_rate_hz"]),
+        float(asked["noise_factor"]),
+    )
+    names = (tuple(filter(None, str(asked[key]).split(","))) for key in ("satellites", "kinds"))
+    satellites, kinds = names
+    study = outage_study(
+        flight_in_memory(flight, flight.draw(np.random.default_rng([seed])).log),
+        Periodic(float(asked["length_s"]), float(asked["every_s"])),
+        Removal(satellites, (), kinds),
+        filter=flight.setup.config,
+        threads=1,
+    )
+    last = study.errors[study.errors["since_s"] < float(asked["length_s"])].groupby("window").last()
+    errors = last["position_m"].to_dict()
+    shown = ("end_m", "sd_end_m", "peak_m", "peak_mps", "sd_back_s", "drift_back_s")
+    return [
+        {
+            "window": int(row["window"]),
+            "from_s": float(row["from_s"]),
+            **{name: float(row[name]) for name in shown},
+            "error_end_m": float(errors.get(row["window"], np.nan)),
+        }
+        for row in study.windows.to_dict("records")
+    ]
+
+
+def masking(case: Mapping[str, Any], seed: int) -> list[Row]:
+    """Return one flight of the masking study: a row for each way to treat satellites that may be hidden."""
+    known = {"scenario": "sokolov_2015", "imu": "", "oscillator": "", "fault_tests": True}
+    asked = _asked(case, known)
+    flight = _banked_flight(str(asked["scenario"]), str(asked["imu"]), str(asked["oscillator"]))
+    settings = filter_of(flight.scenario)
+    settings = settings if asked["fault_tests"] else without_fault_tests(settings)
+    return [_of_way(flight, result) for result in fly(flight, settings, np.random.default_rng([seed]))]
+
+
+def receiver(case: Mapping[str, Any], seed: int) -> list[Row]:
+    """Return one run of a receiver of the laboratory in closed loops: one row."""
+    known: dict[str, Any] = {
+        "scenario": "manoeuvring_5g",
+        "variant": "one_stage",
+        "tracking": "coherent",
+        "imu": "industrial",
+        "oscillator": "tcxo",
+        "cn0_dbhz": 40.0,
+        "emitters": "",
+    }
+    options = {
+        name: value for name, value in ReceiverOptions().told().items() if not isinstance(value, tuple)
+    }
+    asked = _asked(case, known | options)
+    changed = tuple((name, case[name]) for name in options if name in case)
+    names = (str(asked[key]) for key in ("scenario", "tracking", "imu"))
+    scene = _receiver_scene(*names, asked["oscillator"], changed)
+    emitters = str(asked["emitters"]) or None
+    return [receiver_row(scene, str(asked["variant"]), float(asked["cn0_dbhz"]), seed, emitters)]
+
+
+@lru_cache(maxsize=8)
+def _receiver_scene(
+    scenario: str, tracking: str, imu: str, oscillator: str | float, changed: tuple[tuple[str, Any], ...]
+) -> Scene:
+    clock = oscillator if isinstance(oscillator, str) else {"drift_density": float(oscillator)}
+    return scene_of(scenario, tracking, imu or None, clock, ReceiverOptions(**dict(changed)))
+
+
+@lru_cache(maxsize=8)
+def _banked_flight(scenario: str, imu: str, clock: str) -> BankedFlight:
+    config = scenario_config(scenario)
+    return BankedFlight.of(config, imu or config.equipment.imu, clock or config.equipment.oscillator)
+
+
+def _of_way(flight: BankedFlight, result: CaseResult) -> Row:
+    from_s, until_s = min(s.from_s for s in flight.spells), max(s.until_s for s in flight.spells)
+    e, ledger = result.errors, result.measurements
+    during, after = e["time_s"].between(from_s, until_s), e["time_s"] > until_s
+    false = ledger["lock"] != ""
+    delays = np.array([channel.delay_s for channel in result.channels])
+    return {
+        "way": result.case.name,
+        "rms_during_m": float(np.sqrt(np.mean(e.loc[during, "error_m"] ** 2))),
+        "rms_after_m": float(np.sqrt(np.mean(e.loc[after, "error_m"] ** 2))),
+        "max_m": float(e["error_m"].max()),
+        "false_rows": int(false.sum()),
+        "believed": int((false & ledger["believed"]).sum()),
+        "true_refused": int((~false & ~ledger["believed"]).sum()),
+        "delay_mean_s": float(delays.mean()),
+        "delay_max_s": float(delays.max()),
+    }
+
+
+def _asked(case: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a case with what it leaves out; an unknown key is an error."""
+    unknown = sorted(set(case) - set(known))
+    if unknown:
+        advice = f"the keys are {', '.join(known)}"
+        raise ConfigError(f"the case has no key {unknown[0]!r}", key=unknown[0], advice=advice)
+    return {**known, **case}
+
+
+CASES: Final[Mapping[str, CaseFunction]] = {
+    "matched": matched,
+    "masking": masking,
+    "outage": outage,
+    "receiver": receiver,
+}

@@ -1,0 +1,185 @@
+"""Is a run's filter as good as it says? Innovations, whiteness, errors, sigmas, and the verdict in plain words.
+
+| table         | one row for each | columns |
+|---------------|------------------|---------|
+| kinds         | kind of measurement | kind used refused dof mean_nis expected low high share_95 mean_z mean_z_bound robust_scale factor |
+| satellites    | kind and satellite | kind sv, then as kinds; bounds for all satellites at once (Bonferroni) |
+| whiteness     | kind and lag     | kind lag_s correlation bound pairs q p_value correlation_time_s |
+| states        | component with a reference, block of them | component axes rows dof mean rms mean_sigma nees low high share_1_sigma share_3_sigma |
+| observability | state            | state first last smallest reduction limit known_s |
+| sigmas        | navigation row   | time_s and the sigmas of heading, roll, pitch and biases |
+
+``factor`` is what the assumed sigma of the noise should be multiplied by, from residuals in which the state's error has
+no part (``epoch_residuals``). A filter that widens its sigma for errors that last (correlation_time_s) does so in its
+weights alone: the ledger, and the factor, are beside the plain one. Rows that a mask kept out were not judged by their
+innovation and do not count; ``innovation_statistics`` says how those behind a gate are treated.
+"""  # noqa: E501 - the table is the documentation
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pandas as pd
+
+from insgnss.errors import ConfigError, ResultError
+from insgnss.results.shown import Shown
+from insgnss.runs.agreement import heading_of
+from insgnss.runs.result import Run
+from insgnss.studies.consistency import pictures
+from insgnss.studies.consistency.error_statistics import SIGMAS, ErrorOf, error_rows, observability_table
+from insgnss.studies.consistency.innovation_statistics import (
+    GATE_KEYS,
+    Judged,
+    Nis,
+    judged_rows,
+    nis_of,
+    period_of,
+    whiteness_of,
+)
+from insgnss.studies.consistency.words import verdict
+from insgnss.studies.result_files import write_study
+
+if TYPE_CHECKING:
+    from insgnss.studies.figures import Figure
+
+TABLES: Final = ("kinds", "satellites", "whiteness", "states", "observability", "sigmas")
+_WHITENESS: Final = ("correlation", "bound", "pairs")
+
+
+@dataclass(frozen=True, repr=False)
+class Consistency(Shown):
+    """What ``consistency_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    kinds: pd.DataFrame
+    satellites: pd.DataFrame
+    whiteness: pd.DataFrame
+    states: pd.DataFrame  # empty without a reference
+    observability: pd.DataFrame
+    sigmas: pd.DataFrame
+    innovations: pd.DataFrame  # time_s sv signal kind z used share residual leverage: what they are made of
+    verdict: tuple[str, ...]  # sentences, what matters most first
+    asked: Mapping[str, Any]  # confidence lags from_s
+
+    @property
+    def noise_factors(self) -> dict[str, float]:
+        """What the assumed sigma of each kind should be multiplied by; kinds that do not tell are left out."""
+        found = self.kinds.set_index("kind")["factor"]
+        return {str(kind): float(f) for kind, f in found.items() if np.isfinite(f)}
+
+    def __str__(self) -> str:
+        return "\n".join(self.verdict)
+
+    def _sentences(self) -> Iterator[str]:
+        yield from self.verdict
+
+    def figure(self) -> Figure:
+        """Return the picture: NIS over time, by satellite, autocorrelation, sigmas."""
+        return pictures.consistency_figure(
+            self.innovations, self.kinds, self.satellites, self.whiteness, self.sigmas
+        )
+
+    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
+        """Write tables, verdict and picture as ``consistency_*`` into ``folder``; return it.
+
+        Raises
+        ------
+        ResultError : the folder cannot be written
+        """
+        tables = {f"consistency_{name}": getattr(self, name) for name in TABLES}
+        told = {"asked": dict(self.asked), "verdict": self.verdict, "noise_factors": self.noise_factors}
+        settings = {"consistency_verdict": json.dumps(told, indent=1)}
+        return write_study(folder, tables, settings, {"consistency": self.figure}, draws=pictures)
+
+
+def consistency_study(
+    run: Run | str | Path, *, confidence: float = 0.99, lags: int = 20, from_s: float | None = None
+) -> Consistency:
+    """Return how a run's innovations, errors and sigmas agree with what the filter assumed.
+
+    Parameters
+    ----------
+    run : the run or its folder
+    confidence : probability that a consistent filter lies within each bound
+    lags : of the autocorrelation, in epochs
+    from_s : where the statistics begin; when None, at the heading known, or at the first row where it never is
+
+    Raises
+    ------
+    ConfigError : an impossible confidence or number of lags
+    ResultError : the folder holds no run, or the run used no measurement
+    """
+    if not 0.0 < confidence < 1.0:
+        raise ConfigError(f"a confidence of {confidence} is none", key="confidence", advice="0.99 is usual")
+    if lags < 1:
+        raise ConfigError(f"{lags} lags are none", key="lags", advice="give at least one")
+    run = run if isinstance(run, Run) else Run.load(run)
+    start_s = _start(run) if from_s is None else from_s
+    judged = judged_rows(run, start_s)
+    kinds = _kind_table(judged, confidence)
+    if kinds.empty:
+        raise ResultError(
+            f"the run used too few measurements from {start_s:g} s on to say anything",
+            advice="give an earlier --from, or look at the run's table of statuses",
+        )
+    satellites = _satellite_table(judged, kinds, confidence)
+    white = _whiteness_table(judged, lags, confidence)
+    errors = [] if run.errors is None else error_rows(run.errors, start_s, confidence)
+    states = pd.DataFrame(errors, columns=list(ErrorOf._fields))
+    filter_settings = run.settings.get("filter", {})
+    heading = heading_of(run)
+    seen = observability_table(run.nav, heading)
+    adapts = bool(filter_settings.get("adaptation", {}).get("on", False))
+    told = verdict(kinds, satellites, white, states, seen, 1.0 - confidence, heading, adapts=adapts)
+    sigmas = run.nav[["time_s", *(c for c in SIGMAS if c in run.nav)]]
+    asked = {"confidence": confidence, "lags": lags, "from_s": start_s}
+    return Consistency(kinds, satellites, white, states, seen, sigmas, judged.table, told, asked)
+
+
+def _start(run: Run) -> float:
+    known_s = run.heading_known_s()
+    return float(run.nav["time_s"].iloc[0]) if known_s is None else known_s
+
+
+def _kind_table(judged: Judged, confidence: float) -> pd.DataFrame:
+    rows = []
+    for kind in GATE_KEYS:
+        found = nis_of(judged.table[judged.table["kind"] == kind], judged.gates[kind], confidence)
+        if found is not None:
+            rows.append({"kind": kind, **found._asdict()})
+    return pd.DataFrame(rows, columns=["kind", *Nis._fields])
+
+
+def _satellite_table(judged: Judged, kinds: pd.DataFrame, confidence: float) -> pd.DataFrame:
+    """Return the same for each satellite, the chance of a false alarm shared out among them."""
+    factor = kinds.set_index("kind")["factor"]
+    rows = []
+    for kind in GATE_KEYS:
+        groups = judged.table[judged.table["kind"] == kind].groupby("sv")
+        alone = 1.0 - (1.0 - confidence) / max(groups.ngroups, 1)
+        for sv, group in groups:
+            found = nis_of(group, judged.gates[kind], alone, float(factor.get(kind, np.nan)))
+            if found is not None:
+                rows.append({"kind": kind, "sv": str(sv), **found._asdict()})
+    return pd.DataFrame(rows, columns=["kind", "sv", *Nis._fields])
+
+
+def _whiteness_table(judged: Judged, lags: int, confidence: float) -> pd.DataFrame:
+    tables = []
+    for kind in GATE_KEYS:
+        rows = judged.table[(judged.table["kind"] == kind) & judged.table["used"]]
+        period_s = period_of(rows["time_s"].to_numpy())
+        found = whiteness_of(rows, period_s, lags, confidence)
+        if found is None:
+            continue
+        values = found._asdict()
+        columns = {name: values[name] for name in _WHITENESS}
+        single = {name: value for name, value in values.items() if name not in _WHITENESS}
+        lag_s = period_s * np.arange(1, lags + 1)
+        tables.append(pd.DataFrame({"kind": kind, "lag_s": lag_s, **columns, **single}))
+    names = ["kind", "lag_s", *_WHITENESS, "q", "p_value", "correlation_time_s"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=names)

@@ -1,0 +1,1 @@
+"""The manoeuvre study, and the covariance on its way through a scenario."""

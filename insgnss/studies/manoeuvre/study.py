@@ -1,0 +1,220 @@
+"""Which bank on which heading hides what, and what it costs: bank x heading x antenna x IMU grade, without noise.
+
+| table      | one row for each | columns |
+|------------|------------------|---------|
+| cases      | manoeuvre        | imu antenna bank_deg heading_deg n_hidden hidden n_seen pdop gdop d_worst_m2 d_mean_m2 sd_worst_m sd_position_m sd_before_m |
+| satellites | satellite and manoeuvre | imu antenna bank_deg heading_deg sv az_deg el_deg body_el_deg hidden d_range_m2 d_before_m2 |
+
+The user stands level on the heading until the scenario's outage begins and banks through it. What is hidden, the
+dilutions of the satellites left and ``sd_position_m``, three axes together, are those of the outage's last update.
+D = h P^- h^T of a satellite's range is that just before the first update after it, where it is largest: how well the
+filter still predicts what it has not seen. ``d_worst_m2`` is the largest among the hidden, NaN where nothing is.
+"""  # noqa: E501 - the table is the documentation
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pandas as pd
+
+from insgnss.config.library import scenario_config
+from insgnss.config.scenario import ScenarioConfig
+from insgnss.errors import ConfigError
+from insgnss.filter.state import DR, copy_bank
+from insgnss.gnss.dilution import dilution
+from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace, free_clocks
+from insgnss.results.shown import Shown
+from insgnss.studies.manoeuvre import pictures
+from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, Update
+from insgnss.studies.result_files import write_study
+
+if TYPE_CHECKING:
+    from insgnss.studies.figures import Figure
+
+BANKS_DEG: Final = (0.0, 15.0, 30.0, 45.0, 60.0)  # right wing down
+HEADINGS_DEG: Final = tuple(30.0 * k for k in range(12))
+_STEEPEST_DEG: Final = 90.0
+_TABLES: Final = ("cases", "satellites")
+
+
+@dataclass(frozen=True, repr=False)
+class ManoeuvreStudy(Shown):
+    """What ``manoeuvre_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    cases: pd.DataFrame
+    satellites: pd.DataFrame
+    scenario: ScenarioConfig
+
+    def heat_map(self, column: str = "d_worst_m2") -> Figure:
+        """Return the picture: bank over heading, a panel an antenna and IMU, coloured by a column of ``cases``.
+
+        Raises
+        ------
+        ConfigError : ``cases`` has no such column of numbers
+        """
+        numbers = self.cases.select_dtypes("number").columns
+        if column not in numbers:
+            raise ConfigError(f"no column '{column}'", key=column, advice=f"give one of {', '.join(numbers)}")
+        return pictures.heat_map(self.cases, column)
+
+    def figures(self) -> Mapping[str, Callable[[], Figure]]:
+        """Return how to draw each picture, by its file's name."""
+        columns = ("d_worst_m2", "n_hidden", "pdop")
+        return {f"manoeuvre_{name}": lambda name=name: self.heat_map(name) for name in columns}  # type: ignore[misc]
+
+    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
+        """Write tables, scenario and pictures as ``manoeuvre_*`` into ``folder``; return it.
+
+        Raises
+        ------
+        ResultError : the folder cannot be written
+        """
+        tables = {f"manoeuvre_{name}": getattr(self, name) for name in _TABLES}
+        told = json.dumps(self.scenario.model_dump(mode="json"), indent=1)
+        return write_study(folder, tables, {"manoeuvre_scenario": told}, self.figures(), draws=pictures)
+
+
+def manoeuvre_study(
+    scenario: str | Path | ScenarioConfig = "sokolov_2015",
+    *,
+    banks_deg: Sequence[float] = BANKS_DEG,
+    headings_deg: Sequence[float] = HEADINGS_DEG,
+    antennas: Sequence[str] | None = None,
+    imus: Sequence[str] | None = None,
+    oscillator: str | None = None,
+) -> ManoeuvreStudy:
+    """Return what every manoeuvre of a grid hides and what that costs.
+
+    Parameters
+    ----------
+    scenario : name in ``models/scenarios``, a file, or the scenario itself: sky, outage, measurements
+    banks_deg : right wing down is positive
+    headings_deg : on which the user stands
+    antennas : patterns in the library or files; that of the scenario when None. The threshold is the scenario's
+    imus, oscillator : names in the library; those of the scenario when None
+
+    Raises
+    ------
+    ModelError, ConfigError : an unknown name, a bank of 90 deg or more, an empty axis of the grid
+    """
+    config = scenario_config(scenario)
+    patterns = (config.antenna.pattern,) if antennas is None else tuple(antennas)
+    grades = (config.equipment.imu,) if imus is None else tuple(imus)
+    axes = {"banks_deg": banks_deg, "headings_deg": headings_deg, "antennas": patterns, "imus": grades}
+    for key, values in axes.items():
+        if not len(values):
+            raise ConfigError("an axis of the grid is empty", key=key, advice="give at least one value")
+    if not max(abs(bank) for bank in banks_deg) < _STEEPEST_DEG:
+        raise ConfigError("a bank of 90 deg or more", key="banks_deg", advice="give less, to either side")
+    cases: list[dict[str, Any]] = []
+    satellites: list[pd.DataFrame] = []
+    for imu in grades:
+        for pattern in patterns:
+            for heading in headings_deg:
+                level = _levelled(config, imu, oscillator, pattern, heading)
+                for bank in banks_deg:
+                    names: dict[str, Any] = {
+                        "imu": imu,
+                        "antenna": pattern,
+                        "bank_deg": bank,
+                        "heading_deg": heading,
+                    }
+                    case, rows = _banked(level, bank)
+                    cases.append({**names, **case})
+                    for place, (name, value) in enumerate(names.items()):
+                        rows.insert(place, name, value)
+                    satellites.append(rows)
+    return ManoeuvreStudy(pd.DataFrame(cases), pd.concat(satellites, ignore_index=True), config)
+
+
+@dataclass(frozen=True)
+class _Levelled:
+    """A covariance that has come to the beginning of the outage, level on a heading."""
+
+    run: CovarianceRun
+    last: Update
+    sd_m: float
+    next_update: int
+
+
+def _levelled(
+    config: ScenarioConfig, imu: str, clock: str | None, pattern: str, heading_deg: float
+) -> _Levelled:
+    antenna = config.antenna.model_copy(update={"pattern": pattern})
+    turned = config.bank.model_copy(update={"heading_deg": heading_deg})
+    scenario = config.model_copy(update={"antenna": antenna, "bank": turned})
+    run = CovarianceRun.of(scenario, imu, clock or config.equipment.oscillator, "bank", "strapdown")
+    rate_hz, count = config.measurements.rate_hz, 0
+    last: Update | None = None
+    while (count + 1) / rate_hz < config.outage.from_s:
+        count += 1
+        last = run.update(count / rate_hz)
+    if last is None:
+        advice = "let the outage begin after the first update"
+        raise ConfigError("there is no update before the outage", key="outage.from_s", advice=advice)
+    return _Levelled(run, last, _sd_position(run), count + 1)
+
+
+def _sd_position(run: CovarianceRun) -> float:
+    P = run.bank.P[0]
+    return float(np.sqrt(sum(P[i, i] for i in range(DR, DR + 3))))
+
+
+def _dilutions(run: CovarianceRun, t_s: float, seen: Bool) -> tuple[float, float]:
+    """Return GDOP and PDOP of the satellites seen, NaN where they fix no position."""
+    n = len(seen)
+    states = run.sky.states(np.full((1, n), t_s))
+    sat = np.ascontiguousarray(np.concatenate([states.r_e[0], states.v_e[0]], axis=1))
+    one_clock = np.zeros(n, np.int64)
+    rows = FitRows(RANGE, sat, np.zeros(n), np.ones(n), one_clock, free_clocks(1), run.sky.r_e)
+    work = Workspace(np.zeros(3), np.zeros(3), np.zeros((4, 4)), np.zeros(4))
+    dop = np.full(5, np.nan)
+    x = np.append(run.sky.r_e, 0.0)
+    dilution(rows, seen, x, np.ascontiguousarray(run.sky.C_ne), work, np.zeros((4, 4)), dop)
+    return float(dop[0]), float(dop[1])
+
+
+def _banked(level: _Levelled, bank_deg: float) -> tuple[dict[str, Any], pd.DataFrame]:
+    """Return a manoeuvre's row and its satellites', from a copy of the covariance."""
+    base = level.run.scenario
+    scenario = base.model_copy(update={"bank": base.bank.model_copy(update={"roll_deg": bank_deg})})
+    run = replace(level.run, scenario=scenario, bank=copy_bank(level.run.bank), seen=level.run.seen.copy())
+    rate_hz, number = base.measurements.rate_hz, level.next_update
+    last = level.last
+    while number / rate_hz < base.outage.until_s:
+        last = run.update(number / rate_hz)
+        number += 1
+    sd_m, hidden = _sd_position(run), last.is_hidden
+    d = run.update(number / rate_hz).D[:, 0]
+    names = np.array(base.sv_names)
+    gdop, pdop = _dilutions(run, last.time_s, ~hidden)
+    worst = float(d[hidden].max()) if hidden.any() else np.nan
+    case = {
+        "n_hidden": int(hidden.sum()),
+        "hidden": " ".join(names[hidden]),
+        "n_seen": int((~hidden).sum()),
+        "pdop": pdop,
+        "gdop": gdop,
+        "d_worst_m2": worst,
+        "d_mean_m2": float(d[hidden].mean()) if hidden.any() else np.nan,
+        "sd_worst_m": float(np.sqrt(worst)),
+        "sd_position_m": sd_m,
+        "sd_before_m": level.sd_m,
+    }
+    rows = pd.DataFrame(
+        {
+            "sv": names,
+            "az_deg": np.degrees(last.angles[:, 0]) % 360.0,
+            "el_deg": np.degrees(last.angles[:, 1]),
+            "body_el_deg": np.degrees(last.body_elevation),
+            "hidden": hidden,
+            "d_range_m2": d,
+            "d_before_m2": level.last.D[:, 0],
+        }
+    )
+    return case, rows

@@ -1,0 +1,203 @@
+"""What a receiver's channels do while their satellites are hidden: search and lock on what is none, or wait.
+
+Without supervision a channel searches from the loss on, sweep after sweep. It may lock on something else on the way, or
+never notice the loss. When its satellite is back, the direct signal takes over a loop that stands within the
+discriminator's aperture of it; a loop farther away is given up after ``release_s``, and its channel searches again.
+A satellite is found when a sweep passes its cell, which is anywhere in the sweep: half a sweep on average. Both kinds
+of receiver need ``guards.pull_in_s`` after that before they measure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.scenario import FalseLock, ScenarioConfig
+from insgnss.config.search import Search
+from insgnss.receiver.detection import detector
+from insgnss.receiver.search_window import signal_scale, unsupervised_sweep_s
+from insgnss.receiver.supervisor import Supervision
+from insgnss.receiver.tracking_state import TRACK
+from insgnss.simulation.faults import false_lock, outage
+from insgnss.simulation.observations import Fault
+from insgnss.studies.masking.banked_flight import Spell
+from insgnss.tables import Float64
+
+_DECIMALS: Final = 6  # of moments in seconds, as those of the spells
+SEARCHED: Final = "searched"  # nothing was found until the satellite was back
+How = Literal["captured", "released", "searched", "supervised", "never"]
+
+
+@dataclass(frozen=True)
+class ChannelSpell:
+    """A hidden satellite's channel, from the loss to its next measurement; times in seconds of the scenario."""
+
+    sv: str
+    lost_s: float
+    returned_s: float
+    tracked_s: float  # measures again; inf where it does not within the flight
+    how: How  # it came back
+    lock: str = SEARCHED  # name of the false lock
+    false_from_s: float = math.inf
+    false_until_s: float = math.inf
+    offset_m: float = 0.0
+    growth_mps: float = 0.0
+    rate_error_mps: float = 0.0
+    cn0_dbhz: float = math.nan
+    search_s: float = 0.0  # spent in search and detection
+    in_vain_s: float = 0.0  # of it: before the satellite was back
+
+    @property
+    def delay_s(self) -> float:
+        """From the satellite's return to its next measurement."""
+        return self.tracked_s - self.returned_s
+
+    def faults(self) -> list[Fault]:
+        """Return what the channel does to the log: no rows until it tracks again, but those of the false lock."""
+        gap = outage([self.sv], self.lost_s, self.tracked_s)
+        if not math.isfinite(self.false_from_s):
+            return [gap]
+        lock = false_lock(
+            self.sv,
+            self.false_from_s,
+            self.false_until_s,
+            offset_m=self.offset_m,
+            growth_mps=self.growth_mps,
+            rate_error_mps=self.rate_error_mps,
+            cn0_dbhz=self.cn0_dbhz,
+        )
+        return [gap, lock]
+
+
+def unsupervised_channels(
+    scenario: ScenarioConfig, spells: Sequence[Spell], rng: np.random.Generator
+) -> list[ChannelSpell]:
+    """Return what the channels do without supervision; false locks are dealt out to the satellites, sizes drawn."""
+    satellites = sorted({spell.sv for spell in spells})
+    order = rng.permutation(len(satellites))
+    locks = scenario.false_locks
+    dealt = {satellites[k]: locks[i] for i, k in enumerate(order) if i < len(locks)}
+    sweep_s = unsupervised_sweep_s(scenario.search, detector(scenario.search.detection))
+    return [
+        _unsupervised(spell, dealt.get(spell.sv), sweep_s, scenario, rng.random(2), rng) for spell in spells
+    ]
+
+
+def _unsupervised(
+    spell: Spell,
+    lock: FalseLock | None,
+    sweep_s: float,
+    scenario: ScenarioConfig,
+    place: Float64,
+    rng: np.random.Generator,
+) -> ChannelSpell:
+    """Return one channel's spell.
+
+    Parameters
+    ----------
+    place : (2,) where in the sweep the cells of the satellite and of the false peak lie, 0 to 1
+    """
+    lost, back = spell.from_s, spell.until_s
+    own, false = float(place[0]), float(place[1])
+    pull_in_s = scenario.search.guards.pull_in_s
+    at_once = lock is not None and lock.begins == "at_loss"
+    first_s = lost if at_once else round(lost + false * sweep_s, _DECIMALS)
+    if lock is None or first_s >= back:
+        found_s = _next_pass(lost, sweep_s, own, back)
+        searched = found_s - lost
+        return ChannelSpell(
+            spell.sv,
+            lost,
+            back,
+            found_s + pull_in_s,
+            "searched",
+            search_s=searched,
+            in_vain_s=min(searched, back - lost),
+        )
+    offset, growth, rate_error, cn0 = (
+        float(rng.uniform(*limits))
+        for limits in (lock.offset_m, lock.growth_mps, lock.rate_error_mps, lock.cn0_dbhz)
+    )
+    if lock.rate_follows:
+        rate_error = growth
+    off_m = offset + growth * (back - first_s)
+    captured = within_aperture(off_m, rate_error, scenario.search)
+    until_s = round(back if captured else back + scenario.channels.release_s, _DECIMALS)
+    again_s = 0.0 if captured else own * sweep_s
+    return ChannelSpell(
+        spell.sv,
+        lost,
+        back,
+        until_s + again_s + pull_in_s,
+        "captured" if captured else "released",
+        lock.name,
+        first_s,
+        until_s,
+        offset,
+        growth,
+        rate_error,
+        cn0,
+        search_s=first_s - lost + again_s,
+        in_vain_s=first_s - lost,
+    )
+
+
+def _next_pass(begun_s: float, sweep_s: float, place: float, from_s: float) -> float:
+    """Return when sweeps that began at ``begun_s`` pass a cell for the first time not before ``from_s``."""
+    passes = math.ceil((from_s - begun_s) / sweep_s - place)
+    return begun_s + (max(passes, 0) + place) * sweep_s
+
+
+def within_aperture(offset_m: float, rate_error_mps: float, settings: Search) -> bool:
+    """Return whether the direct signal takes over a loop that stands so far from it."""
+    scale, aperture = signal_scale(settings.grid), settings.aperture
+    chips = abs(offset_m) / float(np.asarray(scale.chip_m))
+    return chips < aperture.delay_chips and abs(rate_error_mps) / float(np.asarray(scale.wavelength_m)) < (
+        aperture.doppler_hz
+    )
+
+
+def supervised_channels(
+    spells: Sequence[Spell], t_s: Float64, sv_names: Sequence[str], said: Supervision
+) -> list[ChannelSpell]:
+    """Return what the channels do under supervision: no false locks, measurements while the supervisor says "track".
+
+    Search and detection are those of the whole flight, told with a satellite's first spell.
+
+    Parameters
+    ----------
+    t_s : (n,) times of the supervisor's states
+    sv_names : of its m satellites
+    said : what it says
+    """
+    found: list[ChannelSpell] = []
+    for spell in spells:
+        k = list(sv_names).index(spell.sv)
+        again = np.flatnonzero((said.state[:, k] == TRACK) & (t_s >= spell.until_s))
+        first = all(earlier.sv != spell.sv for earlier in found)
+        found.append(
+            ChannelSpell(
+                spell.sv,
+                spell.from_s,
+                spell.until_s,
+                float(t_s[again[0]]) if len(again) else math.inf,
+                "supervised" if len(again) else "never",
+                search_s=float(said.totals.search_s[k] + said.totals.control_s[k]) if first else 0.0,
+                in_vain_s=float(said.totals.in_vain_s[k]) if first else 0.0,
+            )
+        )
+    return found
+
+
+def presence_of(spells: Sequence[Spell], t_s: Float64, sv_names: Sequence[str]) -> npt.NDArray[np.int8]:
+    """Return (n, m) 1 where the satellite's signal truly reaches the antenna, 0 where not."""
+    present = np.ones((len(t_s), len(sv_names)), np.int8)
+    for spell in spells:
+        away = (t_s >= spell.from_s) & (t_s < spell.until_s)
+        present[away, list(sv_names).index(spell.sv)] = 0
+    return present

@@ -1,0 +1,262 @@
+"""What it costs to lose measurements: drift in windows without them, percentiles by time since the loss, and the return.
+
+| table       | one row for each | columns |
+|-------------|------------------|---------|
+| windows     | window           | window from_s until_s n_taken n_rows peak_m end_m sd_end_m peak_mps sd_back_s drift_back_s events |
+| drift       | window and output time | window time_s since_s horizontal_m vertical_m position_m velocity_mps attitude_deg, sd_* of each, sd_undisturbed_m |
+| errors      | the same, against the reference; empty without one | the same without sd_undisturbed_m |
+| percentiles | time since the loss, measure, and what it is against | against measure since_s n p50 p68 p95 max rms sd sd_ratio |
+
+``drift`` is the difference from the undisturbed solution, ``errors`` that from the reference. An optimal filter's
+difference from one that has more measurements has the covariance P - P_undisturbed: so ``sd_*`` of ``drift`` is
+sqrt(sd^2 - sd_undisturbed^2), of ``errors`` the filter's own; ``sd_ratio`` is rms over sd, 1 is right.
+``n_taken`` counts the rows taken away, those of several antennas too.
+``end_m`` is the last before the window's end. ``sd_back_s`` is how long after the window the filter's position sigma is within 10 % of the undisturbed one's,
+``drift_back_s`` how long until the drift stays within one undisturbed sigma; NaN: not within the time looked at.
+"""  # noqa: E501 - the table is the documentation
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pandas as pd
+
+from insgnss.config.filter import FilterConfig
+from insgnss.config.library import filter_config
+from insgnss.errors import ConfigError
+from insgnss.log.flight import Flight
+from insgnss.results.shown import Shown
+from insgnss.studies.outage import pictures
+from insgnss.studies.outage.drift import back_after, differences, percentile_table, to_reference
+from insgnss.studies.outage.replays import Branch, OutageLog, branches, undisturbed
+from insgnss.studies.outage.windows import (
+    ALL_MEASUREMENTS,
+    Removal,
+    Window,
+    banked_windows,
+    checked,
+    periodic_windows,
+    random_windows,
+)
+from insgnss.studies.result_files import write_study
+
+if TYPE_CHECKING:
+    from insgnss.studies.figures import Figure
+
+TABLES: Final = ("windows", "drift", "errors", "percentiles")
+_SETTLED_S: Final = 120.0  # after the start, before the first window of those that are not given
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """A window each period, from two minutes after the filter's start on."""
+
+    length_s: float
+    every_s: float
+
+
+@dataclass(frozen=True)
+class Random:
+    """Windows at random that do not overlap."""
+
+    length_s: float
+    count: int
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class Banked:
+    """Wherever the roll is beyond an angle."""
+
+    bank_deg: float
+
+
+Windows = Sequence[tuple[float, float]] | Periodic | Random | Banked
+
+
+@dataclass(frozen=True, repr=False)
+class OutageStudy(Shown):
+    """What ``outage_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    windows: pd.DataFrame
+    drift: pd.DataFrame
+    errors: pd.DataFrame
+    percentiles: pd.DataFrame
+    undisturbed: pd.DataFrame  # its navigation table, at the output times
+    skipped: tuple[Window, ...]  # windows at whose beginning the filter was not running
+    asked: Mapping[str, Any]
+    took: Mapping[str, float]  # read_s pass_s branches_s
+
+    def at(self, since_s: float, against: str = "undisturbed") -> pd.DataFrame:
+        """Return the percentiles at a time since the loss."""
+        table = self.percentiles
+        chosen: pd.DataFrame = table[(table["against"] == against) & np.isclose(table["since_s"], since_s)]
+        return chosen
+
+    def figure(self) -> Figure:
+        """Return the picture: drift and sigma by time since the loss."""
+        return pictures.drift_figure(
+            self.drift, self.errors, self.percentiles, f"without {self.asked['removal']}"
+        )
+
+    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
+        """Write tables, settings and picture as ``outage_*`` into ``folder``; return it.
+
+        Raises
+        ------
+        ResultError : the folder cannot be written
+        """
+        tables = {f"outage_{name}": getattr(self, name) for name in TABLES}
+        told = {**self.asked, "skipped": self.skipped, "took": dict(self.took)}
+        settings = {"outage_settings": json.dumps(told, indent=1, default=str)}
+        return write_study(folder, tables, settings, {"outage": self.figure}, draws=pictures)
+
+
+def outage_study(
+    flight: Flight | str | Path,
+    windows: Windows,
+    removal: Removal = ALL_MEASUREMENTS,
+    *,
+    filter: str | Path | FilterConfig = "tight",
+    settings: Mapping[str, Any] | None = None,
+    after_s: float = 60.0,
+    rate_hz: float = 1.0,
+    threads: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> OutageStudy:
+    """Take measurements away in windows of a log, and return how the solution drifts and comes back.
+
+    Each window is by itself: before it the filter has had all measurements. All windows together cost one pass over the
+    log and one over each window with the time looked at after it.
+
+    Parameters
+    ----------
+    flight : the flight or its file
+    windows : (from, until) each [s of the week], or how they are to be placed
+    removal : which measurements are taken away
+    filter : a name in the library, a file, or the settings themselves
+    settings : of the filter, to be otherwise, as in ``insgnss.replay``
+    after_s : looked at after each window
+    rate_hz : of the solution that is compared
+    threads : that work on windows at once; as many as there are cores when None
+    progress : is told in words what is being done
+
+    Raises
+    ------
+    InsGnssError : a log or a setting cannot be used; ConfigError when no window lies within the filter's run
+    """
+    tell = progress or (lambda _: None)
+    if not after_s >= 0.0:
+        raise ConfigError(f"{after_s} s after a window are none", key="after_s", advice="give 0 or more")
+    flight = flight if isinstance(flight, Flight) else Flight.load(flight)
+    began = time.perf_counter()
+    tell("reading the logs")
+    log = OutageLog.of(flight, filter_config(filter, settings), rate_hz)
+    removal.rows_of(log.logs.gnss)  # told before the work if there is no such satellite
+    read = time.perf_counter()
+    tell("running the filter undisturbed")
+    placed = _placed(log, windows)
+    nav, kept, skipped = undisturbed(log, placed)
+    if not kept:
+        raise ConfigError("the filter runs in none of the windows", key="windows", advice=_span(nav))
+    passed = time.perf_counter()
+    tell(f"running {len(kept)} windows")
+    found = branches(log, kept, removal, after_s, threads or os.cpu_count() or 1)
+    done = time.perf_counter()
+    took = {"read_s": read - began, "pass_s": passed - read, "branches_s": done - passed}
+    asked = {
+        "windows": str(windows) if isinstance(windows, Periodic | Random | Banked) else "given",
+        "removal": removal.in_words(),
+        "removed": asdict(removal),
+        "after_s": after_s,
+        "rate_hz": rate_hz,
+    }
+    return _study(log, nav, found, skipped, asked, took)
+
+
+def _placed(log: OutageLog, windows: Windows) -> list[Window]:
+    """Return the windows; to place them by bank or after the start takes a pass of its own."""
+    if not isinstance(windows, Periodic | Random | Banked):
+        return checked(windows)
+    nav, _, _ = undisturbed(log, ())
+    if isinstance(windows, Banked):
+        return banked_windows(nav, windows.bank_deg)
+    first_s, last_s = float(nav["time_s"].iloc[0]) + _SETTLED_S, float(nav["time_s"].iloc[-1])
+    length_s = windows.length_s
+    if isinstance(windows, Periodic):
+        return periodic_windows(first_s, last_s, length_s=length_s, every_s=windows.every_s)
+    rng = np.random.default_rng(windows.seed)
+    return random_windows(first_s, last_s, length_s=length_s, count=windows.count, rng=rng)
+
+
+def _span(nav: pd.DataFrame) -> str:
+    if nav.empty:
+        return "the filter never started: see 'insgnss check'"
+    return f"it runs from {nav['time_s'].iloc[0]:.1f} to {nav['time_s'].iloc[-1]:.1f} s"
+
+
+def _study(
+    log: OutageLog,
+    nav: pd.DataFrame,
+    found: list[Branch],
+    skipped: list[Window],
+    asked: dict[str, Any],
+    took: dict[str, float],
+) -> OutageStudy:
+    """Return the tables of all branches."""
+    drifts, errors, rows = [], [], []
+    for number, branch in enumerate(found):
+        drift = differences(branch.nav, nav, branch.window.from_s)
+        drifts.append(drift.assign(window=number))
+        rows.append({"window": number, **_window_row(branch, drift)})
+        if log.logs.reference is not None:
+            against = to_reference(branch.nav, log, branch.window.from_s)
+            errors.append(against.assign(window=number))
+    drift_table = _stacked(drifts)
+    error_table = _stacked(errors)
+    return OutageStudy(
+        pd.DataFrame(rows),
+        drift_table,
+        error_table,
+        percentile_table({"undisturbed": drift_table, "reference": error_table}),
+        nav,
+        tuple(skipped),
+        asked,
+        took,
+    )
+
+
+def _stacked(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    if not tables:
+        return pd.DataFrame(columns=["window", "time_s", "since_s"])
+    whole = pd.concat(tables, ignore_index=True)
+    return whole[["window", *(c for c in whole.columns if c != "window")]]
+
+
+def _window_row(branch: Branch, drift: pd.DataFrame) -> dict[str, Any]:
+    """Return a window's row: drift at its worst and at the end, and when the filter was back."""
+    window = branch.window
+    within = drift[drift["time_s"] < window.until_s]  # at its end the first measurements are back
+    last = within.iloc[-1] if len(within) else None
+    after = drift[drift["time_s"] >= window.until_s]
+    sd_back, drift_back = back_after(after, window.until_s)
+    told = [event.kind for event in branch.events]
+    return {
+        **window._asdict(),
+        "n_taken": branch.n_taken,
+        "n_rows": len(drift),
+        "peak_m": float(drift["position_m"].max()) if len(drift) else np.nan,
+        "end_m": np.nan if last is None else float(last["position_m"]),
+        "sd_end_m": np.nan if last is None else float(last["sd_position_m"]),
+        "peak_mps": float(drift["velocity_mps"].max()) if len(drift) else np.nan,
+        "sd_back_s": sd_back,
+        "drift_back_s": drift_back,
+        "events": ", ".join(dict.fromkeys(told)),
+    }

@@ -1,0 +1,1 @@
+"""The receiver study: loops with and without aiding, closed with the filter."""

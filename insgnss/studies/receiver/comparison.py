@@ -1,0 +1,299 @@
+"""Which receiver holds until which C/N0 in a manoeuvre, and with what errors: Monte Carlo of closed loops.
+
+| table | one row for each | columns |
+|-------|------------------|---------|
+| summary | receiver and C/N0 | variant cn0_dbhz js_db runs lost position_m velocity_mps attitude_deg channels_mps range_m rate_mps phase_rad nees nees_low nees_high cn0_estimated_dbhz |
+| thresholds | receiver | variant cn0_dbhz low_dbhz high_dbhz js_db linear_cn0_dbhz linear_js_db |
+| channels | receiver, C/N0 and channel | variant cn0_dbhz channel az_deg el_deg lost range_m rate_mps |
+| searches | search of a channel whose signal was gone | variant cn0_dbhz run channel lost_s back_s tracked_s cn0_dbhz_back sd_delay_m off_m sd_rate_mps off_mps within_aperture cells |
+| epochs | receiver, C/N0 and time | variant cn0_dbhz time_s position_m velocity_mps attitude_deg nees lost channel_m channel_mps received_dbhz |
+
+Every run begins with errors that its filter knows, settles for ``settle_s`` at the highest of 45 dBHz and the C/N0
+asked for, and then has the C/N0 of its row. ``lost`` is the share of runs in which a channel lost lock: a phase beyond
+0.75 of the discriminator's aperture, or without phase tracking one chip or 100 Hz for more than a second. Errors are
+root mean squares of three axes together after settling, of the runs that held lock; ``range_m`` and ``rate_mps`` are
+those of the replicas, ``channels_mps`` is the velocity by least squares of all range rates. ``nees`` is the squared
+error of motion and clock over the filter's covariance, by state: 1 is right; its bounds hold 99.9 % of the time if the
+filter is consistent, even if every run counted as one look.
+``channel_m`` and ``channel_mps`` are truth minus replica of one channel of the first run, that which is lost first.
+``js_db`` = 10 lg of the code's rate over C/N0, thermal noise left out. The threshold is where half of the runs lose a
+channel, with the interval that 95 % of such shares span, and beside it that of the linear theory.
+"""  # noqa: E501 - the table is the documentation
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pandas as pd
+
+from insgnss.antenna.equipment import limits_of
+from insgnss.antenna.installation import Installation
+from insgnss.config.filter import Visibility
+from insgnss.config.flight import ImuGrade
+from insgnss.config.interference import InterferenceConfig
+from insgnss.config.simulation import SimulationConfig
+from insgnss.constants import C_MPS
+from insgnss.errors import ConfigError
+from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
+from insgnss.results.shown import Shown
+from insgnss.studies.receiver import pictures
+from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
+from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
+from insgnss.studies.receiver.masking import Masking, gain_dbic
+from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
+from insgnss.studies.receiver.scene import ReceiverOptions, Scene, scene_of
+from insgnss.studies.receiver.tables import channel_rows, epoch_rows, search_rows, summary_row
+from insgnss.studies.receiver.variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
+from insgnss.studies.result_files import write_study
+from insgnss.tables import Float64
+from insgnss.tracking.admissible import seeded
+
+if TYPE_CHECKING:
+    from insgnss.studies.figures import Figure
+
+CN0_DBHZ: Final = (45.0, 40.0, 35.0, 30.0, 25.0, 20.0)
+SETTLED_DBHZ: Final = 45.0
+_TABLES: Final = ("summary", "thresholds", "channels", "searches", "epochs")
+_OF_SEVERAL_RUNS: Final = ("variant", "runs", "nees_low", "nees_high")
+Report = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, repr=False)
+class ReceiverStudy(Shown):
+    """What ``receiver_study`` gives. Tables are DataFrames, the module's text has their columns."""
+
+    summary: pd.DataFrame
+    thresholds: pd.DataFrame
+    channels: pd.DataFrame
+    searches: pd.DataFrame
+    epochs: pd.DataFrame
+    asked: dict[str, Any]
+
+    def figure(self) -> Figure:
+        """Return the picture: errors and share lost over C/N0, a line a receiver, linear theory beside them."""
+        return pictures.error_figure(self.summary, self.thresholds, self._title())
+
+    def epoch_figure(self) -> Figure:
+        """Return the picture of errors and NEES over time, a line a receiver, at the lowest C/N0."""
+        return pictures.epoch_figure(self.epochs, self._title())
+
+    def channel_figure(self) -> Figure:
+        """Return the picture of one channel's replica over time: the first that is lost in the first run."""
+        options = self.asked["options"]
+        cycle_m = C_MPS / float(options["carrier_hz"]) if self.asked["tracking"] == "coherent" else None
+        return pictures.channel_figure(self.epochs, self._title(), cycle_m)
+
+    def figures(self) -> Mapping[str, Callable[[], Figure]]:
+        """Return how to draw each picture, by its file's name."""
+        return {
+            "receiver_errors": self.figure,
+            "receiver_epochs": self.epoch_figure,
+            "receiver_channel": self.channel_figure,
+        }
+
+    def save(self, folder: str | Path, *, pictures: bool = True) -> Path:
+        """Write tables, settings and pictures as ``receiver_*`` into ``folder``; return it.
+
+        Raises
+        ------
+        ResultError : the folder cannot be written
+        """
+        tables = {f"receiver_{name}": getattr(self, name) for name in _TABLES}
+        told = json.dumps(self.asked, indent=1, default=str)
+        return write_study(folder, tables, {"receiver_settings": told}, self.figures(), draws=pictures)
+
+    def _title(self) -> str:
+        imu = self.asked["imu"]
+        return f"{self.asked['scenario']}, {self.asked['tracking']}, {'no INS' if imu is None else imu}"
+
+
+def receiver_study(
+    scenario: str | Path | SimulationConfig = "manoeuvring_5g",
+    *,
+    variants: Sequence[str | Variant] = USUAL_VARIANTS,
+    tracking: str = "coherent",
+    imu: str | ImuGrade | None = "industrial",
+    oscillator: str | Mapping[str, float] = "tcxo",
+    cn0: Sequence[float] = CN0_DBHZ,
+    runs: int = 40,
+    seed: int = 1,
+    options: ReceiverOptions = ReceiverOptions(),  # noqa: B008 - frozen
+    emitters: InterferenceConfig | str | Path | None = None,
+    antennas: Installation | None = None,
+    threads: int = 2,
+    report: Report | None = None,
+) -> ReceiverStudy:
+    """Return how receivers do along a scenario's motion, at several C/N0.
+
+    Parameters
+    ----------
+    scenario : a list of manoeuvres by name in ``models/scenarios``, its file, or itself
+    variants : names in ``receiver_variants.VARIANTS``, or variants of one's own
+    tracking : "coherent" tracks the phase, "noncoherent" frequency and delay
+    imu : a grade by name or itself; None: no inertial system
+    oscillator : a name in the library, or {"drift_density": S} one-sided at the carrier [rad^2/s^3]
+    cn0 : [dBHz], the same for all satellites
+    runs : of each receiver and C/N0
+    seed : of all noise; the result does not depend on ``threads``
+    options : integration, interval of the second stage, signal, sky, latency ..., see ``ReceiverOptions``
+    emitters : flown past, as in ``flown_margin``: by name in ``models/emitters``, a file, or itself. C/N0 of each
+        channel is then what they leave of it, and the row's C/N0 the least of all; ``cn0`` does not count
+    antennas : of the vehicle, towards satellites and emitters; None: 0 dBic everywhere. C/N0 is then that of 0 dBic
+        and follows their gain; ``options.masking`` leaves out what they do not see
+    report : is told how many of all cases are done
+
+    Raises
+    ------
+    ConfigError, ModelError : an unknown name, numbers that make no sense, a motion shorter than the study
+    """
+    wanted = {name if isinstance(name, str) else name.words: variant_of(name) for name in variants}
+    levels = _checked(cn0, runs, threads, wanted, with_ins=imu is not None)
+    _check_code(wanted, tracking)
+    scene = _masked(scene_of(scenario, tracking, imu, oscillator, options), options, antennas)
+    profiles = _profiles(scene, levels, emitters, antennas)
+    found: dict[tuple[str, float], list[ReceiverRun]] = {}
+    for name, variant in wanted.items():
+        for level, profile in profiles.items():
+            found[name, level] = run_many(scene.setting, variant, profile, runs, seed, threads)
+            if report is not None:
+                report(len(found), len(wanted) * len(profiles))
+    summary = pd.DataFrame([summary_row(scene, name, level, of) for (name, level), of in found.items()])
+    linear = {name: linear_threshold_dbhz(scene, variant) for name, variant in wanted.items()}
+    return ReceiverStudy(
+        summary,
+        threshold_table(summary, linear, scene),
+        pd.concat([channel_rows(scene, name, level, of) for (name, level), of in found.items()]),
+        search_rows(found),
+        pd.concat(
+            [
+                epoch_rows(scene.setting, name, level, of, profiles[level])
+                for (name, level), of in found.items()
+            ]
+        ),
+        {
+            "scenario": scene.name,
+            "variants": list(wanted),
+            "tracking": tracking,
+            "imu": imu if imu is None or isinstance(imu, str) else imu.model_dump(),
+            "oscillator": oscillator if isinstance(oscillator, str) else dict(oscillator),
+            "cn0": list(profiles),
+            "antennas": 0 if antennas is None else len(antennas.lever_b),
+            "emitters": None if emitters is None else emitters_of(emitters).model_dump(mode="json"),
+            "runs": runs,
+            "seed": seed,
+            "options": options.told(),
+        },
+    )
+
+
+def receiver_row(
+    scene: Scene,
+    name: str,
+    cn0_dbhz: float,
+    seed: int,
+    emitters: InterferenceConfig | str | Path | None = None,
+) -> dict[str, float]:
+    """Return one run of one receiver as a row: that of ``summary`` for this run alone, and when it lost lock.
+
+    ``lost`` is 1 where a channel lost lock; errors are then not a number.
+
+    Raises
+    ------
+    ConfigError : an unknown receiver, or one that the scene's tracking or its lack of an INS does not allow
+    """
+    wanted = {name: variant_of(name)}
+    levels = _checked([cn0_dbhz], 1, 1, wanted, with_ins=scene.setting.inertial is not None)
+    _check_code(wanted, "coherent" if scene.setting.channels.coherent else "noncoherent")
+    (level, profile), *_ = _profiles(scene, levels, emitters, None).items()
+    run = run_once(scene.setting, wanted[name], profile, seeded(seed, 0))
+    row = summary_row(scene, name, level, [run])
+    kept = {key: float(value) for key, value in row.items() if key not in _OF_SEVERAL_RUNS}
+    return kept | {"lost_s": float(run.lost_s.min())}
+
+
+def _masked(scene: Scene, options: ReceiverOptions, antennas: Installation | None) -> Scene:
+    """Return a scene whose receivers mask by attitude, where that is asked for.
+
+    Raises
+    ------
+    ConfigError : no antennas or no inertial system to do it with
+    """
+    if not options.masking:
+        return scene
+    if antennas is None or scene.setting.inertial is None:
+        advice = "give antennas, and an inertial system that tells the attitude"
+        raise ConfigError("nothing tells which satellites are hidden", key="masking", advice=advice)
+    masking = Masking(antennas, limits_of(Visibility()))
+    return replace(scene, setting=replace(scene.setting, masking=masking))
+
+
+def _profiles(
+    scene: Scene,
+    levels: list[float],
+    emitters: InterferenceConfig | str | Path | None,
+    antennas: Installation | None,
+) -> dict[float, Float64]:
+    """Return C/N0 over time, (n, 1) or (n, m), by the level that names it."""
+    truth = scene.setting.truth
+    gain = np.zeros((len(truth.t_s), 1)) if antennas is None else gain_dbic(truth, antennas)
+    if emitters is not None:
+        jammed = jammed_cn0_dbhz(truth, emitters_of(emitters), scene.start_s, antennas)
+        return {round(float(jammed.min()), 2): jammed}
+    profiles = {}
+    for level in levels:
+        profiles[level] = np.full((len(truth.t_s), 1), level)
+        profiles[level][: scene.setting.settle] = max(SETTLED_DBHZ, level)
+        profiles[level] = profiles[level] + gain
+    return profiles
+
+
+def _checked(
+    cn0: Sequence[float], runs: int, threads: int, wanted: Mapping[str, Variant], *, with_ins: bool
+) -> list[float]:
+    """Return the levels of C/N0, the highest first.
+
+    Raises
+    ------
+    ConfigError : the first thing that makes no sense
+    """
+    levels = sorted({float(x) for x in np.atleast_1d(np.asarray(cn0, float))}, reverse=True)
+    if not levels or not all(LOWEST_CN0_DBHZ <= x <= 60.0 for x in levels):
+        raise ConfigError(
+            f"C/N0 of {', '.join(f'{x:g}' for x in levels) or 'nothing'} dBHz",
+            key="cn0",
+            advice=f"give {LOWEST_CN0_DBHZ:g} to 60 dBHz: below it no receiver tracks",
+        )
+    if not wanted:
+        raise ConfigError("no receiver is asked for", key="variants", advice=f"known: {', '.join(VARIANTS)}")
+    if runs < 1 or threads < 1:
+        key = "runs" if runs < 1 else "threads"
+        raise ConfigError("a whole number from 1 on is needed", key=key, advice="40 runs give a share to 8 %")
+    aided = [name for name, variant in wanted.items() if variant.needs_ins]
+    if aided and not with_ins:
+        raise ConfigError(
+            f"'{aided[0]}' is aided by an inertial system, and there is none",
+            key="variants",
+            advice='without INS there are "scalar" and "one_stage"',
+        )
+    return levels
+
+
+def _check_code(wanted: Mapping[str, Variant], tracking: str) -> None:
+    """Refuse a receiver of code and phase that does not track the phase.
+
+    Raises
+    ------
+    ConfigError : there is one
+    """
+    with_code = [name for name, variant in wanted.items() if variant.with_code]
+    if with_code and tracking != "coherent":
+        raise ConfigError(
+            f"'{with_code[0]}' has a state for each phase, and no phase is tracked",
+            key="variants",
+            advice='give tracking = "coherent", or take "one_stage", whose rows are the code\'s then',
+        )

@@ -1,0 +1,390 @@
+"""The loop that joins a receiver's channels and the navigation filter, one integration after the other, compiled.
+
+All states stand in the middles of the integrations. From one to the next:
+
+1. the filter is carried on by what the inertial system tells (``prediction``), and predicts every range and range rate;
+2. a replica is set: by that prediction (one stage), or by the channel's own filter (two stages), which follows the
+   predicted change of range and rate, the radial acceleration that the inertial system knows. Its integration begins
+   before the samples of its middle have come: the newest one is led on, and the error that this has made is taken off
+   the observation once it is known;
+3. correlators and discriminators see how far the replica is off (``vector_loop``);
+4. the filter takes these observations as rows (one stage), or the channels take them, and every ``interval``
+   integrations the filter takes what the channels say (two stages): their running estimates with the covariance of
+   their own filters, or what the observations of the interval alone say (``interval_message``).
+
+The filter is the package's own: state, prediction, scalar update and closed loop are those of a replay.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy.typing as npt
+
+from insgnss.filter.prediction import Scratch, predict_covariance, step_state
+from insgnss.filter.state import CLOCK, DR, DRIFT, OFFSETS, StateArray, StateRecord
+from insgnss.filter.update.closed_loop import close_loop
+from insgnss.filter.update.replica_offsets import offset_covariance, use_offsets, use_phase_and_code
+from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.geodesy.vectors import rotate_back
+from insgnss.gnss.line_of_sight import line_of_sight
+from insgnss.inertial.error_state import N_MOTION
+from insgnss.kernels.jit import kernel
+from insgnss.studies.receiver.interval_message import add_observation, carry_message, solve_message
+from insgnss.tables import Float64, Int64
+from insgnss.tracking.vector_loop import (
+    CODE_VARIANCE,
+    OFFSET_CODE,
+    OFFSET_RANGE,
+    OFFSET_RATE,
+    RANGE_VARIANCE,
+    RATE_VARIANCE,
+    SEEN_CODE,
+    SEEN_POWER,
+    SEEN_RANGE,
+    SEEN_RATE,
+    Channels,
+    observe_channel,
+)
+
+# which receiver
+SCALAR, TWO_STAGE, INTERVAL_MESSAGE, ONE_STAGE = range(4)
+NO_SIGNAL: Final = -1  # the level of a channel that has nothing to see
+HELD: Final = -1
+# states whose covariance is kept: motion and clock
+RECORDED: Final = (*range(DR, DR + N_MOTION), CLOCK, DRIFT)
+
+
+class Receiver(NamedTuple):
+    """What fixes a receiver."""
+
+    kind: int
+    interval: int  # integrations between two updates of the second stage
+    inflation: float  # of the variances of the channels' running estimates, as rows
+    F: Float64  # (p, p) transition of a channel's range, rate (and acceleration) over an integration
+    walk: Float64  # (p, p) what is added to their covariance
+    record_every: int  # integrations
+    settle: int  # integrations whose offsets do not count
+    # beyond which a channel is lost: range [m], rate [m/s], and for how long
+    limits: tuple[float, float, int]
+    # in which oscillators set replicas: range [m], rate [m/s]; 0: as finely as told
+    steps: tuple[float, float]
+
+
+class Arriving(NamedTuple):
+    """What arrives over n integrations, m channels."""
+
+    ranges: Float64  # (n, m) with the receiver's clock [m]
+    rates: Float64  # (n, m) with its drift [m/s]
+    level: Int64  # (n, m) of C/N0, ``NO_SIGNAL`` where none arrives
+    apart: Float64  # (n, m) ranges by the phase less those by the code [m]
+
+
+class Told(NamedTuple):
+    """What the receiver is told over n integrations."""
+
+    satellites: Float64  # (n, m, 6)
+    rate_b: Float64  # (n, 3)
+    force_b: Float64  # (n, 3)
+    ahead_b: Float64  # (n, 6) errors of replicas that are led on: place [m] and velocity [m/s], body axes
+    level: Int64  # (n, m) of the C/N0 that it takes for true, ``NO_SIGNAL``: the channel's rows are left out
+    unknown: Float64  # (n, 2) densities of turning and acceleration that no sample shows [rad^2/s], [m^2/s^3]
+
+
+class FilterRoom(NamedTuple):
+    """The filter and its work space."""
+
+    state: StateArray  # (1,)
+    P: Float64  # (n, n)
+    par: npt.NDArray[Any]  # (1,) of PARAMETERS_DTYPE
+    scratch: Scratch
+    v: Float64  # (4, n)
+    h: Float64  # (2, 8)
+    columns: Int64  # (8,)
+    phase_columns: Int64  # (5,) scratch
+
+
+class ChannelRoom(NamedTuple):
+    """The channels' states and work space."""
+
+    x: Float64  # (m, p) range [m], rate [m/s], acceleration [m/s^2]
+    P: Float64  # (m, p, p)
+    base: Float64  # (m, 2) the filter's predictions from which the next change is counted
+    message: Float64  # (m, 5) of the interval
+    u: Float64  # (m, 3)
+    g: Float64  # (m, 3) derivative of the range rate by the position
+    predicted: Float64  # (m, 2)
+    v: Float64  # (3, p)
+    F_P: Float64  # (p, p)
+    h: Float64  # (p,)
+    columns: Int64  # (p,)
+    offset: Float64  # (3,)
+    seen: Float64  # (4,)
+    silent: Int64  # (m,) 1: nothing was seen in the last integration
+    done: Int64  # (1,) integrations so far
+
+
+class Found(NamedTuple):
+    """What is kept of a run."""
+
+    state: Float64  # (k, 12) r_e, v_e, q_eb, clock, drift at the recorded integrations
+    covariance: Float64  # (k, 11, 11) of ``RECORDED``
+    offsets: Float64  # (k, m, 2) truth minus the channels' estimates, or minus the filter's prediction
+    squares: Float64  # (m, 2) sums over the integrations that count
+    counted: Int64  # (m,)
+    lost_at: Int64  # (m,) first integration of a loss, ``HELD``: none
+    losing: Int64  # (m,) integrations in a row beyond the limits
+    power: Float64  # (block, m) of the prompt replicas
+    apart: Float64  # (k, m, 2) the filter's own ranges by phase less those by code, and their variance
+
+
+@kernel
+def run_receiver(
+    receiver: Receiver,
+    channels: Channels,
+    arriving: Arriving,
+    told: Told,
+    f: FilterRoom,
+    room: ChannelRoom,
+    noise: Float64,
+    found: Found,
+) -> None:
+    """Run a receiver over a block of integrations.
+
+    Parameters
+    ----------
+    arriving, told : of the n integrations of the block
+    noise : (n, m, 2, 6 or 12) independent normal numbers
+    """
+    m, with_filter = f.state[0], receiver.kind != SCALAR
+    for k in range(noise.shape[0]):
+        step = room.done[0]
+        if with_filter:
+            if step > 0:
+                lead_filter(f, told.rate_b[k], told.force_b[k], channels.step_s, told.unknown[k])
+            predict_offsets(m, told.satellites[k], room)
+        if step > 0 and receiver.kind != ONE_STAGE:
+            lead_channels(receiver, channels.step_s, with_filter, room)
+        for i in range(f.v.shape[1]):
+            f.v[0, i] = 0.0
+        for c in range(noise.shape[1]):
+            silent = told.level[k, c] == NO_SIGNAL
+            if room.silent[c] == 1 and not silent and with_filter:
+                restart_channel(f, room, c)  # the signal is back: search stands where the filter expects it
+            room.silent[c] = 1 if silent else 0
+            estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
+            led_m, led_mps = led_wrongly(m.C_eb, told.ahead_b[k], room.u[c])
+            apart = m.optional[c] if channels.with_code else 0.0
+            led_m = in_steps(estimate[0] + apart, led_m, receiver.steps[0])
+            led_mps = in_steps(estimate[1], led_mps, receiver.steps[1])
+            room.offset[OFFSET_CODE] = arriving.ranges[k, c] - estimate[0] - led_m
+            room.offset[OFFSET_RANGE] = room.offset[OFFSET_CODE] + (arriving.apart[k, c] - apart)
+            room.offset[OFFSET_RATE] = arriving.rates[k, c] - estimate[1] - led_mps
+            if arriving.level[k, c] != NO_SIGNAL and not silent:
+                count_offset(receiver, room.offset, c, step, found)
+            observe_channel(
+                channels, arriving.level[k, c], told.level[k, c], room.offset, noise[k, c], room.seen
+            )
+            found.power[k, c] = room.seen[SEEN_POWER]
+            room.seen[SEEN_RANGE] += led_m
+            room.seen[SEEN_RATE] += led_mps
+            room.seen[SEEN_CODE] += led_m
+            if not silent:
+                take_observation(receiver, channels, channels.table[told.level[k, c]], estimate, f, room, c)
+        if receiver.kind == ONE_STAGE:
+            close_loop(m, f.v[0], f.P.shape[0])
+        elif with_filter and (step + 1) % receiver.interval == 0:
+            take_channels(receiver, told.level[k], f, room)
+            close_loop(m, f.v[0], f.P.shape[0])
+            predict_offsets(m, told.satellites[k], room)
+            if receiver.kind == INTERVAL_MESSAGE:
+                for c in range(noise.shape[1]):
+                    restart_channel(f, room, c)
+        if with_filter:
+            for c in range(noise.shape[1]):
+                room.base[c, 0], room.base[c, 1] = room.predicted[c, 0], room.predicted[c, 1]
+        if step % receiver.record_every == 0:
+            record(receiver, arriving, k, f, room, step // receiver.record_every, found)
+        room.done[0] = step + 1
+
+
+@kernel(inline=True)
+def lead_filter(f: FilterRoom, rate_b: Float64, force_b: Float64, dt: float, unknown: Float64) -> None:
+    """Carry the filter on by one integration."""
+    m, rates = f.state[0], f.scratch.rates[0]
+    for i in range(3):
+        rates.w[i] = rate_b[i] - m.b_g[i]
+        rates.f[i] = force_b[i] - m.b_a[i]
+    step_state(m, f.par[0], dt, unknown[0], unknown[1], rates)
+    predict_covariance(m, f.P, f.par[0], f.scratch)
+
+
+@kernel(inline=True)
+def predict_offsets(m: StateRecord, satellites: Float64, room: ChannelRoom) -> None:
+    """Write what the filter expects of every channel."""
+    for c in range(satellites.shape[0]):
+        distance, rate = line_of_sight(satellites, c, m.r_e, m.v_e, room.u[c], room.g[c])
+        room.predicted[c, 0] = distance + m.clock[0]
+        room.predicted[c, 1] = rate + m.clock[1]
+
+
+@kernel(inline=True)
+def led_wrongly(C: Float64, ahead_b: Float64, u: Float64) -> tuple[float, float]:
+    """Return range and range rate by which a replica is wrong as the newest inertial sample was led on."""
+    back = rotate_back(C, u)
+    range_m = back[0] * ahead_b[0] + back[1] * ahead_b[1] + back[2] * ahead_b[2]
+    rate_mps = back[0] * ahead_b[3] + back[1] * ahead_b[4] + back[2] * ahead_b[5]
+    return -range_m, -rate_mps
+
+
+@kernel(inline=True)
+def take_observation(
+    receiver: Receiver,
+    channels: Channels,
+    row: Float64,
+    estimate: Float64,
+    f: FilterRoom,
+    room: ChannelRoom,
+    c: int,
+) -> None:
+    """Hand what a channel has seen to the filter or to the channel's own; ``row`` (7,) is the table's."""
+    seen, variances = room.seen, (row[RANGE_VARIANCE], row[RATE_VARIANCE])
+    if channels.with_code:
+        z, of_both = (seen[SEEN_RANGE], seen[SEEN_CODE]), (variances[0], row[CODE_VARIANCE])
+        use_phase_and_code(f.P, f.phase_columns, OFFSETS + c, room.u[c], z, of_both, f.h[0], f.v)
+    elif receiver.kind == ONE_STAGE:
+        C = (variances[0], 0.0, variances[1])
+        use_offsets(f.P, f.columns, room.u[c], room.g[c], (seen[SEEN_RANGE], seen[SEEN_RATE]), C, f.h[0], f.v)
+    else:
+        if receiver.kind == INTERVAL_MESSAGE:
+            add_observation(room.message[c], estimate, room.predicted[c], seen, variances)
+        correct_channel(room, c, variances)
+
+
+@kernel(inline=True)
+def in_steps(estimate: float, led: float, step: float) -> float:
+    """Return by how much a replica stands beside the estimate when it is set in steps."""
+    if step <= 0.0:
+        return led
+    return step * math.floor((estimate + led) / step + 0.5) - estimate
+
+
+@kernel(inline=True)
+def lead_channels(receiver: Receiver, dt: float, with_filter: bool, room: ChannelRoom) -> None:
+    """Carry the channels on, by their own rates and by how the filter's predictions have changed.
+
+    Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W
+    """
+    n = receiver.F.shape[0]
+    for c in range(room.x.shape[0]):
+        x, P, F_P = room.x[c], room.P[c], room.F_P
+        for i in range(n):
+            moved = 0.0
+            for j in range(i, n):
+                moved += receiver.F[i, j] * x[j]
+            x[i] = moved
+        if with_filter:
+            x[0] += room.predicted[c, 0] - room.base[c, 0] - dt * room.base[c, 1]
+            x[1] += room.predicted[c, 1] - room.base[c, 1]
+            carry_message(room.message[c], dt)
+        for i in range(n):
+            for j in range(n):
+                total = 0.0
+                for b in range(i, n):
+                    total += receiver.F[i, b] * P[b, j]
+                F_P[i, j] = total
+        for i in range(n):
+            for j in range(i + 1):
+                total = receiver.walk[i, j]
+                for b in range(j, n):
+                    total += F_P[i, b] * receiver.F[j, b]
+                P[i, j] = total
+                P[j, i] = total
+
+
+@kernel(inline=True)
+def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -> None:
+    """Correct a channel by what it has seen."""
+    n = room.x.shape[1]
+    for i in range(n):
+        room.v[0, i] = 0.0
+    room.h[0] = 1.0
+    scalar_update(room.P[c], room.h, room.columns[:1], room.seen[SEEN_RANGE], variances[0], room.v)
+    if variances[1] > 0.0:
+        scalar_update(room.P[c], room.h, room.columns[1:2], room.seen[SEEN_RATE], variances[1], room.v)
+    for i in range(n):
+        room.x[c, i] += room.v[0, i]
+
+
+@kernel(inline=True)
+def take_channels(receiver: Receiver, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
+    """Update the filter with what its channels say; the intervals' sums begin anew."""
+    for c in range(room.x.shape[0]):
+        if receiver.kind == INTERVAL_MESSAGE:
+            z, C = solve_message(room.message[c])
+            for i in range(room.message.shape[1]):
+                room.message[c, i] = 0.0
+        else:
+            z = (room.x[c, 0] - room.predicted[c, 0], room.x[c, 1] - room.predicted[c, 1])
+            P = room.P[c]
+            C = (receiver.inflation * P[0, 0], receiver.inflation * P[0, 1], receiver.inflation * P[1, 1])
+        if level[c] != NO_SIGNAL and C[0] > 0.0:
+            use_offsets(f.P, f.columns, room.u[c], room.g[c], z, C, f.h[0], f.v)
+
+
+@kernel(inline=True)
+def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
+    """Set a channel to the filter's prediction, with its covariance h P h^T; an acceleration stays as it is."""
+    x, P = room.x[c], room.P[c]
+    x[0], x[1] = room.predicted[c, 0], room.predicted[c, 1]
+    D = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
+    P[0, 0], P[0, 1], P[1, 0], P[1, 1] = D[0], D[1], D[1], D[2]
+
+
+@kernel(inline=True)
+def count_offset(receiver: Receiver, offset: Float64, c: int, step: int, found: Found) -> None:
+    """Count a channel's offset, and find out whether it is lost."""
+    if found.lost_at[c] != HELD:
+        return
+    limits = receiver.limits
+    if abs(offset[0]) > limits[0] or abs(offset[1]) > limits[1]:
+        found.losing[c] += 1
+        if found.losing[c] > limits[2]:
+            found.lost_at[c] = step
+            return
+    else:
+        found.losing[c] = 0
+    if step >= receiver.settle:
+        found.counted[c] += 1
+        found.squares[c, 0] += offset[0] * offset[0]
+        found.squares[c, 1] += offset[1] * offset[1]
+
+
+@kernel(inline=True)
+def record(
+    receiver: Receiver,
+    arriving: Arriving,
+    k: int,
+    f: FilterRoom,
+    room: ChannelRoom,
+    at: int,
+    found: Found,
+) -> None:
+    """Write filter and channels, after their updates, into row ``at``."""
+    m, state = f.state[0], found.state[at]
+    for i in range(3):
+        state[i], state[3 + i] = m.r_e[i], m.v_e[i]
+    for i in range(4):
+        state[6 + i] = m.q_eb[i]
+    state[10], state[11] = m.clock[0], m.clock[1]
+    for i in range(found.covariance.shape[1]):
+        for j in range(found.covariance.shape[2]):
+            found.covariance[at, i, j] = f.P[RECORDED[i], RECORDED[j]]
+    for c in range(room.x.shape[0]):
+        estimate = room.predicted[c] if receiver.kind == ONE_STAGE else room.x[c]
+        found.offsets[at, c, 0] = arriving.ranges[k, c] - estimate[0]
+        found.offsets[at, c, 1] = arriving.rates[k, c] - estimate[1]
+        if f.P.shape[0] > OFFSETS:
+            found.apart[at, c, 0] = m.optional[c]
+            found.apart[at, c, 1] = f.P[OFFSETS + c, OFFSETS + c]

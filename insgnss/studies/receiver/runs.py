@@ -1,0 +1,352 @@
+"""Runs of a receiver along one truth: errors drawn, blocks of integrations run, what is left of them."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from insgnss.config.flight import ImuGrade
+from insgnss.geodesy.rotations import to_scipy_quaternion
+from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialTruth, told_motion
+from insgnss.simulation.oscillator import clock_densities, simulate_clock
+from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
+from insgnss.studies.receiver.loop import (
+    HELD,
+    NO_SIGNAL,
+    RECORDED,
+    Arriving,
+    ChannelRoom,
+    FilterRoom,
+    Found,
+    Receiver,
+    Told,
+    run_receiver,
+)
+from insgnss.studies.receiver.masking import Masking
+from insgnss.studies.receiver.search import Searches, SearchRow
+from insgnss.studies.receiver.variants import (
+    Begin,
+    Start,
+    Variant,
+    feeling_nothing,
+    filter_room,
+    oscillator_of,
+    receiver_of,
+    without_ins,
+)
+from insgnss.tables import Float64
+from insgnss.tracking.admissible import seeded
+from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
+from insgnss.tracking.discriminator_outputs import PHASE_KINDS
+from insgnss.tracking.lock_detectors import SLIP_SHARE
+from insgnss.tracking.phase_discriminators import PhaseDiscriminator
+from insgnss.tracking.vector_loop import N_SEEN, Channels, levels_of, noise_count
+
+_BLOCK_S: Final = 0.5  # of integrations run at once, and the window of the estimator of C/N0
+_LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
+_LOST_S: Final = 1.0  # ... if it lasts so long; the same of a delay of one chip
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all runs of a study have in common."""
+
+    truth: ClosedLoopTruth
+    inertial: InertialTruth | None  # None: no INS
+    grade: ImuGrade | None
+    channels: Channels
+    carrier_hz: float
+    drift_density: float  # of the oscillator, one-sided [rad^2/s^3]
+    interval: int  # integrations between two updates of a second stage
+    record_every: int  # integrations
+    settle: int  # integrations that do not count
+    start: Start
+    unknown: UnknownMotion  # of a receiver without INS
+    latency_s: float = 0.0
+    # without inertial samples, from the first integration on
+    imu_gaps_s: tuple[tuple[float, float], ...] = ()
+    estimates_cn0: bool = False
+    least_cn0_dbhz: float = -math.inf  # below it a channel is not used
+    # C/N0 that a receiver takes for true, whatever arrives; None: the true one
+    told_cn0_dbhz: float | None = None
+    masking: Masking | None = None  # by the filter's attitude
+    divergence_density: float = 0.0  # of phase and code ranges, two-sided [m^2/s]
+    steps: tuple[float, float] = (0.0, 0.0)  # in which replicas are set: range [m], rate [m/s]
+
+    @property
+    def limits(self) -> tuple[float, float, int]:
+        """Return when a channel is lost: range [m], rate [m/s], integrations."""
+        k = self.channels.radians_per_m
+        if self.channels.coherent:
+            aperture = PhaseDiscriminator(PHASE_KINDS[self.channels.kinds[0]]).aperture_rad
+            return SLIP_SHARE * aperture / k, math.inf, 0
+        steps = round(_LOST_S / self.channels.step_s)
+        return self.channels.chip_m, 2.0 * math.pi * _LOST_HZ / k, steps
+
+    @cached_property
+    def solution(self) -> Float64:
+        """What turns ranges into position and clock by least squares at the recorded integrations, (k, 4, m)."""
+        u = self.truth.directions(slice(None, None, self.record_every))
+        return np.asarray(np.linalg.pinv(np.concatenate([-u, np.ones((*u.shape[:2], 1))], axis=2)))
+
+
+@dataclass(frozen=True)
+class ReceiverRun:
+    """What one run left, at k recorded integrations; errors are estimate minus truth, ECEF."""
+
+    lost_s: Float64  # (m,) when each channel was lost, from the begin; inf: held
+    rms: Float64  # (m, 2) of the replicas' offsets, range [m] and rate [m/s]
+    error: Float64  # (k, 11) position, velocity, attitude [rad], clock, drift; NaN of what a receiver does not estimate
+    sd: Float64  # (k, 11) sigmas of the filter
+    nees: Float64  # (k,) of these errors, by the number of those that have a sigma
+    cn0_dbhz: Float64  # (blocks, m) as estimated; NaN where it was told
+    searches: tuple[SearchRow, ...]  # of channels whose signal was gone
+    least_squares: Float64  # (k, 11) errors of all channels' ranges and rates alone
+    offset: Float64  # (k, 2) truth minus the replica of the channel that was lost first, or of the first one
+    apart: Float64  # (k, m, 2) of ranges by phase less those by code: error and sigma [m]; zeros without such states
+
+    @property
+    def lost(self) -> bool:
+        """Return whether any channel was lost."""
+        return bool(np.isfinite(self.lost_s).any())
+
+
+def run_many(
+    setting: Setting, variant: Variant, cn0_dbhz: Float64, runs: int, seed: int, threads: int
+) -> list[ReceiverRun]:
+    """Return runs of one receiver, each with a seed of its own; they do not depend on the number of threads."""
+    with ThreadPoolExecutor(threads) as pool:
+        return list(
+            pool.map(lambda run: run_once(setting, variant, cn0_dbhz, seeded(seed, run)), range(runs))
+        )
+
+
+def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.random.Generator) -> ReceiverRun:
+    """Return one run of a receiver.
+
+    Parameters
+    ----------
+    cn0_dbhz : broadcasts to (n, m); NaN: no signal
+    """
+    truth, ins = setting.truth, setting.inertial is not None
+    channels = setting.channels._replace(with_code=variant.with_code)
+    count, m = truth.ranges.shape
+    oscillator = oscillator_of(setting.drift_density, setting.carrier_hz)
+    clock = simulate_clock(oscillator, truth.t_s - truth.t_s[0], rng)
+    ranges, rates = truth.ranges + clock.bias_m[:, None], truth.rates + clock.drift_mps[:, None]
+    if setting.inertial is not None and setting.grade is not None:
+        grade = setting.grade
+        told = told_motion(setting.inertial, truth, grade, rng, setting.latency_s)
+        since_s = truth.t_s - truth.t_s[0]
+        motion, unknown = with_gaps(told, since_s, grade, setting.imu_gaps_s, setting.unknown)
+    else:
+        grade = without_ins(setting.unknown)
+        motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
+    directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
+    begin, density = Begin.of(truth, clock), setting.divergence_density
+    f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density)
+    receiver = receiver_of(
+        variant,
+        truth.step_s,
+        setting.interval,
+        clock_densities(oscillator)[1],
+        None if ins and variant.has_filter else setting.unknown,
+        setting.limits,
+        setting.record_every,
+        setting.settle,
+        setting.steps,
+    )
+    room = channel_room(receiver, ranges[0], rates[:2], setting.start, rng, truth.step_s)
+    found = new_found(receiver, count, m, _block(truth))
+    cn0 = np.broadcast_to(cn0_dbhz, (count, m))
+    level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
+    arriving = Arriving(ranges, rates, level, _apart(variant, density, truth, rng))
+    masking = setting.masking
+    searches = Searches(channels, setting.carrier_hz, m, masking) if variant.has_filter else None
+    rooms = _Rooms(receiver, channels, f, room, found)
+    whole = Told(truth.satellites, motion.rate_b, motion.force_b, motion.ahead_b, level, unknown)
+    estimates = _run_blocks(setting, rooms, arriving, whole, cn0, searches, rng)
+    found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
+    state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
+    rows = () if searches is None else tuple(searches.rows)
+    return _run_of(setting, variant, found, state_errors, estimates, rows)
+
+
+class _Rooms(NamedTuple):
+    """A receiver and all that it works on."""
+
+    receiver: Receiver
+    channels: Channels
+    f: FilterRoom
+    room: ChannelRoom
+    found: Found
+
+
+def _block(truth: ClosedLoopTruth) -> int:
+    """Return how many integrations are run at once."""
+    return max(round(_BLOCK_S / truth.step_s), 2)
+
+
+def _apart(variant: Variant, density: float, truth: ClosedLoopTruth, rng: np.random.Generator) -> Float64:
+    """Return the ranges by phase less those by code (n, m): a walk from zero; none where no code is tracked."""
+    apart = np.zeros(truth.ranges.shape)
+    if variant.with_code:
+        walk = math.sqrt(density * truth.step_s) * rng.standard_normal(apart[1:].shape)
+        apart[1:] = np.cumsum(walk, axis=0)
+    return apart
+
+
+def _run_blocks(
+    setting: Setting,
+    rooms: _Rooms,
+    arriving: Arriving,
+    whole: Told,
+    cn0: Float64,
+    searches: Searches | None,
+    rng: np.random.Generator,
+) -> Float64:
+    """Run all blocks of integrations; return the C/N0 that was estimated in each (blocks, m).
+
+    ``whole`` is what is told in all of them, but for the levels of the channels.
+    """
+    (count, m), truth, (receiver, channels, f, room, found) = cn0.shape, setting.truth, rooms
+    # the C/N0 that the receiver takes for true
+    block, taken, estimates = _block(truth), arriving.level[0], []
+    for first in range(0, count, block):
+        part = slice(first, min(first + block, count))
+        here = Arriving(
+            arriving.ranges[part], arriving.rates[part], arriving.level[part], arriving.apart[part]
+        )
+        told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
+        if setting.told_cn0_dbhz is not None:
+            told_level = np.full_like(told_level, levels_of(setting.told_cn0_dbhz))
+        if setting.estimates_cn0:
+            told_level = np.tile(taken, (len(here.level), 1))
+        elif searches is not None:
+            before = max(first - 1, 0)
+            off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
+            told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
+        told = Told(
+            whole.satellites[part],
+            whole.rate_b[part],
+            whole.force_b[part],
+            whole.ahead_b[part],
+            told_level,
+            whole.unknown[part],
+        )
+        noise = rng.standard_normal((len(here.level), m, noise_count(channels)))
+        run_receiver(receiver, channels, here, told, f, room, noise, found)
+        if setting.estimates_cn0 and len(here.level) == block:
+            estimates.append(moment_cn0_dbhz(np.sqrt(found.power).astype(complex), truth.step_s, block)[0])
+            unseen = ~(estimates[-1] >= setting.least_cn0_dbhz)
+            taken = np.where(unseen, NO_SIGNAL, levels_of(estimates[-1]))
+    return np.array(estimates).reshape(-1, m)
+
+
+def channel_room(
+    receiver: Receiver, ranges: Float64, rates: Float64, start: Start, rng: np.random.Generator, step_s: float
+) -> ChannelRoom:
+    """Return channels that begin with errors of the start's sigmas.
+
+    Parameters
+    ----------
+    ranges : (m,) at the first middle
+    rates : (2, m) at the first two
+    """
+    m, p = len(ranges), len(receiver.F)
+    sigma = np.array([start.position_m, start.velocity_mps, start.acceleration_mps2])[:p]
+    x = np.column_stack([ranges, rates[0], (rates[1] - rates[0]) / step_s])[:, :p]
+    return ChannelRoom(
+        x=np.ascontiguousarray(x + sigma * rng.standard_normal((m, p))),
+        P=np.tile(np.diag(sigma**2), (m, 1, 1)),
+        base=np.zeros((m, 2)),
+        message=np.zeros((m, 5)),
+        u=np.zeros((m, 3)),
+        g=np.zeros((m, 3)),
+        predicted=np.zeros((m, 2)),
+        v=np.zeros((3, p)),
+        F_P=np.zeros((p, p)),
+        h=np.zeros(p),
+        columns=np.arange(p),
+        offset=np.zeros(3),
+        seen=np.zeros(N_SEEN),
+        silent=np.zeros(m, np.int64),
+        done=np.zeros(1, np.int64),
+    )
+
+
+def new_found(receiver: Receiver, count: int, m: int, block: int) -> Found:
+    """Return room for what is kept of a run of ``count`` integrations."""
+    records = (count - 1) // receiver.record_every + 1
+    return Found(
+        state=np.zeros((records, 12)),
+        covariance=np.zeros((records, len(RECORDED), len(RECORDED))),
+        offsets=np.zeros((records, m, 2)),
+        squares=np.zeros((m, 2)),
+        counted=np.zeros(m, np.int64),
+        lost_at=np.full(m, HELD, np.int64),
+        losing=np.zeros(m, np.int64),
+        power=np.zeros((block, m)),
+        apart=np.zeros((records, m, 2)),
+    )
+
+
+def _errors(setting: Setting, found: Found, clock: Float64, ins: bool) -> Float64:
+    """Return the errors (k, 11) of the filter."""
+    truth, state = setting.truth, found.state
+    pick = slice(None, None, setting.record_every)
+    attitude = np.full((len(state), 3), np.nan)
+    if ins:
+        estimated = Rotation.from_quat(to_scipy_quaternion(state[:, 6:10]))
+        attitude = (estimated * Rotation.from_matrix(truth.C_eb[pick]).inv()).as_rotvec()
+    motion = state[:, :6] - np.hstack([truth.r_e[pick], truth.v_e[pick]])
+    return np.hstack([motion, attitude, state[:, 10:12] - clock[pick]])
+
+
+def _run_of(
+    setting: Setting,
+    variant: Variant,
+    found: Found,
+    error: Float64,
+    cn0_dbhz: Float64,
+    searches: tuple[SearchRow, ...],
+) -> ReceiverRun:
+    """Return what is left of a run; a receiver without a filter has the least squares of its channels."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rms = np.sqrt(found.squares / found.counted[:, None])
+    solved = _least_squares(setting, found)
+    if variant.has_filter:
+        estimated = ~np.isnan(error[0])
+        P = found.covariance[:, estimated][:, :, estimated]
+        sd = np.where(estimated, np.sqrt(np.einsum("kii->ki", found.covariance)), np.nan)
+        nees = normalised(error[:, estimated], P)
+    else:
+        sd, nees = np.full_like(error, np.nan), np.full(len(error), np.nan)
+        error = solved
+    lost = np.where(found.lost_at == HELD, np.inf, found.lost_at * setting.truth.step_s)
+    apart = np.stack([found.apart[..., 0], np.sqrt(found.apart[..., 1])], axis=-1)
+    offset = found.offsets[:, int(np.argmin(lost))].copy()
+    return ReceiverRun(lost, rms, error, sd, nees, cn0_dbhz, searches, solved, offset, apart)
+
+
+def normalised(error: Float64, P: Float64) -> Float64:
+    """Return e^T P^-1 e over the number of states, (k,); inf where the covariance is none."""
+    scale = np.sqrt(np.maximum(np.einsum("kii->ki", P), 1e-300))
+    try:
+        solved = np.linalg.solve(P / (scale[:, :, None] * scale[:, None, :]), (error / scale)[..., None])
+    except np.linalg.LinAlgError:
+        return np.full(len(error), np.inf)
+    return np.asarray(np.sum(error / scale * solved[..., 0], axis=1) / error.shape[1])
+
+
+def _least_squares(setting: Setting, found: Found) -> Float64:
+    """Return the errors (k, 11) of position, velocity and clock that all channels' ranges and rates give."""
+    solved = -np.einsum("kij,kjc->kic", setting.solution, found.offsets)
+    nothing = np.full((len(solved), 3), np.nan)
+    return np.hstack([solved[:, :3, 0], solved[:, :3, 1], nothing, solved[:, 3]])

@@ -1,0 +1,233 @@
+"""Where a receiver study flies: motion, sky, signal and sensors, checked, as the setting of its runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from insgnss.config.flight import ImuGrade
+from insgnss.config.library import file_of, imu_grade
+from insgnss.config.library import oscillator as oscillator_named
+from insgnss.config.simulation import SimulationConfig
+from insgnss.config.strict import load_toml
+from insgnss.errors import ConfigError
+from insgnss.interference.drift import density_of_walk
+from insgnss.interference.margin import db
+from insgnss.simulation.assembly import Inputs, trajectory_of
+from insgnss.simulation.closed_loop_sky import (
+    GPS_RADIUS_M,
+    LONGEST_LATENCY_S,
+    closed_loop_truth,
+    inertial_truth,
+    orbits_towards,
+)
+from insgnss.simulation.trajectory import Trajectory
+from insgnss.studies.receiver.imu import UnknownMotion, require_gaps
+from insgnss.studies.receiver.runs import Setting
+from insgnss.studies.receiver.variants import STARTS
+from insgnss.tables import Float64
+from insgnss.tracking.admissible import require_known, require_not_negative, require_positive, require_within
+from insgnss.tracking.vector_loop import TRACKINGS, channels_of
+
+# eight satellites well spread, two of them low
+AZIMUTH_DEG: Final = (20.0, 65.0, 110.0, 155.0, 200.0, 245.0, 290.0, 335.0)
+ELEVATION_DEG: Final = (12.0, 40.0, 20.0, 65.0, 15.0, 35.0, 70.0, 25.0)
+# after the scenario's first moment: inertial samples come before the first integration
+_BEGINS_S: Final = 1.0
+_RECORD_S: Final = 0.1
+_MAX_INTEGRATIONS: Final = 2_000_000
+
+
+@dataclass(frozen=True)
+class ReceiverOptions:
+    """What a receiver study may change. Seconds, hertz, chips."""
+
+    duration_s: float = 80.0  # of the runs, settling included
+    settle_s: float = 40.0
+    step_s: float = 5e-3  # T, an integration
+    interval_s: float = 0.1  # T_n, between two updates of a second stage
+    imu_rate_hz: float | None = None  # None: a sample for every integration
+    latency_s: float = 0.0  # after the end of an inertial sample until it is known
+    imu_gaps_s: tuple[tuple[float, float], ...] = ()  # begin and end of times without inertial samples
+    symbol_s: float = 20e-3  # of the data: no integration is longer; inf for a pilot
+    carrier_hz: float = 1575.42e6
+    chip_hz: float = 1.023e6
+    spacing_chips: float = 1.0  # early to late
+    phase_kind: str = "iq"
+    least_cn0_dbhz: float | None = None  # a channel below it is not used: its lock detector says no
+    told_cn0_dbhz: float | None = None  # the receiver takes this C/N0 for true; None: it knows the true one
+    # channels of satellites that the antennas do not see at the filter's attitude are not used
+    masking: bool = False
+    estimates_cn0: bool = False  # the receiver estimates C/N0 over half a second instead of being told
+    azimuth_deg: tuple[float, ...] = AZIMUTH_DEG
+    elevation_deg: tuple[float, ...] = ELEVATION_DEG
+    orbit_radius_m: float = GPS_RADIUS_M
+    divergence_density: float = 0.0  # by which phase and code ranges wander apart [m^2/s]: the ionosphere
+    # in which an oscillator sets the replica's range: the wavelength over its phases ...
+    replica_step_m: float = 0.0
+    # ... and rate: the wavelength times its step of frequency; 0: as finely as told
+    replica_step_mps: float = 0.0
+    unknown_mps2: float = 49.03  # acceleration of a receiver without INS: one sigma of each axis ...
+    unknown_s: float = 1.0 / 0.3  # ... and its correlation time
+
+    def told(self) -> dict[str, Any]:
+        """Return the options as plain values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A study's setting, and what its tables say of it."""
+
+    name: str
+    setting: Setting
+    trajectory: Trajectory
+    azimuth_deg: Float64
+    elevation_deg: Float64
+    bandwidth_hz: float  # of the spectrum that a jammer of J/S lies in
+    start_s: float  # seconds of the week at the trajectory's begin
+
+    @property
+    def channels(self) -> int:
+        """Return the number of channels."""
+        return len(self.azimuth_deg)
+
+    def js_db(self, cn0_dbhz: float) -> float:
+        """Return J/S that leaves a C/N0, thermal noise left out."""
+        return float(db(self.bandwidth_hz)) - cn0_dbhz
+
+
+def scene_of(
+    scenario: str | Path | SimulationConfig,
+    tracking: str,
+    imu: str | ImuGrade | None,
+    oscillator: str | Mapping[str, float],
+    options: ReceiverOptions,
+) -> Scene:
+    """Return the scene of a study.
+
+    Raises
+    ------
+    ConfigError, ModelError : an unknown name, numbers that make no sense, or a motion shorter than the study
+    """
+    o, step = options, options.step_s
+    require_known(tracking, TRACKINGS, "tracking", "kind of tracking")
+    interval, settle, count = _steps(o)
+    config, name = _motion(scenario)
+    trajectory, whole_s = trajectory_of(config, Inputs(), 0)
+    if o.duration_s + _BEGINS_S > whole_s:
+        raise ConfigError(
+            f"the motion lasts {whole_s:g} s, the study {o.duration_s:g} s",
+            key="duration_s",
+            advice="give less, or a longer scenario",
+        )
+    r_e = trajectory.position_e(np.array([trajectory.first_s]))[0]
+    sky = orbits_towards(r_e, o.azimuth_deg, o.elevation_deg, o.orbit_radius_m)
+    truth = closed_loop_truth(trajectory, sky, step, _BEGINS_S, count)
+    sample_s = step if o.imu_rate_hz is None else 1.0 / o.imu_rate_hz
+    setting = Setting(
+        truth=truth,
+        inertial=None if imu is None else inertial_truth(trajectory, truth, sample_s, o.latency_s),
+        grade=imu_grade(imu) if isinstance(imu, str) else imu,
+        channels=channels_of(
+            tracking, step, o.carrier_hz, o.chip_hz, phase_kind=o.phase_kind, spacing_chips=o.spacing_chips
+        ),
+        carrier_hz=o.carrier_hz,
+        drift_density=_drift_density(oscillator, o.carrier_hz),
+        interval=interval,
+        record_every=max(round(_RECORD_S / step), 1),
+        settle=settle,
+        start=STARTS[tracking],
+        unknown=UnknownMotion(o.unknown_mps2, o.unknown_s),
+        latency_s=o.latency_s,
+        imu_gaps_s=o.imu_gaps_s,
+        estimates_cn0=o.estimates_cn0,
+        least_cn0_dbhz=-math.inf if o.least_cn0_dbhz is None else o.least_cn0_dbhz,
+        told_cn0_dbhz=o.told_cn0_dbhz,
+        divergence_density=o.divergence_density,
+        steps=(o.replica_step_m, o.replica_step_mps),
+    )
+    azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
+    return Scene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
+
+
+def _steps(o: ReceiverOptions) -> tuple[int, int, int]:
+    """Return integrations in an interval, until settled, and in all.
+
+    Raises
+    ------
+    ConfigError : times that do not fit each other
+    """
+    require_positive(duration_s=o.duration_s, step_s=o.step_s, interval_s=o.interval_s, symbol_s=o.symbol_s)
+    require_not_negative(settle_s=o.settle_s, divergence_density=o.divergence_density)
+    require_not_negative(replica_step_m=o.replica_step_m, replica_step_mps=o.replica_step_mps)
+    require_gaps(o.imu_gaps_s, o.duration_s)
+    require_positive(unknown_mps2=o.unknown_mps2, unknown_s=o.unknown_s)
+    require_within(0.0, LONGEST_LATENCY_S, "a tenth of a second at most", latency_s=o.latency_s)
+    if o.imu_rate_hz is not None:
+        require_within(10.0, 10_000.0, "samples per second", imu_rate_hz=o.imu_rate_hz)
+    if o.step_s > o.symbol_s * (1.0 + 1e-9):
+        raise ConfigError(
+            f"an integration of {o.step_s:g} s is longer than a symbol of {o.symbol_s:g} s",
+            key="step_s",
+            advice="integrate for a symbol at most, or track a pilot: symbol_s = inf",
+        )
+    interval = round(o.interval_s / o.step_s)
+    if interval < 2 or abs(interval * o.step_s - o.interval_s) > 1e-9:
+        raise ConfigError(
+            f"an interval of {o.interval_s:g} s is no whole number of integrations of {o.step_s:g} s",
+            key="interval_s",
+            advice=f"give a multiple, as {max(interval, 2) * o.step_s:g}",
+        )
+    count, settle = round(o.duration_s / o.step_s), round(o.settle_s / o.step_s)
+    if not settle < count <= _MAX_INTEGRATIONS:
+        raise ConfigError(
+            f"{count} integrations, of which {settle} settle",
+            key="duration_s",
+            advice=f"fly longer than settle_s, and for {_MAX_INTEGRATIONS} integrations at most",
+        )
+    return interval, settle, count
+
+
+def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, str]:
+    """Return the scenario and its name.
+
+    Raises
+    ------
+    ConfigError, ModelError : there is none, or it has no list of manoeuvres
+    """
+    if isinstance(scenario, SimulationConfig):
+        config = scenario
+    else:
+        config = load_toml(file_of("scenarios", scenario), SimulationConfig)
+    if not config.manoeuvre:
+        raise ConfigError(
+            "the scenario follows a logged reference",
+            key="manoeuvre",
+            advice="give one with a list of manoeuvres",
+        )
+    return config, config.name or "scenario"
+
+
+def _drift_density(oscillator: str | Mapping[str, float], carrier_hz: float) -> float:
+    """Return S of the carrier's frequency, one-sided [rad^2/s^3]; 0 of an oscillator without drift.
+
+    Raises
+    ------
+    ConfigError, ModelError : an unknown oscillator or key
+    """
+    if isinstance(oscillator, str):
+        return float(density_of_walk(oscillator_named(oscillator).h_minus2_per_s, carrier_hz))
+    unknown = set(oscillator) - {"drift_density"}
+    if unknown or "drift_density" not in oscillator:
+        key = ", ".join(sorted(unknown)) or "nothing"
+        raise ConfigError(
+            f"an oscillator of {key}", key="oscillator", advice='give a name, or {"drift_density": 100.0}'
+        )
+    require_not_negative("one-sided, rad^2/s^3", drift_density=oscillator["drift_density"])
+    return float(oscillator["drift_density"])

@@ -1,0 +1,100 @@
+"""Channels that have lost their signal and look for it again: where the filter expects it, as the supervisor does.
+
+The filter's D = h P h^T of delay and rate is the window. Where it lies within the loops' aperture they are closed at
+the predicted place at once, else the cells of the window are looked through first (``receiver.search_window``). A
+signal is looked for from the block of integrations on in which it is back.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from insgnss.config.search import Search
+from insgnss.constants import C_MPS
+from insgnss.filter.update.replica_offsets import offset_covariance
+from insgnss.receiver.detection import detector
+from insgnss.receiver.search_window import SignalScale, search_window
+from insgnss.studies.receiver.loop import NO_SIGNAL, ChannelRoom, FilterRoom
+from insgnss.studies.receiver.masking import AttitudeMask, Masking
+from insgnss.tables import Float64, Int64
+from insgnss.tracking.vector_loop import Channels
+
+
+class SearchRow(NamedTuple):
+    """One search of one channel."""
+
+    channel: int
+    lost_s: float  # since when it had no signal
+    back_s: float  # when the signal was back
+    tracked_s: float  # when the loops are closed again; inf: the signal is too weak to be found
+    cn0_dbhz_back: float
+    sd_delay_m: float
+    off_m: float  # true offset from where the filter expects it
+    sd_rate_mps: float
+    off_mps: float
+    within_aperture: bool
+    cells: float  # delay cells times Doppler bins
+
+
+class Searches:
+    """The channels' search over a run."""
+
+    def __init__(
+        self, channels: Channels, carrier_hz: float, count: int, masking: Masking | None = None
+    ) -> None:
+        self.settings = Search()
+        self.need = detector(self.settings.detection)
+        self.scale = SignalScale(channels.chip_m, C_MPS / carrier_hz, self.settings.grid.code_chips)
+        self.lost_s = np.full(count, np.inf)  # inf: the channel has its signal
+        self.tracked_s = np.full(count, -np.inf)
+        self.rows: list[SearchRow] = []
+        self._mask = None if masking is None else AttitudeMask(masking, count)
+
+    def told(
+        self, level: Int64, cn0_dbhz: Float64, t_s: float, f: FilterRoom, room: ChannelRoom, off: Float64
+    ) -> Int64:
+        """Return the levels (n, m) of a block that the channels track; the others are without a signal.
+
+        Parameters
+        ----------
+        level : (n, m) of the signals, ``NO_SIGNAL`` where none is, or too weak a one
+        cn0_dbhz : (m,) at the block's begin
+        t_s : of the block's begin
+        off : (m, 2) true offsets from the filter's prediction, at the block's begin
+        """
+        if self._mask is not None and t_s > 0.0:
+            level = np.where(self._mask.hidden(f, room.u), NO_SIGNAL, level)
+        for c in range(level.shape[1]):
+            gone = level[0, c] == NO_SIGNAL
+            if gone and not np.isfinite(self.lost_s[c]):
+                self.lost_s[c] = t_s
+            if not gone and np.isfinite(self.lost_s[c]):
+                row = self._search(c, float(cn0_dbhz[c]), t_s, f, room, off[c])
+                self.rows.append(row)
+                self.tracked_s[c], self.lost_s[c] = row.tracked_s, np.inf
+        searching: npt.NDArray[np.bool_] = self.tracked_s > t_s
+        return np.where(searching, NO_SIGNAL, level)
+
+    def _search(
+        self, c: int, cn0_dbhz: float, t_s: float, f: FilterRoom, room: ChannelRoom, off: Float64
+    ) -> SearchRow:
+        d_range, _, d_rate = offset_covariance(f.P, f.columns, room.u[c], room.g[c], f.h, f.v)
+        found = search_window(cn0_dbhz, d_range, d_rate, self.settings, self.need, self.scale)
+        within = bool(found.within_aperture)
+        waits_s = 0.0 if within else float(found.search_s)
+        return SearchRow(
+            c,
+            float(self.lost_s[c]),
+            t_s,
+            t_s + waits_s,
+            cn0_dbhz,
+            float(np.sqrt(d_range)),
+            float(off[0]),
+            float(np.sqrt(d_rate)),
+            float(off[1]),
+            within,
+            float(found.delay_cells * found.doppler_bins),
+        )

@@ -1,0 +1,126 @@
+"""The tables of a receiver study, out of its runs; ``receiver_comparison`` has their columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from scipy import stats
+
+from insgnss.studies.receiver.runs import ReceiverRun, Setting
+from insgnss.studies.receiver.scene import Scene
+from insgnss.studies.receiver.search import SearchRow
+from insgnss.tables import Float64
+
+_SHARE: Final = 0.999  # of a consistent filter's NEES inside its bounds
+
+
+def _after(setting: Setting) -> npt.NDArray[np.bool_]:
+    """Return which records count."""
+    steps = setting.record_every * np.arange((len(setting.truth.t_s) - 1) // setting.record_every + 1)
+    return np.asarray(steps >= setting.settle)
+
+
+def _rms(values: list[Float64]) -> float:
+    """Return the root mean square of vectors (k, 3), all runs together; NaN without a run."""
+    return math.sqrt(float(np.mean([np.sum(v**2, axis=1).mean() for v in values]))) if values else math.nan
+
+
+def _held(runs: list[ReceiverRun]) -> list[ReceiverRun]:
+    return [run for run in runs if not run.lost]
+
+
+def summary_row(scene: Scene, name: str, level: float, runs: list[ReceiverRun]) -> dict[str, Any]:
+    """Return one row of ``summary``."""
+    setting, held = scene.setting, _held(runs)
+    after = _after(setting)
+    error = [run.error[after] for run in held]
+    replicas = np.sqrt(np.mean([run.rms**2 for run in held], axis=(0, 1))) if held else np.full(2, np.nan)
+    states = int(np.isfinite(runs[0].sd[0]).sum())
+    freedom = states * len(held)
+    low, high = stats.chi2.interval(_SHARE, freedom) if freedom else (math.nan, math.nan)
+    estimates = [run.cn0_dbhz for run in held if run.cn0_dbhz.size]
+    return {
+        "variant": name,
+        "cn0_dbhz": level,
+        "js_db": scene.js_db(level),
+        "runs": len(runs),
+        "lost": 1.0 - len(held) / len(runs),
+        "position_m": _rms([e[:, 0:3] for e in error]),
+        "velocity_mps": _rms([e[:, 3:6] for e in error]),
+        "attitude_deg": math.degrees(_rms([e[:, 6:9] for e in error])),
+        "channels_mps": _rms([run.least_squares[after, 3:6] for run in held]),
+        "range_m": float(replicas[0]),
+        "rate_mps": float(replicas[1]),
+        "phase_rad": float(replicas[0]) * setting.channels.radians_per_m
+        if setting.channels.coherent
+        else math.nan,
+        "nees": float(np.mean([run.nees[after].mean() for run in held])) if held and states else math.nan,
+        "nees_low": low / max(freedom, 1),
+        "nees_high": high / max(freedom, 1),
+        "cn0_estimated_dbhz": float(np.nanmean([x[len(x) // 2 :] for x in estimates]))
+        if estimates
+        else math.nan,
+    }
+
+
+def channel_rows(scene: Scene, name: str, level: float, runs: list[ReceiverRun]) -> pd.DataFrame:
+    """Return one row for each channel."""
+    held = _held(runs)
+    rms = (
+        np.sqrt(np.mean([run.rms**2 for run in held], axis=0))
+        if held
+        else np.full((scene.channels, 2), np.nan)
+    )
+    lost = np.mean([np.isfinite(run.lost_s) for run in runs], axis=0)
+    return pd.DataFrame(
+        {
+            "variant": name,
+            "cn0_dbhz": level,
+            "channel": np.arange(scene.channels),
+            "az_deg": scene.azimuth_deg,
+            "el_deg": scene.elevation_deg,
+            "lost": lost,
+            "range_m": rms[:, 0],
+            "rate_mps": rms[:, 1],
+        }
+    )
+
+
+def search_rows(found: Mapping[tuple[str, float], list[ReceiverRun]]) -> pd.DataFrame:
+    """Return the searches of all runs."""
+    rows = [
+        {"variant": name, "cn0_dbhz": level, "run": k, **row._asdict()}
+        for (name, level), runs in found.items()
+        for k, run in enumerate(runs)
+        for row in run.searches
+    ]
+    return pd.DataFrame(rows, columns=["variant", "cn0_dbhz", "run", *SearchRow._fields])
+
+
+def epoch_rows(
+    setting: Setting, name: str, level: float, runs: list[ReceiverRun], cn0_dbhz: Float64
+) -> pd.DataFrame:
+    """Return errors over time: of all runs, those that lost lock as well."""
+    time_s = setting.record_every * setting.truth.step_s * np.arange(len(runs[0].error))
+    squares = np.mean([run.error**2 for run in runs], axis=0)
+    first = np.array([run.lost_s.min() for run in runs])
+    return pd.DataFrame(
+        {
+            "variant": name,
+            "cn0_dbhz": level,
+            "time_s": time_s,
+            "position_m": np.sqrt(squares[:, 0:3].sum(axis=1)),
+            "velocity_mps": np.sqrt(squares[:, 3:6].sum(axis=1)),
+            "attitude_deg": np.degrees(np.sqrt(squares[:, 6:9].sum(axis=1))),
+            "nees": np.mean([run.nees for run in runs], axis=0),
+            "lost": (first[:, None] <= time_s).mean(axis=0),
+            "channel_m": runs[0].offset[:, 0],
+            "channel_mps": runs[0].offset[:, 1],
+            "received_dbhz": cn0_dbhz[:: setting.record_every].mean(axis=1),
+        }
+    )

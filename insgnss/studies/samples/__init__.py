@@ -1,0 +1,1 @@
+"""The receiver study on samples of the signal."""

@@ -1,0 +1,138 @@
+"""Each fault class, put into a copy of a sound log, is found, and the proposals give the sound log back."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from insgnss.cli.main import app
+from insgnss.log.flight import Flight
+from insgnss.runs.check import examine
+from tests.log.checks.spoilt import FAULTS, Log, judged, log_of
+
+ROOT = Path(__file__).resolve().parents[3]
+SAMPLE = ROOT / "data/sample_flight/flight.toml"
+FLIGHTS = ROOT / "tests/flights"
+SHORT_S = 200.0  # at rest, take-off run, climb, the first turn
+# what the unit tests of the parts cover already is left to the table of tests/benchmarks
+MENDED = (
+    "gyro in deg/s",
+    "accelerometer in g",
+    "increments",
+    "on its nose (z y -x)",
+    "left-handed (-x y z)",
+    "gyro z reversed",
+    "gravity for specific force",
+    "IMU +0.25 s",
+    "IMU in UTC",
+    "IMU one hour late",
+    "IMU one week early",
+    "GNSS in UTC",
+    "week off by one",
+    "Doppler, axes, unit and time",
+)
+TOLD = tuple(name for name, fault in FAULTS.items() if fault.words)
+
+
+@pytest.fixture(scope="module")
+def short() -> Log:
+    """Return the beginning of the sample flight, its inertial log at 50 Hz."""
+    log = log_of(SAMPLE, SHORT_S)
+    even = log.imu[: len(log.imu) // 2 * 2].reshape(-1, 2, 7)
+    return replace(log, imu=np.concatenate((even[:, 1, :1], even[:, :, 1:].mean(axis=1)), axis=1))
+
+
+def test_sound_log_gets_no_proposal_and_no_warning(short: Log, tmp_path: Path) -> None:
+    report = examine(Flight.load(short.write(tmp_path)))
+    assert report.proposals == ()
+    assert report.severity == "ok", "\n".join(report.lines())
+    text = "\n".join(report.lines())
+    assert "the axes fit the motion" in text and "IMU and GNSS tags agree" in text
+    at_rest = re.search(r"at rest for (\d+) s", text)
+    assert at_rest is not None and 65 <= int(at_rest[1]) <= 75  # then it takes off
+
+
+@pytest.mark.parametrize("name", MENDED)
+def test_fault_is_found_and_the_proposals_mend_it(name: str, short: Log, tmp_path: Path) -> None:
+    verdict = judged(short, FAULTS[name], tmp_path)
+    report = "\n".join(verdict.report.lines())
+    assert verdict.right, report
+    assert set(FAULTS[name].keys) <= verdict.keys | {"imu.axes"}, report
+    assert verdict.report.severity == "error"
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_fault_that_no_key_mends_is_told_without_a_proposal(name: str, short: Log, tmp_path: Path) -> None:
+    verdict = judged(short, FAULTS[name], tmp_path)
+    assert verdict.right, "\n".join(verdict.report.lines())
+
+
+@pytest.mark.parametrize(("left", "until_s"), [(3, 0.0), (2, 15.0)])
+def test_few_satellites_are_no_contradiction(short: Log, tmp_path: Path, left: int, until_s: float) -> None:
+    """Three satellites agree on any place: that the tags are wrong cannot be said."""
+    seconds = short.gnss["time_s"].astype(float)
+    kept = short.gnss["sv"].isin(sorted(short.gnss["sv"].unique())[:left])
+    few = replace(short, gnss=short.gnss[kept | (seconds - seconds.iloc[0] < until_s)].reset_index(drop=True))
+    report = examine(Flight.load(few.write(tmp_path)))
+    text = "\n".join(report.lines())
+    assert report.severity == "warning" and report.proposals == (), text
+    assert "do not agree" not in text
+    assert ("was not compared" in text) == (until_s == 0.0)
+
+
+def test_dead_gyros_are_an_error_and_not_held_against_the_satellites(short: Log, tmp_path: Path) -> None:
+    imu = short.imu.copy()
+    imu[:, 1:4] = 0.0
+    report = examine(Flight.load(replace(short, imu=imu).write(tmp_path)))
+    text = "\n".join(report.lines())
+    assert "imu_dead_sensor" in "\n".join(finding.text for finding in report.of("error")), text
+    assert "fit the motion" not in text and report.proposals == ()
+
+
+def test_resting_log_gets_suspicions_of_axes_and_no_proposal(short: Log, tmp_path: Path) -> None:
+    """At rest gravity shows that z is up, but not which of the other axes is forward."""
+    at_rest = replace(short, imu=short.imu[short.imu[:, 0] < short.imu[0, 0] + 55.0])
+    verdict = judged(at_rest, FAULTS["z up (x -y -z)"], tmp_path)
+    text = "\n".join(verdict.report.lines())
+    assert verdict.keys == frozenset()
+    assert "points along +z" in text and "a minute with two turns" in text
+
+
+def test_check_writes_a_corrected_file_only_when_asked_to(short: Log, tmp_path: Path) -> None:
+    path = FAULTS["IMU +0.25 s"].spoil(short).write(tmp_path)
+    before = path.read_text()
+    corrected = tmp_path / "corrected.toml"
+
+    told = CliRunner().invoke(app, ["check", str(path), "--json"])
+    assert told.exit_code == 3 and not corrected.exists()
+    about = json.loads(told.stdout)
+    assert [proposal["key"] for proposal in about["proposals"]] == ["imu.time.offset_s"]
+    assert about["written"] is None
+
+    wrote = CliRunner().invoke(app, ["check", str(path), "--write", str(corrected)])
+    assert "wrote" in wrote.output and path.read_text() == before
+    assert "# the inertial log" in corrected.read_text()
+
+    again = CliRunner().invoke(app, ["check", str(corrected)])
+    assert again.exit_code == 0, again.output
+    assert "proposed" not in again.output
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("name", ["xian", "walk", "walk_ubx", "instinct", "instinct_m2"])
+def test_real_logs_get_no_proposal_and_no_error(name: str, data_root: Path) -> None:
+    flight = Flight.load(FLIGHTS / f"{name}.toml")
+    if not flight.config.imu.files[0].is_file():
+        pytest.skip(f"the flight file looks for its logs beside the checkout, not in {data_root}")
+    report = examine(flight)
+    text = "\n".join(report.lines())
+    assert report.proposals == () and report.severity != "error", text
+    assert not any(finding.topic == "motion" and finding.severity != "ok" for finding in report.findings), (
+        text
+    )

@@ -1,0 +1,187 @@
+"""The doctor's parts that need no log: offsets taken apart, gaps and their cost, the behaviour of a clock."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insgnss.config.library import imu_grade
+from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.log.checks.clock import clock_findings
+from insgnss.log.checks.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
+from insgnss.log.checks.imu import GroundSpeed, imu_findings
+from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, Timing, offset_findings, overlapping_shifts, split
+from insgnss.log.checks.track import Track
+from insgnss.log.flight import Flight
+from insgnss.tables import ImuTable
+from insgnss.units import MPS2_PER_MG
+from tests.conftest import REPOSITORY
+from tests.log.writing import WEEK, Float64
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "parts"),
+    [
+        (0.25, (0, 0, 0, 0.25)),
+        (-1.3, (0, 0, 0, -1.3)),
+        (18.02, (0, 0, 1, 0.02)),
+        (-18.0, (0, 0, -1, 0.0)),
+        (17.0, (0, 0, 0, 17.0)),
+        (3600.01, (0, 1, 0, 0.01)),
+        (-2 * 3600.0 + 18.0, (0, -2, 1, 0.0)),
+        (-604_800.1, (-1, 0, 0, -0.1)),
+        (604_800.0 + 7200.0, (1, 2, 0, 0.0)),
+    ],
+)
+def test_offset_is_taken_apart_into_weeks_hours_leap_seconds_and_rest(
+    offset_s: float, parts: tuple[int, int, int, float]
+) -> None:
+    assert split(offset_s, 18) == pytest.approx(parts)
+
+
+def test_shifts_are_sought_only_where_logs_do_not_overlap() -> None:
+    span = (0, 600 * NS_PER_S)
+    assert overlapping_shifts(span, (100 * NS_PER_S, 700 * NS_PER_S)) == []
+    late = (HOUR_S * NS_PER_S, (HOUR_S + 600) * NS_PER_S)
+    assert overlapping_shifts(late, span) == [-HOUR_S]
+    early = (-WEEK_S * NS_PER_S, (600 - WEEK_S) * NS_PER_S)
+    assert overlapping_shifts(early, span) == [WEEK_S]
+    assert (
+        overlapping_shifts((1800 * NS_PER_S, 2400 * NS_PER_S), span) == []
+    )  # half an hour is no label's error
+
+
+def coasting(
+    rng: np.random.Generator, length_s: float, n: int = 4000, steps: int = 400
+) -> tuple[float, float]:
+    """Return the rms of velocity and position errors of n simulated outages of a tactical IMU along one axis."""
+    grade, g, dt = imu_grade("tactical"), 9.80665, length_s / steps
+    b_a = rng.normal(0.0, grade.accel_bias_instability_mg * MPS2_PER_MG, n)
+    b_g = rng.normal(0.0, np.deg2rad(grade.gyro_bias_instability_deg_per_h) / 3600.0, n)
+    tilt = rng.normal(0.0, grade.accel_bias_instability_mg * MPS2_PER_MG / g, n)
+    v, r = rng.normal(0.0, START_SD_MPS, n), np.zeros(n)
+    for _ in range(steps):
+        r += v * dt
+        v += (b_a + g * tilt) * dt + rng.normal(0.0, grade.accel_vrw_mps_per_sqrt_h / 60.0 * np.sqrt(dt), n)
+        tilt += b_g * dt + rng.normal(0.0, np.deg2rad(grade.gyro_arw_deg_per_sqrt_h) / 60.0 * np.sqrt(dt), n)
+    return float(np.sqrt(np.mean(v**2))), float(np.sqrt(np.mean(r**2)))
+
+
+@pytest.mark.parametrize("length_s", [1.0, 10.0, 60.0])
+def test_predicted_growth_is_that_of_simulated_outages(length_s: float, rng: np.random.Generator) -> None:
+    """The rms of 4000 is known to 1.1 %, one sigma; 5 % admits 4 sigmas and the steps' own error."""
+    assert outage_sigmas(imu_grade("tactical"), length_s) == pytest.approx(coasting(rng, length_s), rel=0.05)
+
+
+def test_gap_of_the_imu_costs_what_the_motion_of_the_log_may_have_done(rng: np.random.Generator) -> None:
+    """Forces that change by 2 m/s^2 rms from second to second: 10 s without samples may be 20 m/s and 100 m."""
+    t_ns = (np.arange(6000) * 10_000_000).astype(np.int64)
+    t_ns[3000:] += 10 * NS_PER_S
+    f_b = np.zeros((6000, 3))
+    f_b[:, 0] = np.repeat(rng.choice([-2.0, 2.0], 60), 100)
+    imu = ImuTable(t_ns, np.zeros((6000, 3)), f_b)
+    lines = [f.text for f in gap_findings(imu, t_ns[::100], imu_grade("tactical"), WEEK)]
+    gap = next(line for line in lines if line.startswith("IMU gap of 10 s"))
+    assert "sigma grows to 20 m/s and 1e+02 m" in gap
+    assert any(line.startswith("GNSS gap of 11 s") for line in lines)
+
+
+def clock(clock_m: Float64, drift_mps: Float64) -> str:
+    t_s = np.arange(len(clock_m)).astype(float)
+    zeros = np.zeros((len(t_s), 3))
+    track = Track(
+        t_s.astype(np.int64), t_s, zeros, zeros, t_s, clock_m, drift_mps, 0, len(t_s), len(t_s), len(t_s)
+    )
+    return "\n".join(finding.line() for finding in clock_findings(track))
+
+
+def test_clock_that_drifts_is_left_alone() -> None:
+    t = np.arange(100.0)
+    text = clock(50.0 * t + 9e4, np.full(100, 50.0))
+    assert "left alone" in text and "+50 m/s (+0.167 ppm)" in text and "WARNING" not in text
+
+
+def test_clock_that_jumps_is_told_with_number_and_size() -> None:
+    t = np.arange(100.0)
+    jumps = np.floor(t / 25.0) * 1e-3 * C_MPS
+    assert "held near GPS time by jumps" in clock(50.0 * t - jumps, np.full(100, 50.0))
+    assert "3 jump(s) of 1 ms" in clock(50.0 * t - jumps, np.full(100, 50.0))
+
+
+def test_multiples_of_a_jump_are_jumps_too() -> None:
+    """Two of them between epochs where one is missing."""
+    t = np.arange(100.0)
+    jumps = (np.floor(t / 25.0) + (t >= 75.0)) * 1e-3 * C_MPS
+    assert "3 jump(s) of 1 ms" in clock(50.0 * t - jumps, np.full(100, 50.0))
+
+
+def test_leaps_that_do_not_agree_in_size_are_bad_epochs() -> None:
+    """Three bad fixes: the clock is off by some kilometres and is back at the next epoch, six leaps."""
+    t = np.arange(100.0)
+    off = np.zeros(100)
+    off[[20, 45, 70]] = (9e3, -2.3e4, 4.1e3)
+    text = clock(50.0 * t + off, np.full(100, 50.0))
+
+    assert "left alone" in text and "jump(s) of" not in text
+    assert "WARNING" in text and "leaps 6 time(s) by 0.014 to 0.077 ms" in text and "bad epochs" in text
+
+
+def test_bad_epoch_among_jumps_is_told_beside_them() -> None:
+    t = np.arange(100.0)
+    jumps = np.floor(t / 25.0) * 1e-3 * C_MPS
+    jumps[10] += 7e4
+    text = clock(50.0 * t - jumps, np.full(100, 50.0))
+
+    assert "3 jump(s) of 1 ms" in text and "leaps 2 time(s)" in text
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "sd_s", "agrees"),
+    [(0.041, 0.004, False), (-0.085, 0.027, False), (0.041, 0.020, True), (0.0, 0.01, True)],
+)
+def test_offset_beyond_three_sigmas_is_suspect(offset_s: float, sd_s: float, agrees: bool) -> None:
+    flight = Flight.load(REPOSITORY / "data" / "sample_flight" / "flight.toml")
+    (finding,) = offset_findings(flight, Timing(offset_s, sd_s, 0.0, 100.0), 50.0, WEEK * 604_800 * NS_PER_S)
+
+    assert ("tags agree" in finding.text) is agrees
+    assert finding.severity == ("ok" if agrees else "warning")
+    assert (f"imu.time.offset_s = {offset_s:+.3f}" in finding.advice) is not agrees
+    assert finding.proposals == ()
+
+
+def steady_imu(seconds: int) -> ImuTable:
+    t_ns = (np.arange(100 * seconds) * 10_000_000).astype(np.int64)
+    return ImuTable(t_ns, np.zeros((len(t_ns), 3)), np.tile([0.0, 0.0, -9.81], (len(t_ns), 1)))
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "sd_mps", "words"),
+    [
+        (70.0, 0.1, "in steady motion at 70 m/s for 60 s"),
+        (0.05, 0.1, "at rest for 60 s"),
+        (0.9, 0.3, "at rest for 60 s"),  # of a poor receiver: within three of its sigmas
+    ],
+)
+def test_steady_motion_is_not_called_rest_where_the_speed_is_known(
+    speed_mps: float, sd_mps: float, words: str
+) -> None:
+    epochs = np.arange(-1, 62) * NS_PER_S
+    speed = GroundSpeed(epochs, np.full(63, speed_mps), np.full(63, sd_mps))
+    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, speed))
+
+    assert words in text and ("at rest" in text) is words.startswith("at rest")
+
+
+def test_rest_counts_only_where_the_vehicle_stood() -> None:
+    epochs = np.arange(-1, 62) * NS_PER_S
+    speed = GroundSpeed(epochs, np.where(epochs < 20 * NS_PER_S, 0.0, 70.0), np.full(63, 0.1))
+    text = "\n".join(finding.text for finding in imu_findings(steady_imu(60), 0, speed))
+
+    assert "at rest for 20 s" in text or "at rest for 19 s" in text
+
+
+def test_clock_that_is_steered_in_the_code_alone_is_a_warning() -> None:
+    """The pseudoranges stay at GPS time while the range rates carry an oscillator off by 30 m/s."""
+    text = clock(np.zeros(100), np.full(100, 30.0))
+    assert "WARNING" in text and "+30 m/s by the range rates" in text
+    assert "steered to GPS time" in text

@@ -1,0 +1,128 @@
+"""Rows of a run between its rows: right to what is told, and an error where more would be lost."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import insgnss
+from insgnss.errors import ResultError
+from insgnss.runs.between_rows import Limits, rows_at
+from insgnss.runs.result import Run
+from tests.runs.scenes import LEVER_ARM_B, START_S, flight, turns
+
+ANY = Limits(1e9, 1e9, 1e9)
+FROM_S, TO_S = 60.0, 110.0  # the heading is known
+
+
+@cache
+def steps() -> Run:
+    """Return a smoothed run with a row at each inertial sample: without the leaps of a filter's updates."""
+    return insgnss.replay(
+        flight(turns()), output="imu", smooth=True, point=LEVER_ARM_B, quaternion=True, covariance=True
+    )
+
+
+def every(n: int) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return each n-th row, and the rows between them."""
+    nav = steps().nav
+    nav = nav[(nav["time_s"] >= START_S + FROM_S) & (nav["time_s"] <= START_S + TO_S)]
+    kept = np.arange(len(nav)) % n == 0
+    last = len(nav) - 1 - (len(nav) - 1) % n
+    return nav[kept].reset_index(drop=True), nav.iloc[:last][~kept[:last]].reset_index(drop=True)
+
+
+def off_deg(found: pd.DataFrame, expected: pd.DataFrame, name: str) -> pd.Series:
+    return (found[name] - expected[name] + 180.0) % 360.0 - 180.0
+
+
+def test_rows_at_ten_a_second_give_those_between_them() -> None:
+    nav, between = every(10)
+
+    found = rows_at(nav, between["time_s"], Limits(0.2, 0.2, 0.5))
+
+    for name in ("roll_deg", "pitch_deg", "yaw_deg"):
+        assert np.abs(off_deg(found, between, name)).max() < 0.04
+    for name in ("vn_mps", "ve_mps", "vd_mps", "point_vn_mps", "point_vd_mps"):
+        assert np.abs(found[name] - between[name]).max() < 0.03
+    for name, metres in (("lat_deg", 111e3), ("lon_deg", 56e3), ("h_m", 1.0), ("point_lat_deg", 111e3)):
+        assert np.abs(found[name] - between[name]).max() * metres < 2e-3
+    np.testing.assert_allclose(found["cov_vn_ve_m2ps2"], between["cov_vn_ve_m2ps2"], atol=1e-5)
+    np.testing.assert_allclose(found["q_nb_x"].abs(), between["q_nb_x"].abs(), atol=1e-3)
+
+
+@pytest.mark.parametrize("n", [20, 50, 100])
+def test_what_is_lost_between_rows_is_in_their_sigma(n: int) -> None:
+    """The estimate is neither below what is lost nor ten times as large."""
+    nav, between = every(n)
+
+    found = rows_at(nav, between["time_s"], ANY)
+
+    for names in (("roll_deg", "pitch_deg", "yaw_deg"), ("vn_mps", "ve_mps", "vd_mps")):
+        lost2 = sum(off_deg(found, between, name) ** 2 for name in names)
+        told2 = sum(found[f"sd_{name}"] ** 2 - between[f"sd_{name}"] ** 2 for name in names)
+        share = np.sqrt(np.mean(lost2) / np.mean(told2))
+        assert 0.1 < share < 1.0
+
+
+def test_rows_a_second_apart_are_too_few_for_a_turn() -> None:
+    nav, between = every(100)
+    straight = np.abs(between["roll_deg"]) < 0.5
+
+    with pytest.raises(
+        ResultError, match=r"rows 1 s apart are too far for the motion at .*attitude may be"
+    ) as error:
+        rows_at(nav, between["time_s"], Limits(0.2, 0.2, 0.5))
+
+    assert "replay(..., output=times)" in error.value.advice
+    worst = np.abs(off_deg(rows_at(nav, between["time_s"], ANY), between, "roll_deg")).max()
+    assert worst > 1.0  # as is told
+    assert straight.any()
+
+
+def test_row_at_the_time_of_a_row_is_that_row() -> None:
+    run = steps()
+    chosen = run.nav.iloc[[5000, 17, 5000, len(run.nav) - 1, 0]].reset_index(drop=True)
+
+    found = run.at(chosen["time_s"])
+
+    pd.testing.assert_frame_equal(found, chosen, check_exact=True)
+
+
+@pytest.mark.parametrize("time_s", [START_S - 1.0, START_S + 1e4, float("nan")])
+def test_time_outside_the_run_is_an_error(time_s: float) -> None:
+    with pytest.raises(ResultError, match="1 of 2 times are outside the run"):
+        steps().at([START_S + 80.0, time_s])
+
+
+def test_gap_of_the_rows_is_an_error() -> None:
+    nav, _ = every(10)
+    gap = nav[(nav["time_s"] < START_S + 80.0) | (nav["time_s"] > START_S + 83.0)].reset_index(drop=True)
+
+    with pytest.raises(ResultError, match="no row between"):
+        rows_at(gap, [START_S + 81.0], ANY)
+    assert len(rows_at(gap, [START_S + 79.55], ANY)) == 1
+
+
+def test_run_of_one_row_or_none_answers() -> None:
+    nav = steps().nav
+    one = nav.iloc[:1]
+
+    pd.testing.assert_frame_equal(rows_at(one, one["time_s"], ANY), one)
+    with pytest.raises(ResultError, match="outside the run"):
+        rows_at(one, [float(one["time_s"].iloc[0]) + 0.1], ANY)
+    with pytest.raises(ResultError, match="no navigation row"):
+        rows_at(nav.iloc[:0], [START_S], ANY)
+
+
+def test_yaw_goes_the_short_way_round() -> None:
+    nav = steps().nav.iloc[6000:6002].reset_index(drop=True)
+    nav["yaw_deg"] = [179.0, -179.0]
+    middle = float(nav["time_s"].mean())
+
+    found = rows_at(nav, [middle], ANY)
+
+    assert abs(abs(float(found["yaw_deg"].iloc[0])) - 180.0) < 1e-6
