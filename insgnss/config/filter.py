@@ -189,14 +189,14 @@ class Process(StrictModel):
     )
     range_bias_states: bool = Field(
         False,
-        description="range errors that persist for minutes are states, of the sizes in [slow_errors]: one for each"
-        " satellite, one of the ionosphere and one of the troposphere at the zenith; sd_n_m, sd_e_m and sd_d_m then"
-        " include them",
+        description="range errors that persist are states, of the sizes in [slow_errors]: one for each satellite, one"
+        " of the ionosphere and one of the troposphere at the zenith; sd_n_m, sd_e_m and sd_d_m then include them",
     )
     lever_arm_sigma_m: NotNegative = Field(
-        0.0,
-        le=100.0,
-        description="sigma of each component of the antenna's lever arm, whose error is then estimated; 0: exact",
+        0.0, le=100.0, description="of each component of the antenna's lever arm, then estimated; 0: exact"
+    )
+    imu_time_sigma_s: NotNegative = Field(
+        0.0, le=1.0, description="of what the IMU's tags are off by, then estimated; 0: exact"
     )
 
 

@@ -107,18 +107,22 @@ def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output,
     carry_bank(spare, t_ns, imu, par, work.scratch)
     predict_covariance(spare.state[0], spare.P[0], par, work.scratch)
     nothing_used = 0 * head.leader
-    write_row(bank, spare, nothing_used, t_ns, nothing_used, out, work)
+    write_row(bank, spare, nothing_used, t_ns, nothing_used, par, out, work)
 
 
 @kernel(apart=True)
-def write_row(bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, out: Output, work: Workspace) -> None:
+def write_row(
+    bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, par: Parameters, out: Output, work: Workspace
+) -> None:
     """Write a row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
     n_hypotheses = bank.state.shape[0]
     if n_hypotheses > 1:
         mixture_covariance(bank, work.P_out)
     else:
         copy_matrix(source.P[i], work.P_out)
-    write_nav(out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, n_used, n_hypotheses)
+    write_nav(
+        out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, par, n_used, n_hypotheses
+    )
 
 
 @kernel(inline=True)
@@ -169,7 +173,7 @@ def run_epochs(
         if bank.state[head.leader].log_likelihood == -math.inf:
             return COVARIANCE_LOST, epoch + 1
         if at_time or out.times_ns.shape[0] == 0:
-            write_row(bank, bank, head.leader, t_ns, done.ranges_used, out, work)
+            write_row(bank, bank, head.leader, t_ns, done.ranges_used, par, out, work)
         n_ranges, n_rates = done.ranges_used + done.ranges_refused, done.rates_used + done.rates_refused
         few = max(n_ranges, n_rates) < _FEW
         locked = mostly(done.ranges_used, done.ranges_refused, few)

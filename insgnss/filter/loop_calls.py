@@ -16,6 +16,7 @@ from insgnss.filter.loop import advance, run_epochs, write_row
 from insgnss.filter.output.writing import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.prediction import Imu, carry, carry_bank, predict_covariance, propagate_covariance
+from insgnss.filter.rows.imu_time_columns import follow_motion, place_motion
 from insgnss.filter.state import new_bank
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
@@ -66,14 +67,16 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         find_creeping: (memory, lines, rows.observation, _N, _X, _X, True),
         follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
         advance: (bank, _N, imu, par, out, work),
-        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, _N, _N),
+        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, par, _N, _N),
         adapt_noise: (m, P, P, par, s, _N, _N, _X),
         use_rows: (P, lines, vectors, _N, _X, _X, values),
         explain: (P, lines, _N, s.fit),
-        write_row: (bank, bank, _N, _N, _N, out, work),
+        write_row: (bank, bank, _N, _N, _N, par, out, work),
         mixture_covariance: (bank, P),
         clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
         turn_attitude_errors: (m, P, par, values, s.antenna[0]),
+        follow_motion: (m, P, par),
+        place_motion: (m, P, par, s.antenna[0]),
         swing_lever_arm: (m, P, par, s.antenna[0], _N),
         place_range_biases: (bank, par, rows, _N, lines),
         common_step: (lines, _N, values, _X, _X),

@@ -237,8 +237,7 @@ class Navigator:
         count = out.counts[0]
         if used and count.nav and out.nav[count.nav - 1].t_ns == t_ns:
             count.nav -= 1
-            n_used, lead = int(out.nav[count.nav].value[N_USED]), int(self.bank.head[0].leader)
-            write_row(self.bank, self.bank, lead, t_ns, n_used, out, self.workspace(rows))
+            self._write_row(self.bank, int(out.nav[count.nav].value[N_USED]), rows, epoch, out)
         if used:
             self._tell_heading()
 
@@ -283,12 +282,13 @@ class Navigator:
         while count.time < len(out.times_ns) and out.times_ns[count.time] < t_ns:
             count.time += 1
         at_time = count.time < len(out.times_ns) and out.times_ns[count.time] == t_ns
-        if at_time:
-            count.time += 1
+        count.time += at_time
         if at_time or len(out.times_ns) == 0:
-            lead = int(bank.head[0].leader)
-            used = 0 if fix is None else fix.n_used
-            write_row(bank, bank, lead, t_ns, used, out, self.workspace(rows))
+            self._write_row(bank, 0 if fix is None else fix.n_used, rows, epoch, out)
+
+    def _write_row(self, bank: Bank, n_used: int, rows: Rows, epoch: int, out: Output) -> None:
+        lead, par, work = int(bank.head[0].leader), self._parameters[0], self.workspace(rows)
+        write_row(bank, bank, lead, int(rows.epoch_ns[epoch]), n_used, par, out, work)
 
     def _tell_heading(self) -> None:
         """Say that the heading is known when the start already knows it."""

@@ -13,6 +13,7 @@ from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.filter.layout import Layout
 from insgnss.filter.state import MAX_COUPLINGS, MAX_OPTIONAL
 from insgnss.filter.states.glonass_channel_bias import CHANNEL_BIAS
+from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.ionosphere import IONOSPHERE
 from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
@@ -72,6 +73,7 @@ class Parameters(Record):
     at_zenith_delay: int
     at_ionosphere: int
     at_lever_arm: int
+    at_imu_time: int
     at_range_biases: int
     n_range_biases: int
     ionosphere_wander: float  # of a second, at most [m^2/s]
@@ -193,6 +195,7 @@ def resolve_parameters(
         layout.at(ZENITH_DELAY),
         layout.at(IONOSPHERE),
         layout.at(LEVER_ARM),
+        layout.at(IMU_TIME),
         layout.at(RANGE_BIASES),
         sum(block.size for block in layout.blocks if block.name == RANGE_BIASES),
         config.slow_errors.ionosphere_wander_m_per_sqrt_s**2,

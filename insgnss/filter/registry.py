@@ -7,6 +7,7 @@ from typing import Final
 
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
+from insgnss.filter.states.imu_time import imu_time
 from insgnss.filter.states.ionosphere import ionosphere
 from insgnss.filter.states.lever_arm import lever_arm
 from insgnss.filter.states.range_biases import range_biases
@@ -17,7 +18,7 @@ from insgnss.filter.states.zenith_delay import zenith_delay
 
 # the clock offsets come first: an observation names its own by number
 STATES: Final[tuple[Callable[[StatesWanted], StateBlock | None], ...]] = (
-    *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere, lever_arm),
+    *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere, lever_arm, imu_time),
     *SENSOR_ERRORS,
     range_biases,
 )

@@ -17,6 +17,12 @@ def cross(a: Vector | Float64, b: Vector | Float64) -> Vector:
 
 
 @kernel(inline=True)
+def dot(a: Vector | Float64, b: Vector | Float64) -> float:
+    """Return a . b."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@kernel(inline=True)
 def plus(a: Vector | Float64, b: Vector | Float64) -> Vector:
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]

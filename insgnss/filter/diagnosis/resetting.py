@@ -10,6 +10,7 @@ from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.layout import Layout
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
+from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_of, lever_rows
 from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.geodesy.rotations import cross_matrix
@@ -76,6 +77,7 @@ def reset_kinematics(
     if fix.v_a is not None:
         hangs[DV : DV + 3] -= m.C_eb @ cross_matrix(w_ib_b - m.b_g) @ J
     P[:] = hangs @ P @ hangs.T
+    to_imu_time(m, P, layout)
 
 
 def doubt_sensors(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:

@@ -21,6 +21,7 @@ from insgnss.filter.measurements.pseudorange import COLUMNS as RANGE_COLUMNS
 from insgnss.filter.measurements.pseudorange import range_row
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
+from insgnss.filter.rows.imu_time_columns import imu_time_range_column
 from insgnss.filter.rows.lever_columns import lever_range_columns
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.rows.row_noise import model_variance
@@ -56,7 +57,8 @@ def carrier_difference(
     wet = air.wet_factor - earlier.wet_factor
     shell = -row.phase_factor * a.shell_grown
     left, count = zenith_columns(m, par, line, CARRIER, N_COLUMNS, wet, shell)
-    line.count[CARRIER] = lever_range_columns(m, par, a, line, CARRIER, count)
+    count = lever_range_columns(m, par, a, line, CARRIER, count)
+    line.count[CARRIER] = imu_time_range_column(par, a, line, CARRIER, count)
     clocks = m.clock[0] - m.clock_clone - (rows.sat[i, 6] - rows.before[i, 6])
     predicted = a.distance - before + clocks + (left + troposphere - row.phase_factor * a.ionosphere_grown)
     variance = m.noise_factor[CARRIER] * model_variance(-line.u_n[2], row.thermal, par.kind[CARRIER])

@@ -13,6 +13,7 @@ from typing import Final
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
+from insgnss.filter.rows.imu_time_columns import imu_time_range_column
 from insgnss.filter.rows.lever_columns import lever_range_columns
 from insgnss.filter.rows.lines import Epoch, Line
 from insgnss.filter.rows.row_noise import row_variance
@@ -50,7 +51,8 @@ def pseudorange(
         count += 1
     shell = row.ionosphere_factor * a.shell
     left, count = zenith_columns(m, par, line, PSEUDORANGE, count, s.air[0].wet_factor, shell)
-    line.count[PSEUDORANGE] = lever_range_columns(m, par, a, line, PSEUDORANGE, count)
+    count = lever_range_columns(m, par, a, line, PSEUDORANGE, count)
+    line.count[PSEUDORANGE] = imu_time_range_column(par, a, line, PSEUDORANGE, count)
     predicted += left + (row.ionosphere_factor * a.ionosphere + a.troposphere)
     variance = float(row.variance_scale) * row_variance(row.sigma[PSEUDORANGE], -line.u_n[2], row.thermal, of)
     return row.value[PSEUDORANGE] - predicted, m.noise_factor[PSEUDORANGE] * variance

@@ -17,6 +17,7 @@ from typing import Final
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
+from insgnss.filter.rows.imu_time_columns import imu_time_rate_column
 from insgnss.filter.rows.lever_columns import lever_rate_columns
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
 from insgnss.filter.rows.row_noise import row_variance
@@ -46,7 +47,8 @@ def range_rate(
     wet = (s.air[0].wet_factor - s.air[1].wet_factor) * per_s
     shell = -row.phase_factor * a.shell_grown * per_s
     left, count = zenith_columns(m, par, line, RANGE_RATE, len(COLUMNS), wet, shell)
-    line.count[RANGE_RATE] = lever_rate_columns(m, par, a, line, RANGE_RATE, count)
+    count = lever_rate_columns(m, par, a, line, RANGE_RATE, count)
+    line.count[RANGE_RATE] = imu_time_rate_column(par, a, line, RANGE_RATE, count)
     predicted = a.range_rate + m.clock[1] - rows.sat[i, 7] + left
     predicted += (a.troposphere_grown - row.phase_factor * a.ionosphere_grown) * per_s
     variance = row_variance(row.sigma[RANGE_RATE], -line.u_n[2], row.thermal, of)

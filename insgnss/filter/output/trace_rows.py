@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
+from insgnss.filter.output.gps_time import place_at_gps_time
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, HeadRecord, StateRecord
@@ -122,10 +123,7 @@ def write_state(room: TraceRoom, t_ns: int, m: StateRecord, par: Parameters) -> 
     i = count.rows
     row = room.row[i]
     row.t_ns = t_ns
-    for a in range(3):
-        row.r_e[a], row.v_e[a] = m.r_e[a], m.v_e[a]
-        for b in range(3):
-            row.C_eb[a, b] = m.C_eb[a, b]
+    place_at_gps_time(m, par, row.r_e, row.v_e, np.empty(4), row.C_eb)
     whole_errors(m, par, row.b_a, row.b_g)
     row.clock[0], row.clock[1] = m.clock[0], m.clock[1]
     for a in range(room.offset.shape[1]):

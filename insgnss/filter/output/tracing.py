@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from insgnss.filter.output.gps_time import covariance_at_gps_time
 from insgnss.filter.output.trace_rows import TraceRoom, covariance_due, write_covariance, write_state
 from insgnss.filter.output.writing import mixture_covariance
 from insgnss.filter.parameters import Parameters
@@ -43,6 +44,7 @@ def write_trace(
     else:
         copy_matrix(bank.P[0], P_out)
         propagate_covariance(bank.state[0], P_out, par, scratch)
+    covariance_at_gps_time(bank.state[head.leader], par, P_out)
     biases_to_whole_errors(bank.state[head.leader], par, P_out)
     write_covariance(room, t_ns, P_out)
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS
+from insgnss.filter.output.gps_time import covariance_at_gps_time, place_at_gps_time
 from insgnss.filter.output.nav_sigmas import (
     attitude_deviations,
     level_turn,
@@ -16,6 +17,7 @@ from insgnss.filter.output.nav_sigmas import (
     velocity_deviations,
 )
 from insgnss.filter.output.trace_rows import TraceRoom, no_trace
+from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.soundness import is_finite
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord
@@ -266,12 +268,13 @@ def write_nav(
     t_ns: int,
     m: StateRecord,
     P: Float64,
+    par: Parameters,
     n_used: int,
     n_hypotheses: int,
 ) -> None:
     """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``.
 
-    Of a state that is not finite there is no row.
+    Of a state that is not finite there is no row. ``P`` is carried to GPS time (``gps_time``).
     """
     if count.nav >= nav.shape[0] or not is_finite(m, P):
         return
@@ -279,14 +282,17 @@ def write_nav(
     count.nav += 1
     row.t_ns = t_ns
     v = row.value
-    lat, lon, h = ecef_to_geodetic(m.r_e)
+    r_e, v_e, q, C_eb = np.empty(3), np.empty(3), np.empty(4), np.empty((3, 3))
+    place_at_gps_time(m, par, r_e, v_e, q, C_eb)
+    covariance_at_gps_time(m, par, P)
+    lat, lon, h = ecef_to_geodetic(r_e)
     C_ne = np.empty((3, 3))
     C_nb = np.empty((3, 3))
     ecef_to_ned_matrix(lat, lon, C_ne)
     for i in range(3):
-        v[3 + i] = C_ne[i, 0] * m.v_e[0] + C_ne[i, 1] * m.v_e[1] + C_ne[i, 2] * m.v_e[2]
+        v[3 + i] = C_ne[i, 0] * v_e[0] + C_ne[i, 1] * v_e[1] + C_ne[i, 2] * v_e[2]
         for j in range(3):
-            C_nb[i, j] = C_ne[i, 0] * m.C_eb[0, j] + C_ne[i, 1] * m.C_eb[1, j] + C_ne[i, 2] * m.C_eb[2, j]
+            C_nb[i, j] = C_ne[i, 0] * C_eb[0, j] + C_ne[i, 1] * C_eb[1, j] + C_ne[i, 2] * C_eb[2, j]
     roll, pitch, yaw = matrix_to_euler(C_nb)
     v[0], v[1], v[2] = math.degrees(lat), math.degrees(lon), h
     v[6], v[7], v[8] = math.degrees(roll), math.degrees(pitch), math.degrees(yaw)

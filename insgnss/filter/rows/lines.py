@@ -10,7 +10,7 @@ from insgnss.gnss.observation_rows import N_KINDS
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 
-WIDTH: Final = 18  # of the longest row, so that one compiled update serves all kinds
+WIDTH: Final = 19  # of the longest row, so that one compiled update serves all kinds
 
 
 class Line(Record):
@@ -45,6 +45,10 @@ class Antenna(Record):
     a_e: Annotated[Float64, 3]  # C_eb (w_ib x l)
     turning_e: Annotated[Float64, 3]  # the same of the rotation that counts as motion
     turned_e: Annotated[Float64, 3]  # lever arm of the epoch before, turned by that rotation [m]
+    shown_v_e: Annotated[
+        Float64, 3
+    ]  # velocity and acceleration of the antenna that count as motion, where the
+    shown_a_e: Annotated[Float64, 3]  # IMU's time is estimated, ECEF
     swing: Annotated[Float64, 3, 3]  # scratch of ``lever_swing``
     C_ne: Annotated[Float64, 3, 3]
     u: Annotated[Float64, 3]  # line of sight

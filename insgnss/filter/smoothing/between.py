@@ -145,7 +145,9 @@ def regression(cross: Float64, P: Float64) -> Float64:
     return found
 
 
-def write_smoothed(out_nav: Table, optional: Float64, first: int, found: Between) -> None:
+def write_smoothed(
+    out_nav: Table, optional: Float64, first: int, found: Between, parameters: npt.NDArray[Any]
+) -> None:
     """Write navigation rows from ``first`` on anew, as the smoothed states have them."""
     count = len(found.state)
     rows = slice(first, first + count)
@@ -154,7 +156,8 @@ def write_smoothed(out_nav: Table, optional: Float64, first: int, found: Between
         optional[rows],
         found.state,
         np.ascontiguousarray(found.correction),
-        np.ascontiguousarray(found.P),
+        found.P,
+        parameters,
         np.zeros(1, COUNT_DTYPE),
     )
 
@@ -239,7 +242,13 @@ def carry_through(
 
 @kernel
 def write_corrected(
-    nav: Table, optional: Float64, state: StateArray, correction: Float64, P: Float64, count: Table
+    nav: Table,
+    optional: Float64,
+    state: StateArray,
+    correction: Float64,
+    P: Float64,
+    parameters: Table,
+    count: Table,
 ) -> None:
     """Write navigation rows anew from states (m,), corrections (m, n) and covariances (m, n, n), of one heading."""
     for i in range(state.shape[0]):
@@ -247,4 +256,4 @@ def write_corrected(
         count[0].nav = i
         used = int(nav[i].value[N_USED])
         t_ns = nav[i].t_ns
-        write_nav(nav, optional, count[0], t_ns, state[i], P[i], used, 1)
+        write_nav(nav, optional, count[0], t_ns, state[i], P[i], parameters[0], used, 1)

@@ -176,7 +176,8 @@ class Smoother:
                     self._write(row + part.rows.start, part, out)
 
     def _write(self, first: int, found: Between, out: Output) -> None:
-        write_smoothed(out.nav, out.optional, first, found)
+        found = found._replace(P=found.P.copy())  # what is written is carried to GPS time
+        write_smoothed(out.nav, out.optional, first, found, self.navigator.parameters)
         if self.further is not None:
             rows = slice(first, first + len(found.state))
             self.further.write(rows, out.nav, found.P, self.imu, self.navigator.parameters[0])

@@ -17,6 +17,7 @@ from insgnss.filter.rows.tied_offsets import tie_offsets
 from insgnss.filter.sensor_errors import whole_error_rows
 from insgnss.filter.start.fix import Fix, sigma_beyond_m
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
+from insgnss.filter.states.imu_time import to_imu_time
 from insgnss.filter.states.lever_arm import lever_rows
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
@@ -330,6 +331,7 @@ def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float
     T[DR : DR + 3] -= C @ J
     T[DV : DV + 3] -= (C @ cross_matrix(m.w_last) - _EARTH_TURN @ C) @ J
     P[:] = T @ P @ T.T
+    to_imu_time(m, P, layout)
     P[:] = 0.5 * (P + P.T)
 
 

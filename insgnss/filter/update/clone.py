@@ -14,8 +14,9 @@ from insgnss.tables import Float64
 def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Air, t_ns: int) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 
-    Equation: d r_a = d r_e + psi x l_e + C dl, so the clone is J dx with J = [I, -[l_e x], C] in (position, attitude,
-    error of the lever arm, where it is a state) and 1 in the clock; P_cx = J P, P_cc = J P J^T.
+    Equation: d r_a = d r_e + psi x l_e + C dl - v ds, so the clone is J dx with J = [I, -[l_e x], C, -v] in (position,
+    attitude, errors of the lever arm and of the IMU's time, where they are states) and 1 in the clock; P_cx = J P,
+    P_cc = J P J^T.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Ai
             P[j, c + i] = P[DR + i, j] + P[PSI + p, j] * l_e[q] - P[PSI + q, j] * l_e[p]
             if par.at_lever_arm >= 0:
                 P[j, c + i] += _of_lever(m, P[par.at_lever_arm : par.at_lever_arm + 3, j], i)
+            if par.at_imu_time >= 0:
+                P[j, c + i] -= a.shown_v_e[i] * P[par.at_imu_time, j]
             P[c + i, j] = P[j, c + i]
         P[j, c + CLONE_CLOCK] = P[CLOCK, j]
         P[c + CLONE_CLOCK, j] = P[CLOCK, j]
@@ -46,6 +49,8 @@ def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Ai
             P[c + i, c + k] = P[c + i, DR + k] + P[c + i, PSI + p] * l_e[q] - P[c + i, PSI + q] * l_e[p]
             if par.at_lever_arm >= 0:
                 P[c + i, c + k] += _of_lever(m, P[c + i, par.at_lever_arm : par.at_lever_arm + 3], k)
+            if par.at_imu_time >= 0:
+                P[c + i, c + k] -= a.shown_v_e[k] * P[c + i, par.at_imu_time]
         P[c + i, c + CLONE_CLOCK] = P[c + i, CLOCK]
     for i in range(N_CLONE):
         for k in range(i):

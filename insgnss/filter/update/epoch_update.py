@@ -9,6 +9,7 @@ import numpy as np
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, predict_covariance
+from insgnss.filter.rows.imu_time_columns import follow_motion
 from insgnss.filter.rows.lines import CLONE_ROWS, Line, Lines
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, Bank, StateRecord
@@ -77,6 +78,7 @@ def update_epoch(
     doubt_clock(m, P, par, since_last)
     first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     swing_lever_arm(m, P, par, s.antenna[0], t_ns)
+    follow_motion(m, P, par)
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values, drift_variance = s.vectors[0], s.vectors[3], P[DRIFT, DRIFT]

@@ -12,6 +12,7 @@ from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import place_turning
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
+from insgnss.filter.rows.imu_time_columns import place_motion
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
 from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, StateRecord
@@ -30,8 +31,9 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     """Write antenna position and velocity at the instant of reception, and where that is.
 
     The state stands at the receiver's time tag, reception was late = clock / c earlier: r_a goes back by
-    v late - a late^2 / 2 and v_a by a late, a = C_eb f_b + g - 2 w_ie x v_e the IMU's acceleration.
-    Neglects: the antenna's own turning over that time, 1e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
+    v late - a late^2 / 2 and v_a by a late, a = C_eb (f_b + w x (w x l)) + g - 2 w_ie x v_e. Where the IMU's time is
+    estimated, late is more by that.
+    Neglects: a change of the antenna's turning over that time, 3e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
     """
     for i in range(3):
         a.l_b[i] = par.lever_b[i]
@@ -50,10 +52,13 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     a.v_a[1] = m.v_e[1] + a.a_e[1] - WGS84_OMEGA_RADPS * a.l_e[0]
     a.v_a[2] = m.v_e[2] + a.a_e[2]
     late = m.clock[0] / C_MPS
+    if par.at_imu_time >= 0:
+        late += m.optional[par.at_imu_time - OFFSETS]
     normal_gravity_ecef(m.r_e, a.u)
     a.u[0] += 2.0 * WGS84_OMEGA_RADPS * m.v_e[1]
     a.u[1] -= 2.0 * WGS84_OMEGA_RADPS * m.v_e[0]
-    x, y, z = f_b[0] - a.dr[0], f_b[1] - a.dr[1], f_b[2] - a.dr[2]
+    p, q, r = w1 * z - w2 * y, w2 * x - w0 * z, w0 * y - w1 * x  # w x (w x l)
+    x, y, z = f_b[0] - a.dr[0] + p, f_b[1] - a.dr[1] + q, f_b[2] - a.dr[2] + r
     for i in range(3):
         acceleration = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z + a.u[i]
         a.r_a[i] = m.r_e[i] + a.l_e[i] - late * (a.v_a[i] - 0.5 * late * acceleration)
@@ -79,6 +84,7 @@ def observe(
     follows = with_carrier and epoch_follows(m, rows, epoch)
     interval = (rows.epoch_ns[epoch] - m.clone_ns) / NS_PER_S if follows else 0.0
     place_turning(m, P, par, a, interval)
+    place_motion(m, P, par, a)
     place_airs(s, par, (rows.epoch_ns[epoch] % NS_PER_WEEK) / NS_PER_S, interval)
     for j in range(rows.first[epoch + 1] - first):
         i = first + j

@@ -1,0 +1,46 @@
+"""What the IMU's tags are off by: seconds to be added to them, a constant of the installation that motion shows.
+
+The state stands at the IMU's tag t, so it is the vehicle's at GPS time t + s. An antenna received at t - clock / c is
+s + clock / c earlier than the state: its position is r_a - v s, its velocity v_a - a s (``update.observe``). Without a
+change of velocity the antenna's way shows nothing of s, which is then one with the position along the way. What is put
+out is the state at GPS time (``output.gps_time``).
+Neglects: rows of several antennas' phase differences and of further sensors are taken at the IMU's tags.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from insgnss.filter.layout import Layout, StateBlock
+from insgnss.filter.state import DR, DV, OFFSETS, StateRecord
+from insgnss.filter.states.wanted import StatesWanted
+from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.tables import Float64
+
+IMU_TIME: Final = "imu_time"
+
+
+def imu_time(wanted: StatesWanted) -> StateBlock | None:
+    """Return the block where the settings doubt the IMU's tags; what has to be added to them, as in the flight file."""
+    sigma = wanted.config.process.imu_time_sigma_s
+    return StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", sigma) if sigma > 0.0 else None
+
+
+def to_imu_time(m: StateRecord, P: Float64, layout: Layout) -> None:
+    """Carry a state that was set by a fix from the fix's time to the IMU's, with its covariance.
+
+    Equation: r <- r + v s, dr <- dr + v ds; v <- v + a s, dv <- dv + a ds, a = C f + g
+    """
+    at = layout.at(IMU_TIME)
+    if at < 0:
+        return
+    gravity, s = np.zeros(3), m.optional[at - OFFSETS]
+    normal_gravity_ecef(m.r_e, gravity)
+    acceleration = m.C_eb @ m.f_last + gravity
+    m.r_e[:] += s * m.v_e
+    m.v_e[:] += s * acceleration
+    T = np.eye(len(P))
+    T[DR : DR + 3, at], T[DV : DV + 3, at] = m.v_e, acceleration
+    P[:] = T @ P @ T.T
