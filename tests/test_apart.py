@@ -14,7 +14,7 @@ import pytest
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.numba_parts import Apart
 from insgnss.tables import Float64
-from tests.test_jit import PACKAGE, python
+from tests.test_jit import package_with_jit_alone, python
 
 compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="the compiler is switched off")
 
@@ -246,12 +246,9 @@ print(sum_of_terms(1.0), sum(sum_of_terms.stats.cache_hits.values()), sum(term.s
 
 @compiled
 def test_caller_from_the_cache_finds_the_kernel_there(tmp_path: Path) -> None:
-    package = tmp_path / "insgnss"
-    package.mkdir()
-    for name, text in {"__init__": "", "callee": CALLEE, "caller": CALLER}.items():
+    package = package_with_jit_alone(tmp_path)
+    for name, text in {"callee": CALLEE, "caller": CALLER}.items():
         (package / f"{name}.py").write_text(text, encoding="utf-8")
-    for name in ("jit.py", "numba_parts.py"):
-        (package / name).write_text((PACKAGE / name).read_text(encoding="utf-8"), encoding="utf-8")
 
     cache = {"INSGNSS_CACHE": str(tmp_path / "cache")}
 

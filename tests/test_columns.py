@@ -42,6 +42,7 @@ FURTHER = (
     "zenith_delay_m",
     "ionosphere_m",
     *OF_LEVER,
+    "imu_time_offset_s",
     *OF_VEHICLES,
 )
 OF_SENSORS = {

@@ -32,7 +32,7 @@ SHOW = "beside.wait(); print(term(1.0), sum(term.stats.cache_hits.values()), is_
 
 def run_beside(folder: Path, *, child: str, parent: str, **environment: str) -> str:
     """Run a program that compiles beside itself; return what it printed."""
-    shutil.copy(PACKAGE / "compiled_ahead.py", folder / "insgnss")
+    shutil.copy(PACKAGE / "kernels" / "compiled_ahead.py", folder / "insgnss" / "kernels")
     (folder / "insgnss" / "child.py").write_text(CHILD.format(body=child), encoding="utf-8")
     settings = {"INSGNSS_CACHE": str(folder / "cache"), **environment}
     return python("-c", PARENT.format(body=parent), folder=folder, **settings)

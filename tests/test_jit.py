@@ -18,7 +18,7 @@ from insgnss.kernels import jit
 from insgnss.tables import Float64
 from tests.kernels import KernelCase, Recording, all_cases, all_kernels
 
-PACKAGE = Path(jit.__file__).parent
+PACKAGE = Path(jit.__file__).parents[1]
 
 
 def python(*arguments: str, folder: Path, **environment: str) -> str:
@@ -74,7 +74,7 @@ def package_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a copy of the package's sources whose hash ``insgnss.kernels.jit`` now computes."""
     copy = tmp_path / "insgnss"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "_models"))
-    monkeypatch.setattr(jit, "__file__", str(copy / "jit.py"))
+    monkeypatch.setattr(jit, "__file__", str(copy / "kernels" / "jit.py"))
     return copy
 
 
@@ -102,7 +102,7 @@ def test_source_hash_changes_with_any_source(package_copy: Path, change: str) ->
 
 
 def test_code_that_checks_its_indices_has_a_cache_of_its_own() -> None:
-    program = "from insgnss import jit; print(jit.source_hash())"
+    program = "from insgnss.kernels import jit; print(jit.source_hash())"
     plain, checked = (
         python("-c", program, folder=PACKAGE.parent, NUMBA_BOUNDSCHECK=flag) for flag in ("0", "1")
     )
@@ -120,11 +120,7 @@ def test_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, t
 
 
 def test_caller_is_compiled_anew_when_its_callee_in_another_file_changes(tmp_path: Path) -> None:
-    package = tmp_path / "insgnss"
-    package.mkdir()
-    (package / "__init__.py").write_text("", encoding="utf-8")
-    for name in ("jit.py", "numba_parts.py"):
-        shutil.copy(PACKAGE / name, package)
+    package = package_with_jit_alone(tmp_path)
     (package / "caller.py").write_text(
         "from insgnss.callee import term\nfrom insgnss.kernels.jit import kernel\n\n"
         "@kernel\ndef total(x):\n    return 100.0 + term(x)\n",
@@ -177,14 +173,21 @@ def test_known_cache_folder_is_marked_as_used_and_removes_nothing(tmp_path: Path
     assert time.time() - own.stat().st_mtime < 60.0
 
 
+def package_with_jit_alone(folder: Path) -> Path:
+    """Make a package with the real ``jit`` and nothing else; return its folder."""
+    package = folder / "insgnss"
+    (package / "kernels").mkdir(parents=True)
+    for name in ("__init__.py", "kernels/__init__.py"):
+        (package / name).write_text("", encoding="utf-8")
+    for name in ("jit.py", "numba_parts.py"):
+        shutil.copy(PACKAGE / "kernels" / name, package / "kernels")
+    return package
+
+
 @pytest.fixture
 def tiny_package(tmp_path: Path) -> Path:
     """Return a folder with a package of one kernel and the real ``jit``."""
-    package = tmp_path / "insgnss"
-    package.mkdir()
-    (package / "__init__.py").write_text("", encoding="utf-8")
-    for name in ("jit.py", "numba_parts.py"):
-        shutil.copy(PACKAGE / name, package)
+    package = package_with_jit_alone(tmp_path)
     kernel = "from insgnss.kernels.jit import kernel\n\n@kernel\ndef term(x):\n    return 2.0 * x\n"
     (package / "callee.py").write_text(kernel, encoding="utf-8")
     return tmp_path

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -25,6 +25,12 @@ def check(
             help="Write a copy of the flight file with the sure proposals, each with a comment that says why."
         ),
     ] = None,
+    run: Annotated[
+        Path | None,
+        typer.Option(
+            help="A saved run of this flight: what it has found of the installation is proposed as well."
+        ),
+    ] = None,
 ) -> None:
     """Read all logs of a flight, hold them against each other, and propose what the flight file should declare."""
     with own_errors_told():
@@ -32,11 +38,16 @@ def check(
         from insgnss.log.checks import write_corrected
         from insgnss.log.flight import Flight
         from insgnss.runs.check import examine
+        from insgnss.runs.installation import installation_findings
+        from insgnss.runs.result import Run
 
         began = time.perf_counter()
         loaded = Flight.load(flight)
         with telling("reading and checking") as tell:
             report = examine(loaded, tell)
+        if run is not None:
+            of_run = installation_findings(Run.load(run), loaded.config)
+            report = replace(report, findings=(*report.findings, *of_run))
         sure = report.sure_proposals
         written = write_corrected(loaded, sure, write) if write and sure else None
     files = loaded.files()

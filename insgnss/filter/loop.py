@@ -120,9 +120,8 @@ def write_row(
         mixture_covariance(bank, work.P_out)
     else:
         copy_matrix(source.P[i], work.P_out)
-    write_nav(
-        out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, par, n_used, n_hypotheses
-    )
+    used = (n_used, n_hypotheses)
+    write_nav(out.nav, out.optional, out.counts[0], t_ns, source.state[i], work.P_out, par, used)
 
 
 @kernel(inline=True)

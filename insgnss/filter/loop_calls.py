@@ -16,7 +16,6 @@ from insgnss.filter.loop import advance, run_epochs, write_row
 from insgnss.filter.output.writing import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.filter.prediction import Imu, carry, carry_bank, predict_covariance, propagate_covariance
-from insgnss.filter.rows.imu_time_columns import follow_motion, place_motion
 from insgnss.filter.state import new_bank
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
@@ -31,6 +30,7 @@ from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow
 from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.range_biases import place_range_biases
+from insgnss.filter.update.shown_motion import follow_motion, place_motion
 from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
@@ -67,7 +67,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         find_creeping: (memory, lines, rows.observation, _N, _X, _X, True),
         follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
         advance: (bank, _N, imu, par, out, work),
-        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, par, _N, _N),
+        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, par, (_N, _N)),
         adapt_noise: (m, P, P, par, s, _N, _N, _X),
         use_rows: (P, lines, vectors, _N, _X, _X, values),
         explain: (P, lines, _N, s.fit),

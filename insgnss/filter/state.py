@@ -68,9 +68,9 @@ class StateRecord(Record):
     l_clone: Annotated[Float64, 3]  # its lever arm, ECEF [m]
     C_swung: Annotated[Float64, 3, 3]  # attitude at the last epoch, where the lever arm is estimated
     swung_ns: int  # when that was; 0: never
-    v_shown: Annotated[
-        Float64, 3
-    ]  # velocity that counts as motion, where the IMU's time is estimated, ECEF [m/s]
+    # where the IMU's time is estimated: velocities, ECEF [m/s]
+    v_shown: Annotated[Float64, 3]  # that counts as motion
+    v_corrected: Annotated[Float64, 3]  # after the last epoch's rows
     air_clone: Annotated[Float64, 2]  # zenith delays, dry and wet [m]
     clone_ns: int  # its time tag; 0: there is none
     v_mean: Annotated[Float64, 3]  # velocity of the last seconds, ECEF [m/s]
@@ -183,7 +183,7 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
         target.f_last[i], target.w_last[i] = source.f_last[i], source.w_last[i]
         target.f_mean[i], target.sum_dv[i] = source.f_mean[i], source.sum_dv[i]
         target.v_mean[i], target.w_smooth[i] = source.v_mean[i], source.w_smooth[i]
-        target.v_shown[i] = source.v_shown[i]
+        target.v_shown[i], target.v_corrected[i] = source.v_shown[i], source.v_corrected[i]
         for j in range(3):
             target.C_eb[i, j], target.sum_C[i, j] = source.C_eb[i, j], source.sum_C[i, j]
             target.C_swung[i, j] = source.C_swung[i, j]

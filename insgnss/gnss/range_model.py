@@ -43,50 +43,66 @@ class Correction(NamedTuple):
 
 
 CORRECTIONS: Final = (
-    Correction("light time", "in rho", "rho", (30.0, 80.0), "satellite_state", "IS-GPS-200N, 20.3.3.4.3"),
-    Correction("Earth's turn", "in rho", "rho", (0.0, 45.0), "line_of_sight", "IS-GPS-200N, 20.3.3.4.3.4"),
+    Correction(
+        "light time", "in rho", "rho", (30.0, 80.0), "gnss.orbits.satellite_state", "IS-GPS-200N, 20.3.3.4.3"
+    ),
+    Correction(
+        "Earth's turn", "in rho", "rho", (0.0, 45.0), "gnss.line_of_sight", "IS-GPS-200N, 20.3.3.4.3.4"
+    ),
     Correction(
         "satellite antenna",
         "in rho",
         "rho",
         (0.3, 3.0),
-        "phase_centre",
+        "gnss.phase_centre",
         "ANTEX 1.4; broadcast orbits hold it",
     ),
     Correction("receiver clock", "+", "b", (1.0, 3e5), "filter.state", "Kaplan and Hegarty (2017), 11.2"),
     Correction(
         "inter-system offset", "+", "o", (0.1, 1e3), "filter.state", "RINEX 4.01, 5.4; receiver's own"
     ),
-    Correction("satellite clock", "-", "c dt_s", (1.0, 3e5), "satellite_clock", "IS-GPS-200N, 20.3.3.3.3.1"),
+    Correction(
+        "satellite clock",
+        "-",
+        "c dt_s",
+        (1.0, 3e5),
+        "gnss.orbits.satellite_clock",
+        "IS-GPS-200N, 20.3.3.3.3.1",
+    ),
     Correction(
         "relativity of the eccentricity",
         "-",
         "c dt_s",
         (0.1, 15.0),
-        "satellite_clock",
+        "gnss.orbits.satellite_clock",
         "IS-GPS-200N, 20.3.3.3.3.1",
     ),
     Correction(
-        "group delay", "+", "c dt_s", (0.1, 8.0), "signals", "IS-GPS-200N, 20.3.3.3.3.2; other ICDs there"
+        "group delay",
+        "+",
+        "c dt_s",
+        (0.1, 8.0),
+        "gnss.signals",
+        "IS-GPS-200N, 20.3.3.3.3.2; other ICDs there",
     ),
     Correction(
-        "ionosphere", "+", "I", (1.5, 60.0), "ionosphere", "IS-GPS-200N, 20.3.3.5.2.5; ionosphere_rows"
+        "ionosphere", "+", "I", (1.5, 60.0), "gnss.ionosphere", "IS-GPS-200N, 20.3.3.5.2.5; ionosphere_rows"
     ),
     Correction(
         "hydrostatic troposphere",
         "+",
         "T",
         (2.0, 25.0),
-        "troposphere",
+        "gnss.troposphere",
         "Davis et al. 1985, Radio Sci. 20(6), A11",
     ),
-    Correction("wet troposphere", "+", "T", (0.02, 4.0), "troposphere", "Saastamoinen 1972; Niell 1996"),
+    Correction("wet troposphere", "+", "T", (0.02, 4.0), "gnss.troposphere", "Saastamoinen 1972; Niell 1996"),
     Correction(
         "differential correction",
         "+",
         "P",
         (0.1, 30.0),
-        "differential",
+        "gnss.differential",
         "RTCM 10402.3, message 1: base minus model",
     ),
 )

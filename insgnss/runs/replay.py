@@ -41,6 +41,7 @@ from insgnss.runs.first_run import compiled
 from insgnss.runs.further_antennas import Record
 from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
 from insgnss.runs.imu_summary import imu_spectrum, imu_table
+from insgnss.runs.installation import installation_events
 from insgnss.runs.late_antennas import with_aid, with_antennas
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result import Run
@@ -383,6 +384,7 @@ def _as_run(
         errors = errors_against(
             nav, record.reference, week, setup.lever_arm_m if point == "antenna" else None
         )
+    settings = run_settings(flight, record.input_hashes, setup)
     measurements, satellites = ledger_tables(ledger, record.keys, record.names, week)
     if record.further is not None:
         measurements = record.further(measurements, week)
@@ -390,9 +392,9 @@ def _as_run(
         nav=nav,
         measurements=measurements,
         satellites=satellites,
-        events=event_table(record.events + events, week),
+        events=event_table(record.events + events + installation_events(nav, settings, week), week),
         errors=errors,
         imu=record.imu[0],
         imu_spectrum=record.imu[1],
-        settings=run_settings(flight, record.input_hashes, setup),
+        settings=settings,
     )

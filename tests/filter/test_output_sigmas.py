@@ -8,7 +8,7 @@ import pytest
 from insgnss.filter.output.writing import COUNT_DTYPE, NAV_COLUMNS, NAV_DTYPE, write_nav
 from insgnss.filter.state import DR, DV, OFFSETS, PSI, Bank, new_bank
 from insgnss.tables import Float64
-from tests.filter.scene import attitude, new_filter, place
+from tests.filter.scene import attitude, new_filter, parameters, place
 from tests.filter.test_measurement_jacobians import moved
 from tests.jacobian import finite_difference_jacobian
 
@@ -21,7 +21,7 @@ SIGMAS = [NAV_COLUMNS.index("sd_" + NAV_COLUMNS[i]) for i in VALUES]
 def row_of(bank: Bank, P: Float64) -> Float64:
     """Return the navigation row of a filter of one hypothesis (k,)."""
     nav, count = np.zeros(1, NAV_DTYPE), np.zeros(1, COUNT_DTYPE)
-    write_nav(nav, np.zeros((1, 0)), count[0], 0, bank.state[0], P, 0, 1)
+    write_nav(nav, np.zeros((1, 0)), count[0], 0, bank.state[0], P, parameters()[0], (0, 1))
     return np.asarray(nav["value"][0])
 
 

@@ -186,8 +186,7 @@ def test_relativity_is_that_of_the_broadcast_clock() -> None:
 def test_every_module_of_the_list_exists_and_the_table_has_a_line_for_each() -> None:
     package = Path(insgnss.__file__).parent
     for term in CORRECTIONS:
-        where = term.where if "." in term.where else f"gnss.{term.where}"
-        assert (package / (where.replace(".", "/") + ".py")).is_file()
+        assert (package / (term.where.replace(".", "/") + ".py")).is_file()
         assert term.adds in ("+", "-", "in rho") and term.source and 0.0 <= term.size_m[0] < term.size_m[1]
     lines = correction_lines()
     assert len(lines) == len(CORRECTIONS) + 2

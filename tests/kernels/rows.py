@@ -11,6 +11,7 @@ from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
 from insgnss.filter.smoothing.between import Onward, filtered, smoothed, write_smoothed
 from insgnss.filter.smoothing.body_points import Wanted, further_values
 from insgnss.filter.state import BG, OFFSETS, select_members
+from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.lever_arm import LEVER_ARM
 from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.update.epoch_space import new_epoch
@@ -25,6 +26,11 @@ def uncertain_lever_arm() -> list[Any]:
     """Return what the loop changes and writes where the antenna's lever arm is a state, with carriers."""
     columns = ("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m")
     return short_log(False, True, motion_sigma=3.0, further=(StateBlock(LEVER_ARM, columns, "m", 0.3),))
+
+
+def uncertain_imu_time() -> list[Any]:
+    """Return what the loop changes and writes where the IMU's tags are off by a time that is a state."""
+    return short_log(True, True, further=(StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", 0.02),))
 
 
 def range_biases() -> list[Any]:
@@ -52,7 +58,7 @@ def between_epochs() -> list[Any]:
     onward = Onward(end_ns, prior[0], step, -0.9 * prior[0], imu())
     nav, optional = np.zeros(len(times_ns), NAV_DTYPE), np.zeros((len(times_ns), 1))
     for part in smoothed(made, times_ns, onward, par, n):
-        write_smoothed(nav, optional, part.rows.start, part)
+        write_smoothed(nav, optional, part.rows.start, part, par)
     return [P, nav, optional]
 
 
@@ -72,6 +78,7 @@ def point_of_the_body() -> list[Any]:
 
 CASES = [
     KernelCase("tests.kernels.rows:uncertain_lever_arm", rtol=1e-8),
+    KernelCase("tests.kernels.rows:uncertain_imu_time", rtol=1e-8),
     KernelCase("tests.kernels.rows:range_biases", rtol=1e-8),
     # a smoothed variance is a tenth of the difference of two, seen through an inverse
     KernelCase("tests.kernels.rows:between_epochs", rtol=1e-7),

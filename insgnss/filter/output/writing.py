@@ -269,12 +269,12 @@ def write_nav(
     m: StateRecord,
     P: Float64,
     par: Parameters,
-    n_used: int,
-    n_hypotheses: int,
+    used: tuple[int, int],
 ) -> None:
     """Write one navigation row: the state of ``m`` in users' terms, with the deviations of covariance ``P``.
 
-    Of a state that is not finite there is no row. ``P`` is carried to GPS time (``gps_time``).
+    ``used`` counts the satellites whose ranges were used, and the headings. Of a state that is not finite there is no
+    row. ``P`` is carried to GPS time (``gps_time``).
     """
     if count.nav >= nav.shape[0] or not is_finite(m, P):
         return
@@ -309,7 +309,7 @@ def write_nav(
     v[30], v[31] = m.clock[0], m.clock[1]
     v[32] = math.sqrt(max(P[CLOCK, CLOCK], 0.0))
     v[33] = math.sqrt(max(P[DRIFT, DRIFT], 0.0))
-    v[34], v[35] = n_used, n_hypotheses
+    v[34], v[35] = used[0], used[1]
     k = optional.shape[1] // 2
     for i in range(k):
         optional[count.nav - 1, i] = m.optional[i]

@@ -254,6 +254,5 @@ def write_corrected(
     for i in range(state.shape[0]):
         close_loop(state[i], correction[i], correction.shape[1])
         count[0].nav = i
-        used = int(nav[i].value[N_USED])
-        t_ns = nav[i].t_ns
-        write_nav(nav, optional, count[0], t_ns, state[i], P[i], parameters[0], used, 1)
+        used = (int(nav[i].value[N_USED]), 1)
+        write_nav(nav, optional, count[0], nav[i].t_ns, state[i], P[i], parameters[0], used)

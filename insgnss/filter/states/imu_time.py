@@ -31,7 +31,8 @@ def imu_time(wanted: StatesWanted) -> StateBlock | None:
 def to_imu_time(m: StateRecord, P: Float64, layout: Layout) -> None:
     """Carry a state that was set by a fix from the fix's time to the IMU's, with its covariance.
 
-    Equation: r <- r + v s, dr <- dr + v ds; v <- v + a s, dv <- dv + a ds, a = C f + g
+    Equation: r <- r + v s, dr <- dr + v ds; v <- v + a s, P_v <- P_v + a a^T sigma_s^2, a = C f + g. A moment's a may
+    be a tilt, so what it makes of ds is a variance and tells nothing of ds.
     """
     at = layout.at(IMU_TIME)
     if at < 0:
@@ -41,6 +42,8 @@ def to_imu_time(m: StateRecord, P: Float64, layout: Layout) -> None:
     acceleration = m.C_eb @ m.f_last + gravity
     m.r_e[:] += s * m.v_e
     m.v_e[:] += s * acceleration
+    m.v_shown[:] = m.v_corrected[:] = m.v_e
     T = np.eye(len(P))
-    T[DR : DR + 3, at], T[DV : DV + 3, at] = m.v_e, acceleration
+    T[DR : DR + 3, at] = m.v_e
     P[:] = T @ P @ T.T
+    P[DV : DV + 3, DV : DV + 3] += P[at, at] * np.outer(acceleration, acceleration)

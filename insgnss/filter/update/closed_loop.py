@@ -44,6 +44,7 @@ def close_loop(m: StateRecord, correction: Float64, n: int) -> None:
     for i in range(3):
         m.r_e[i] += correction[DR + i]
         m.v_e[i] += correction[DV + i]
+        m.v_corrected[i] = m.v_e[i]
         m.b_a[i] += correction[BA + i]
         m.b_g[i] += correction[BG + i]
     m.clock[0] += correction[CLOCK]

@@ -9,8 +9,7 @@ import numpy as np
 
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.prediction import Imu, predict_covariance
-from insgnss.filter.rows.imu_time_columns import follow_motion
-from insgnss.filter.rows.lines import CLONE_ROWS, Line, Lines
+from insgnss.filter.rows.lines import CLONE_ROWS, Epoch, Line, Lines
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, Bank, StateRecord
 from insgnss.filter.update.adaptation import adapt_noise
@@ -26,6 +25,7 @@ from insgnss.filter.update.lever_swing import swing_lever_arm
 from insgnss.filter.update.masking import OFF, mask_hidden
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
+from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
 from insgnss.kernels.jit import kernel
@@ -70,13 +70,13 @@ def update_epoch(
     """
     m, P, s, scratch = bank.state[member], bank.P[member], work.epoch, work.scratch
     w_ib_b, f_b = imu.w_ib_b[sample], imu.f_b[sample]
-    since_last = (rows.epoch_ns[epoch] - bank.head[0].epoch_ns) * 1e-9
+    first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
+    since_last = (t_ns - bank.head[0].epoch_ns) * 1e-9
     predict_covariance(m, P, par, scratch)
     if not is_sound(m, P):
         leave_out(rows, epoch, s.lines)
         return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     doubt_clock(m, P, par, since_last)
-    first, last, t_ns = rows.first[epoch], rows.first[epoch + 1], rows.epoch_ns[epoch]
     swing_lever_arm(m, P, par, s.antenna[0], t_ns)
     follow_motion(m, P, par)
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
@@ -114,10 +114,7 @@ def update_epoch(
     close_loop(m, correction, P.shape[0] - (N_CLONE if par.at_clone >= 0 else 0))
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
-        keep_clone_rows(P, par, s.vectors)
-        clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
-        if response.shape[0] > 0:
-            clone_response(response, par.at_clone)
+        begin_difference(m, P, par, s, t_ns, response)
     return Outcome(
         log_likelihood,
         done.ranges_used - excluded,
@@ -129,6 +126,17 @@ def update_epoch(
         done.strain,
         information,
     )
+
+
+@kernel(inline=True)
+def begin_difference(
+    m: StateRecord, P: Float64, par: Parameters, s: Epoch, t_ns: int, response: Float64
+) -> None:
+    """Let this epoch's antenna be what the next epoch's carriers are differences to."""
+    keep_clone_rows(P, par, s.vectors)
+    clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
+    if response.shape[0] > 0:
+        clone_response(response, par.at_clone)
 
 
 @kernel(inline=True)

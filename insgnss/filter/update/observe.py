@@ -12,12 +12,12 @@ from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import place_turning
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
-from insgnss.filter.rows.imu_time_columns import place_motion
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
 from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.filter.update.predictions import predict
 from insgnss.filter.update.scalar_update import predicted_variance
+from insgnss.filter.update.shown_motion import place_motion
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows

@@ -76,16 +76,19 @@ def gap_findings(imu: ImuTable | None, gnss_ns: Int64, grade: ImuGrade, week: in
     told = []
     for length_s in EXAMPLES_S:
         sd_v, sd_r = outage_sigmas(grade, length_s)
-        told.append(f"{length_s:.0f} s: {sd_v:.2g} m/s, {sd_r:.2g} m")
+        told.append(f"{length_s:.0f} s: {_about(sd_v)} m/s, {_about(sd_r)} m")
     text = f"without GNSS this grade's sigma grows to, after {'; after '.join(told)} (per horizontal axis)"
     return [*findings, Finding("ok", "gaps", text)]
 
 
 def _text(log: str, length_s: float, start_ns: int, week: int, sd_v: float, sd_r: float) -> str:
     start = float(ns_to_week_seconds(np.array([start_ns]), week)[0])
-    return (
-        f"{log} gap of {length_s:.3g} s from {start:.3f} s on: sigma grows to {sd_v:.2g} m/s and {sd_r:.2g} m"
-    )
+    grown = f"{_about(sd_v)} m/s and {_about(sd_r)} m"
+    return f"{log} gap of {length_s:.3g} s from {start:.3f} s on: sigma grows to {grown}"
+
+
+def _about(sigma: float) -> str:
+    return f"{sigma:.2g}" if sigma < 99.5 else f"{sigma:.0f}"
 
 
 def _longest(t_ns: Int64, limit_ns: float) -> list[tuple[int, float]]:

@@ -32,6 +32,8 @@ ionosphere_m: residual ionospheric delay at the zenith on L1, where estimated (c
 lever_arm_x_m lever_arm_y_m lever_arm_z_m: estimated correction to the antenna's lever arm in the flight file,
   forward, right, down; with `process.lever_arm_sigma_m`
 sd_lever_arm_x_m sd_lever_arm_y_m sd_lever_arm_z_m: one sigma of these
+imu_time_offset_s: estimated correction to the IMU's tags, to be added to them; with `process.imu_time_sigma_s`
+sd_imu_time_offset_s: one sigma of it
 mounting_pitch_deg mounting_yaw_deg: pitch and yaw of the IMU against the vehicle, beyond those in the flight file; with
   the rows `non_holonomic` of `[vehicle]`
 leeway_deg: angle from heading to course that lasts, of leeway, current or wind; with the rows `course` of `[vehicle]`
@@ -111,8 +113,10 @@ EVENTS: Final = Sheet(
     "thing worth telling: a gap, a reset, a clock jump, the heading known",
     """
 time_s: seconds of the GPS week; empty for what concerns a whole file
-kind: one word: imu_gap, heading_known, clock_jump, ...; of further sensors sensor_refused (for ten seconds and more),
-  sensor_agrees (again), sensor_frozen, sensor_bad_values, sensor_no_overlap, sensor_readings_left_out, ...
+kind: one word: imu_gap, heading_known, clock_jump, ...; installation_known (lever arm, IMU time or mounting, where
+  it is uncertain and has come to a fifth of its sigma at the start); of further sensors sensor_refused (for ten
+  seconds and more), sensor_agrees (again), sensor_frozen, sensor_bad_values, sensor_no_overlap,
+  sensor_readings_left_out, ...
 detail: the same in a sentence, with numbers
 """,
 )

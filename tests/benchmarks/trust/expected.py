@@ -8,7 +8,7 @@ from typing import Final
 from tests.benchmarks.trust.rows import Mark
 
 LASTING: Final = "multipath that lasts has no state unless one is asked for: see the rows with _states"
-TIME_OFFSET: Final = "a time offset has no state: issue 'What lasts, and what the vehicle knows'"
+TIME_OFFSET: Final = "a time offset has no state unless one is asked for: see the row with _state"
 
 # what a later issue brings
 LATER: Final = (

@@ -207,6 +207,16 @@ def _times() -> tuple[Row, ...]:
             spread_s=0.0,
             event=_OFFSET_WORDS,
         ),
+        _row(
+            "fault_imu_50ms_state",
+            "IMU tags 50 ms late from the start, their time a state",
+            spoiling.imu_late(0.05),
+            (*honest(limit=SIGMAS), REPORTED),
+            origin_s=0.0,
+            spread_s=0.0,
+            event=r"^installation_known.*imu_time_offset_s",
+            settings={"process.imu_time_sigma_s": 0.05},
+        ),
     )
 
 

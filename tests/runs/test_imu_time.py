@@ -1,0 +1,106 @@
+"""IMU tags that are off: found in turns as well as it is claimed, not found at rest or on a straight, told, written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insgnss
+from insgnss.constants import NS_PER_S
+from insgnss.log.flight import FlightInMemory
+from insgnss.runs.installation import installation_findings
+from tests.benchmarks.trust.flying import drawn
+from tests.benchmarks.trust.motions import scenario, straight
+from tests.benchmarks.trust.rows import Row
+from tests.runs.scenes import flight, turns
+from tests.statistics_bounds import assert_mean_chi_square, nees
+
+SIGMA_S = 0.02
+SETTINGS = {"process.imu_time_sigma_s": SIGMA_S}
+
+
+def with_late_imu(flown: FlightInMemory, late_s: float) -> FlightInMemory:
+    """Return a flight whose inertial tags are ``late_s`` too large."""
+    imu = flown.logs.imu
+    late = replace(imu, t_ns=imu.t_ns + round(late_s * NS_PER_S))
+    return replace(flown, logs=replace(flown.logs, imu=late))
+
+
+def found(run: insgnss.Run) -> tuple[float, float]:
+    """Return what has to be added to the tags as it was found at the end, and its sigma [s]."""
+    last = run.nav.iloc[-1]
+    return float(last["imu_time_offset_s"]), float(last["sd_imu_time_offset_s"])
+
+
+def ratio(run: insgnss.Run, name: str) -> float:
+    """Return the rms of an error over its sigma in the second half of a run."""
+    assert run.errors is not None
+    values = (run.errors[f"d_{name}"] / run.errors[f"sd_{name}"]).to_numpy()
+    return float(np.sqrt(np.mean(np.square(values[len(values) // 2 :]))))
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_offset_is_found_in_turns_and_the_rows_stand_at_gps_time(smooth: bool) -> None:
+    """Offsets drawn from the prior, so the sum of squared errors over sigma is chi^2."""
+    rng, squares, ratios = np.random.default_rng(77 + smooth), [], []
+    for seed in range(6):
+        late_s = SIGMA_S * float(rng.standard_normal())
+        flown = with_late_imu(flight(turns(180.0), seed=800 + seed), late_s)
+        run = insgnss.replay(flown, settings=SETTINGS, smooth=smooth)
+        value, sigma = found(run)
+        squares.append(nees(np.array([[value + late_s]]), np.array([[[sigma**2]]])))
+        assert sigma < 0.2 * SIGMA_S
+        assert list(run.events["kind"]).count("installation_known") == 1
+        ratios.append(
+            [ratio(run, name) for name in ("n_m", "e_m", "vn_mps", "ve_mps", "roll_deg", "yaw_deg")]
+        )
+    assert_mean_chi_square(squares, 1)
+    assert np.median(ratios, axis=0).max() < 1.5
+
+
+def test_jet_with_20_ms_knows_them_to_a_fifth_of_a_millisecond() -> None:
+    row = Row("fast_jet", "jet", "fast_jet", (), "tactical")
+    _, _, flown = drawn(row, 31)
+    run, plain = (insgnss.replay(with_late_imu(flown, 0.02), settings=s) for s in (SETTINGS, None))
+    value, sigma = found(run)
+    assert abs(value + 0.02) < 3.0 * sigma < 5e-4
+    assert ratio(run, "roll_deg") < 1.5 < ratio(plain, "roll_deg")
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_vehicle_that_keeps_its_velocity_shows_no_offset(moves: bool) -> None:
+    """Twenty minutes with carriers; on the straight the row is the antenna's place whatever the offset."""
+    speed = 60.0 if moves else 0.0
+    text = scenario("time_straight", straight(1200.0), rate_hz=50.0, speed_mps=speed, carrier=True)
+    row = Row("time_straight", "straight", text, (), "industrial", looks={"end": 1198.0})
+    _, _, flown = drawn(row, 8)
+    run = insgnss.replay(with_late_imu(flown, 0.02), settings=SETTINGS, output=10.0)
+    value, sigma = found(run)
+    assert sigma > 0.8 * SIGMA_S
+    assert abs(value) < 0.5 * SIGMA_S
+    assert "installation_known" not in set(run.events["kind"])
+
+
+def test_what_a_run_has_found_is_written_into_the_flight_file(tmp_path: Path) -> None:
+    """A number that was changed since the run, or that nothing speaks against, is left alone."""
+    flown = with_late_imu(flight(turns(180.0), seed=811), 0.03)
+    run = insgnss.replay(flown, settings=SETTINGS)
+    findings = installation_findings(run, flown.config)
+    proposals = {p.key: p.value for finding in findings for p in finding.proposals}
+    assert set(proposals) == {"imu.time.offset_s"}
+    assert proposals["imu.time.offset_s"] == pytest.approx(-0.03, abs=2e-3)
+    run.save(tmp_path / "run")
+    loaded = insgnss.Run.load(tmp_path / "run")
+    assert installation_findings(loaded, flown.config) == findings
+    time = flown.config.imu.time.model_copy(update={"offset_s": -0.03})
+    changed = flown.config.model_copy(update={"imu": flown.config.imu.model_copy(update={"time": time})})
+    assert not any(finding.proposals for finding in installation_findings(run, changed))
+
+
+def test_run_without_doubts_has_found_nothing() -> None:
+    flown = flight(turns(60.0), seed=5)
+    (finding,) = installation_findings(insgnss.replay(flown), flown.config)
+    assert finding.severity == "ok" and "process.imu_time_sigma_s" in finding.advice
