@@ -41,8 +41,9 @@ from insgnss.report.late_page import write_report
 from insgnss.runs.check import examine as check_flight
 from insgnss.runs.engine import Engine
 from insgnss.runs.point import PointRun, point
-from insgnss.runs.replay import engine_settings, replay
+from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
+from insgnss.runs.setup import engine_settings
 from insgnss.version import __version__
 
 register()

@@ -71,7 +71,13 @@ def with_everything(folder: Path) -> Flight:
 @cache
 def whole_run(folder: Path) -> Run:
     return insgnss.replay(
-        with_everything(folder), supervise=True, aiding=0.1, point="antenna", quaternion=True, covariance=True
+        with_everything(folder),
+        supervise=True,
+        aiding=0.1,
+        point="antenna",
+        quaternion=True,
+        covariance=True,
+        integrity=True,
     )
 
 

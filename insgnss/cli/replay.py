@@ -48,6 +48,12 @@ def replay(
         bool,
         typer.Option("--supervise", help="Also tell what the receiver should do about each satellite, when."),
     ] = False,
+    integrity: Annotated[
+        bool,
+        typer.Option(
+            "--integrity", help="Also give protection levels: the filter runs once more for each satellite."
+        ),
+    ] = False,
     aiding: Annotated[
         float | None,
         typer.Option(
@@ -76,6 +82,7 @@ def replay(
                 chosen,
                 aiding=aiding,
                 supervise=supervise,
+                integrity=integrity,
                 progress=tell,
                 **wanted,
             )

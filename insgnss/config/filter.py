@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal, get_args
 from pydantic import Field
 
 from insgnss.config.aiding import AidingConfig
+from insgnss.config.integrity import Integrity
 from insgnss.config.search import Search
 from insgnss.config.strict import StrictModel
 
@@ -18,14 +19,9 @@ Sigma = Annotated[float, Field(ge=1e-6, le=1e6)]
 SigmaOrNone = Annotated[float, Field(ge=0.0, le=1e6)]
 Share = Annotated[float, Field(ge=1e-6, le=1e6)]  # of a variance
 
-
 Constellation = Literal["G", "E", "J", "C", "R", "I", "S"]
 SensorError = Literal[
-    "gyro_scale_factor",
-    "gyro_misalignment",
-    "gyro_g_sensitivity",
-    "accel_scale_factor",
-    "accel_misalignment",
+    "gyro_scale_factor", "gyro_misalignment", "gyro_g_sensitivity", "accel_scale_factor", "accel_misalignment"
 ]
 
 # The first band of each list keeps the constellation's clock. Left out: GPS L1 P(Y) and L2 P(Y) tracked without the
@@ -397,4 +393,5 @@ class FilterConfig(StrictModel):
     slow_errors: SlowErrors = SlowErrors()
     aiding: AidingConfig = AidingConfig()
     search: Search = Search()
+    integrity: Integrity = Integrity()
     latency_s: Positive = Field(1.0, description="how late a GNSS epoch may reach the streaming engine")

@@ -15,6 +15,7 @@ from insgnss.report.sections import (
     events,
     inertial,
     innovations,
+    integrity,
     ledger,
     motion,
     reception,
@@ -32,6 +33,7 @@ from insgnss.version import __version__
 _SECTIONS = (
     track,
     errors,
+    integrity,
     motion,
     smoothing,
     satellites,

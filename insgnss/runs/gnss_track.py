@@ -12,7 +12,7 @@ from insgnss.log.checks.track import Track, track_of
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.precise import read_precise
 from insgnss.runs.point import solve_rows
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import GnssTable, ImuTable, NavigationData
 
 FILTER: Final = "tight"  # its signals, masks and noise

@@ -43,8 +43,8 @@ from insgnss.runs.first_run import compiled
 from insgnss.runs.gnss_rows import corrected_rows
 from insgnss.runs.point_tables import point_table, residual_table
 from insgnss.runs.reference_errors import errors_against
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result_tables import event_table
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64, ImuTable
 from insgnss.version import __version__
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,8 +12,6 @@ import pandas as pd
 
 from insgnss.aiding.sources import AidingSources, aiding_sources
 from insgnss.aiding.trace import Samples, Traced, at_times, traced
-from insgnss.antenna.equipment import installation, limits_of
-from insgnss.antenna.installation import Installation
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
@@ -29,20 +26,18 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.body_points import Further
 from insgnss.filter.whole_log import LedgerPart, TraceWanted, run_blocks
 from insgnss.filter.whole_log import run_filter as run_filter
-from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
 from insgnss.gnss.observation_rows import Rows
 from insgnss.gnss.orbits.plausible_messages import refused_messages
-from insgnss.gpstime import week_seconds_to_ns
 from insgnss.kernels.compiled_ahead import is_complete
-from insgnss.log.flight import Flight, FlightLogs
-from insgnss.log.rinex.navigation import read_navigation
+from insgnss.log.flight import Flight
 from insgnss.receiver.sources import SupervisionSources, supervision_sources
 from insgnss.runs.first_run import compiled
 from insgnss.runs.further_antennas import Record
 from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
 from insgnss.runs.imu_summary import imu_spectrum, imu_table
 from insgnss.runs.installation import installation_events
-from insgnss.runs.late_antennas import with_aid, with_antennas
+from insgnss.runs.integrity.separation import Job, Protection, protection_of
+from insgnss.runs.late_antennas import with_antennas
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result import Run
 from insgnss.runs.result_settings import run_settings
@@ -58,6 +53,7 @@ from insgnss.runs.result_tables import (
     row_keys,
     with_own_rows,
 )
+from insgnss.runs.setup import installed, setup_filter
 from insgnss.runs.slow_sigmas import slow_columns, slow_variances
 from insgnss.runs.wanted_rows import (
     AtTimes,
@@ -69,114 +65,10 @@ from insgnss.runs.wanted_rows import (
     times_without_row,
     with_further,
 )
-from insgnss.sensors.fitting import fitted
 from insgnss.sensors.reading_events import reading_events
-from insgnss.sensors.start_from_fixes import refuse_live_without_gnss, started_without_gnss
-from insgnss.tables import Event, ImuTable, NavigationData, ReferenceTable
+from insgnss.tables import Event, ImuTable, ReferenceTable
 
 Progress = Callable[[str], None]
-
-
-def setup_filter(
-    flight: Flight, logs: FlightLogs, config: FilterConfig, *, several: bool = True
-) -> FilterSetup:
-    """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay.
-
-    ``several`` includes the attitude stage of [attitude], as yet without phases.
-    """
-    navigation = None if logs.gnss.sat is not None else logs.navigation
-    with_carrier = logs.gnss.carrier_cycles is not None
-    setup = _setup(flight, config, navigation, pairs_of(logs.gnss), with_carrier=with_carrier)
-    seen, base = len(logs.gnss.sv_names), flight.config.gnss.base is not None and logs.base is not None
-    setup = replace(setup, products=logs.products, antennas=logs.antennas, n_satellites=seen, with_base=base)
-    setup = setup.with_further(*fitted(flight.config, logs))
-    if not flight.config.gnss.files:
-        setup = started_without_gnss(setup, flight, logs)
-    return with_aid(setup, flight) if several else setup
-
-
-def engine_settings(
-    flight: Flight | str | Path,
-    filter: str | Path | FilterConfig = "tight",
-    *,
-    settings: Mapping[str, Any] | None = None,
-    signals: Iterable[Pair] | None = None,
-    carrier: bool = False,
-    states: Sequence[StateBlock] = (),
-) -> FilterSetup:
-    """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
-
-    The inertial and GNSS logs are not opened: they are what the engine will be fed. With several antennas ([attitude])
-    ``Engine.gnss`` takes the epochs of each.
-
-    Parameters
-    ----------
-    flight : the flight or its file
-    filter : a name in the library, a file, or the settings themselves
-    settings : of the filter, to be otherwise, as in ``replay``
-    signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
-        the filter's settings gets its clock, for each constellation that has an ephemeris
-    carrier : whether the epochs will bring carrier phases; with several antennas they do
-    states : further states that the filter is to estimate, as in ``replay``
-
-    Raises
-    ------
-    ConfigError : the flight has position fixes alone
-    """
-    if not isinstance(flight, Flight):
-        flight = Flight.load(flight)
-    refuse_live_without_gnss(flight)
-    config = filter_config(filter, settings)
-    carrier = carrier or flight.config.attitude is not None
-    beside = fitted(flight.config, None)
-    wanted = config.measurements.signals_of()
-    if not flight.config.gnss.navigation:
-        setup = _setup(flight, config, None, _all_pairs(wanted, set(wanted)), with_carrier=carrier)
-        return with_aid(setup.with_further(*beside).with_further(states), flight)
-    navigation, _ = read_navigation(flight.config.gnss.navigation)
-    orbits = navigation.state_vectors
-    seen = (*navigation.ephemerides.sv_names, *(() if orbits is None else orbits.sv_names))
-    pairs = _all_pairs(wanted, {name[0] for name in seen}) if signals is None else set(signals)
-    setup = _setup(flight, config, navigation, pairs, with_carrier=carrier)
-    return with_aid(setup.with_further(*beside).with_further(states), flight)
-
-
-def _installed(flight: Flight) -> tuple[Installation, list[Event]]:
-    """Return the vehicle's antennas, and what is worth telling of their files."""
-    gnss = flight.config.gnss
-    return installation(gnss.antenna, flight.path.absolute().parent, gnss.lever_b)
-
-
-def _all_pairs(signals: dict[str, tuple[str, ...]], letters: set[str]) -> set[Pair]:
-    return {(letter, code) for letter in letters for code in signals.get(letter, ())}
-
-
-def _setup(
-    flight: Flight,
-    config: FilterConfig,
-    navigation: NavigationData | None,
-    pairs: set[Pair],
-    *,
-    with_carrier: bool,
-) -> FilterSetup:
-    gnss, start, use = flight.config.gnss, flight.config.start, config.measurements
-    given = None if start == "automatic" else start
-    start_ns = None
-    if given is not None and given.time_s is not None:
-        start_ns = int(week_seconds_to_ns(flight.config.gps_week, given.time_s))
-    return FilterSetup(
-        config=config,
-        grade=flight.imu_grade,
-        oscillator=flight.oscillator,
-        lever_arm_m=gnss.lever_b or (0.0, 0.0, 0.0),
-        clock_groups=clock_groups(use.constellations, use.signals_of(), pairs, every_band=use.every_band),
-        start=given,
-        start_ns=start_ns,
-        navigation=navigation,
-        with_carrier=with_carrier,
-        installation=_installed(flight)[0],
-        visibility_limits=limits_of(config.visibility),
-    )
 
 
 def replay(
@@ -191,6 +83,7 @@ def replay(
     aiding: float | AidingConfig | None = None,
     supervise: bool = False,
     smooth: bool = False,
+    integrity: bool = False,
     states: Sequence[StateBlock] = (),
     measurements: Sequence[Measurement] = (),
     progress: Progress | None = None,
@@ -216,6 +109,9 @@ def replay(
     smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
         outages and while several headings were open too (``filter.smoothing.smoother``); the measurements are then
         still those of the filter
+    integrity : whether ``run.nav`` has protection levels ``hpl_m`` and ``vpl_m``, and ``run.integrity`` tells of each
+        satellite and constellation how far the solution without it is; the filter runs once for each, its settings are
+        the filter's ``[integrity]``
     states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
     measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
         ``rows(state, layout)``, see ``Measurement``. Their rows stand in ``run.measurements`` by their name
@@ -224,7 +120,7 @@ def replay(
     Raises
     ------
     ConfigError : no such output, times or point; smoothing gives neither aiding nor supervision, which live on the
-        past
+        past; the risk of ``[integrity]`` is less than that of two faults at once
     MeasurementError : a measurement's name, times or gate, or a row that it gives, cannot be used
     InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
         aiding or supervision is asked for and nothing says where the satellites are
@@ -242,6 +138,9 @@ def replay(
     read = time.perf_counter()
     tell("running the filter")
     wanted = _trace_wanted(aided, record.supervised)
+    job = (
+        Job(setup, work[0], list(work[1]), rows_at, smooth) if integrity else None
+    )  # the list below is emptied
     forward: list[Table] | None = [] if smooth else None
     entries: list[OwnEntry] = []
     out, ledger, events = run_blocks(
@@ -256,6 +155,7 @@ def replay(
     )
     events += reading_events(setup.own, entries)
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
+    protection, job = _protection(job, out, flight, tell), None
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
     if wanted is not None:
@@ -267,7 +167,7 @@ def replay(
     settled = time.perf_counter()
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
-    run = _as_run(flight, record, setup, out, ledger, events, further)
+    run = _as_run(flight, record, setup, (out, ledger, protection), events, further)
     run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
@@ -281,6 +181,13 @@ def replay(
     run.settings["aiding"] = None if aided is None else aided.model_dump(mode="json")
     run.settings["point"] = None if further is None else further.wanted.lever_b
     return run
+
+
+def _protection(job: Job | None, out: Output, flight: Flight, tell: Progress) -> Protection | None:
+    """Return what sub-filters tell of the solution, None where they are not asked for."""
+    if job is None:
+        return None
+    return protection_of(job, out.nav[: out.counts[0].nav], flight.config.gps_week, tell)
 
 
 def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:
@@ -356,7 +263,7 @@ def _prepared(
     if supervise:
         supervised, told = supervision_sources(setup, logs, flight.config.gnss, flight.config.gps_week)
         found = found + told
-    events = logs.events + _installed(flight)[1] + refused_messages(logs.navigation) + found
+    events = logs.events + installed(flight)[1] + refused_messages(logs.navigation) + found
     names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
     keys = row_keys(logs.gnss, blocks)
     imu = imu_table(logs.imu, flight.config.gps_week), imu_spectrum(logs.imu)
@@ -368,13 +275,15 @@ def _as_run(
     flight: Flight,
     record: _Record,
     setup: FilterSetup,
-    out: Output,
-    ledger: list[LedgerPart],
+    found: tuple[Output, list[LedgerPart], Protection | None],
     events: list[Event],
     further: Further | None,
 ) -> Run:
-    week = flight.config.gps_week
+    week, (out, ledger, protection) = flight.config.gps_week, found
     nav = with_further(nav_table(out, week, setup), further)
+    if protection is not None:
+        nav = nav.assign(hpl_m=protection.hpl_m, vpl_m=protection.vpl_m)
+        events = events + protection.events
     if not setup.config.process.range_bias_states:  # the sigmas hold the slow errors then
         slow = slow_variances(ledger, record.keys, record.names, setup)
         nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
@@ -396,5 +305,6 @@ def _as_run(
         errors=errors,
         imu=record.imu[0],
         imu_spectrum=record.imu[1],
+        integrity=None if protection is None else protection.faults,
         settings=settings,
     )

@@ -15,6 +15,7 @@
 | supervision    | satellite above the horizon and epoch | time_s sv state decision receiver el_deg gain_dbi cn0_dbhz pseudorange_m doppler_hz sd_range_m sd_range_rate_mps within_aperture, search window and times |
 | transitions    | change of a channel's state | time_s sv from_state to_state reason, prediction and search window |
 | search_times   | satellite   | sv, seconds held, in search, and in search without the supervisor |
+| integrity      | fault of a satellite or constellation | its largest separation from the solution over the limit, rows with an alert |
 | receiver_events | event in the log of the receiver's own | time_s sv event supervisor verdict lag_s |
 
 From aiding on where they were asked for; ``insgnss.aiding.table`` and ``insgnss.receiver.supervised_run`` say more.
@@ -52,6 +53,7 @@ _OPTIONAL = (
     "transitions",
     "search_times",
     "receiver_events",
+    "integrity",
 )
 TABLES = ("nav", "measurements", "satellites", "events", *_OPTIONAL)
 FILES = (*table_files(TABLES), SETTINGS, COLUMN_TYPES)
@@ -72,6 +74,7 @@ class Run(Shown):
     transitions: pd.DataFrame | None = None
     search_times: pd.DataFrame | None = None
     receiver_events: pd.DataFrame | None = None
+    integrity: pd.DataFrame | None = None
     filtered: pd.DataFrame | None = None
     imu: pd.DataFrame | None = None
     imu_spectrum: pd.DataFrame | None = None

@@ -22,7 +22,7 @@ COLUMN_TYPES: Final = "columns.json"  # beside tables in CSV, which does not tel
 _SAVE_AGAIN: Final = "save the run again"
 _WORDS: Final = (
     *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),
-    *("from_state", "to_state", "reason", "event", "supervisor", "verdict"),
+    *("from_state", "to_state", "reason", "event", "supervisor", "verdict", "fault", "axis"),
 )
 _COMPARED: Final = ("n_m", "e_m", "d_m", "vn_mps", "ve_mps", "vd_mps", "roll_deg", "pitch_deg", "yaw_deg")
 # Columns without which a table is of no use; a run of an earlier version may lack others
@@ -45,6 +45,7 @@ _COLUMNS: Final[Mapping[str, tuple[str, ...]]] = {
     "transitions": ("time_s", "sv", "from_state", "to_state", "reason"),
     "search_times": ("sv",),
     "receiver_events": ("time_s", "sv", "event", "verdict"),
+    "integrity": ("fault", "time_s", "axis", "separation_m", "limit_m", "alert_rows"),
 }
 # Of columns that are computed with wherever a run is read, and never empty: the largest size that can be true
 _LARGEST: Final = {

@@ -18,7 +18,7 @@ from insgnss.config.aiding import AidingConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, NavigationDataError
 from insgnss.filter.whole_log import TraceWanted, run_filter
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import cycle_slip
 from insgnss.simulation.observations import NoiseTerms
 from tests.aiding.arriving import Collected, feed

@@ -25,8 +25,8 @@ from insgnss.gnss.orbits.satellite_state import range_rates, satellite_states
 from insgnss.gnss.signals import wavelength_m
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import Flight
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage
 from tests.conftest import REPOSITORY
 from tests.runs.files import write_flight

@@ -29,8 +29,8 @@ from insgnss.filter.whole_log import run_filter
 from insgnss.kernels.jit import cache_root
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.gnss_rows import corrected_rows
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from tests.benchmarks.limit_log import write_limit_log
 from tests.benchmarks.long_log import LongLog, write_log
 

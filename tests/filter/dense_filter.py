@@ -144,10 +144,12 @@ class DenseFilter:
         l_e = self.C @ self.lever_b
         a_e = self.C @ np.cross(w_ib_b - self.b_g, self.lever_b)
         v_a = self.v + a_e - np.cross(OMEGA_E, l_e)
-        # reception was clock / c before the time tag, on the way there at the IMU's acceleration
+        # reception was clock / c before the time tag, on the way there at the antenna's acceleration
         g_e, late = np.zeros(3), self.clock[0] / C_MPS
         normal_gravity_ecef(self.r, g_e)
-        acceleration = self.C @ (f_b - self.b_a) + g_e - 2.0 * np.cross(OMEGA_E, self.v)
+        w_b = w_ib_b - self.b_g
+        f_a = f_b - self.b_a + np.cross(w_b, np.cross(w_b, self.lever_b))
+        acceleration = self.C @ f_a + g_e - 2.0 * np.cross(OMEGA_E, self.v)
         r_a = self.r + l_e - v_a * late + 0.5 * acceleration * late**2
         v_a = v_a - acceleration * late
         tau = 0.0

@@ -12,7 +12,7 @@ from insgnss.filter.engine import Engine, EpochResult
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.status import DUPLICATE, NO_IMU, TOO_LATE, USED
 from insgnss.tables import GnssTable, ImuTable

@@ -12,7 +12,7 @@ from insgnss.filter.start.fix import fix_epoch
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
 from insgnss.log.flight import Flight
 from insgnss.runs.point import read_logs, solve_rows
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.status import USED
 from tests.conftest import REPOSITORY
 

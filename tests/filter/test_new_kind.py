@@ -13,7 +13,7 @@ from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError
 from insgnss.filter.layout import Layout, diagonal
 from insgnss.filter.output.writing import NAV_COLUMNS
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.runs.simulate import simulate
 from tests.filter.test_engine import no_delay, stream
 

@@ -15,7 +15,7 @@ from insgnss.filter.output.trace_rows import output_samples
 from insgnss.filter.output.writing import NAV_COLUMNS, Output
 from insgnss.filter.state import BA, BG, CLOCK, DRIFT
 from insgnss.filter.whole_log import TraceWanted, run_filter
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.oscillator import MILLISECOND_M
 from tests.runs.scenes import (
     START_NS,

@@ -15,8 +15,8 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.log.flight import FlightInMemory
 from insgnss.receiver import SupervisedRun
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import GnssTable
 from tests.aiding.arriving import feed
 from tests.receiver.test_replay import banked, banked_flight

@@ -15,8 +15,9 @@ from insgnss.config.library import filter_config
 from insgnss.filter.whole_log import run_blocks
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.gnss_rows import block_cuts, row_blocks
-from insgnss.runs.replay import replay, setup_filter
+from insgnss.runs.replay import replay
 from insgnss.runs.result import TABLES, Run
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import cycle_slip, outage
 from insgnss.simulation.observations import NoiseTerms
 from tests.runs.scenes import flight, turns, with_faults, without_samples

@@ -13,8 +13,8 @@ import pytest
 import insgnss
 from insgnss.config.library import filter_config
 from insgnss.filter.engine import Engine
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage, range_step
 from insgnss.simulation.observations import Fault
 from insgnss.simulation.simulated_log import ClockStart

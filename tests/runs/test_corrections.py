@@ -17,7 +17,7 @@ from insgnss.errors import NavigationDataError
 from insgnss.gnss.ionosphere_rows import ionosphere_rows
 from insgnss.gnss.orbits.satellite_state import satellite_states
 from insgnss.runs.gnss_rows import corrected_rows
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.atmosphere import broadcast_atmosphere, vacuum
 from insgnss.simulation.faults import range_ramp
 from insgnss.simulation.journeys import AIRFIELD, static

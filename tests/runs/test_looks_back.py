@@ -19,7 +19,7 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
 from insgnss.log.flight import Flight
 from insgnss.runs.gnss_rows import corrected_rows
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from tests.benchmarks.long_log import LongLog, write_log
 
 EPOCHS_A_LOOK = 200

@@ -22,8 +22,8 @@ from insgnss.filter.whole_log import run_blocks
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import FlightInMemory
 from insgnss.report.digest import digest
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage, range_ramp
 from insgnss.simulation.journeys import AIRFIELD, static
 from insgnss.simulation.simulated_log import Simulator

@@ -18,7 +18,7 @@ from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, ResultError
 from insgnss.gnss.point import integrity
 from insgnss.runs.point import TABLES, PointRun, point, solve_rows
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.simulated_log import SimulatedLog
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import GnssTable

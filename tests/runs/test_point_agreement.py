@@ -19,7 +19,7 @@ from insgnss.gnss.troposphere import standard_atmosphere
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.point import read_logs, solve_rows
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64
 from tests.conftest import REPOSITORY
 

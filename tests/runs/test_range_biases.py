@@ -14,7 +14,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.setup import LIVE_SATELLITES
 from insgnss.filter.whole_log import run_filter
 from insgnss.runs.engine import Engine
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import ImuTable
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.motions import scenario, straight

@@ -22,9 +22,9 @@ from insgnss.filter.whole_log import run_filter
 from insgnss.geodesy.rotations import euler_to_matrix
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import FlightLogs
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
 from insgnss.runs.result_tables import nav_table
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64
 from tests.conftest import REPOSITORY
 

@@ -12,9 +12,10 @@ import pytest
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
-from insgnss.runs.replay import replay, setup_filter
+from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
 from insgnss.runs.result_tables import LogNames
+from insgnss.runs.setup import setup_filter
 from insgnss.runs.slow_sigmas import COLUMNS, SlowVariances, slow_columns, slow_sigmas
 from insgnss.simulation.disturbance import Disturbance, PathErrors, SkyGeometry
 from insgnss.simulation.signal_errors import MessageErrors

@@ -16,8 +16,8 @@ from insgnss.filter.engine import Engine
 from insgnss.filter.start.trial import Trial
 from insgnss.filter.whole_log import run_filter
 from insgnss.gnss.observation_rows import Rows, one_epoch
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.course import Course
 from insgnss.simulation.journeys import AIRFIELD, car, static
 from insgnss.simulation.simulated_log import Simulator

@@ -19,8 +19,8 @@ from insgnss.config.library import filter_config
 from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.runs.engine import Engine
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64, GnssTable, ImuTable
 from insgnss.units import MPS2_PER_MG, deg_per_h_to_radps
 from tests.filter.test_engine import assert_same_bits, no_delay, stream

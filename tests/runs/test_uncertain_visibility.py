@@ -14,8 +14,9 @@ from insgnss.config.library import scenario_config
 from insgnss.filter.engine import Engine
 from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import FlightInMemory
-from insgnss.runs.replay import replay, setup_filter
+from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.studies.masking.banked_flight import BankedFlight
 from insgnss.studies.masking.cases import _flight_in_memory, _log
 from insgnss.studies.scenario_equipment import filter_of

@@ -14,8 +14,8 @@ import insgnss
 from insgnss.config.library import filter_config
 from insgnss.config.vehicle_kind import VehicleRows
 from insgnss.log.flight import FlightInMemory
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64, ImuTable
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.motions import (

@@ -14,7 +14,7 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_blocks
 from insgnss.log.flight import FlightInMemory
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.sensors.fitting import fitted
 from insgnss.simulation.faults import outage
 from tests.conftest import REPOSITORY

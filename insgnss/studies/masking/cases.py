@@ -13,8 +13,9 @@ import pandas as pd
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import FlightConfig, Gnss, Imu
 from insgnss.log.flight import FlightInMemory, FlightLogs
-from insgnss.runs.replay import replay, setup_filter
+from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
+from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage
 from insgnss.simulation.observations import Fault
 from insgnss.simulation.sky_law import table_with_states

@@ -33,8 +33,8 @@ from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.runs.further_antennas import require_common_epochs
 from insgnss.runs.gnss_rows import row_corrections
-from insgnss.runs.replay import setup_filter
 from insgnss.runs.result_tables import nav_table
+from insgnss.runs.setup import setup_filter
 from insgnss.studies.outage.windows import (
     Removal,
     Window,

@@ -11,7 +11,7 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.constants import NS_PER_S
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
-from insgnss.runs.replay import setup_filter
+from insgnss.runs.setup import setup_filter
 from insgnss.tables import Float64
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.measuring import Record

@@ -1,0 +1,24 @@
+"""The schema of the protection levels: the risk they bound, and how often satellites are expected to be wrong."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from insgnss.config.strict import StrictModel
+
+Probability = Annotated[float, Field(gt=0.0, lt=1.0)]
+
+
+class Integrity(StrictModel):
+    """What a protection level promises, and against which faults (``replay(..., integrity=True)``)."""
+
+    risk: Probability = Field(
+        1e-7, description="that an error exceeds its protection level untold, per row; half of it vertical"
+    )
+    false_alert: Probability = Field(1e-5, description="that a row raises an alert without a fault")
+    satellite_fault: Probability = Field(1e-5, description="that a satellite in view is faulty")
+    constellation_fault: Probability = Field(
+        1e-6, description="that a whole constellation is faulty; monitored where there are two at least"
+    )

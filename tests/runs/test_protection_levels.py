@@ -1,0 +1,120 @@
+"""Protection levels: bound errors with the stated risk, with and without a fault; told by alerts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import insgnss
+from insgnss.errors import ConfigError
+from insgnss.log.flight import FlightInMemory
+from insgnss.runs.integrity.separation import protection_level
+from insgnss.tables import Float64
+from tests.runs.scenes import flight, turns
+from tests.statistics_bounds import share_below_bounds
+
+# gates and tests that would take a fault away before it moves the solution
+OPEN = {
+    "gates.pseudorange_sigma": 1000.0,
+    "gates.range_rate_sigma": 1000.0,
+    "faults.residual_sigma": 0.0,
+    "faults.drift_sigma": 0.0,
+    "faults.weights": "gate",
+    "adaptation.on": False,
+}
+
+
+def with_fault(flown: FlightInMemory, sv: str, from_s: float, size_m: float) -> FlightInMemory:
+    """Return a flight one of whose satellites has ranges that are too long from a time after the start on."""
+    gnss = flown.logs.gnss
+    wrong = (gnss.sv == gnss.sv_names.index(sv)) & (gnss.t_ns >= gnss.t_ns[0] + round(from_s * 1e9))
+    ranges = np.where(wrong, gnss.pseudorange_m + size_m, gnss.pseudorange_m)
+    return replace(flown, logs=replace(flown.logs, gnss=replace(gnss, pseudorange_m=ranges)))
+
+
+def beyond(run: insgnss.Run) -> pd.DataFrame:
+    """Return errors over protection levels, horizontal and vertical."""
+    assert run.errors is not None
+    both = run.errors.merge(run.nav[["time_s", "hpl_m", "vpl_m"]], on="time_s")
+    horizontal = np.hypot(both["d_n_m"], both["d_e_m"]) / both["hpl_m"]
+    return pd.DataFrame({"horizontal": horizontal, "vertical": both["d_d_m"].abs() / both["vpl_m"]})
+
+
+def test_level_is_exceeded_no_more_often_than_stated(rng: np.random.Generator) -> None:
+    """Faults so frequent, and a risk so large, that 100 000 draws count the exceedances; a fault moves x_0 alone."""
+    n, k, p, risk = 100_000, 4, 0.02, 2e-3
+    information = rng.uniform(0.5, 2.0, k + 1)  # what each satellite and the INS tell
+    noise = rng.standard_normal((k + 1, n)) / np.sqrt(information)[:, None]
+    faulty = rng.uniform(size=(k, n)) < p
+    faulty &= faulty.sum(axis=0) == 1  # of two at once, no level says anything
+    size = np.vstack([np.where(faulty, rng.uniform(-30.0, 30.0, (k, n)), 0.0), np.zeros((1, n))])
+    measured = noise + size
+
+    def solution(left_out: int | None) -> tuple[Float64, float]:
+        of = np.where(np.arange(k + 1) == left_out, 0.0, information)
+        return of @ measured / of.sum(), float(1.0 / np.sqrt(of.sum()))
+
+    x, sigma = solution(None)
+    d, of_faults = np.empty((k, n)), np.empty((k, n))
+    for i in range(k):
+        sub, of_faults[i] = solution(i)
+        d[i] = sub - x
+    level = protection_level(np.full(n, sigma), d, of_faults, np.full(k, p), risk)
+    exceeded = np.abs(x) > level
+    most = share_below_bounds(risk, n)[1]
+    assert exceeded.mean() <= most
+    # a fault is what takes the level up: without the separations it would be exceeded by faults
+    alone = protection_level(np.full(n, sigma), np.zeros((k, n)), of_faults, np.full(k, p), risk)
+    assert (np.abs(x) > alone).mean() > most
+
+
+def test_level_of_a_fault_without_a_solution_is_infinite_and_a_rare_one_is_left_out() -> None:
+    sigma, d = np.array([1.0, 1.0]), np.array([[0.5, np.nan]])
+    level = protection_level(sigma, d, np.array([[2.0, np.nan]]), np.array([1e-3]), 1e-4)
+    assert np.isfinite(level[0]) and np.isinf(level[1])
+    rare = protection_level(sigma, d, np.array([[2.0, np.nan]]), np.array([1e-6]), 1e-4)
+    assert np.isfinite(rare).all()
+
+
+def test_faultless_flight_stays_below_its_levels_and_keeps_its_solution() -> None:
+    flown = flight(turns(120.0), seed=901)
+    run, plain = insgnss.replay(flown, integrity=True), insgnss.replay(flown)
+    pd.testing.assert_frame_equal(run.nav[plain.nav.columns], plain.nav)
+    assert (beyond(run) < 1.0).all().all()
+    assert run.integrity is not None and not run.integrity["alert_rows"].any()
+    assert set(run.integrity["fault"]) >= set(run.satellites["sv"].unique()) - {"-"}
+    assert np.median(run.nav["hpl_m"]) < 12.0 * np.median(np.hypot(run.nav["sd_n_m"], run.nav["sd_e_m"]))
+
+
+@pytest.mark.parametrize("size_m", [8.0, -40.0, 200.0])
+def test_fault_that_the_filter_believes_is_within_the_levels_and_told(size_m: float) -> None:
+    flown = flight(turns(120.0), seed=902)
+    sv = sorted(flown.logs.gnss.sv_names)[1]
+    run = insgnss.replay(with_fault(flown, sv, 40.0, size_m), settings=OPEN, integrity=True)
+    assert (beyond(run) < 1.0).all().all()
+    assert run.integrity is not None and run.errors is not None
+    if abs(size_m) > 20.0:
+        assert np.hypot(run.errors["d_n_m"], run.errors["d_e_m"]).max() > 3.0  # the filter does believe it
+        told = run.events[run.events["kind"] == "integrity_alert"]["detail"]
+        assert told.str.startswith(f"without {sv} ").any()
+
+
+def test_levels_are_saved_and_loaded(tmp_path_factory: pytest.TempPathFactory) -> None:
+    folder = tmp_path_factory.mktemp("run") / "run"
+    run = insgnss.replay(flight(turns(20.0), seed=903), integrity=True)
+    run.save(folder)
+    loaded = insgnss.Run.load(folder)
+    assert run.integrity is not None and loaded.integrity is not None
+    pd.testing.assert_frame_equal(loaded.integrity, run.integrity)
+    assert {"hpl_m", "vpl_m"} <= set(loaded.nav.columns)
+
+
+def test_risk_below_that_of_two_faults_at_once_is_refused() -> None:
+    with pytest.raises(ConfigError, match="wrong at once") as refused:
+        insgnss.replay(
+            flight(turns(20.0), seed=904), settings={"integrity.satellite_fault": 1e-2}, integrity=True
+        )
+    assert refused.value.key == "integrity.risk"
