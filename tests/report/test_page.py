@@ -18,6 +18,7 @@ import pytest
 from insgnss.errors import ResultError
 from insgnss.report.page import report_html
 from insgnss.report.sections import settings
+from insgnss.runs.result import Run
 from tests.report.runs import START_S, made_run, words
 
 ALWAYS = ["summary", "map", "motion", "biases", "events", "ledger", "settings"]
@@ -154,6 +155,38 @@ def test_sections_stand_only_where_the_run_has_something_for_them() -> None:
 
     assert {"errors", "aiding", "supervision"} & set(Page(report_html(bare)).ids) == set()
     assert {"errors", "aiding", "supervision"} <= set(Page(report_html(full)).ids)
+
+
+def with_levels(run: Run, beyond: int) -> Run:
+    """Return a run with protection levels; ``beyond`` rows have an error beyond the horizontal one."""
+    assert run.errors is not None
+    error = np.hypot(run.errors["d_n_m"], run.errors["d_e_m"]).to_numpy()
+    hpl = np.where(np.arange(len(error)) < beyond, 0.5, 2.0) * error
+    run.nav = run.nav.assign(hpl_m=hpl, vpl_m=np.inf)
+    columns = ("fault", "separation_m", "axis", "time_s", "limit_m", "alert_rows")
+    run.integrity = pd.DataFrame([("G05", -1.25, "e", 293_712.0, 2.5, 3)], columns=list(columns))
+    return run
+
+
+def test_protection_levels_stand_against_the_errors_and_those_beyond_are_counted() -> None:
+    """An infinite level is a gap of the line, and nothing else of the page minds it."""
+    page = report_html(with_levels(made_run(), 7))
+    charts = charts_of(page)
+
+    assert "beyond its protection level in 7 (horizontal) and 0 (vertical) of 300 rows" in page
+    horizontal = charts["chart-stanford"]["data"][0]
+    below = unpacked(horizontal["x"]) > unpacked(horizontal["y"])
+    assert below.sum() == 7
+    assert np.isnan(unpacked(charts["chart-protection-levels"]["data"][1]["y"])).all()
+    assert "<td>G05</td>" in page
+    assert "integrity" not in Page(report_html(made_run())).ids
+
+
+def test_levels_without_a_reference_are_shown_without_a_diagram() -> None:
+    run = with_levels(made_run(), 0)
+    run.errors = None
+
+    assert "chart-stanford" not in charts_of(report_html(run))
 
 
 def test_sky_is_coloured_by_the_gain_where_it_is_known() -> None:
