@@ -36,7 +36,7 @@ from insgnss.runs.further_antennas import Record
 from insgnss.runs.gnss_rows import MOST_ROWS, row_blocks
 from insgnss.runs.imu_summary import imu_spectrum, imu_table
 from insgnss.runs.installation import installation_events
-from insgnss.runs.integrity.separation import Job, Protection, protection_of
+from insgnss.runs.integrity.separation import Job, Separation, protection_of, separation_of
 from insgnss.runs.late_antennas import with_antennas
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result import Run
@@ -155,7 +155,8 @@ def replay(
     )
     events += reading_events(setup.own, entries)
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
-    protection, job = _protection(job, out, flight, tell), None
+    apart = None if job is None else separation_of(job, out.nav[: out.counts[0].nav], tell)
+    del job
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
     if wanted is not None:
@@ -167,7 +168,7 @@ def replay(
     settled = time.perf_counter()
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
-    run = _as_run(flight, record, setup, (out, ledger, protection), events, further)
+    run = _as_run(flight, record, setup, (out, ledger, apart), events, further)
     run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
@@ -181,13 +182,6 @@ def replay(
     run.settings["aiding"] = None if aided is None else aided.model_dump(mode="json")
     run.settings["point"] = None if further is None else further.wanted.lever_b
     return run
-
-
-def _protection(job: Job | None, out: Output, flight: Flight, tell: Progress) -> Protection | None:
-    """Return what sub-filters tell of the solution, None where they are not asked for."""
-    if job is None:
-        return None
-    return protection_of(job, out.nav[: out.counts[0].nav], flight.config.gps_week, tell)
 
 
 def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:
@@ -275,18 +269,21 @@ def _as_run(
     flight: Flight,
     record: _Record,
     setup: FilterSetup,
-    found: tuple[Output, list[LedgerPart], Protection | None],
+    found: tuple[Output, list[LedgerPart], Separation | None],
     events: list[Event],
     further: Further | None,
 ) -> Run:
-    week, (out, ledger, protection) = flight.config.gps_week, found
+    week, (out, ledger, apart) = flight.config.gps_week, found
     nav = with_further(nav_table(out, week, setup), further)
-    if protection is not None:
-        nav = nav.assign(hpl_m=protection.hpl_m, vpl_m=protection.vpl_m)
-        events = events + protection.events
     if not setup.config.process.range_bias_states:  # the sigmas hold the slow errors then
         slow = slow_variances(ledger, record.keys, record.names, setup)
         nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
+    protection = None
+    if apart is not None:
+        t_ns, false_alert = out.nav["t_ns"][: len(nav)], setup.config.integrity.false_alert
+        protection = protection_of(apart, nav, t_ns, false_alert)
+        nav = nav.assign(hpl_m=protection.hpl_m, vpl_m=protection.vpl_m)
+        events = events + protection.events
     errors = None
     if record.reference is not None:
         point = flight.config.reference.point if flight.config.reference is not None else "imu"

@@ -16,8 +16,16 @@ from insgnss.tables import Float64
 from tests.runs.scenes import flight, turns
 from tests.statistics_bounds import share_below_bounds
 
+# the simulated messages and air are true
+NONE_LAST = {
+    "slow_errors.satellite_m": {"G": 0.0},
+    "slow_errors.ionosphere_zenith_m": 0.0,
+    "slow_errors.ionosphere_gradient_per_1000_km": 0.0,
+    "slow_errors.troposphere_zenith_m": 0.0,
+}
 # gates and tests that would take a fault away before it moves the solution
 OPEN = {
+    **NONE_LAST,
     "gates.pseudorange_sigma": 1000.0,
     "gates.range_rate_sigma": 1000.0,
     "faults.residual_sigma": 0.0,
@@ -81,7 +89,10 @@ def test_level_of_a_fault_without_a_solution_is_infinite_and_a_rare_one_is_left_
 
 def test_faultless_flight_stays_below_its_levels_and_keeps_its_solution() -> None:
     flown = flight(turns(120.0), seed=901)
-    run, plain = insgnss.replay(flown, integrity=True), insgnss.replay(flown)
+    run, plain = (
+        insgnss.replay(flown, settings=NONE_LAST, integrity=True),
+        insgnss.replay(flown, settings=NONE_LAST),
+    )
     pd.testing.assert_frame_equal(run.nav[plain.nav.columns], plain.nav)
     assert (beyond(run) < 1.0).all().all()
     assert run.integrity is not None and not run.integrity["alert_rows"].any()
@@ -100,6 +111,17 @@ def test_fault_that_the_filter_believes_is_within_the_levels_and_told(size_m: fl
         assert np.hypot(run.errors["d_n_m"], run.errors["d_e_m"]).max() > 3.0  # the filter does believe it
         told = run.events[run.events["kind"] == "integrity_alert"]["detail"]
         assert told.str.startswith(f"without {sv} ").any()
+
+
+def test_levels_hold_the_errors_that_last() -> None:
+    """By six of their sigmas at least, whether they are sd_slow_* or states of the filter."""
+    flown = flight(turns(60.0), seed=905)
+    run = insgnss.replay(flown, integrity=True)
+    lasting = np.sqrt(run.nav["sd_d_m"] ** 2 + run.nav["sd_slow_d_m"] ** 2)
+    assert (run.nav["vpl_m"] > 5.0 * lasting).all()
+    states = insgnss.replay(flown, settings={"process.range_bias_states": True}, integrity=True).nav
+    assert (states["vpl_m"] > 5.0 * states["sd_d_m"]).all()
+    assert 0.5 < states["vpl_m"].iloc[-1] / run.nav["vpl_m"].iloc[-1] < 2.0
 
 
 def test_levels_are_saved_and_loaded(tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -6,6 +6,9 @@ the same part r of the risk for each of the faults and for none of them,
 
     L = max(K(r) s_0, max_k(|d_k| + K(r / p_k) s_k)),  K(r) the normal quantile: |x| > K with probability r
 
+Both sigmas hold the errors that last: by states of the filter, or else by ``sd_slow_*`` of the solution, of which the
+solution without the satellites is taken to have more as it has more of all others.
+
 [Brenner 1996, Integrated GPS/inertial fault detection availability, Navigation 43(2); Blanch et al. 2015, Baseline
 advanced RAIM user algorithm, IEEE Trans. Aerosp. Electron. Syst. 51(1)]. An event tells of |d_k| beyond K s_k; that the
 sub-filters have a noise level of their own makes the difference of both variances too small a measure of d_k.
@@ -29,9 +32,8 @@ from insgnss.filter.output.writing import NAV_COLUMNS, Table
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import OutputRate, run_blocks
 from insgnss.gnss.observation_rows import Rows
-from insgnss.gpstime import ns_to_week_seconds
 from insgnss.runs.integrity.faults import Fault, faults_of, risk_left, without
-from insgnss.tables import Event, Float64, ImuTable
+from insgnss.tables import Event, Float64, ImuTable, Int64
 
 AXES: Final = ("n", "e", "d")
 _SHARES: Final = (0.25, 0.25, 0.5)  # of the risk
@@ -49,6 +51,15 @@ class Job(NamedTuple):
     smooth: bool
 
 
+class Separation(NamedTuple):
+    """The solutions of all sub-filters beside the full one, k faults at n rows; NaN where a sub-filter has none."""
+
+    faults: list[Fault]
+    risk: float  # what two faults at once leave of it
+    d: Float64  # (k, 3, n) north, east, down [m]
+    sigma: Float64  # (k, 3, n)
+
+
 class Protection(NamedTuple):
     """What the sub-filters tell of a solution."""
 
@@ -58,15 +69,8 @@ class Protection(NamedTuple):
     events: list[Event]
 
 
-class Separation(NamedTuple):
-    """The solutions of all sub-filters beside the full one, k faults at n rows; NaN where a sub-filter has none."""
-
-    d: Float64  # (k, 3, n) north, east, down [m]
-    sigma: Float64  # (k, 3, n)
-
-
-def protection_of(job: Job, nav: Table, week: int, tell: Callable[[str], None]) -> Protection:
-    """Return protection levels for a solution's navigation rows, and which fault moves it how far.
+def separation_of(job: Job, nav: Table, tell: Callable[[str], None]) -> Separation:
+    """Return how far the solution without each fault's satellites is from a solution's navigation rows.
 
     The sub-filters share the processor's cores, unless a measurement of the user's own is among the rows.
 
@@ -80,17 +84,26 @@ def protection_of(job: Job, nav: Table, week: int, tell: Callable[[str], None]) 
     threads = (os.cpu_count() or 1) if job.setup.own is None else 1
     with ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(lambda fault: _beside(job, fault, nav), faults))
-    apart = Separation(*(np.array(part) for part in zip(*found, strict=True)))
-    p = np.array([fault.probability for fault in faults])
-    sigma = nav["value"][:, _SIGMA].T
+    d, sigma = (np.array(part) for part in zip(*found, strict=True))
+    return Separation(faults, risk, d, sigma)
+
+
+def protection_of(apart: Separation, nav: pd.DataFrame, t_ns: Int64, false_alert: float) -> Protection:
+    """Return protection levels for navigation rows at ``t_ns``, and which fault moves the solution how far."""
+    sigma = nav[[f"sd_{axis}_m" for axis in AXES]].to_numpy().T
+    slow = [f"sd_slow_{axis}_m" for axis in AXES]
+    lasting = nav[slow].to_numpy().T / sigma if slow[0] in nav else np.zeros(sigma.shape)
+    more = np.sqrt(1.0 + lasting**2)
+    of_faults = apart.sigma * more
+    p = np.array([fault.probability for fault in apart.faults])
     levels = [
-        protection_level(sigma[i], apart.d[:, i], apart.sigma[:, i], p, share * risk)
+        protection_level((sigma * more)[i], apart.d[:, i], of_faults[:, i], p, share * apart.risk)
         for i, share in enumerate(_SHARES)
     ]
-    limit = _quantile(config.false_alert / (len(AXES) * len(faults))) * apart.sigma
+    limit = _quantile(false_alert / (len(AXES) * len(p))) * of_faults
     alert = np.abs(apart.d) > limit
-    table = _table(faults, apart, limit, alert, ns_to_week_seconds(nav["t_ns"], week))
-    return Protection(np.hypot(levels[0], levels[1]), levels[2], table, _alerts(table, faults, alert, nav))
+    table = _table(apart, limit, alert, nav["time_s"].to_numpy())
+    return Protection(np.hypot(levels[0], levels[1]), levels[2], table, _alerts(table, alert, t_ns))
 
 
 def protection_level(sigma: Float64, d: Float64, of_faults: Float64, p: Float64, risk: float) -> Float64:
@@ -103,7 +116,7 @@ def protection_level(sigma: Float64, d: Float64, of_faults: Float64, p: Float64,
     p : (k,) probability of each fault; one that is rarer than its part of the risk is left out
     """
     each = risk / (len(p) + 1)
-    level = _quantile(each) * sigma
+    level = np.where(np.isnan(sigma), np.inf, _quantile(each) * sigma)
     for k in np.flatnonzero(p > each):
         beside = np.abs(d[k]) + _quantile(each / p[k]) * of_faults[k]
         level = np.fmax(level, np.where(np.isnan(beside), np.inf, beside))
@@ -137,17 +150,11 @@ def _beside(job: Job, fault: Fault, nav: Table) -> tuple[Float64, Float64]:
     return d, sigma
 
 
-def _table(
-    faults: list[Fault],
-    apart: Separation,
-    limit: Float64,
-    alert: npt.NDArray[np.bool_],
-    time_s: Float64,
-) -> pd.DataFrame:
+def _table(apart: Separation, limit: Float64, alert: npt.NDArray[np.bool_], time_s: Float64) -> pd.DataFrame:
     """Return for each fault its largest separation over the limit, where and when, and its rows with an alert."""
     ratio = np.nan_to_num(np.abs(apart.d) / limit, nan=0.0)
     rows = []
-    for k, fault in enumerate(faults):
+    for k, fault in enumerate(apart.faults):
         axis, row = np.unravel_index(int(np.argmax(ratio[k])), ratio[k].shape)
         rows.append(
             {
@@ -164,18 +171,15 @@ def _table(
     return pd.DataFrame(rows)
 
 
-def _alerts(
-    table: pd.DataFrame, faults: list[Fault], alert: npt.NDArray[np.bool_], nav: Table
-) -> list[Event]:
+def _alerts(table: pd.DataFrame, alert: npt.NDArray[np.bool_], t_ns: Int64) -> list[Event]:
     """Return an event for each fault that raises an alert, at its first."""
     events = []
-    for k, fault in enumerate(faults):
-        if alert[k].any():
-            first, row = int(np.argmax(alert[k].any(axis=0))), table.iloc[k]
-            most = f"{row['separation_m']:+.2f} m {row['axis']} at {row['time_s']:.1f} s"
-            detail = (
-                f"without {fault.name} the solution is elsewhere in {row['alert_rows']} rows, most by {most},"
-                f" limit {row['limit_m']:.2f} m"
-            )
-            events.append(Event(int(nav["t_ns"][first]), "integrity_alert", detail))
+    for k in np.flatnonzero(alert.any(axis=(1, 2))):
+        first, row = int(np.argmax(alert[k].any(axis=0))), table.iloc[k]
+        most = f"{row['separation_m']:+.2f} m {row['axis']} at {row['time_s']:.1f} s"
+        detail = (
+            f"without {row['fault']} the solution is elsewhere in {row['alert_rows']} rows, most by {most},"
+            f" limit {row['limit_m']:.2f} m"
+        )
+        events.append(Event(int(t_ns[first]), "integrity_alert", detail))
     return events
