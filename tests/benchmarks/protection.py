@@ -4,8 +4,8 @@
 
 prints a table in Markdown. Each flight turns at 10 Hz of GNSS and is replayed three times: as it is, with a satellite
 whose ranges step by 5 to 300 m, and with one that runs away by 0.1 to 5 m/s, from a moment drawn in its second third.
-No error lasts, neither in the simulation nor in the sigmas. An untold exceedance has the risk of ``[integrity]`` without
-a fault, and that over the fault's probability with one.
+No error lasts, neither in the simulation nor in the sigmas. An untold exceedance has the risk of ``[integrity]``
+without a fault, and that over the fault's probability with one.
 """
 
 from __future__ import annotations
