@@ -16,8 +16,7 @@ from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import Imu
 from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import Flight, FlightLogs
-from insgnss.runs.replay import engine_settings
-from insgnss.runs.setup import setup_filter
+from insgnss.runs.setup import engine_settings, setup_filter
 from insgnss.simulation.faults import carrier_alone, cycle_slip, half_cycle, outage
 from insgnss.simulation.observations import NoiseTerms
 from insgnss.simulation.oscillator import MILLISECOND_M

@@ -22,8 +22,7 @@ from insgnss.filter.whole_log import TraceWanted, run_filter
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.engine import Engine
 from insgnss.runs.late_antennas import with_antennas
-from insgnss.runs.replay import engine_settings
-from insgnss.runs.setup import setup_filter
+from insgnss.runs.setup import engine_settings, setup_filter
 from insgnss.status import NO_DIFFERENCE, NOT_STARTED, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
 from tests.aiding.arriving import Collected
