@@ -24,6 +24,7 @@ from insgnss.filter.update.consistency import refuse_inconsistent
 from insgnss.filter.update.creeping import find_creeping, follow_satellites
 from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.filter.update.epoch_update import update_epoch, use_rows
+from insgnss.filter.update.far_prior import observe_nearer
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import common_step, gate_between, gate_rows
 from insgnss.filter.update.integrity import explain, fit_all, fit_freely, follow_explained
@@ -64,6 +65,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
         run_epochs: (bank, (_N, _N), rows, imu, parameters, _X, out, work),
         carry: (m, P, _N, _N, _N, imu, par, scratch),
         update_epoch: (bank, _N, par, rows, _N, imu, _N, work),
+        observe_nearer: (bank, _N, par, rows, _N, imu, _N, work),
         find_creeping: (memory, lines, rows.observation, _N, _X, _X, True),
         follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
         advance: (bank, _N, imu, par, out, work),

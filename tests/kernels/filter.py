@@ -53,7 +53,10 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, prepare_rows
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64, GnssTable
+from tests.filter.scene import new_filter, perfect_rows, place, update
+from tests.filter.scene import parameters as scene_parameters
 from tests.filter.scene import rows_of as scene_rows_of
+from tests.filter.scene import sky as scene_sky
 from tests.kernels import KernelCase
 from tests.layouts import layout_with
 
@@ -374,6 +377,16 @@ def repeated_rates() -> list[Any]:
     return [*found, made.state["stuck_ns"], made.state["stuck_since_ns"], made.memory[0]]
 
 
+def far_epoch() -> list[Any]:
+    """Return what an epoch makes of a filter that an outage has carried 40 km away."""
+    at = place()
+    made = new_filter(at, sigmas={DR: 4e4, CLOCK: 3e3})
+    log = perfect_rows(made, scene_parameters(), [START_NS], scene_sky(at))
+    made.state["r_e"][0] += at.C_ne.T @ np.array([3e4, -2e4, 1e4])
+    update(made, log, scene_parameters())
+    return [made.state["r_e"], made.state["v_e"], made.state["clock"], np.diag(made.P[0])]
+
+
 # The update adds and subtracts numbers of very different size (a clock variance of 1e7 m^2 after its jump), so a last
 # digit of a sine may grow.
 def two_headings() -> list[Any]:
@@ -395,6 +408,8 @@ CASES = [
     # differences of a prior of 1e4 m^2 and a clock of 1e5 m^2 against rows of 1 m^2
     KernelCase("insgnss.filter.update.consistency:refuse_inconsistent", (*wrong_rows(), 9.0, 3), rtol=1e-9),
     KernelCase("tests.kernels.filter:one_heading_with_unknown_motion", rtol=1e-10),
+    # a prior of 1e9 m^2 and a clock of 1e12 m^2 against rows of 1 m^2
+    KernelCase("tests.kernels.filter:far_epoch", rtol=1e-7),
     KernelCase("tests.kernels.filter:screened_samples", rtol=1e-11),
     KernelCase("tests.kernels.filter:repeated_rates"),
     KernelCase("tests.kernels.filter:crowd", (0.5,), rtol=1e-9, label="one runs away"),

@@ -18,6 +18,7 @@ from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import Workspace
+from insgnss.filter.update.far_prior import is_far, observe_nearer
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
 from insgnss.filter.update.integrity import follow_explained
@@ -80,6 +81,8 @@ def update_epoch(
     swing_lever_arm(m, P, par, s.antenna[0], t_ns)
     follow_motion(m, P, par)
     observe(m, P, par, rows, epoch, w_ib_b, f_b, s)
+    if is_far(P):
+        observe_nearer(bank, member, par, rows, epoch, imu, sample, work)
     lines, observation = s.lines[: last - first], rows.observation[first:last]
     correction, values, drift_variance = s.vectors[0], s.vectors[3], P[DRIFT, DRIFT]
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
