@@ -29,6 +29,12 @@ def plus(a: Vector | Float64, b: Vector | Float64) -> Vector:
 
 
 @kernel(inline=True)
+def times(a: Vector | Float64, factor: float) -> Vector:
+    """Return a times a number."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+@kernel(inline=True)
 def rotate(C: Float64, a: Vector | Float64) -> Vector:
     """Return C a of a rotation matrix (3, 3)."""
     return (

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from insgnss.antenna.equipment import installation, limits_of
 from insgnss.antenna.installation import Installation
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
+from insgnss.errors import ConfigError
 from insgnss.filter.layout import StateBlock
 from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.clock_groups import Pair, clock_groups, pairs_of
@@ -21,6 +22,8 @@ from insgnss.runs.late_antennas import with_aid
 from insgnss.sensors.fitting import fitted
 from insgnss.sensors.start_from_fixes import refuse_live_without_gnss, started_without_gnss
 from insgnss.tables import Event, NavigationData
+
+_AT_TAGS: Final = ("position", "velocity", "attitude", "heading")  # sensors of what changes within the offset
 
 
 def setup_filter(
@@ -93,6 +96,28 @@ def installed(flight: Flight) -> tuple[Installation, list[Event]]:
     return installation(gnss.antenna, flight.path.absolute().parent, gnss.lever_b)
 
 
+def _refuse_uncertain_time(flight: Flight, config: FilterConfig) -> None:
+    """Refuse the IMU's time as a state beside measurements that are taken at the IMU's own tags.
+
+    Their rows know nothing of the offset: 20 ms of 20 m/s would be 5 sigma of a wrong offset that is called known.
+
+    Raises
+    ------
+    ConfigError : with the part of the flight file that does not go with it
+    """
+    if config.process.imu_time_sigma_s == 0.0:
+        return
+    at_tags = [f"[[sensor]] of kind {each.kind}" for each in flight.config.sensor if each.kind in _AT_TAGS]
+    if flight.config.attitude is not None:
+        at_tags.append("[attitude]")
+    if at_tags:
+        raise ConfigError(
+            f"the IMU's time cannot be estimated beside {' and '.join(at_tags)}, taken at the IMU's tags",
+            key="process.imu_time_sigma_s",
+            advice="find the offset without them, declare it as imu.time.offset_s, and leave the setting at 0",
+        )
+
+
 def _all_pairs(signals: dict[str, tuple[str, ...]], letters: set[str]) -> set[Pair]:
     return {(letter, code) for letter in letters for code in signals.get(letter, ())}
 
@@ -105,6 +130,7 @@ def _setup(
     *,
     with_carrier: bool,
 ) -> FilterSetup:
+    _refuse_uncertain_time(flight, config)
     gnss, start, use = flight.config.gnss, flight.config.start, config.measurements
     given = None if start == "automatic" else start
     start_ns = None

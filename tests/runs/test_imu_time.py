@@ -10,13 +10,15 @@ import pytest
 
 import insgnss
 from insgnss.constants import NS_PER_S
+from insgnss.errors import ConfigError
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.installation import installation_findings
+from tests.attitude.several_flights import scenario_text, write_flight
 from tests.benchmarks.trust.flying import drawn
 from tests.benchmarks.trust.motions import scenario, straight
 from tests.benchmarks.trust.rows import Row
-from tests.runs.scenes import flight, turns
-from tests.statistics_bounds import assert_mean_chi_square, nees
+from tests.runs.scenes import flight, true_start, turns
+from tests.statistics_bounds import assert_mean_chi_square, mean_chi_square_bounds, nees
 
 SIGMA_S = 0.02
 SETTINGS = {"process.imu_time_sigma_s": SIGMA_S}
@@ -68,6 +70,42 @@ def test_jet_with_20_ms_knows_them_to_a_fifth_of_a_millisecond() -> None:
     value, sigma = found(run)
     assert abs(value + 0.02) < 3.0 * sigma < 5e-4
     assert ratio(run, "roll_deg") < 1.5 < ratio(plain, "roll_deg")
+
+
+@pytest.mark.parametrize("late_s", [0.02, -0.02])
+def test_offset_and_lever_arm_as_states_do_not_pass_for_each_other(late_s: float) -> None:
+    """At constant speed they are one error along the track, so what a jet finds of both is loose, and true."""
+    settings = {**SETTINGS, "process.lever_arm_sigma_m": 0.2}
+    squares, ratios = [], []
+    for seed in (41, 42, 43):
+        _, _, flown = drawn(Row("fast_jet", "jet", "fast_jet", (), "tactical"), seed)
+        run = insgnss.replay(with_late_imu(flown, late_s), settings=settings)
+        value, sigma = found(run)
+        last = run.nav.iloc[-1]
+        error = np.array([[value + late_s], [last["lever_arm_x_m"]], [last["lever_arm_y_m"]]])
+        sigmas = np.array([sigma, last["sd_lever_arm_x_m"], last["sd_lever_arm_y_m"]])
+        squares += [nees(e[None], np.array([[[s**2]]])) for e, s in zip(error, sigmas, strict=True)]
+        ratios.append([ratio(run, name) for name in ("n_m", "e_m", "roll_deg", "yaw_deg")])
+    assert np.median(ratios, axis=0).max() < 1.5
+    assert np.mean(squares) < mean_chi_square_bounds(1, len(squares))[1]
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.02, -0.02])
+def test_given_start_tells_nothing_of_the_offset(late_s: float) -> None:
+    """It is a state at GPS time: ten seconds of a straight must not find in it when the IMU took its samples."""
+    straight_on = turns(10.0)
+    start = true_start(straight_on, 1.0).model_copy(update={"sd_position_m": 0.3, "sd_velocity_mps": 0.1})
+    run = insgnss.replay(with_late_imu(flight(straight_on, start=start, seed=3), late_s), settings=SETTINGS)
+    value, sigma = found(run)
+    assert sigma > 0.9 * SIGMA_S
+    assert abs(value) < 0.5 * SIGMA_S
+
+
+def test_measurements_at_the_tags_are_refused_beside_an_uncertain_time(tmp_path: Path) -> None:
+    path = write_flight(tmp_path, scenario_text())
+    with pytest.raises(ConfigError, match=r"\[attitude\]") as raised:
+        insgnss.replay(path, settings=SETTINGS)
+    assert raised.value.key == "process.imu_time_sigma_s"
 
 
 @pytest.mark.parametrize("moves", [True, False])

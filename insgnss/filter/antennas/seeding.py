@@ -91,7 +91,9 @@ def seeded(bank: Bank, C_nb: Float64, C_ne: Float64, lever_b: Float64, w_eb_b: F
     for at, arm_b in ((DR, lever_b), (DV, np.cross(w_eb_b, lever_b))):
         T[at : at + 3, PSI : PSI + 3] = cross_matrix((C_eb - m.C_eb) @ arm_b)
     m.r_e += (m.C_eb - C_eb) @ lever_b
-    m.v_e += (m.C_eb - C_eb) @ np.cross(w_eb_b, lever_b)
+    about_antenna = (m.C_eb - C_eb) @ np.cross(w_eb_b, lever_b)
+    m.v_e += about_antenna
+    m.v_corrected += about_antenna
     P[:] = T @ P @ T.T
     P[PSI : PSI + 3, PSI : PSI + 3] += max(turn**2 - variance, 0.0) * np.outer(down, down)
     P[:] = 0.5 * (P + P.T)

@@ -77,7 +77,7 @@ def reset_kinematics(
     if fix.v_a is not None:
         hangs[DV : DV + 3] -= m.C_eb @ cross_matrix(w_ib_b - m.b_g) @ J
     P[:] = hangs @ P @ hangs.T
-    to_imu_time(m, P, layout)
+    to_imu_time(m, P, layout, with_velocity=fix.v_a is not None)
 
 
 def doubt_sensors(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:

@@ -108,6 +108,7 @@ def add_to_state(m: StateRecord, d: Float64, layout: Layout) -> None:
     """Add an error state (n,) to a state, the attitude by its rotation vector."""
     m.r_e[:] += d[DR : DR + 3]
     m.v_e[:] += d[DV : DV + 3]
+    m.v_corrected[:] += d[DV : DV + 3]  # the sensors have measured none of it
     m.b_a[:] += d[BA : BA + 3]
     m.b_g[:] += d[BG : BG + 3]
     m.clock[:] += d[[CLOCK, DRIFT]]

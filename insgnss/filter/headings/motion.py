@@ -13,6 +13,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.sensor_errors import accel_error_covariance, gyro_error_variance
 from insgnss.filter.state import BA, DR, DV, PSI, StateRecord
+from insgnss.geodesy.vectors import Vector
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -135,7 +136,7 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, inter
     bias = gyro_error_variance(m, par, P)
     share = max(1.0 - (par.motion_gate2 * noise + LEVEL_GATE2 * bias) / w2, 0.0) if w2 > 0.0 else 0.0
     for i in range(3):
-        a.w_b[i] = share * m.w_smooth[i]
+        a.w_b[i] *= share
     p, q, r = a.l_b[0], a.l_b[1], a.l_b[2]
     x, y, z = share * (y * r - z * q), share * (z * p - x * r), share * (x * q - y * p)
     for i in range(3):
@@ -147,6 +148,17 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, inter
     share = max(1.0 - noise / turned2, 0.0) if turned2 > 0.0 else 0.0
     for i in range(3):
         a.turned_e[i] = m.l_clone[i] + share * (a.l_e[i] - m.l_clone[i])
+
+
+@kernel(inline=True)
+def angular_acceleration(m: StateRecord) -> Vector:
+    """Return how the body's rate changes, by the last sample against the last moments [rad/s^2]."""
+    w, mean = m.w_last, m.w_smooth
+    return (
+        (w[0] - mean[0]) / FORCE_MEAN_TIME_S,
+        (w[1] - mean[1]) / FORCE_MEAN_TIME_S,
+        (w[2] - mean[2]) / FORCE_MEAN_TIME_S,
+    )
 
 
 @kernel

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S
+from insgnss.filter.headings.motion import angular_acceleration
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.state import DR, DV, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.vectors import Vector, place, plus, rotate
+from insgnss.geodesy.vectors import place, plus, rotate, times
 from insgnss.inertial.mechanization import mechanize
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
@@ -32,7 +32,7 @@ def place_at_gps_time(
     for i in range(4):
         q[i] = m.q_eb[i]
     back, w, scratch = m.optional[par.at_imu_time - OFFSETS], np.empty(3), np.empty(3)
-    place(w, 0, plus(m.w_last, _turn_of_rate(m, -0.5 * back)))
+    place(w, 0, plus(m.w_last, times(angular_acceleration(m), -0.5 * back)))
     mechanize(q, C, r_e, v_e, w, m.f_last, -back, scratch)
 
 
@@ -55,18 +55,7 @@ def covariance_at_gps_time(m: StateRecord, par: Parameters, P: Float64) -> None:
             P[j, DR + i] -= m.v_e[i] * P[j, at]
             P[j, DV + i] -= a[i] * P[j, at]
             P[j, PSI + i] -= w[i] * P[j, at]
-    d = rotate(m.C_eb, _turn_of_rate(m, 0.5 * m.optional[at - OFFSETS] ** 2))
+    d = rotate(m.C_eb, times(angular_acceleration(m), 0.5 * m.optional[at - OFFSETS] ** 2))
     for i in range(3):
         for j in range(3):
             P[PSI + i, PSI + j] += d[i] * d[j]
-
-
-@kernel(inline=True)
-def _turn_of_rate(m: StateRecord, factor: float) -> Vector:
-    """Return the body's angular acceleration times ``factor``."""
-    scale = factor / FORCE_MEAN_TIME_S
-    return (
-        scale * (m.w_last[0] - m.w_smooth[0]),
-        scale * (m.w_last[1] - m.w_smooth[1]),
-        scale * (m.w_last[2] - m.w_smooth[2]),
-    )

@@ -214,6 +214,8 @@ def open_bank(
         tie_offsets(m, P, layout.home, config.process.qzss_offset_sigma_m)
         if not kin.of_imu:
             _hang_on_antenna(m, P, w_ib_b, par.lever_b, layout)
+        to_imu_time(m, P, layout)
+        P[:] = 0.5 * (P + P.T)
     return bank
 
 
@@ -331,8 +333,6 @@ def _hang_on_antenna(m: StateRecord, P: Float64, w_ib_b: Float64, lever_b: Float
     T[DR : DR + 3] -= C @ J
     T[DV : DV + 3] -= (C @ cross_matrix(m.w_last) - _EARTH_TURN @ C) @ J
     P[:] = T @ P @ T.T
-    to_imu_time(m, P, layout)
-    P[:] = 0.5 * (P + P.T)
 
 
 def given_kinematics(

@@ -1,10 +1,10 @@
-"""What the IMU's tags are off by: seconds to be added to them, a constant of the installation that motion shows.
+"""The error of the IMU's time tags: s seconds to be added to them, a constant of the installation that motion shows.
 
 The state stands at the IMU's tag t, so it is the vehicle's at GPS time t + s. An antenna received at t - clock / c is
 s + clock / c earlier than the state: its position is r_a - v s, its velocity v_a - a s (``update.observe``). Without a
-change of velocity the antenna's way shows nothing of s, which is then one with the position along the way. What is put
-out is the state at GPS time (``output.gps_time``).
-Neglects: rows of several antennas' phase differences and of further sensors are taken at the IMU's tags.
+change of velocity s cannot be told from a shift of the position along the track; at constant speed not from one of the
+lever arm, in turns as well. Navigation rows hold the state at GPS time (``output.gps_time``).
+Neglects: a user's own rows, odometers, barometers and magnetometers are taken at the IMU's tags.
 """
 
 from __future__ import annotations
@@ -28,11 +28,13 @@ def imu_time(wanted: StatesWanted) -> StateBlock | None:
     return StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", sigma) if sigma > 0.0 else None
 
 
-def to_imu_time(m: StateRecord, P: Float64, layout: Layout) -> None:
+def to_imu_time(m: StateRecord, P: Float64, layout: Layout, *, with_velocity: bool = True) -> None:
     """Carry a state that was set by a fix from the fix's time to the IMU's, with its covariance.
 
+    Without a velocity in the fix the state has kept its own, which is of the IMU's time already.
+
     Equation: r <- r + v s, dr <- dr + v ds; v <- v + a s, P_v <- P_v + a a^T sigma_s^2, a = C f + g. A moment's a may
-    be a tilt, so what it makes of ds is a variance and tells nothing of ds.
+    be a tilt, so its product with ds counts as noise of the velocity and is not correlated with ds.
     """
     at = layout.at(IMU_TIME)
     if at < 0:
@@ -41,9 +43,10 @@ def to_imu_time(m: StateRecord, P: Float64, layout: Layout) -> None:
     normal_gravity_ecef(m.r_e, gravity)
     acceleration = m.C_eb @ m.f_last + gravity
     m.r_e[:] += s * m.v_e
-    m.v_e[:] += s * acceleration
+    if with_velocity:
+        m.v_e[:] += s * acceleration
+        P[DV : DV + 3, DV : DV + 3] += P[at, at] * np.outer(acceleration, acceleration)
     m.v_shown[:] = m.v_corrected[:] = m.v_e
     T = np.eye(len(P))
     T[DR : DR + 3, at] = m.v_e
     P[:] = T @ P @ T.T
-    P[DV : DV + 3, DV : DV + 3] += P[at, at] * np.outer(acceleration, acceleration)

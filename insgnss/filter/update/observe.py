@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
-from insgnss.filter.headings.motion import place_turning
+from insgnss.filter.headings.motion import angular_acceleration, place_turning
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
 from insgnss.filter.rows.lines import Antenna, Epoch, Line
@@ -19,6 +19,7 @@ from insgnss.filter.update.predictions import predict
 from insgnss.filter.update.scalar_update import predicted_variance
 from insgnss.filter.update.shown_motion import place_motion
 from insgnss.geodesy.gravity import normal_gravity_ecef
+from insgnss.geodesy.vectors import cross, plus
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
 from insgnss.kernels.jit import kernel
@@ -32,8 +33,8 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
 
     The state stands at the receiver's time tag, reception was late = clock / c earlier: r_a goes back by
     v late - a late^2 / 2 and v_a by a late, a = C_eb (f_b + w x (w x l)) + g - 2 w_ie x v_e. Where the IMU's time is
-    estimated, late is more by that.
-    Neglects: a change of the antenna's turning over that time, 3e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
+    estimated, late is more by that, and a holds C_eb (w' x l), w' the angular acceleration.
+    Neglects: w' otherwise, 3e-4 m/s for 1 m, 1 ms and 20 deg/s in a second.
     """
     for i in range(3):
         a.l_b[i] = par.lever_b[i]
@@ -58,6 +59,8 @@ def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64
     a.u[0] += 2.0 * WGS84_OMEGA_RADPS * m.v_e[1]
     a.u[1] -= 2.0 * WGS84_OMEGA_RADPS * m.v_e[0]
     p, q, r = w1 * z - w2 * y, w2 * x - w0 * z, w0 * y - w1 * x  # w x (w x l)
+    if par.at_imu_time >= 0:
+        p, q, r = plus((p, q, r), cross(angular_acceleration(m), a.l_b))
     x, y, z = f_b[0] - a.dr[0] + p, f_b[1] - a.dr[1] + q, f_b[2] - a.dr[2] + r
     for i in range(3):
         acceleration = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z + a.u[i]

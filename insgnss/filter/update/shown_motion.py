@@ -8,7 +8,7 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Antenna
 from insgnss.filter.state import DR, DV, StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.geodesy.vectors import cross, place, plus, rotate
+from insgnss.geodesy.vectors import Vector, cross, dot, place, plus, rotate, times
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -47,20 +47,38 @@ def follow_motion(m: StateRecord, P: Float64, par: Parameters) -> None:
 def place_motion(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> None:
     """Write the antenna's velocity and acceleration, ECEF, that count as motion.
 
-    The acceleration is that of the last moments, less its noise, while the velocity is not that of the last seconds: a
-    vehicle at rest vibrates.
+    At constant speed v an error ds of the IMU's time moves the antenna along the track as an error of the lever arm
+    does, C dl = v ds, in turns as well: both turn with the body. So the turn of the velocity, (C w - w_ie) x v, counts
+    by the rate w that the lever arm's column has (``place_turning``); otherwise the entry of a turn would tell the two
+    apart. Only the rest of the acceleration tells them apart. It counts less its noise, and only while the velocity
+    is not that of the last seconds: a vehicle at rest vibrates.
     """
     if par.at_imu_time < 0:
         return
     place(a.shown_v_e, 0, plus(m.v_shown, a.turning_e))
-    place(a.shown_a_e, 0, (0.0, 0.0, 0.0))
-    if par.motion_gate2 > 0.0 and not velocity_changed(m, P, par.motion_gate2):
-        return
-    normal_gravity_ecef(m.r_e, a.shown_a_e)
-    coriolis = cross((0.0, 0.0, -2.0 * WGS84_OMEGA_RADPS), m.v_e)
-    x, y, z = plus(plus(a.shown_a_e, m.f_smooth), coriolis)
-    force2 = x * x + y * y + z * z
-    noise = 1.5 * par.motion_gate2 * par.accel_density / FORCE_MEAN_TIME_S
-    share = max(1.0 - noise / force2, 0.0) if force2 > 0.0 else 0.0
-    turning = rotate(m.C_eb, cross(a.w_b, cross(a.w_b, a.l_b)))
-    place(a.shown_a_e, 0, plus((share * x, share * y, share * z), turning))
+    gravity, earth_rate = a.shown_a_e, (0.0, 0.0, WGS84_OMEGA_RADPS)
+    normal_gravity_ecef(m.r_e, gravity)
+    fixed = plus(gravity, times(cross(earth_rate, m.v_e), -2.0))
+    along, turned, turn = 1.0, 1.0, cross(plus(rotate(m.C_eb, m.w_last), times(earth_rate, -1.0)), m.v_e)
+    if par.motion_gate2 > 0.0:
+        mean_turn = cross(plus(rotate(m.C_eb, m.w_smooth), times(earth_rate, -1.0)), m.v_e)
+        along = _shown_share(m, P, par, plus(plus(fixed, m.f_smooth), times(mean_turn, -1.0)))
+        rate2 = dot(m.w_last, m.w_last)
+        turned = dot(a.w_b, m.w_last) / rate2 if rate2 > 0.0 else 0.0
+    whole = plus(fixed, rotate(m.C_eb, m.f_last))
+    centripetal = rotate(m.C_eb, cross(a.w_b, cross(a.w_b, a.l_b)))
+    for i in range(3):
+        a.shown_a_e[i] = along * (whole[i] - turn[i]) + turned * turn[i] + centripetal[i]
+
+
+@kernel(inline=True)
+def _shown_share(m: StateRecord, P: Float64, par: Parameters, rest: Vector) -> float:
+    """Return the share of an acceleration beside that of turns which counts as motion.
+
+    Its noise is that of the accelerometers and of the gyros' turn of the velocity.
+    """
+    rest2 = dot(rest, rest)
+    if rest2 == 0.0 or not velocity_changed(m, P, par.motion_gate2):
+        return 0.0
+    density = par.accel_density + par.gyro_density * dot(m.v_e, m.v_e)
+    return max(1.0 - 1.5 * par.motion_gate2 * density / (FORCE_MEAN_TIME_S * rest2), 0.0)
