@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, follow_velocity, motion_specific_force
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.sensor_errors import correct_sensors, factor_of
@@ -20,6 +21,7 @@ from insgnss.filter.state import (
     BG,
     BIAS_FACTOR,
     CLOCK,
+    DR,
     DRIFT,
     DRIFT_FACTOR,
     DV,
@@ -53,6 +55,7 @@ class Rates(Record):
 RATES_DTYPE: Final = dtype_of(Rates)
 SHOWN2: Final = 25.0  # squared sigmas of its noise beyond which a rate or a force is one
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
+_CURVED_M2: Final = 9e6  # 3 km, over which it leaves 3 mm/s: see ``add_gravity_curvature``
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
 
 
@@ -123,6 +126,32 @@ def propagate_covariance(m: StateRecord, P: Float64, par: Parameters, scratch: S
     add_half_noise(m, P, par, dt, accel_q)
     carry_covariance(step, m.sum_C, couplings, scratch.keep, P, scratch.B)
     add_half_noise(m, P, par, dt, accel_q)
+    if P[DR, DR] + P[DR + 1, DR + 1] + P[DR + 2, DR + 2] > _CURVED_M2:
+        add_gravity_curvature(m, P, dt)
+
+
+@kernel(inline=True)
+def add_gravity_curvature(m: StateRecord, P: Float64, dt: float) -> None:
+    """Add to the vertical velocity what gravity's gradient, constant in the transition, leaves over a height error.
+
+    Equation: g(h) = g (1 - 2 h / R + 3 h^2 / R^2), so an error h of sigma s neglects a = 3 g h^2 / R^2, of the rms
+    sqrt(3) 3 g s^2 / R^2. It grows with h^2 as exp(2 t / T), T = sqrt(R / 2 g) = 570 s, and leaves a T / 2 in the
+    velocity. White noise of density a^2 T leaves the same variance.
+    """
+    r2 = m.r_e[0] ** 2 + m.r_e[1] ** 2 + m.r_e[2] ** 2
+    s2 = 0.0
+    for i in range(3):
+        for j in range(3):
+            s2 += m.r_e[i] * P[DR + i, DR + j] * m.r_e[j]
+    s2 /= r2
+    density = (
+        27.0
+        * (STANDARD_GRAVITY_MPS2 * s2 / r2) ** 2
+        * math.sqrt(math.sqrt(r2) / (2.0 * STANDARD_GRAVITY_MPS2))
+    )
+    for i in range(3):
+        for j in range(3):
+            P[DV + i, DV + j] += density * dt * m.r_e[i] * m.r_e[j] / r2
 
 
 @kernel(inline=True)

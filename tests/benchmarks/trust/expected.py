@@ -27,10 +27,6 @@ A5: Final = "recoveries that make it worse"
 A6: Final = "a fault that nobody notices"
 A7: Final = "sigmas leave out that the local level is taken at the estimated place"
 
-FAR: Final = (
-    "the first epochs after an hour without satellites are linearised 40 km from the truth, and not iterated"
-)
-
 LAG: Final = "the receiver's loops lag in a jerk, all range rates alike: it needs their lag as a state"
 UNSEEN: Final = (
     "until the fault shows, the heading is off by 0.1 deg and its sigma is 0.02: no test is faster"
@@ -38,7 +34,6 @@ UNSEEN: Final = (
 
 # what is mended now, finding by finding
 NOW: Final = (
-    Mark("hour_without_gnss_given", "worst *", FAR),
     Mark("over_the_pole", "worst velocity *", A7),
     Mark("fast_jet", "* velocity *", LAG),
     Mark("fault_accel_step", "no false heading", UNSEEN, in_tests=False),
