@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.aiding.antenna_motion import Vehicle, place_motion
+from insgnss.aiding.antenna_motion import VehicleTrace, place_motion
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.constants import C_MPS
 from insgnss.kernels.jit import kernel
@@ -194,7 +194,7 @@ def observe_satellites(e: Float64, count: int, dt: float, motion: Float64) -> No
 
 
 @kernel
-def fill_values(vehicle: Vehicle, arcs: Arcs, spans: Spans, receiver_clock: float, out: Values) -> None:
+def fill_values(vehicle: VehicleTrace, arcs: Arcs, spans: Spans, receiver_clock: float, out: Values) -> None:
     """Write the values of all satellites of each span at its times.
 
     They are expanded at the span's first time: a value depends on nothing that comes after it.

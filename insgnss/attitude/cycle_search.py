@@ -56,7 +56,7 @@ class Prior(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Found:
+class CycleFix:
     """The whole cycles that fit best, and whether they may be used."""
 
     is_valid: bool
@@ -68,7 +68,7 @@ class Found:
     ratio: float  # loss of the second best set over it
 
 
-def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.0) -> Found:
+def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.0) -> CycleFix:
     """Return the whole cycles of an epoch, valid where one set alone fits.
 
     A set is believed where its loss is below the bound that one right set in 10 000 exceeds, the second best set's is
@@ -103,11 +103,11 @@ def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.
     elif second < max(largest, ratio * loss):
         reason = f"several sets of whole cycles fit: losses {loss:.3g} and {second:.3g}, bound {largest:.3g}"
     cycles = np.array(order[0], np.int64)
-    return Found(not reason, reason, loss <= largest, C, cycles, loss, second / max(loss, 1e-12))
+    return CycleFix(not reason, reason, loss <= largest, C, cycles, loss, second / max(loss, 1e-12))
 
 
-def _nothing(reason: str) -> Found:
-    return Found(False, reason, False, np.eye(3), np.zeros(0, np.int64), math.inf, math.nan)
+def _nothing(reason: str) -> CycleFix:
+    return CycleFix(False, reason, False, np.eye(3), np.zeros(0, np.int64), math.inf, math.nan)
 
 
 def _less_clocks(rows: DifferenceRows) -> DifferenceRows:

@@ -15,7 +15,7 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.loop import advance, run_epochs, write_row
 from insgnss.filter.output.writing import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.filter.parameters import PARAMETERS_DTYPE
-from insgnss.filter.prediction import Imu, carry, carry_bank, predict_covariance, propagate_covariance
+from insgnss.filter.prediction import ImuSamples, carry, carry_bank, predict_covariance, propagate_covariance
 from insgnss.filter.state import new_bank
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
@@ -35,7 +35,7 @@ from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
-from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
+from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, GnssRows
 from insgnss.kernels.compiled_ahead import compile_for
 
 _N: Final = 0  # stands for any whole number
@@ -50,7 +50,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     (masking, the trace) is compiled where it is first called.
     """
     rows = _no_rows()
-    imu = Imu(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 3)))
+    imu = ImuSamples(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 3)))
     parameters, bank, work = np.zeros(1, PARAMETERS_DTYPE), new_bank(1, 0), new_workspace(1, Layout())
     out = new_output(rows, 1, 1, np.zeros(0, np.int64))
     par, m, P, s, scratch = parameters[0], bank.state[0], bank.P[0], work.epoch, work.scratch
@@ -106,10 +106,10 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     }
 
 
-def _no_rows() -> Rows:
+def _no_rows() -> GnssRows:
     """Return a log of one epoch without a row."""
     carrier, before = no_carriers()
-    return Rows(
+    return GnssRows(
         epoch_ns=np.zeros(1, np.int64),
         first=np.zeros(2, np.int64),
         observation=np.zeros(0, OBSERVATION_DTYPE),

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.gnss.observation_rows import ABSENT, GnssRows
 from insgnss.gnss.signals import wavelength_m
 from insgnss.status import (
     BAD_SIGMA,
@@ -58,7 +58,7 @@ class AntennaPhases:
 
 
 def antenna_phases(
-    logs: Sequence[tuple[GnssTable, Rows]], channels: Mapping[str, int] | None = None
+    logs: Sequence[tuple[GnssTable, GnssRows]], channels: Mapping[str, int] | None = None
 ) -> AntennaPhases:
     """Return the phases of all antennas at the epochs of the first log.
 
@@ -81,7 +81,7 @@ def antenna_phases(
 
 def _part(
     gnss: GnssTable,
-    rows: Rows,
+    rows: GnssRows,
     antenna: int,
     epoch_ns: Int64,
     numbers: dict[Channel, int],

@@ -88,7 +88,7 @@ OBSERVATION_DTYPE: Final = dtype_of(Observation, align=True)
 Observations: TypeAlias = npt.NDArray[Any]  # (n,) of OBSERVATION_DTYPE
 
 
-class Rows(NamedTuple):
+class GnssRows(NamedTuple):
     """One row per observation, in the order of the log; epochs are runs of rows. Read-only to the filter."""
 
     epoch_ns: Int64  # (m,) receiver time tag
@@ -122,7 +122,7 @@ def prepare_rows(
     correction_m: Float64 | None = None,
     variance_scale: Mapping[str, float] | None = None,
     bias_sigma_m: Mapping[str, float] | None = None,
-) -> Rows:
+) -> GnssRows:
     """Return the rows of a log with satellite states and the status each starts with.
 
     Parameters
@@ -194,7 +194,7 @@ def prepare_rows(
         take_off(observation, correction_m)
     if ionosphere_free:
         sat = combine_pseudoranges(observation, sat, carrier_of, first)
-    return Rows(
+    return GnssRows(
         epoch_ns=epoch_ns,
         first=first,
         observation=observation,
@@ -214,24 +214,24 @@ def take_off(observation: npt.NDArray[Any], correction_m: Float64) -> None:
     observation["status"][:, PSEUDORANGE] = np.where((status == USED) & ~known, NO_CORRECTION, status)
 
 
-def from_epoch(rows: Rows, epoch: int) -> Rows:
+def from_epoch(rows: GnssRows, epoch: int) -> GnssRows:
     """Return the rows from an epoch on, which know of the one before what the carrier's differences need."""
     if epoch <= 0:
         return rows
     part = some_epochs(rows, epoch, len(rows.epoch_ns))
-    return Rows(**{name: array.copy() for name, array in part._asdict().items()})
+    return GnssRows(**{name: array.copy() for name, array in part._asdict().items()})
 
 
-def one_epoch(rows: Rows, epoch: int) -> Rows:
+def one_epoch(rows: GnssRows, epoch: int) -> GnssRows:
     """Return the rows of one epoch; they share their memory with ``rows``."""
     return some_epochs(rows, epoch, epoch + 1)
 
 
-def some_epochs(rows: Rows, begin: int, end: int) -> Rows:
+def some_epochs(rows: GnssRows, begin: int, end: int) -> GnssRows:
     """Return the rows of the epochs ``begin`` to ``end - 1``; they share their memory with ``rows``."""
     first, last = int(rows.first[begin]), int(rows.first[end])
     part = slice(first, last) if len(rows.carrier) else slice(0, 0)
-    return Rows(
+    return GnssRows(
         epoch_ns=rows.epoch_ns[begin:end],
         first=rows.first[begin : end + 1] - first,
         observation=rows.observation[first:last],

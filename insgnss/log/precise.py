@@ -50,7 +50,7 @@ _Nodes = dict[int, Any]  # time [ns] -> value
 
 
 @dataclass
-class _Collected:
+class _ProductContents:
     """What the files gave so far: per satellite its nodes."""
 
     orbit: dict[str, _Nodes] = field(default_factory=dict)  # values (3,) [m]
@@ -73,7 +73,7 @@ def read_precise(paths: Sequence[Path], *, use_predicted: bool = True) -> tuple[
     NavigationDataError : a file is of another kind or cannot be read, or there is no orbit or no clock in any
     TimeError : a time system that is not known
     """
-    found = _Collected()
+    found = _ProductContents()
     for path in paths:
         text = file_text(path)
         if text[:2] in ("#c", "#d", "#a", "#b"):
@@ -116,7 +116,7 @@ def _times(nodes: dict[str, _Nodes]) -> Int64:
 # ------------------------------------------------------------------------------------------------------------- SP3
 
 
-def _collect_sp3(text: str, path: Path, found: _Collected, use_predicted: bool) -> None:
+def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: bool) -> None:
     product = _parsed_sp3(text, path, found)
     times = [_gps_ns(instant, path) for instant in product.epoch_instants]
     declared = product.declared_epoch_count
@@ -174,7 +174,7 @@ def _records(product: Any, epoch: int) -> Iterable[tuple[str, Float64 | None, fl
         yield name, np.asarray(state.position_m, dtype=np.float64), state.clock_s, state
 
 
-def _parsed_sp3(text: str, path: Path, found: _Collected) -> Any:
+def _parsed_sp3(text: str, path: Path, found: _ProductContents) -> Any:
     """Return the parsed product; where lines are damaged, that of the others."""
     try:
         return sidereon.load_sp3(text.encode())
@@ -226,7 +226,7 @@ def _is_position(line: str) -> bool:
 
 
 def _leave_out_flagged(
-    flagged: list[tuple[dict[str, _Nodes], str, int]], path: Path, found: _Collected
+    flagged: list[tuple[dict[str, _Nodes], str, int]], path: Path, found: _ProductContents
 ) -> None:
     """Remove the flagged nodes and those around them, so that the gap is too wide to be bridged."""
     for nodes, name, t_ns in flagged:
@@ -238,7 +238,12 @@ def _leave_out_flagged(
 
 
 def _merge(
-    into: dict[str, _Nodes], new: dict[str, _Nodes], metres: float, path: Path, what: str, found: _Collected
+    into: dict[str, _Nodes],
+    new: dict[str, _Nodes],
+    metres: float,
+    path: Path,
+    what: str,
+    found: _ProductContents,
 ) -> None:
     """Add nodes that are not there yet; tell how many were, and how far off the new ones are."""
     repeated, farthest_m = [], 0.0
@@ -259,7 +264,7 @@ def _merge(
 # ---------------------------------------------------------------------------------------------------- RINEX clock
 
 
-def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
+def _collect_clocks(text: str, path: Path, found: _ProductContents) -> None:
     try:
         product = sidereon.parse_rinex_clock_lossy(text)
     except (sidereon.SidereonError, ValueError) as error:

@@ -20,7 +20,7 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import fix_epoch
 from insgnss.gnss.differential import apply, differential_corrections
 from insgnss.gnss.ionosphere_rows import ionosphere_growth, ionosphere_rows, serving_models
-from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gnss.observation_rows import GnssRows, from_epoch
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import glonass_channels
 from insgnss.log.flight import Flight, FlightLogs
@@ -34,7 +34,7 @@ PREPARED_MODELS: Final = ("nequick", "beidou", "own")
 MOST_ROWS: Final = 1 << 16
 
 
-def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tuple[Rows, list[Event]]:
+def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tuple[GnssRows, list[Event]]:
     """Return the rows of a flight's GNSS log with every correction that its settings ask for.
 
     Raises
@@ -48,7 +48,7 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
 
 def row_blocks(
     setup: FilterSetup, logs: FlightLogs, flight: Flight, most_rows: int | None = MOST_ROWS
-) -> tuple[list[Rows], list[Event]]:
+) -> tuple[list[GnssRows], list[Event]]:
     """Return what ``corrected_rows`` does in blocks of whole epochs with about ``most_rows`` rows; None: in one.
 
     Raises
@@ -114,7 +114,7 @@ def row_corrections(
     return ionosphere_l1, correction_m, events
 
 
-def approximate_places(setup: FilterSetup, rows: Rows) -> tuple[Int64, Float64]:
+def approximate_places(setup: FilterSetup, rows: GnssRows) -> tuple[Int64, Float64]:
     """Return times (k,) and antenna positions (k, 3), ECEF, about one a minute.
 
     Raises

@@ -27,7 +27,7 @@ from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, ResultError
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import point_rows, point_settings
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.gnss.point.log import solve_epochs
 from insgnss.gnss.point.rows import PointLog, PointRows, at_time_tags, new_point_log
@@ -36,7 +36,7 @@ from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
 from insgnss.results.saving import saving
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
 from insgnss.runs.datum import annotate_all
 from insgnss.runs.first_run import compiled
@@ -57,7 +57,7 @@ TRUSTED: Final = ("ok", "fault excluded", "not tested")
 
 
 @dataclass(frozen=True, repr=False)
-class PointRun(Shown):
+class PointRun(ResultDisplay):
     """What ``point`` gives. Tables are DataFrames, ``settings`` is all that is needed to repeat it."""
 
     point: pd.DataFrame
@@ -205,7 +205,7 @@ def point(
 
 
 def solve_rows(
-    setup: FilterSetup, rows: Rows, false_alarm: float = 1e-3, missed_detection: float = 1e-3
+    setup: FilterSetup, rows: GnssRows, false_alarm: float = 1e-3, missed_detection: float = 1e-3
 ) -> tuple[PointRows, Float64, PointLog]:
     """Return the rows as the solution takes them, the test's limits by redundant rows, and the solution.
 

@@ -11,10 +11,10 @@ import numpy as np
 from insgnss.config import manoeuvres as told
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.aerobatics import BarrelRollFigure, LoopFigure, Swing, WavesFigure
+from insgnss.simulation.aerobatics import BarrelRollFigure, LoopFigure, Sinusoid, WavesFigure
 from insgnss.simulation.ascent import AscentFigure, RocketSettings
 from insgnss.simulation.course import KNOT_S, Course
-from insgnss.simulation.gauss_markov_motion import GRID_S, GaussMarkov, GaussMarkovFigure
+from insgnss.simulation.gauss_markov_motion import GRID_S, GaussMarkovFigure, GaussMarkovProcess
 from insgnss.units import deg_to_rad
 
 STEEPEST_SMOOTHSTEP: Final = 1.875  # its largest slope, in the middle
@@ -147,10 +147,10 @@ def _waves(sea: told.Sea) -> WavesFigure:
     return WavesFigure(
         sea.duration_s,
         sea.ramp_s,
-        roll=Swing(deg_to_rad(sea.roll_deg), sea.roll_period_s, 0.0),
-        pitch=Swing(deg_to_rad(sea.pitch_deg), sea.pitch_period_s, 0.8),
-        yaw=Swing(deg_to_rad(sea.yaw_deg), sea.yaw_period_s, 1.6),
-        heave=Swing(sea.heave_m, sea.heave_period_s, 2.4),
+        roll=Sinusoid(deg_to_rad(sea.roll_deg), sea.roll_period_s, 0.0),
+        pitch=Sinusoid(deg_to_rad(sea.pitch_deg), sea.pitch_period_s, 0.8),
+        yaw=Sinusoid(deg_to_rad(sea.yaw_deg), sea.yaw_period_s, 1.6),
+        heave=Sinusoid(sea.heave_m, sea.heave_period_s, 2.4),
     )
 
 
@@ -173,8 +173,8 @@ def _ascend(course: Course, ascent: told.Ascent) -> None:
 
 def _wander(course: Course, wanted: told.RandomMotion) -> None:
     figure = GaussMarkovFigure(
-        GaussMarkov(wanted.acceleration_g * STANDARD_GRAVITY_MPS2, wanted.acceleration_time_s),
-        GaussMarkov(deg_to_rad(wanted.turn_rate_deg_per_s), wanted.turn_time_s),
+        GaussMarkovProcess(wanted.acceleration_g * STANDARD_GRAVITY_MPS2, wanted.acceleration_time_s),
+        GaussMarkovProcess(deg_to_rad(wanted.turn_rate_deg_per_s), wanted.turn_time_s),
         wanted.duration_s,
         np.random.default_rng(wanted.seed),
         wanted.return_s,

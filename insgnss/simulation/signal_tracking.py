@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.simulation.observations import MOST_AMBIGUITY_CYCLES, Observations
+from insgnss.simulation.observations import MOST_AMBIGUITY_CYCLES, SignalObservations
 from insgnss.tables import Float64
 
 Bool = npt.NDArray[np.bool_]
@@ -24,8 +24,8 @@ class TrackingRules:
     slips_indicated: float = 1.0  # share that the receiver notices
 
     def apply(
-        self, seen: Observations, strength_dbhz: Float64, rng: np.random.Generator | None
-    ) -> Observations:
+        self, seen: SignalObservations, strength_dbhz: Float64, rng: np.random.Generator | None
+    ) -> SignalObservations:
         """Return the observations that the receiver makes of signals of the given mean C/N0 (m, n).
 
         A signal counts as received from the first epoch if it is strong enough there. Every new beginning brings the

@@ -24,7 +24,7 @@ from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Ban
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
-from insgnss.gnss.observation_rows import CARRIER, Rows
+from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.status import NO_IMU, USED
@@ -134,7 +134,7 @@ class Output(NamedTuple):
 
 
 def new_output(
-    rows: Rows,
+    rows: GnssRows,
     n_nav: int,
     n_events: int,
     times_ns: Int64,
@@ -159,7 +159,7 @@ def new_output(
     )
 
 
-def new_ledger(rows: Rows) -> tuple[Table, Table]:
+def new_ledger(rows: GnssRows) -> tuple[Table, Table]:
     """Return the entries of rows, and those of their carriers, as they are known before the filter."""
     ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
     ledger["status"] = rows.observation["status"]

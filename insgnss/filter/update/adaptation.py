@@ -12,7 +12,7 @@ import math
 from typing import Final
 
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Line, Lines
+from insgnss.filter.rows.lines import EpochWorkspace, Line, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
 from insgnss.filter.update.integrity import explain, explained_by, explained_variance, fit_all, fit_freely
 from insgnss.gnss.median import median_of
@@ -99,7 +99,7 @@ def adapt_noise(
     prior: Float64,
     P: Float64,
     par: Parameters,
-    s: Epoch,
+    s: EpochWorkspace,
     n: int,
     t_ns: int,
     drift_variance: float,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, velocity_changed
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.state import DR, DV, StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.vectors import cross, place, plus, rotate
@@ -44,7 +44,7 @@ def follow_motion(m: StateRecord, P: Float64, par: Parameters) -> None:
 
 
 @kernel(apart=True)
-def place_motion(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> None:
+def place_motion(m: StateRecord, P: Float64, par: Parameters, a: AntennaState) -> None:
     """Write the antenna's velocity and acceleration, ECEF, that count as motion.
 
     The acceleration is that of the last moments, less its noise, while the velocity is not that of the last seconds: a

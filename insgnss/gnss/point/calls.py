@@ -25,7 +25,7 @@ from insgnss.gnss.point.integrity import (
     redundancy_room,
     swaps_fit,
 )
-from insgnss.gnss.point.log import Solution, fit_position, new_room, see_rows, solve_epochs, write_rows
+from insgnss.gnss.point.log import PointFit, fit_position, new_room, see_rows, solve_epochs, write_rows
 from insgnss.gnss.point.robust_fit import polish, search
 from insgnss.gnss.point.rows import PointRows, PointSettings, new_point_log
 from insgnss.gnss.troposphere import STANDARD_WEATHER
@@ -49,7 +49,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     settings = PointSettings(_X, _X, _X, STANDARD_WEATHER, (_X,) * 4, (_X,) * 4, _X, _X, ties)
     out, room, limits = new_point_log(rows, 1), new_room(0), np.zeros(1)
     fits = Fits(limits, workspace(4), redundancy_room(0))
-    one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), Solution(use, x, P)
+    one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), PointFit(use, x, P)
     return {
         solve_epochs: (rows, settings, limits, out),
         search: (one, use, x, fits.work, x, P, use),

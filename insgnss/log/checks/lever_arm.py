@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.log.checks.declaration import Declared
-from insgnss.log.checks.refinement import LEVER, Refined
+from insgnss.log.checks.declaration import AxesDeclaration
+from insgnss.log.checks.refinement import LEVER, RefinedEstimate
 from insgnss.log.checks.report import Finding, Proposal
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.tables import Float64
 
@@ -25,7 +25,7 @@ FELT_MPS: Final = 0.05  # a velocity that a single epoch shows
 
 
 def lever_arm_findings(
-    flight: Flight, refined: Refined, accel: Float64, declared: Declared, track: Track
+    flight: Flight, refined: RefinedEstimate, accel: Float64, declared: AxesDeclaration, track: GnssTrack
 ) -> list[Finding]:
     """Return what the log says of the lever arm from IMU to antenna.
 
@@ -63,7 +63,7 @@ def lever_arm_findings(
     return [Finding("ok", "motion", text, "not known well enough to be proposed: measure it")]
 
 
-def _moved(declared: Declared, track: Track) -> tuple[float, float]:
+def _moved(declared: AxesDeclaration, track: GnssTrack) -> tuple[float, float]:
     """Return rms and largest velocity [m/s] of an antenna a metre away, over seconds of the common time."""
     t_s = (declared.imu.t_ns - track.origin_ns) / NS_PER_S
     inside = (t_s >= track.t_s[0]) & (t_s <= track.t_s[-1])

@@ -74,7 +74,7 @@ def _covers_its_step(
 ) -> Bool:
     """Return for each long step whether its increment was gathered over all of it."""
     long = np.flatnonzero(is_long)
-    near = _Window(long, len(interval))
+    near = _MovingSums(long, len(interval))
     count = near.sums(~is_long)
     known = np.maximum(count, 1.0)
     rates = [np.where(is_long, 0.0, axis / interval) for axis in dv]
@@ -92,7 +92,7 @@ def _covers_its_step(
     return np.asarray(np.where(tells, q > middle, pattern))
 
 
-class _Window:
+class _MovingSums:
     """Sums over the samples around each of some samples, themselves included."""
 
     def __init__(self, centres: npt.NDArray[np.intp], n: int) -> None:

@@ -50,7 +50,7 @@ _MOST_RANGE_M: Final = 1e9
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _RangeColumns:
     """Measurements of one kind of message, one entry each."""
 
     t_ns: Int64
@@ -66,8 +66,8 @@ class _Rows:
     status: Int64  # bits of the channel tracking status
     ceiling_ms: Int64
 
-    def keep(self, rows: npt.NDArray[Any]) -> _Rows:
-        return _Rows(**{name: values[rows] for name, values in vars(self).items()})
+    def keep(self, rows: npt.NDArray[Any]) -> _RangeColumns:
+        return _RangeColumns(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Event]]:
@@ -75,7 +75,7 @@ def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Eve
 
     Of an epoch that was logged in several kinds of message the fullest kind counts: RANGE before its compressed forms.
     """
-    parts: list[_Rows] = []
+    parts: list[_RangeColumns] = []
     events: list[Event] = []
     seen: set[int] = set()
     for kind, rows_of in ((RANGE, _plain), (RANGECMP, _compressed), (RANGECMP2, _compressed_2)):
@@ -85,7 +85,9 @@ def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Eve
             events += told
         seen |= {int(t) for t in np.unique(np.concatenate([part.t_ns for part in parts]))}
     file = str(files[0].path)
-    rows = _Rows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    rows = _RangeColumns(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
+    )
     if not len(rows.t_ns):
         return None, events
     table, told = _table(rows, file)
@@ -137,13 +139,13 @@ def _codes(system: npt.NDArray[Any], number: Int64, signals: dict[str, dict[int,
     return found
 
 
-def _plain(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
+def _plain(frames: NovatelFrames, chosen: list[Frame]) -> _RangeColumns:
     starts, t_ns = _places(frames, chosen, _RANGE.itemsize)
     rows = records(frames.data, starts, _RANGE)
     status = rows["status"].astype(np.int64)
     system = _letters(status)
     lock_ms = np.nan_to_num(np.ceil(rows["lock_s"].astype(np.float64) * 1e3), nan=0.0, posinf=0.0, neginf=0.0)
-    return _Rows(
+    return _RangeColumns(
         t_ns,
         system,
         rows["prn"].astype(np.int64),
@@ -169,7 +171,7 @@ def _carriers(system: npt.NDArray[Any], code: npt.NDArray[Any], channel: Int64) 
     return np.array(hz, np.float64)[index] if len(unique) else np.zeros(0)
 
 
-def _compressed(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
+def _compressed(frames: NovatelFrames, chosen: list[Frame]) -> _RangeColumns:
     starts, t_ns = _places(frames, chosen, _COMPRESSED.itemsize)
     rows = records(frames.data, starts, _COMPRESSED)
     status, both = rows["status"].astype(np.int64), rows["doppler_range"]
@@ -181,7 +183,7 @@ def _compressed(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
     hz = _carriers(system, code, channel)
     adr = rows["adr"] / 256.0
     wraps = np.rint((-range_m * hz / C_MPS - adr) / _ADR_CYCLE)
-    return _Rows(
+    return _RangeColumns(
         t_ns,
         system,
         rows["prn"].astype(np.int64),
@@ -201,7 +203,7 @@ def _signed(values: Int64, bits: int) -> Int64:
     return values - (values >> bits - 1 << bits)
 
 
-def _compressed_2(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
+def _compressed_2(frames: NovatelFrames, chosen: list[Frame]) -> _RangeColumns:
     satellites: list[int] = []
     signals: list[int] = []
     t_ns: list[int] = []
@@ -233,7 +235,7 @@ def _compressed_2(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
     doppler = _signed(_bits(fields, 39, 21), 21) + _signed(_bits(second, 47, 17), 17) / 256.0
     # numbers of GLONASS's satellites are slots here
     prn = heads["prn"].astype(np.int64) + np.where(letter == "R", 37, 0)
-    return _Rows(
+    return _RangeColumns(
         np.array(t_ns, np.int64),
         letter,
         prn,
@@ -256,7 +258,7 @@ def _bits(values: npt.NDArray[np.uint64], place: int, count: int) -> Int64:
 # ------------------------------------------------------------------------------------------------------------- table
 
 
-def _table(rows: _Rows, file: str) -> tuple[GnssTable | None, list[Event]]:
+def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event]]:
     """Return the rows of known satellites and signals in the order of time, each once."""
     pairs, index = np.unique(
         np.char.add(rows.system.astype("U1"), rows.prn.astype("U8")), return_inverse=True

@@ -20,11 +20,11 @@ from insgnss.gnss import late_sidereon as sidereon
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
 from insgnss.log.files import file_text
 from insgnss.log.first_events import first_events
+from insgnss.log.messages.broadcast import StateVector
 from insgnss.log.rinex.ionosphere import read_ionosphere
 from insgnss.log.rinex.states import (
     IMPOSSIBLE_DATE,
     NO_CHANNEL,
-    StateVector,
     is_date,
     read_state_vectors,
     state_vector_table,
@@ -49,7 +49,7 @@ _ELEMENTS: Final = (
 
 
 @dataclass
-class _Found:
+class _NavigationContents:
     """What the files gave so far."""
 
     keplerian: list[Any] = field(default_factory=list)
@@ -72,7 +72,7 @@ def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]
     ------
     NavigationDataError : a file is no RINEX navigation file, or there is no ephemeris in any
     """
-    found = _Found()
+    found = _NavigationContents()
     for path in paths:
         text = _navigation_text(path)
         _read_records(text, path, found)
@@ -118,7 +118,7 @@ def _navigation_text(path: Path) -> str:
     return text
 
 
-def _read_records(text: str, path: Path, found: _Found) -> None:
+def _read_records(text: str, path: Path, found: _NavigationContents) -> None:
     """Add the messages of a file, and an event for what is damaged or of another kind."""
     try:
         parsed = sidereon.parse_rinex_nav_lenient(text)

@@ -15,7 +15,8 @@ import numpy as np
 from insgnss.gnss import late_sidereon as sidereon
 from insgnss.gnss.signals import CHANNELS
 from insgnss.gpstime import datetime_to_ns, utc_to_ns
-from insgnss.tables import Float64, StateVectorTable
+from insgnss.log.messages.broadcast import StateVector
+from insgnss.tables import StateVectorTable
 
 NO_CHANNEL: Final = -128
 _J2000: Final = dt.datetime(2000, 1, 1, 12)
@@ -23,22 +24,6 @@ IMPOSSIBLE_DATE: Final = "its date is impossible"
 _LATEST_NS: Final = datetime_to_ns(dt.datetime(2100, 1, 1))
 _FIELD: Final = 19  # characters of a number
 _KILO: Final = 1000.0
-
-
-@dataclass(frozen=True, eq=False)
-class StateVector:
-    """One message."""
-
-    sv: str
-    t_ns: int
-    r_e: Float64
-    v_e: Float64
-    a_e: Float64
-    clock_s: float
-    clock_rate: float
-    group_delay_s: float  # NaN when not given
-    health: float
-    channel: int
 
 
 @dataclass(frozen=True)
@@ -103,9 +88,9 @@ def _glonass(record: Any) -> StateVector:
     return StateVector(
         sv=record.satellite,
         t_ns=_utc_j2000_to_ns(record.toe_utc_j2000_s),
-        r_e=np.asarray(record.position_m),
-        v_e=np.asarray(record.velocity_m_s),
-        a_e=np.asarray(record.acceleration_m_s2),
+        r_e=tuple(np.asarray(record.position_m).tolist()),
+        v_e=tuple(np.asarray(record.velocity_m_s).tolist()),
+        a_e=tuple(np.asarray(record.acceleration_m_s2).tolist()),
         clock_s=record.clock_bias_s,
         clock_rate=record.gamma_n,
         group_delay_s=float("nan") if delay is None else delay,
@@ -189,9 +174,9 @@ def _sbas(block: list[str], *, old: bool) -> StateVector:
     return StateVector(
         sv=sv,
         t_ns=datetime_to_ns(when),
-        r_e=rows[:, 0] * _KILO,
-        v_e=rows[:, 1] * _KILO,
-        a_e=rows[:, 2] * _KILO,
+        r_e=tuple((rows[:, 0] * _KILO).tolist()),
+        v_e=tuple((rows[:, 1] * _KILO).tolist()),
+        a_e=tuple((rows[:, 2] * _KILO).tolist()),
         clock_s=clock_s,
         clock_rate=clock_rate,
         group_delay_s=float("nan"),

@@ -59,7 +59,7 @@ _LEGACY_RANK: Final = 0  # below the kinds of MSM: of a signal sent twice the fi
 
 
 @dataclass
-class Cells:
+class RtcmObservations:
     """All observations of a stream as they come, a list for each column."""
 
     t_ns: list[int] = field(default_factory=list)
@@ -216,7 +216,9 @@ def _satellite(system: str, seen: Any, kind: int) -> tuple[str, float, float, in
 # ------------------------------------------------------------------------------------------------------------- table
 
 
-def observation_table(cells: Cells, channels: dict[str, int], file: str) -> tuple[GnssTable, list[Event]]:
+def observation_table(
+    cells: RtcmObservations, channels: dict[str, int], file: str
+) -> tuple[GnssTable, list[Event]]:
     """Return the rows of the station that has most of them, each epoch, satellite and signal once.
 
     Parameters
@@ -268,7 +270,9 @@ def _carrier_hz(sv: str, code: str, channel: int | None) -> float:
     return carrier_hz("G" if sv[0] == "S" else sv[0], code, channel)
 
 
-def _chosen(cells: Cells, file: str) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], list[Event]]:
+def _chosen(
+    cells: RtcmObservations, file: str
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], list[Event]]:
     """Return the rows that are used, sorted by epoch, satellite and signal, and what became of the others."""
     events = []
     if cells.unknown:

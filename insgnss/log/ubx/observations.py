@@ -188,20 +188,20 @@ def _rows(
 
 
 @dataclass(frozen=True)
-class _Names:
+class _SatelliteNames:
     index: npt.NDArray[np.intp]  # of each measurement into the names, -1 when it has none
     names: tuple[str, ...]  # sorted
 
 
 def _named(
     system: npt.NDArray[np.uint8], number: npt.NDArray[np.uint8], name_of: Callable[[int, int], str | None]
-) -> _Names:
+) -> _SatelliteNames:
     """Return names for pairs of system and number; ``name_of`` gives None for what is not known."""
     pairs, index = np.unique(system.astype(np.int64) * 256 + number, return_inverse=True)
     words = [name_of(int(pair) >> 8, int(pair) & 255) for pair in pairs]
     names = tuple(sorted({word for word in words if word is not None}))
     place = np.array([-1 if word is None else names.index(word) for word in words] + [-1], dtype=np.intp)
-    return _Names(place[index], names)
+    return _SatelliteNames(place[index], names)
 
 
 def satellite_name(gnss: int, number: int) -> str | None:

@@ -42,14 +42,14 @@ _LARGEST_FACTOR: Final = 30.0
 _LEAST_ROWS: Final = 10  # fewer say nothing
 
 
-class Judged(NamedTuple):
+class InnovationRows(NamedTuple):
     """The rows of a ledger that were judged by their innovation, and what they need for the statistics."""
 
     table: pd.DataFrame  # time_s sv signal kind z share used residual leverage; z is innovation over sigma
     gates: dict[str, float]  # sigmas, by kind
 
 
-def judged_rows(run: Run, from_s: float) -> Judged:
+def judged_rows(run: Run, from_s: float) -> InnovationRows:
     """Return the used rows and those refused for their innovation, from a time on.
 
     ``share`` is D / S, the part of an innovation's variance that is the state's: by it the rows of an epoch share the
@@ -76,7 +76,7 @@ def judged_rows(run: Run, from_s: float) -> Judged:
         rows = (table["used"] & (table["kind"] == kind)).to_numpy()
         table.loc[rows, ["residual", "leverage"]] = np.column_stack(fitted(_for_fit(table[rows], kind)))
     columns = ["time_s", "sv", "signal", "kind", "z", "used", "share", "residual", "leverage"]
-    return Judged(table[columns], gates_of(run.settings))
+    return InnovationRows(table[columns], gates_of(run.settings))
 
 
 def _for_fit(rows: pd.DataFrame, kind: str) -> pd.DataFrame:

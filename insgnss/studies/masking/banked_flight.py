@@ -19,9 +19,9 @@ from insgnss.simulation.course import Course
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure
 from insgnss.simulation.observations import (
     NoiseTerms,
-    Observations,
-    Receiver,
+    SignalObservations,
     SignalPaths,
+    SimulatedReceiver,
     antenna_motion,
     observe_paths,
     paths_to,
@@ -57,7 +57,7 @@ class FlightDraw:
     """One realisation of all errors but those of false locks: every satellite observed all the time."""
 
     imu: ImuTable
-    observations: Observations
+    observations: SignalObservations
     paths: SignalPaths
     start: GivenStart
 
@@ -165,10 +165,10 @@ def first_heading_deg(scenario: ScenarioConfig) -> float:
     return scenario.bank.heading_deg - float(np.degrees(turned))
 
 
-def receiver_of(scenario: ScenarioConfig) -> Receiver:
+def receiver_of(scenario: ScenarioConfig) -> SimulatedReceiver:
     """Return a receiver at the IMU with the scenario's white noise; its C/N0 follows the cardioid."""
     m = scenario.measurements
-    return Receiver(
+    return SimulatedReceiver(
         rate_hz=m.rate_hz,
         first_tag_s=1.0,
         horizon_mask_deg=-90.0,

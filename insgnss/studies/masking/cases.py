@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from insgnss.config.filter import FilterConfig
-from insgnss.config.flight import FlightConfig, Gnss, Imu
+from insgnss.config.flight import FlightConfig, Gnss, ImuConfig
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
@@ -130,7 +130,7 @@ def _flight_in_memory(flight: BankedFlight, drawn: FlightDraw, gnss: GnssTable) 
     config = FlightConfig(
         name=flight.scenario.name,
         gps_week=GPS_WEEK,
-        imu=Imu(files=(Path("imu.csv"),), grade=flight.grade),
+        imu=ImuConfig(files=(Path("imu.csv"),), grade=flight.grade),
         gnss=Gnss(
             files=(Path("gnss.csv"),),
             lever_arm_m=(0.0, 0.0, 0.0),

@@ -17,7 +17,7 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.scenario import FalseLock, ScenarioConfig
+from insgnss.config.scenario import FalseLockModel, ScenarioConfig
 from insgnss.config.search import Search
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import signal_scale, unsupervised_sweep_s
@@ -90,7 +90,7 @@ def unsupervised_channels(
 
 def _unsupervised(
     spell: Spell,
-    lock: FalseLock | None,
+    lock: FalseLockModel | None,
     sweep_s: float,
     scenario: ScenarioConfig,
     place: Float64,

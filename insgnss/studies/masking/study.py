@@ -38,7 +38,7 @@ from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import unsupervised_sweep_s
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.studies.masking import pictures
 from insgnss.studies.masking.banked_flight import BankedFlight, Spell
 from insgnss.studies.masking.cases import CASES, CaseResult, fly
@@ -57,7 +57,7 @@ _SENSITIVITIES_DBHZ: Final = (35.0, 30.0, 25.0, 20.0)  # the paper's table 1
 
 
 @dataclass(frozen=True, repr=False)
-class MaskingStudy(Shown):
+class MaskingStudy(ResultDisplay):
     """What ``masking_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     cases: pd.DataFrame

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import IS_VISIBLE, UNDECIDED, Limits, look_at_all, new_looks
+from insgnss.antenna.visibility import IS_VISIBLE, UNDECIDED, VisibilityLimits, look_at_all, new_looks
 from insgnss.filter.state import PSI
 from insgnss.runs.margin.link import emitter_gain
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
@@ -35,11 +35,11 @@ _STEP_S: Final = 0.1  # at which gains are looked at
 AIRFRAME_LOSS_DB: Final = 30.0  # of a signal whose way ends at the airframe
 
 
-class Masking(NamedTuple):
+class ReceiverMasking(NamedTuple):
     """What a receiver knows of its antennas."""
 
     antennas: Installation
-    limits: Limits
+    limits: VisibilityLimits
 
 
 def gain_dbic(truth: ClosedLoopTruth, antennas: Installation) -> Float64:
@@ -56,7 +56,7 @@ def gain_dbic(truth: ClosedLoopTruth, antennas: Installation) -> Float64:
 class AttitudeMask:
     """The masking of one run: it remembers what it has decided."""
 
-    def __init__(self, masking: Masking, count: int) -> None:
+    def __init__(self, masking: ReceiverMasking, count: int) -> None:
         self._masking = masking
         self._decision: Int8 = np.full((2, count), UNDECIDED, np.int8)
 

@@ -11,7 +11,7 @@ from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
 from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, Timing, offset_findings, overlapping_shifts, split
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.tables import ImuTable
 from insgnss.units import MPS2_PER_MG
@@ -89,7 +89,7 @@ def test_gap_of_the_imu_costs_what_the_motion_of_the_log_may_have_done() -> None
 def clock(clock_m: Float64, drift_mps: Float64) -> str:
     t_s = np.arange(len(clock_m)).astype(float)
     zeros = np.zeros((len(t_s), 3))
-    track = Track(
+    track = GnssTrack(
         t_s.astype(np.int64), t_s, zeros, zeros, t_s, clock_m, drift_mps, 0, len(t_s), len(t_s), len(t_s)
     )
     return "\n".join(finding.line() for finding in clock_findings(track))
