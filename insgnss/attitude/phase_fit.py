@@ -13,7 +13,7 @@ from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.attitude.wahba_problem import AttitudeEstimate
 from insgnss.tables import Float64
 
-_STEPS: Final = 4  # Newton's steps from an attitude right to a degree: the third is below 1e-12 rad
+_NEWTON_STEPS: Final = 4  # Newton's steps from an attitude right to a degree: the third is below 1e-12 rad
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ def fit_attitude(
     W = np.linalg.inv(rows.covariance)
     W_rough = np.asarray(np.linalg.inv(rough.covariance))
     measured = rows.phase + 2.0 * np.pi * np.asarray(cycles, np.float64)
-    for step in range(_STEPS + 1):
+    for step in range(_NEWTON_STEPS + 1):
         residual = (measured - rows.predicted(C)).ravel()
         l_n = rows.array.baselines_b @ C.T
         rest = rough.vectors_n - l_n
-        if step == _STEPS:
+        if step == _NEWTON_STEPS:
             break
         J = rows.derivatives(C)
         # phi x l, one column per component of phi

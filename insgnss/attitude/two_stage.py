@@ -23,6 +23,7 @@ from insgnss.attitude.baselines import (
     Sky,
     difference_covariance,
 )
+from insgnss.attitude.cycle_search import SHARE_REFUSED
 from insgnss.attitude.integer_search import nearest_integers
 from insgnss.attitude.phase_fit import CoarseBaselines, PhaseRows, fit_attitude
 from insgnss.attitude.wahba_problem import wahba
@@ -33,7 +34,6 @@ Clocks = Literal["common", "separate"]
 CANDIDATES: Final = 2000  # looked at for each baseline: ranges to 1 m and 5 satellites leave some hundreds
 # of the second loss to the first; a loss has tens of degrees of freedom and varies by a third
 RATIO: Final = 2.0
-_SHARE_REFUSED: Final = 1e-4  # of right solutions, by the test of their fit
 _SIGMAS: Final = 4.5  # of a length or a product of two baselines
 _MOST_COMBINATIONS: Final = 2000  # of baselines, each a fit of a fifth of a millisecond
 _MOST_ANTENNAS_PERMUTED: Final = 5
@@ -204,7 +204,7 @@ def _largest_loss(epoch: Epoch) -> float:
 
 def _quantile(freedom: int) -> float:
     """Return the chi-square that one right solution in 10 000 exceeds."""
-    return 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - _SHARE_REFUSED))
+    return 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - SHARE_REFUSED))
 
 
 def _choices(rows: PhaseRows, rough: CoarseBaselines, m: int) -> list[_Choice] | None:

@@ -36,10 +36,8 @@ from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
 from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, GnssRows
-from insgnss.kernels.compiled_ahead import compile_for
+from insgnss.kernels.compiled_ahead import ANY_N, ANY_X, compile_for
 
-_N: Final = 0  # stands for any whole number
-_X: Final = 0.0  # for any other
 _SINGLE: Final = np.float32(0.0)  # for one of a log's row
 
 
@@ -59,50 +57,50 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     memory = bank.memory[0]
     screened, edits, count = np.zeros(1, SCREEN_DTYPE), np.zeros(1, EDIT_DTYPE), np.zeros(1, np.int64)
     return {
-        observe: (m, P, par, rows, _N, w_ib_b, f_b, s),
+        observe: (m, P, par, rows, ANY_N, w_ib_b, f_b, s),
         propagate_covariance: (m, P, par, scratch),
-        run_epochs: (bank, (_N, _N), rows, imu, parameters, _X, out, work),
-        carry: (m, P, _N, _N, _N, imu, par, scratch),
-        update_epoch: (bank, _N, par, rows, _N, imu, _N, work),
-        find_creeping: (memory, lines, rows.observation, _N, _X, _X, True),
-        follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
-        advance: (bank, _N, imu, par, out, work),
-        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, par, (_N, _N)),
-        adapt_noise: (m, P, P, par, s, _N, _N, _X),
-        use_rows: (P, lines, vectors, _N, _X, _X, values),
-        explain: (P, lines, _N, s.fit),
-        write_row: (bank, bank, _N, _N, _N, par, out, work),
+        run_epochs: (bank, (ANY_N, ANY_N), rows, imu, parameters, ANY_X, out, work),
+        carry: (m, P, ANY_N, ANY_N, ANY_N, imu, par, scratch),
+        update_epoch: (bank, ANY_N, par, rows, ANY_N, imu, ANY_N, work),
+        find_creeping: (memory, lines, rows.observation, ANY_N, ANY_X, ANY_X, True),
+        follow_satellites: (m, memory, lines, rows.observation, ANY_N, s.fit, par),
+        advance: (bank, ANY_N, imu, par, out, work),
+        write_nav: (out.nav, out.optional, out.counts[0], ANY_N, m, P, par, (ANY_N, ANY_N)),
+        adapt_noise: (m, P, P, par, s, ANY_N, ANY_N, ANY_X),
+        use_rows: (P, lines, vectors, ANY_N, ANY_X, ANY_X, values),
+        explain: (P, lines, ANY_N, s.fit),
+        write_row: (bank, bank, ANY_N, ANY_N, ANY_N, par, out, work),
         mixture_covariance: (bank, P),
-        clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
+        clone_epoch: (m, P, par, s.antenna[0], s.air[0], ANY_N),
         turn_attitude_errors: (m, P, par, values, s.antenna[0]),
         follow_motion: (m, P, par),
         place_motion: (m, P, par, s.antenna[0]),
-        swing_lever_arm: (m, P, par, s.antenna[0], _N),
-        place_range_biases: (bank, par, rows, _N, lines),
-        common_step: (lines, _N, values, _X, _X),
-        is_prunable: (bank, _N, _X),
-        note_sideslip: (bank.head[0], m, P, _N),
+        swing_lever_arm: (m, P, par, s.antenna[0], ANY_N),
+        place_range_biases: (bank, par, rows, ANY_N, lines),
+        common_step: (lines, ANY_N, values, ANY_X, ANY_X),
+        is_prunable: (bank, ANY_N, ANY_X),
+        note_sideslip: (bank.head[0], m, P, ANY_N),
         sideslip: (m, P),
-        screen: (screened[0], *imu[:3], _N, edits, count, values),
-        take: (screened[0], _N, values, _N, edits, count),
+        screen: (screened[0], *imu[:3], ANY_N, edits, count, values),
+        take: (screened[0], ANY_N, values, ANY_N, edits, count),
         note_mean: (screened[0],),
-        write_ledger: (out.ledger, out.carrier, _N, lines),
-        gate_rows: (lines, _N, _X),
-        weigh_robustly: (lines, _N, par),
-        refuse_repeated: (m, memory, rows, _N, lines),
-        refuse_reflections: (m, lines, rows.observation, _N, par),
-        fit_freely: (lines, _N, s.fit),
-        fit_all: (lines, _N, s.fit),
-        follow_explained: (m, P, par, lines, s.fit, _N),
-        gate_between: (P, lines, vectors, _X),
-        refuse_inconsistent: (P, lines, _X, _N),
+        write_ledger: (out.ledger, out.carrier, ANY_N, lines),
+        gate_rows: (lines, ANY_N, ANY_X),
+        weigh_robustly: (lines, ANY_N, par),
+        refuse_repeated: (m, memory, rows, ANY_N, lines),
+        refuse_reflections: (m, lines, rows.observation, ANY_N, par),
+        fit_freely: (lines, ANY_N, s.fit),
+        fit_all: (lines, ANY_N, s.fit),
+        follow_explained: (m, P, par, lines, s.fit, ANY_N),
+        gate_between: (P, lines, vectors, ANY_X),
+        refuse_inconsistent: (P, lines, ANY_X, ANY_N),
         predict_covariance: (m, P, par, scratch),
-        carry_bank: (bank, _N, imu, par, scratch),
+        carry_bank: (bank, ANY_N, imu, par, scratch),
         heading_variance: (bank,),
-        same_heading: (bank, _N),
+        same_heading: (bank, ANY_N),
         matrix_to_quaternion: (P, values),
-        euler_to_matrix: (_X, _X, _X, P),
-        geodetic_to_ecef: (_X, _X, _X, values),
+        euler_to_matrix: (ANY_X, ANY_X, ANY_X, P),
+        geodetic_to_ecef: (ANY_X, ANY_X, ANY_X, values),
     }
 
 

@@ -23,15 +23,13 @@ from insgnss.status import (
     SWITCHED_OFF,
     USED,
 )
-from insgnss.tables import Float64, GnssTable, Int8, Int16, Int64
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, GnssTable, Int8, Int16, Int64
 
 MATCH_S: Final = 2e-3  # receivers of clocks of their own tag one epoch up to a millisecond apart each
 # what the range of a row may have become without harm to its phase
 _RANGE_ALONE: Final = (SWITCHED_OFF, COMBINED, NO_SECOND_SIGNAL, NO_CORRECTION, BAD_SIGMA, BAD_VALUE)
 MATCH_NS: Final = round(MATCH_S * NS_PER_S)
 Channel = tuple[str, str]  # satellite, RINEX code
-_SLIP: Final = 1  # bits of the loss-of-lock indicator
-_HALF: Final = 2
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,7 @@ def _part(
         "wavelength_m": wavelength,
         "cn0_dbhz": table.cn0_dbhz,
         "sat": rows.sat[kept, :6],
-        "has_slipped": (lli & _SLIP) != 0,
+        "has_slipped": (lli & LLI_SLIP) != 0,
         "status": _status(rows.observation["status"][kept, 0], wavelength, rows.sat[kept, 0], lli),
     }
 
@@ -122,7 +120,7 @@ def _status(of_range: Int8, wavelength: Float64, x: Float64, lli: Int8 | Int16) 
     """Return whether each phase can be used: as its range, but for what concerns the range alone."""
     status = np.where(np.isin(of_range, _RANGE_ALONE), USED, of_range).astype(np.int8)
     status[status == ABSENT] = NO_RANGE  # nothing tells when the signal was sent
-    status[(status == USED) & (lli & _HALF != 0)] = HALF_CYCLE
+    status[(status == USED) & (lli & LLI_HALF_CYCLE != 0)] = HALF_CYCLE
     status[(status == USED) & ~(np.isfinite(wavelength) & np.isfinite(x))] = BAD_VALUE
     return status
 

@@ -15,14 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
+from insgnss.gnss.measurement_kinds import PSEUDORANGE
+from insgnss.gnss.measurement_kinds import RANGE_RATE as RANGE_RATE
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 
 CLOCKS: Final = 3  # where the clocks, or the drift, stand among the unknowns
-RANGE: Final = 0
-RANGE_RATE: Final = 1
+RANGE: Final = PSEUDORANGE
 
 _MOST_STEPS: Final = 20  # Gauss-Newton needs 5 to 6 from the Earth's centre
 _CONVERGED: Final = 1e-5  # last step [m, m/s]; the next one would be smaller by 1e5

@@ -17,6 +17,10 @@ from insgnss.gnss.carrier_rows import ABSENT as ABSENT
 from insgnss.gnss.carrier_rows import carrier_rows, no_carriers
 from insgnss.gnss.clock_groups import group_of_rows
 from insgnss.gnss.ionosphere_free import combine_pseudoranges
+from insgnss.gnss.measurement_kinds import CARRIER as CARRIER
+from insgnss.gnss.measurement_kinds import N_KINDS as N_KINDS
+from insgnss.gnss.measurement_kinds import PSEUDORANGE as PSEUDORANGE
+from insgnss.gnss.measurement_kinds import RANGE_RATE as RANGE_RATE
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.orbits.satellite_state import (
@@ -42,8 +46,6 @@ from insgnss.status import (
 )
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64, NavigationData
 
-PSEUDORANGE, RANGE_RATE, CARRIER = 0, 1, 2
-N_KINDS: Final = 3
 _SYSTEMS: Final = "GRECJIS"
 _SLOTS_EACH: Final = 64
 _BANDS: Final = sorted({signal.band for signal in SIGNALS})
@@ -55,7 +57,7 @@ _CLOSEST_M, _FARTHEST_M = 1.0e5, 1.0e9
 _FASTEST_MPS = 2.0e4
 # a stated sigma beyond is a filler for "not known", and its square would swamp the covariance
 _WIDEST_SIGMA: Final = (1.0e6, 1.0e5)  # [m], [m/s]
-_MOST_CN0_DBHZ: Final = 100.0  # no antenna and no simulator gives more: beyond, it counts as not logged
+MOST_CN0_DBHZ: Final = 100.0  # no antenna and no simulator gives more: beyond, it counts as not logged
 
 
 Int8: TypeAlias = npt.NDArray[np.int8]
@@ -163,7 +165,7 @@ def prepare_rows(
     observation["variance_scale"] = _by_constellation(gnss, variance_scale, 1.0)
     observation["bias_sigma"] = _by_constellation(gnss, bias_sigma_m, 0.0)
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
-    observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= _MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
+    observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
     observation["thermal"] = thermal_factor(cn0)
     factor = (L1_HZ / carrier_of) ** 2
     observation["ionosphere_factor"] = observation["phase_factor"] = np.where(np.isnan(factor), 1.0, factor)

@@ -27,12 +27,12 @@ from insgnss.gnss.signals import signal_of
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds, ns_to_datetime
 from insgnss.log.files import file_text
 from insgnss.log.first_events import first_events
+from insgnss.log.rinex.states import NO_DATE
 from insgnss.tables import Event, Float64, Int64, PreciseProducts
 
 _GPS_START_JD: Final = 2_444_244.5
 _TAI_MINUS_GPST_S: Final = 19
 _LATEST_NS: Final = np.iinfo(np.int64).max
-_NO_DATE: Final = -1
 _NUMBER: Final = r"[ ]*-?\d+\.\d*[ ]*"
 _POSITION: Final = re.compile(rf"P[A-Z ][ \d]\d(?=.{{42}}){_NUMBER}")
 _EPOCH: Final = re.compile(r"\*  \d{4} [ \d]\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d\.\d+")
@@ -127,12 +127,12 @@ def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: 
     clock: dict[str, _Nodes] = {}
     flagged: list[tuple[dict[str, _Nodes], str, int]] = []
     predicted: list[int] = []
-    undated = times.count(_NO_DATE)
+    undated = times.count(NO_DATE)
     if undated:
         told = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
         found.events.append(Event(None, "precise_damaged", told))
     for k, t_ns in enumerate(times):
-        if t_ns == _NO_DATE:
+        if t_ns == NO_DATE:
             continue
         for name, r_e, clock_s, flags in _records(product, k):
             if flags.orbit_predicted or flags.clock_predicted:
@@ -288,10 +288,10 @@ def _collect_clocks(text: str, path: Path, found: _ProductContents) -> None:
 
 
 def _gps_ns(instant: Any, path: Path) -> int:
-    """Return an epoch of any time system as GPS time [ns], ``_NO_DATE`` for the year 1 and its like."""
+    """Return an epoch of any time system as GPS time [ns], ``NO_DATE`` for the year 1 and its like."""
     whole_s = round((float(instant.jd_whole) - _GPS_START_JD) * S_PER_DAY)
     if not 0 <= whole_s <= _LATEST_NS // NS_PER_S:
-        return _NO_DATE
+        return NO_DATE
     t_ns = whole_s * NS_PER_S + round(float(instant.fraction) * S_PER_DAY * NS_PER_S)
     scale = sidereon.TimeScale
     if instant.scale in (scale.UTC, scale.GLONASST):

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
 from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.corrected_file import corrected_flight
@@ -25,7 +25,7 @@ from insgnss.log.checks.imu import GroundSpeed, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
 from insgnss.log.checks.report import CheckReport, Finding, Proposal
 from insgnss.log.checks.sensor_findings import sensor_findings
-from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, overlapping_shifts, time_proposals
+from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
 from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
@@ -166,10 +166,10 @@ def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, gnss: G
 def _unmoved(flight: Flight, shifts: list[int]) -> Finding:
     """Return what the logs' spans alone say where there is no motion."""
     shift = shifts[0]
-    hours = round((shift - round(shift / WEEK_S) * WEEK_S) / HOUR_S)
+    hours = round((shift - round(shift / S_PER_WEEK) * S_PER_WEEK) / HOUR_S)
     text = f"IMU and GNSS overlap if {shift} s are added to the IMU tags: {_words(shift)}"
     if not hours:
-        proposals = time_proposals(flight.config, round(shift / WEEK_S), 0, 0, 0.0)
+        proposals = time_proposals(flight.config, round(shift / S_PER_WEEK), 0, 0, 0.0)
         return Finding("error", "flight", text, "", "sure: whole weeks", proposals)
     told = " or ".join(str(s) for s in shifts)
     advice = f"suspected imu.time.offset_s = {told}; a log with motion decides"
@@ -177,8 +177,8 @@ def _unmoved(flight: Flight, shifts: list[int]) -> Finding:
 
 
 def _words(shift_s: int) -> str:
-    weeks = round(shift_s / WEEK_S)
-    hours = round((shift_s - weeks * WEEK_S) / HOUR_S)
+    weeks = round(shift_s / S_PER_WEEK)
+    hours = round((shift_s - weeks * S_PER_WEEK) / HOUR_S)
     words = [f"{weeks:+d} week(s)"] if weeks else []
     return " and ".join(words + ([f"{hours:+d} hour(s)"] if hours else []))
 

@@ -28,7 +28,8 @@ from insgnss.tables import Event, Float64, GnssTable, Int64, NavigationData
 
 _PLACE_EVERY_S: Final = 60.0
 _EPOCHS_TRIED: Final = 50  # from each minute on, until one gives a fix
-_MAX_GDOP: Final = 30.0
+# Beyond it a metre of error in the ranges is dozens in the position; the usual limit of receivers
+MAX_GDOP: Final = 30.0
 PREPARED_MODELS: Final = ("nequick", "beidou", "own")
 # of a block; a big log's temporary arrays then stay small, and no log of an hour at 1 Hz is cut
 MOST_ROWS: Final = 1 << 16
@@ -126,7 +127,7 @@ def approximate_places(setup: FilterSetup, rows: GnssRows) -> tuple[Int64, Float
     found_ns, found_e = [], []
     for start in np.searchsorted(rows.epoch_ns, wanted):
         for epoch in range(start, min(start + _EPOCHS_TRIED, len(rows.epoch_ns))):
-            fix = fix_epoch(rows, epoch, par, setup.ties, _MAX_GDOP)
+            fix = fix_epoch(rows, epoch, par, setup.ties, MAX_GDOP)
             if fix is not None:
                 found_ns.append(fix.t_ns)
                 found_e.append(fix.r_a)

@@ -40,7 +40,7 @@ from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
 from insgnss.runs.datum import annotate_all
 from insgnss.runs.first_run import compiled
-from insgnss.runs.gnss_rows import corrected_rows
+from insgnss.runs.gnss_rows import MAX_GDOP, corrected_rows
 from insgnss.runs.point_tables import point_table, residual_table
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result_tables import event_table
@@ -51,8 +51,6 @@ from insgnss.version import __version__
 TABLES: Final = ("point", "residuals", "events", "errors")
 _SETTINGS: Final = "point_settings.json"
 FILES: Final = (*table_files(TABLES), _SETTINGS)
-# beyond it a metre of error in the ranges is dozens in the position; the usual limit of receivers
-MAX_GDOP: Final = 30.0
 TRUSTED: Final = ("ok", "fault excluded", "not tested")
 
 

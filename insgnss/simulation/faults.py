@@ -14,9 +14,7 @@ import numpy.typing as npt
 from insgnss.errors import ConfigError
 from insgnss.gnss.signals import wavelength_m
 from insgnss.simulation.observations import SYSTEM, Fault, SignalObservations
-from insgnss.tables import Float64, Int8
-
-_SLIP_LIT, _HALF_CYCLE_LIT = 1, 2  # bits of the loss-of-lock indicator, RINEX 4.01, 6.5.2
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, Int8
 
 
 def _where(
@@ -160,7 +158,7 @@ def cycle_slip(
         carrier, lli = _phases(observations)
         slipped = _where(observations, sv, at_s, np.inf, signal)
         first = slipped & (np.cumsum(slipped, axis=0) == 1)
-        marked = np.where(first & indicated, lli | _SLIP_LIT, lli).astype(np.int8)
+        marked = np.where(first & indicated, lli | LLI_SLIP, lli).astype(np.int8)
         return replace(observations, carrier_cycles=carrier + cycles * slipped, lli=marked)
 
     return fault
@@ -172,7 +170,7 @@ def half_cycle(sv: Iterable[str], from_s: float, to_s: float, *, flagged: bool =
     def fault(observations: SignalObservations) -> SignalObservations:
         carrier, lli = _phases(observations)
         off = _where(observations, sv, from_s, to_s)
-        marked = np.where(off & flagged, lli | _HALF_CYCLE_LIT, lli).astype(np.int8)
+        marked = np.where(off & flagged, lli | LLI_HALF_CYCLE, lli).astype(np.int8)
         return replace(observations, carrier_cycles=carrier + 0.5 * off, lli=marked)
 
     return fault

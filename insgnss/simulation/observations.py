@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
 from insgnss.simulation.disturbance import Disturbance, ObservationNoise, PathErrors, SkyGeometry
@@ -33,7 +34,6 @@ SYSTEM = "G"  # all simulated satellites are GPS's
 SIGNAL = "C1C"
 WAVELENGTH_M = wavelength_m(SYSTEM, SIGNAL)
 MOST_AMBIGUITY_CYCLES = 1_000_000
-REFERENCE_CN0_DBHZ = 45.0
 AIR_RATE_STEP_S = 0.5  # a delay's third derivative leaves 1e-8 m/s
 LOWEST_ANTENNA_GAIN = 1e-3  # of the field: -60 dB, straight below the antenna
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
-from insgnss.filter.diagnosis.witnesses import judged
+from insgnss.filter.diagnosis.witnesses import FEW, judged
 from insgnss.filter.output.writing import Output
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import Lines
@@ -35,10 +35,11 @@ from insgnss.status import USED
 from insgnss.tables import Event, Float64, Int64
 
 _GROUPS: Final = 3
-_SURE: Final = 20.0  # logarithm of the likelihood ratio, prior weights included, at which a copy is taken
+# Logarithm of the likelihood ratio, prior weights included, at which a copy is taken
+_SURE_LOG_RATIO: Final = 20.0
 _LOG_PRIOR: Final = -10.0
 _LEAST_S: Final = 3.0  # what a copy still has to find out counts for nobody
-_LONGEST_S: Final = 45.0
+_LONGEST_TEST_S: Final = 45.0
 _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
 _CONTRADICTS2: Final = 16.0  # four sigmas of both
@@ -50,7 +51,6 @@ _WITNESSES: Final = 6  # pseudoranges, below which their noise says little
 _ENOUGH_RANGES: Final = 7  # that fit the copy instead: a street has no so many reflections that agree
 _LOST_RANGES_S: Final = 10.0
 _FITS: Final = 0.75  # share of the rows of each kind that must fit a copy
-_FEW: Final = 3  # rows, below which nothing is said
 _MOST: Final = 2.0 / 3.0
 _LEAST_ROWS: Final = 4
 
@@ -133,9 +133,9 @@ class RecoveryTest:
         weight = self._weights()
         best = int(np.argmax(weight[1:]))
         gain = float(weight[1 + best] - weight[0])
-        self.over = elapsed_s > _LONGEST_S or (elapsed_s > _LEAST_S and gain < -_HOPELESS)
+        self.over = elapsed_s > _LONGEST_TEST_S or (elapsed_s > _LEAST_S and gain < -_HOPELESS)
         members = np.arange(self.n, dtype=np.int64) + (1 + best) * self.n
-        if gain < _SURE or elapsed_s < _LEAST_S:
+        if gain < _SURE_LOG_RATIO or elapsed_s < _LEAST_S:
             return None
         # of a filter that is lost a copy is better even where it does not fit: the sensors may still fail
         lost = max(share for share, _ in self.filter_fits[-_LATE:]) < _LOST
@@ -247,7 +247,7 @@ def contradiction2(one: Bank, i: int, other: Bank, j: int) -> float:
 def _share(status: Int64) -> float:
     """Return the share of the rows that fit, of those that were judged; 1 where none was."""
     used, refused = judged(status)
-    return used / (used + refused) if used + refused >= _FEW else 1.0
+    return used / (used + refused) if used + refused >= FEW else 1.0
 
 
 def _fit(status: Int64) -> bool:

@@ -54,7 +54,7 @@ NAV_COLUMNS: Final = (
 N_NAV: Final = len(NAV_COLUMNS)
 N_USED: Final = NAV_COLUMNS.index("n_used")
 
-_LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
+LEAST_VARIANCE, LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
 
 
 # kinds of event the compiled loop writes; the numbers a, b behind each
@@ -247,7 +247,7 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
 def is_entry(line: Line, kind: int) -> bool:
     """Return whether innovation and variances of one kind are numbers that the ledger's single precision holds."""
     variance = line.predicted[kind] + line.variance[kind]
-    return math.isfinite(line.innovation[kind]) and _LEAST_VARIANCE < variance < _LARGEST_VARIANCE
+    return math.isfinite(line.innovation[kind]) and LEAST_VARIANCE < variance < LARGEST_VARIANCE
 
 
 @kernel(inline=True)

@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.headings.heading_bank import attitude
-from insgnss.filter.headings.headings import yaw_variance
+from insgnss.filter.headings.headings import SMALLEST_DIFFERENCE_RAD, yaw_variance
 from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
@@ -49,7 +49,6 @@ _CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
 _SAME_ATTITUDE: Final = 6.0  # squared sigmas of three angles and three rates within which two are one
 _TURNING: Final = [*range(PSI, PSI + 3), *range(BG, BG + 3)]
 _SMALLEST_BIAS_RADPS: Final = 1e-6  # 0.2 deg/h
-_SMALLEST_DIFFERENCE_RAD: Final = 0.02
 _KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has not come to anything yet
 
 
@@ -236,14 +235,14 @@ def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
 
     Equation: d^T (P + s^2)^-1 d < 6, d the rotation from the one to the other and the difference of gyro biases
     """
-    if sigma[i] > max(_SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
+    if sigma[i] > max(SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
         return False
     turn = bank.state["C_eb"][i] @ bank.state["C_eb"][j].T
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine, cosine = 0.5 * math.sqrt(axis @ axis), 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
     angle = math.atan2(sine, cosine)
     P = bank.P[i][np.ix_(_TURNING, _TURNING)] + np.diag(
-        [_SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
+        [SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
     )
     if angle**2 > _SAME_ATTITUDE * (P[0, 0] + P[1, 1] + P[2, 2]) or (sine < 1e-9 and cosine < 0.0):
         return False

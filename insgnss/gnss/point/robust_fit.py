@@ -2,8 +2,8 @@
 
 A consensus over minimal subsets (Fischler and Bolles 1981), scored as in Torr and Zisserman (2000): ``_TRIALS`` subsets
 of as many rows as unknowns are drawn by a fixed congruential sequence (same input, same bits). Each gives a candidate;
-its score is the sum of squared normalised residuals of all rows, each cut at ``_CUT``. The supporters of the best
-candidate are fitted together, then rows are dropped and taken in one by one.
+its score is the sum of squared normalised residuals of all rows, each cut at ``_CUT_SIGMAS``. The supporters of the
+best candidate are fitted together, then rows are dropped and taken in one by one.
 
 Almost all subsets are worse than the best one by far. A candidate by the rows linearised at the best position so far
 costs a fifth of its fit and shows that; only what comes near the best is fitted. The margins of ``_is_worse`` hold
@@ -40,7 +40,7 @@ from insgnss.tables import Float64, Int64
 
 # 1000 subsets: with 40 % false rows and 6 unknowns 47 of them are clean; 3 ms, spent only when the plain fit fails
 _TRIALS: Final = 1000
-_CUT: Final = 5.0  # sigmas; subsets amplify the noise, so it is wider than the gate
+_CUT_SIGMAS: Final = 5.0  # sigmas; subsets amplify the noise, so it is wider than the gate
 _GATE: Final = 4.0  # sigmas of the residual's own deviation: 6e-5 of true rows are lost
 # A score by linearised rows is worse for certain from factor * best + share * rows on: within 200 m a range bends by
 # 1 mm, which a poor subset amplifies to 0.1 m
@@ -86,8 +86,8 @@ def _score(rows: FitRows, among: Bool, x: Float64, work: FitWorkspace, near: Boo
         near[k] = False
         if among[k]:
             normal = abs(residual(rows, k, x, work)) / rows.sigma[k]
-            near[k] = normal < _CUT
-            total += min(normal * normal, _CUT * _CUT)
+            near[k] = normal < _CUT_SIGMAS
+            total += min(normal * normal, _CUT_SIGMAS * _CUT_SIGMAS)
     return total
 
 
@@ -217,7 +217,7 @@ def _linear_score(group: Int64, members: Int64, bent: bool, linear: LinearisedRo
     for n in range(len(members) - 1, -1, -1):
         k = members[n]
         left = _left(k, group, bent, linear)
-        total += min(left * left * linear.weight[k], _CUT * _CUT)
+        total += min(left * left * linear.weight[k], _CUT_SIGMAS * _CUT_SIGMAS)
         if total > limit:
             break
     return total

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, S_PER_DAY
-from insgnss.gpstime import BDT_MINUS_GPST_S, leap_seconds, ns_to_datetime
+from insgnss.gpstime import BDT_MINUS_GPST_S, MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
 from insgnss.log.android.clock import Bool, ReceiverClock, corrected_by_satellites, receiver_clock
 from insgnss.log.android.lines import AndroidCells
 from insgnss.log.android.signals import AndroidSignal, on_channel, satellite, signal
@@ -35,7 +35,6 @@ _LOCKED: Final = CODE_LOCK | GAL_E1BC_CODE_LOCK | GAL_E1C_2ND_CODE_LOCK | SECOND
 # GnssMeasurement.getAccumulatedDeltaRangeState
 ADR_VALID, ADR_RESET, ADR_CYCLE_SLIP, ADR_HALF_CYCLE_RESOLVED, ADR_HALF_CYCLE_REPORTED = 1, 2, 4, 8, 16
 
-MOSCOW_MINUS_UTC_S: Final = 3 * 3600
 SHORTEST_NS, LONGEST_NS = 1e6, 5e8  # of a travel time with a clock that is off: 300 km to half a second
 _DAY_NS: Final = S_PER_DAY * NS_PER_S
 _MS: Final = NS_PER_S // 1000

@@ -25,10 +25,10 @@ from insgnss.gnss.signals import (
     L5_HZ,
     S_HZ,
 )
-from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, MAX_NUMBER
+from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, MAX_NUMBER, SBAS_OFFSET
 
 SYSTEMS: Final = {1: "G", 2: "S", 3: "R", 4: "J", 5: "C", 6: "E", 7: "I"}
-_QZSS_OFFSET, _SBAS_OFFSET = 192, 100
+_QZSS_OFFSET: Final = 192
 _CHANNEL_OFFSET: Final = 100  # of a GLONASS satellite that is known by its channel alone
 _LARGEST_ERROR_HZ: Final = 2e6  # phones log the carrier as a float of single precision, wrong by up to 64 Hz
 
@@ -84,7 +84,7 @@ def satellite(constellation: int, svid: int) -> str | None:
         return None
     if system == "R" and svid - _CHANNEL_OFFSET in CHANNELS_IN_USE:
         return f"R{CHANNEL_NAME_ZERO + svid - _CHANNEL_OFFSET}"
-    number = svid - (_QZSS_OFFSET if system == "J" else _SBAS_OFFSET if system == "S" else 0)
+    number = svid - (_QZSS_OFFSET if system == "J" else SBAS_OFFSET if system == "S" else 0)
     return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else None
 
 

@@ -21,12 +21,12 @@ from insgnss.units import S_PER_H
 
 # A stretch is so short that a gyro's bias turns it less than this, within these bounds
 MOST_TURN_DEG: Final = 2.0
-SHORTEST_S: Final = 20.0
-LONGEST_S: Final = 45.0
+SHORTEST_STRETCH_S: Final = 20.0
+LONGEST_STRETCH_S: Final = 45.0
 MIN_SHARE: Final = 0.4
 STEP_S: Final = 0.05  # of the inertial path
 SPACING_S: Final = 0.2  # epochs nearer than this share their noise
-GAP_STEPS: Final = 2.5
+GNSS_GAP_STEPS: Final = 2.5
 IMU_GAP_S: Final = 0.3  # over a longer one the mean rate of the next sample does not hold
 GAP_MIN_S: Final = 1.2  # of two epochs whose difference is still used
 MIN_EPOCHS: Final = 8
@@ -63,7 +63,7 @@ def stretches(track: GnssTrack, length_s: float, spans_s: list[tuple[float, floa
     if len(t) < MIN_EPOCHS:
         return []
     pulls = _pulls(track.r_e[keep], v)
-    limit = max(GAP_STEPS * float(np.median(np.diff(t))), GAP_MIN_S)
+    limit = max(GNSS_GAP_STEPS * float(np.median(np.diff(t))), GAP_MIN_S)
     found = []
     for from_s, until_s in spans_s:
         first, last = np.searchsorted(t, (from_s, until_s))
@@ -98,7 +98,7 @@ def spans_without_gaps(
 def length_for(grade: ImuGrade) -> float:
     """Return how long a stretch may be that a gyro of this grade does not turn it too far [s]."""
     drift = max(grade.gyro_bias_deg_per_h, 1e-6) / S_PER_H
-    return float(np.clip(MOST_TURN_DEG / drift, SHORTEST_S, LONGEST_S))
+    return float(np.clip(MOST_TURN_DEG / drift, SHORTEST_STRETCH_S, LONGEST_STRETCH_S))
 
 
 def _spaced(t_s: Float64) -> Int64:

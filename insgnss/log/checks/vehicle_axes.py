@@ -8,6 +8,7 @@ import numpy as np
 
 from insgnss.log.checks.axis_search import Hypothesis
 from insgnss.log.checks.motion_fit import signed_permutations
+from insgnss.log.checks.nose_first import STEADY
 from insgnss.tables import Float64
 
 # -2 log of the belief in axes before the log is seen: as declared, turned as a whole, of reversed sign in one sensor,
@@ -18,7 +19,6 @@ STRANGE_ROW: Final = 25.0
 # Cosines of a declared axis with the direction that it should have
 AGAINST: Final = 0.5  # more than 60 deg away ...
 ALONG: Final = 0.8  # ... while another axis is nearer than 37 deg
-STEADY: Final = 0.8  # length of a mean direction: shorter ones wander by more than 40 deg
 
 
 class VehicleAxes(NamedTuple):

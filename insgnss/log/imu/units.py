@@ -13,6 +13,7 @@ import numpy as np
 from insgnss.config.flight import ImuConfig, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import UnitsError
+from insgnss.inertial.sensor_model import OVER_RANGE
 from insgnss.log.imu.windows import Bool, ImuWindows, imu_windows
 from insgnss.tables import Event, Float64, ImuTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
@@ -35,7 +36,6 @@ REST_NEAR_G: Final = 0.03  # in a steady turn or on a rate table the rate lies w
 REST_ACROSS: Final = 0.5  # ... so a rate that lies more than 30 deg off f contradicts a steady f
 REST_STEADY: Final = 0.2  # share by which a bias changes from window to window: rolls about f vary more
 WHOLE_STEPS: Final = 1.5  # a longer step lost a sample
-OVER_RANGE: Final = 2.0  # no sensor shows twice its range
 OVER_RANGE_SHARE: Final = 0.01
 
 

@@ -15,18 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS
-from insgnss.gnss.signals import B1I_HZ, CHANNELS, G1_HZ, G1_STEP_HZ, L1_HZ, carrier_hz
+from insgnss.gnss.signals import B1I_HZ, CHANNEL_OFFSET, CHANNELS, G1_HZ, G1_STEP_HZ, L1_HZ, carrier_hz
 from insgnss.log.carrier_slips import slipped_rows
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.novatel.frames import Frame, NovatelFrames, records
-from insgnss.log.novatel.signals import CHANNEL_OFFSET, SIGNALS, SIGNALS_2, SYSTEMS, satellite_name
-from insgnss.tables import Event, Float64, GnssTable, Int64
+from insgnss.log.novatel.signals import SIGNALS, SIGNALS_2, SYSTEMS, satellite_name
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Event, Float64, GnssTable, Int64
 
 RANGE, RANGECMP, RANGECMP2 = 43, 140, 1273
 COMPRESSED_FURTHER: Final = {1734: "RANGECMP3", 2050: "RANGECMP4", 2537: "RANGECMP5"}
 Bool = npt.NDArray[np.bool_]
 _PHASE_LOCK, _PARITY_KNOWN, _CODE_LOCK, _HALF_CYCLE = 1 << 10, 1 << 11, 1 << 12, 1 << 28
-_SLIP, _HALF_OPEN = 1, 2  # bits of the loss-of-lock indicator
 _RANGE: Final = np.dtype(
     [
         *(("prn", "<u2"), ("channel", "<i2"), ("range_m", "<f8"), ("sd_range", "<f4"), ("adr", "<f8")),
@@ -299,7 +298,7 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
         tuple(map(str, sv_names)),
         tuple(map(str, codes)),
         carrier_cycles=np.where(phase, chosen.cycles, np.nan),
-        lli=np.where(half_open, _HALF_OPEN, 0).astype(np.int8),
+        lli=np.where(half_open, LLI_HALF_CYCLE, 0).astype(np.int8),
         glonass_channels=_stated_channels(names, chosen.channel),
     ).take(order)
     assert table.lli is not None
@@ -309,7 +308,7 @@ def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event
         chosen.status[order] & _HALF_CYCLE != 0,
         chosen.ceiling_ms[order],
     )
-    table.lli[slips] |= _SLIP
+    table.lli[slips] |= LLI_SLIP
     table, reordered = in_time_order(table, file)
     return table, events + reordered
 

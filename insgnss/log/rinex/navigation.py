@@ -17,18 +17,13 @@ import numpy as np
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import NavigationDataError
 from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss.signals import UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
 from insgnss.log.files import file_text
 from insgnss.log.first_events import first_events
 from insgnss.log.messages.broadcast import StateVector
 from insgnss.log.rinex.ionosphere import read_ionosphere
-from insgnss.log.rinex.states import (
-    IMPOSSIBLE_DATE,
-    NO_CHANNEL,
-    is_date,
-    read_state_vectors,
-    state_vector_table,
-)
+from insgnss.log.rinex.states import IMPOSSIBLE_DATE, is_date, read_state_vectors, state_vector_table
 from insgnss.tables import EphemerisTable, Event, Float64, NavigationData
 
 MESSAGES: Final = {
@@ -167,7 +162,9 @@ def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[E
 
 def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:
     """Add an event that names the GLONASS satellites whose channel the file does not tell."""
-    without = sorted({state.sv for state in states if state.sv[0] == "R" and state.channel == NO_CHANNEL})
+    without = sorted(
+        {state.sv for state in states if state.sv[0] == "R" and state.channel == UNKNOWN_CHANNEL}
+    )
     if without:
         detail = f"{path}: no frequency channel for {', '.join(without)}: taken from the observations, if they have it"
         events.append(Event(None, "glonass_channel_missing", detail))

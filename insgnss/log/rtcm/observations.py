@@ -20,7 +20,7 @@ import numpy as np
 
 from insgnss.constants import C_MPS
 from insgnss.gnss import late_sidereon as sidereon
-from insgnss.gnss.signals import CHANNELS, carrier_hz
+from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, carrier_hz
 from insgnss.log.rtcm.time import NS_PER_MS, EpochTimes
 from insgnss.log.satellites import MAX_NUMBER
 from insgnss.tables import Event, Float64, GnssTable
@@ -42,7 +42,6 @@ _FINE: Final = {
     **dict.fromkeys((6, 7), (20, 2.0**-29, 24, 2.0**-31, 0.0625)),
 }
 _SBAS_OFFSET: Final = 19  # satellite 1 is PRN 120, S20
-CHANNEL_OFFSET: Final = 7  # of a GLONASS frequency channel, as sent
 _FIRST_SBAS: Final = 40  # of the GPS numbers of 1002 and 1004: PRN 120
 _MODULUS_M: Final = {"G": C_MPS / 1000.0, "R": 2.0 * C_MPS / 1000.0}
 _LEGACY_CODES: Final = {

@@ -15,6 +15,7 @@ import pandas as pd
 from scipy import stats
 
 from insgnss.runs.agreement import HeadingAgreement
+from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.tables import Float64
 
 BLOCKS: Final = {
@@ -31,8 +32,7 @@ SIGMAS: Final = (
 )
 # of its first sigma: below, what is known of a bias comes from the flight, not its grade
 BIAS_KNOWN_AT: Final = 0.5
-_LEAST_ROWS: Final = 10
-_DECIMALS: Final = 6
+LEAST_ROWS: Final = 10
 
 
 class ErrorComponent(NamedTuple):
@@ -71,7 +71,7 @@ def _scaled(table: pd.DataFrame, name: str) -> Float64:
 
 def _component(table: pd.DataFrame, name: str, z: Float64, confidence: float) -> ErrorComponent | None:
     known = np.isfinite(z)
-    if np.count_nonzero(known) < _LEAST_ROWS:
+    if np.count_nonzero(known) < LEAST_ROWS:
         return None
     z, error = z[known], table[f"d_{name}"].to_numpy()[known]
     count = independent_in_time(z)
@@ -162,4 +162,4 @@ def known_from(time_s: Float64, sigma: Float64, limit: float) -> float:
     """Return the first time from which sigma stays below a limit, NaN where it does not in the end."""
     above = np.flatnonzero(~(sigma < limit))
     first = int(above[-1]) + 1 if len(above) else 0
-    return round(float(time_s[first]), _DECIMALS) if first < len(time_s) else float("nan")
+    return round(float(time_s[first]), MOMENT_DECIMALS) if first < len(time_s) else float("nan")

@@ -30,16 +30,16 @@ from insgnss.simulation.oscillator import simulate_clock
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.sky_law import SkyLaw
 from insgnss.simulation.trajectory import Trajectory
+from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import sky_of
 from insgnss.tables import Float64, ImuTable, ReferenceTable
 from insgnss.units import deg_to_rad
 
 # of no meaning: the scenario begins with the week, so that seconds of the week are its own
-GPS_WEEK: Final = 2385
-START_NS: Final = int(week_seconds_to_ns(GPS_WEEK, 0.0))
+SCENARIO_WEEK: Final = 2385
+START_NS: Final = int(week_seconds_to_ns(SCENARIO_WEEK, 0.0))
 _TURN_STEP_S: Final = 0.01  # of the integral of the turn rate; it changes over ``roll_s``
 _LOOK_S: Final = 0.01  # how finely the true moments of loss and return are told
-_DECIMALS: Final = 6  # of moments in seconds
 _REFERENCE_HZ: Final = 10.0
 _M_PER_RAD: Final = 6.37e6  # to shift a start by some metres
 
@@ -200,6 +200,6 @@ def true_spells(scenario: ScenarioConfig, sky: SkyLaw, trajectory: Trajectory) -
         edges = np.flatnonzero(np.diff(hidden[:, i].astype(np.int8), prepend=0, append=0))
         for first, last in edges.reshape(-1, 2):
             # rounded, so that a tag at the border lies on one side of it wherever it is looked at
-            ends = (round(float(t_s[k]), _DECIMALS) for k in (first, min(last, len(t_s) - 1)))
+            ends = (round(float(t_s[k]), MOMENT_DECIMALS) for k in (first, min(last, len(t_s) - 1)))
             spells.append(Spell(sv, *ends))
     return tuple(spells)

@@ -28,10 +28,10 @@ from insgnss.filter.state import PSI
 from insgnss.runs.margin.link import emitter_gain
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
 from insgnss.simulation.local_level import geodetic, ned_axes
+from insgnss.studies.receiver.jammed_sky import LINK_STEP_S
 from insgnss.studies.receiver.loop import FilterRoom
 from insgnss.tables import Float64, Int8
 
-_STEP_S: Final = 0.1  # at which gains are looked at
 AIRFRAME_LOSS_DB: Final = 30.0  # of a signal whose way ends at the airframe
 
 
@@ -44,7 +44,7 @@ class ReceiverMasking(NamedTuple):
 
 def gain_dbic(truth: ClosedLoopTruth, antennas: Installation) -> Float64:
     """Return the antennas' gain towards each channel's satellite at each integration, (n, m)."""
-    every = max(round(_STEP_S / truth.step_s), 1)
+    every = max(round(LINK_STEP_S / truth.step_s), 1)
     pick = np.unique(np.append(np.arange(0, len(truth.t_s), every), len(truth.t_s) - 1))
     C_ne = ned_axes(geodetic(truth.r_e[pick]))
     u_n = np.einsum("kij,kmj->kmi", C_ne, truth.directions(pick))
