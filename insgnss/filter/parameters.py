@@ -29,7 +29,7 @@ from insgnss.tables import Float64, Int64
 _KELVIN = 273.15
 _LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 _WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
-_OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``Rows`` holds their delays
+_OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``GnssRows`` holds their delays
 
 
 class KindNumbers(Record):

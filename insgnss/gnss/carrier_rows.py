@@ -90,7 +90,7 @@ def carrier_rows(
     message : (n,) number of the broadcast message behind each state; None when not known
     wavelength : (n,) of each row's carrier [m]
     range_rate : (n,) [m/s], NaN where not logged
-    epoch_ns, first : the epochs, as ``Rows`` has them
+    epoch_ns, first : the epochs, as ``GnssRows`` has them
     max_interval_s : epochs farther apart are not differenced
     wanted : whether the filter uses carriers at all
     """

@@ -129,7 +129,7 @@ def _rate_at_axle(state: StateEstimate) -> tuple[Float64, dict[str, Float64]]:
 
 
 @dataclass(frozen=True)
-class CourseConstraint(PeriodicMeasurement):
+class Course(PeriodicMeasurement):
     """The nose points along the course, but for an angle that lasts."""
 
     settings: CourseRows

@@ -8,7 +8,7 @@ from insgnss.config.vehicle_kind import Standstill, VehicleRows
 from insgnss.filter.layout import GaussMarkov, StateBlock
 from insgnss.filter.own_rows.rows import Measurement
 from insgnss.sensors.standstill import ZeroRate, ZeroVelocity
-from insgnss.sensors.vehicle_motion import LEEWAY, MOUNTING, CourseConstraint, NonHolonomic
+from insgnss.sensors.vehicle_motion import LEEWAY, MOUNTING, Course, NonHolonomic
 from insgnss.units import RAD_PER_DEG
 
 
@@ -39,7 +39,7 @@ def vehicle_measurements(vehicle: VehicleRows) -> tuple[Measurement, ...]:
             )
         )
     if vehicle.course is not None and vehicle.course.on:
-        rows.append(CourseConstraint(period_s, vehicle.course.gate_sigma, vehicle.course, vehicle.nose_first))
+        rows.append(Course(period_s, vehicle.course.gate_sigma, vehicle.course, vehicle.nose_first))
     still = vehicle.zero_velocity
     if still is not None and still.on:
         rows.append(ZeroVelocity(period_s, still.gate_sigma, still, limits))

@@ -18,7 +18,7 @@ from insgnss.filter.whole_log import run_filter
 from insgnss.gnss.observation_rows import GnssRows, one_epoch
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
-from insgnss.simulation.course import Course
+from insgnss.simulation.course import ManoeuvreSequence
 from insgnss.simulation.journeys import AIRFIELD, car, static
 from insgnss.simulation.simulated_log import Simulator
 from tests.filter.test_engine_arrivals import epochs, feed, with_latency
@@ -53,7 +53,7 @@ def drive() -> Simulator:
 @cache
 def late_drive() -> Simulator:
     """90 s at rest, longer than a trial waits, then two corners."""
-    course = Course().hold(90.0).change_speed(14.0, 8.0).hold(12.0)
+    course = ManoeuvreSequence().hold(90.0).change_speed(14.0, 8.0).hold(12.0)
     course.change_speed(6.0, 5.0).steer(90.0, 5.0).change_speed(14.0, 8.0).hold(12.0).steer(90.0, 5.0).hold(
         25.0
     )

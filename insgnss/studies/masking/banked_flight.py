@@ -15,7 +15,7 @@ from insgnss.config.library import imu_grade, oscillator
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.constants import NS_PER_S
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.simulation.course import Course
+from insgnss.simulation.course import ManoeuvreSequence
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure
 from insgnss.simulation.observations import (
     NoiseTerms,
@@ -145,14 +145,14 @@ class BankedFlight:
         )
 
 
-def course_of(scenario: ScenarioConfig) -> Course:
+def course_of(scenario: ScenarioConfig) -> ManoeuvreSequence:
     """Return straight flight, the bank held from the outage's beginning to its end, straight flight.
 
     The turn is coordinated, rate = g tan(bank) / speed; rolling in ends when the outage begins.
     """
     flight, outage = scenario.flight, scenario.outage
     roll, roll_s = deg_to_rad(scenario.bank.roll_deg), flight.roll_s
-    course = Course(flight.speed_mps)
+    course = ManoeuvreSequence(flight.speed_mps)
     course.bank.steps += [(outage.from_s - roll_s, roll_s, roll), (outage.until_s, roll_s, -roll)]
     return course.hold(flight.duration_s)
 
