@@ -23,9 +23,12 @@ WGS84_J2: Final = 1.082629821313e-3  # from C20,bar = -0.484166774985e-3 (table 
 STANDARD_GRAVITY_MPS2: Final = 9.80665  # the unit g; ISO 80000-3
 
 NS_PER_S: Final = 1_000_000_000
+NS_PER_US: Final = 1_000
 S_PER_WEEK: Final = 604_800
 NS_PER_WEEK: Final = S_PER_WEEK * NS_PER_S
 S_PER_DAY: Final = 86_400
+
+M_PER_KM: Final = 1000.0
 
 # Broadcast orbits: each system's own gravitational constant and Earth rotation rate. The factor F of the clock's
 # periodic relativity follows from mu in each ICD, F = -2 sqrt(mu) / c^2. QZSS (IS-QZSS-PNT-005, 5.5.2) and NavIC (SPS

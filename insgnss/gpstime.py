@@ -20,6 +20,7 @@ BDT_MINUS_GPST_S = -14  # BeiDou time is 14 s behind GPS time
 GST_WEEK_OFFSET = 1024  # Galileo week 0 began in GPS week 1024 (OS SIS ICD, 5.1.2)
 GLONASS_EPOCH = dt.datetime(1996, 1, 1)  # in Moscow time (GLONASS ICD 5.1, A.3.1.3)
 GLONASS_MINUS_UTC_H = 3  # GLONASS time is Moscow's, UTC + 3 h (GLONASS ICD 5.1, 3.3.3)
+MOSCOW_MINUS_UTC_S = GLONASS_MINUS_UTC_H * 3600
 
 # GPS minus UTC, from the dates at which each value came into force (IERS Bulletin C)
 LEAP_SECONDS: tuple[tuple[str, int], ...] = (

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,10 @@ Int64 = npt.NDArray[np.int64]
 Int16 = npt.NDArray[np.int16]
 Int8 = npt.NDArray[np.int8]
 Float64 = npt.NDArray[np.float64]
+
+# Bits of the loss-of-lock indicator: a cycle slip, an open half cycle (RINEX 3.05, table A3; 4.01, 6.5.2)
+LLI_SLIP: Final = 1
+LLI_HALF_CYCLE: Final = 2
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminators import equivalent_variance, linear_range, pull_in_range, simulate
 from insgnss.tracking.loop_filters import LARGEST_BT, continuous_gains, digital_filter, filter_from_continuous
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
-from insgnss.tracking.trial import Motion, assess, design_channels, simulation_of
+from insgnss.tracking.trial import CarrierDynamics, assess, design_channels, simulation_of
 
 plt.rcParams.update(STYLE | {"figure.dpi": 120, "figure.constrained_layout.use": True})
 T = 1e-3
@@ -169,7 +169,7 @@ levels, seen = (45.0, 40.0, 35.0, 30.0, 27.0), []
 for c in levels:
     carrier, delay = digital_filter(3, 15.0, T), digital_filter(1, 1.0, T)
     design = design_channels(gps_ca(7), L1_HZ, c, carrier, delay, phase_kind="iq")
-    simulation = simulation_of(design, gps_ca(7), L1_HZ, Motion(), seconds=12.0, channels=12, seed=7)
+    simulation = simulation_of(design, gps_ca(7), L1_HZ, CarrierDynamics(), seconds=12.0, channels=12, seed=7)
     seen.append(assess(simulation, simulation.run(seed=7)))
 print("C/N0   phase rms   linear theory   slipped   C/N0 by moments, narrow-wide")
 for c, one in zip(levels, seen, strict=True):

@@ -7,7 +7,7 @@ from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter.layout import SYSTEM_OFFSETS, Layout, StateBlock
 from insgnss.filter.states.glonass_channel_bias import glonass_channel_bias
 from insgnss.filter.states.ionosphere import ionosphere as ionosphere_block
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.filter.states.zenith_delay import zenith_delay as zenith_delay_block
 
 
@@ -24,7 +24,7 @@ def layout_with(
     config = config.model_copy(
         update={"measurements": config.measurements.model_copy(update={"zenith_delay": True})}
     )
-    wanted = StatesWanted(config, ("G", "R"), with_carrier=True, grade=imu_grade("tactical"))
+    wanted = StateInputs(config, ("G", "R"), with_carrier=True, grade=imu_grade("tactical"))
     offsets = tuple(f"offset_{i}_m" for i in range(n_offsets))
     blocks = (
         StateBlock(SYSTEM_OFFSETS, offsets, "m", 3000.0) if offsets else None,

@@ -333,6 +333,50 @@ def matrix_name(node: ast.expr) -> str | None:
     return node.id if isinstance(node, ast.Name) else getattr(node, "attr", None)
 
 
+def test_a_class_name_has_one_meaning() -> None:
+    places: dict[str, list[str]] = {}
+    for path in SOURCES:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.ClassDef):
+                place = f"{path.relative_to(ROOT)}:{node.lineno}"
+                places.setdefault(node.name.lstrip("_"), []).append(place)
+
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def test_no_number_stands_twice_under_one_name() -> None:
+    places: dict[tuple[str, float], list[str]] = {}
+    for path in SOURCES:
+        for name, number in numbers_of(tree_of(path)):
+            places.setdefault((name.lstrip("_"), number), []).append(str(path.relative_to(ROOT)))
+
+    assert len(places) > 500
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
+def numbers_of(tree: ast.Module) -> Iterator[tuple[str, float]]:
+    """Yield name and value of each number that stands written out at the top level of a module."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            pairs = [(target, node.value)]
+            if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                pairs = list(zip(target.elts, node.value.elts, strict=False))
+            for name, value in pairs:
+                number = number_of(value)
+                if isinstance(name, ast.Name) and number is not None:
+                    yield name.id, number
+
+
+def number_of(value: ast.expr) -> float | None:
+    """Return what an expression of literal numbers is, None for any other."""
+    literal = (ast.Constant, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop)
+    if not all(isinstance(node, literal) for node in ast.walk(value)):
+        return None
+    number = eval(ast.unparse(value), {"__builtins__": {}})
+    return float(number) if type(number) in (int, float) else None
+
+
 def test_the_package_has_at_most_thirty_rooms_and_files() -> None:
     top = [
         path

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insgnss import units
-from insgnss.config.flight import Imu
+from insgnss.config.flight import ImuConfig
 from insgnss.config.log_table import TimeScale
 
 
@@ -62,7 +62,9 @@ def test_conversion_and_its_inverse_return_the_value(there, back) -> None:
     np.testing.assert_allclose(back(there(values)), values, rtol=4e-16)
 
 
-@pytest.mark.parametrize(("model", "field"), [(Imu, "gyro_unit"), (Imu, "accel_unit"), (TimeScale, "unit")])
+@pytest.mark.parametrize(
+    ("model", "field"), [(ImuConfig, "gyro_unit"), (ImuConfig, "accel_unit"), (TimeScale, "unit")]
+)
 def test_every_unit_that_a_flight_file_may_declare_has_its_factor(model, field: str) -> None:
     for unit in get_args(model.model_fields[field].annotation):
         assert units.SI_PER_UNIT[unit] > 0.0

@@ -22,7 +22,7 @@ import math
 from typing import Final, NamedTuple
 
 from insgnss.aiding.satellite_arcs import PIECE_NS, Arcs
-from insgnss.aiding.trace import Samples, Trace
+from insgnss.aiding.trace import Trace, TraceSamples
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.kernels.jit import kernel
@@ -40,7 +40,7 @@ _SPARE: Final = 12  # and five more; 18 and 19 hold a line of sight
 
 
 @kernel(inline=True)
-def instant_rates(imu: Samples, k: int, slope_samples: int, work: Float64) -> tuple[float, float]:
+def instant_rates(imu: TraceSamples, k: int, slope_samples: int, work: Float64) -> tuple[float, float]:
     """Write angular rate, specific force and their slopes at the end of sample ``k``, biases still in; return a, 1/D.
 
     The module's text has the equations and what they cost; without a usable sample before, slopes are zero.
@@ -153,17 +153,17 @@ def turn_about_axis(vectors: Float64, first: int, last: int, angle: float) -> No
         vectors[row, 0], vectors[row, 1] = cosine * x - sine * y, sine * x + cosine * y
 
 
-class Vehicle(NamedTuple):
+class VehicleTrace(NamedTuple):
     """What the antenna's motion follows from."""
 
     trace: Trace
-    imu: Samples
+    imu: TraceSamples
     lever_b: Float64  # (3,) IMU to phase centre [m]
     slope_samples: int  # n of the module's text
 
 
 @kernel
-def place_motion(vehicle: Vehicle, i: int, arcs: Arcs, work: Float64) -> tuple[int, float, float, float]:
+def place_motion(vehicle: VehicleTrace, i: int, arcs: Arcs, work: Float64) -> tuple[int, float, float, float]:
     """Write the antenna's motion at trace row ``i``, in the piece's axes.
 
     Returns the piece, the time in it [s], and the slopes' weights a and 1/D of the last and the first sample.

@@ -16,14 +16,14 @@ from insgnss.aiding.uncertainty import (
     SD_JERK,
     SD_RANGE,
     SD_RATE,
-    Doubts,
+    UncertaintyTerms,
 )
 from insgnss.constants import C_MPS
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int16
 
 
-class Columns(NamedTuple):
+class AidingColumns(NamedTuple):
     """Columns of ``aiding.table``, one entry for each output time and satellite of its span."""
 
     time_s: Float64
@@ -50,12 +50,14 @@ class Times(NamedTuple):
     receiver_drift: Float64  # (n,) [m/s], zero where the receiver's clock is out
 
 
-def new_columns(n: int) -> Columns:
+def new_columns(n: int) -> AidingColumns:
     """Return columns of ``n`` entries, to be filled."""
     doubles: list[Float64] = [np.empty(n) for _ in range(5)]
     singles: list[Float32] = [np.empty(n, np.float32) for _ in range(8)]
     time, rate, doppler, pseudorange, code = doubles
-    return Columns(time, np.empty(n, np.int16), rate, doppler, singles[0], pseudorange, code, *singles[1:])
+    return AidingColumns(
+        time, np.empty(n, np.int16), rate, doppler, singles[0], pseudorange, code, *singles[1:]
+    )
 
 
 @kernel
@@ -65,8 +67,8 @@ def fill_columns(
     sigma: npt.NDArray[np.float32],
     times: Times,
     per_cycle: Float64,
-    doubts: Doubts,
-    out: Columns,
+    doubts: UncertaintyTerms,
+    out: AidingColumns,
 ) -> None:
     """Write all columns, at the time of use.
 

@@ -14,12 +14,12 @@ import numpy.typing as npt
 from insgnss.aiding.satellite_arcs import PIECE_NS, SatelliteArcs
 from insgnss.aiding.sources import AidingSources
 from insgnss.aiding.table import AidingTable, compute_aiding
-from insgnss.aiding.trace import Covariances, Samples, Trace, joined, traced
+from insgnss.aiding.trace import Covariances, Trace, TraceSamples, joined, traced
 from insgnss.filter.output.trace_rows import new_trace_room, output_period
 from insgnss.filter.output.tracing import write_trace
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import Bank
-from insgnss.filter.update.epoch_space import Workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace
 
 
 class AidingSink(Protocol):
@@ -53,14 +53,16 @@ class LiveAiding:
         self._period = period
         return due
 
-    def output(self, bank: Bank, imu: Imu, parameters: npt.NDArray[Any], work: Workspace) -> AidingTable:
+    def output(
+        self, bank: Bank, imu: ImuSamples, parameters: npt.NDArray[Any], work: FilterWorkspace
+    ) -> AidingTable:
         """Return the aiding of a bank that stands at the newest sample of ``imu``."""
         t_ns = int(imu.t_ns[-1])
         count = self._room.counts[0]
         count.rows = count.covariances = 0
         never = False  # beyond what is due
         write_trace(bank, t_ns, never, parameters[0], self._room, work.P_out, work.scratch)
-        samples = Samples(imu.t_ns, imu.w_ib_b, imu.f_b)
+        samples = TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b)
         now, begin = traced(self._room, samples).trace, self._begin
         if begin is None or count.covariances or t_ns // PIECE_NS != int(begin.t_ns[0]) // PIECE_NS:
             self._begin = joined(now)  # the room is written again

@@ -21,14 +21,14 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.aiding.antenna_motion import Vehicle, place_motion
+from insgnss.aiding.antenna_motion import VehicleTrace, place_motion
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.constants import C_MPS
+from insgnss.gnss.orbits.satellite_state import USUAL_FLIGHT_S
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 _PER_C: Final = 1.0 / C_MPS
-_USUAL_FLIGHT_S: Final = 0.075  # 67 to 140 ms are in use
 
 # All that is computed of up to LANES satellites at once stands in one array, one row of LANES numbers for each
 # quantity. Rows 0 to 16 are a satellite's expansion: S, V_s, A_s, J_s at 0, 3, 6, 9, then these; 17 to 21 what comes
@@ -92,7 +92,7 @@ def expand_satellite(piece: Float64, since_s: float, motion: Float64, e: Float64
         its derivative
     j : lane
     """
-    t = since_s - _USUAL_FLIGHT_S
+    t = since_s - USUAL_FLIGHT_S
     rho, along = 0.0, 0.0
     for turn in range(3):
         square, along = 0.0, 0.0
@@ -194,7 +194,7 @@ def observe_satellites(e: Float64, count: int, dt: float, motion: Float64) -> No
 
 
 @kernel
-def fill_values(vehicle: Vehicle, arcs: Arcs, spans: Spans, receiver_clock: float, out: Values) -> None:
+def fill_values(vehicle: VehicleTrace, arcs: Arcs, spans: Spans, receiver_clock: float, out: Values) -> None:
     """Write the values of all satellites of each span at its times.
 
     They are expanded at the span's first time: a value depends on nothing that comes after it.

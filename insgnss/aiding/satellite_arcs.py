@@ -27,6 +27,7 @@ from insgnss.gnss.orbits.glonass import arc_state
 from insgnss.gnss.orbits.plausible_messages import is_satellite
 from insgnss.gnss.orbits.precise import clock_between, orbit_between
 from insgnss.gnss.orbits.satellite_clock import group_delay, satellite_clock
+from insgnss.gnss.orbits.satellite_state import USUAL_FLIGHT_S
 from insgnss.gnss.signals import signal_of
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64, PreciseProducts
@@ -34,7 +35,6 @@ from insgnss.tables import Float64, Int64, PreciseProducts
 PIECE_NS: Final = 120 * NS_PER_S
 PIECE_S: Final = PIECE_NS / NS_PER_S
 N_POWERS: Final = 6
-_USUAL_FLIGHT_S: Final = 0.075
 _N_NODE: Final = 11  # position, velocity, acceleration, clock, drift
 
 
@@ -256,7 +256,7 @@ def elevations(arcs: Arcs, t_ns: Int64, r_e: Float64, up_e: Float64) -> Float64:
     for p in np.unique(piece):
         rows = np.flatnonzero(piece == p)
         since_s = part[rows] / NS_PER_S
-        powers = np.vander(since_s - _USUAL_FLIGHT_S, N_POWERS, increasing=True)
+        powers = np.vander(since_s - USUAL_FLIGHT_S, N_POWERS, increasing=True)
         r_s = np.einsum("nk,sik->nsi", powers, arcs.pieces[:, p, :3])
         turn = earth_turn(since_s)
         d = r_s - np.einsum("nij,nj->ni", turn, r_e[rows])[:, None]
@@ -278,7 +278,7 @@ def lines_of_sight(arcs: Arcs, t_ns: Int64, satellite: Int64, r_e: Float64) -> F
     r_e : (q, 3) antenna position, ECEF [m]
     """
     piece, part = np.divmod(t_ns - arcs.start_ns, PIECE_NS)
-    sent_s = part / NS_PER_S - _USUAL_FLIGHT_S
+    sent_s = part / NS_PER_S - USUAL_FLIGHT_S
     r_s = arcs.pieces[satellite, piece, :3, N_POWERS - 1]
     for k in range(N_POWERS - 2, -1, -1):
         r_s = r_s * sent_s[:, None] + arcs.pieces[satellite, piece, :3, k]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from insgnss.aiding.satellite_arcs import SatelliteArcs, broadcast_arcs, precise_arcs
 from insgnss.aiding.table import AidingSetup, AidingTable, compute_aiding
-from insgnss.aiding.trace import Traced
+from insgnss.aiding.trace import FilterTrace
 from insgnss.config.aiding import AidingConfig
 from insgnss.errors import NavigationDataError
 from insgnss.filter.setup import FilterSetup
@@ -33,7 +33,7 @@ class AidingSources:
         assert self.messages is not None  # ``aiding_sources`` gives one of the two
         return broadcast_arcs(self.messages, self.setup.signals, first_ns, last_ns)
 
-    def table(self, found: Traced) -> AidingTable:
+    def table(self, found: FilterTrace) -> AidingTable:
         """Return the aiding at all rows of a trace."""
         t_ns = found.trace.t_ns
         satellites = self.arcs(int(t_ns[0]), int(t_ns[-1])) if len(t_ns) else self.arcs(0, 0)

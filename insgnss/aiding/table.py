@@ -35,12 +35,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.aiding.antenna_motion import Vehicle
+from insgnss.aiding.antenna_motion import VehicleTrace
 from insgnss.aiding.columns import Times, fill_columns, new_columns
 from insgnss.aiding.delays import fill_delays
 from insgnss.aiding.observables import LANES, Spans, Values, fill_values
 from insgnss.aiding.satellite_arcs import PIECE_NS, SatelliteArcs, elevations
-from insgnss.aiding.trace import Covariances, Samples, Trace
+from insgnss.aiding.trace import Covariances, Trace, TraceSamples
 from insgnss.aiding.uncertainty import (
     ACCELERATION_PARTS,
     N_PARTS,
@@ -48,7 +48,7 @@ from insgnss.aiding.uncertainty import (
     PARTS,
     RATE_PARTS,
     SD_RANGE,
-    Doubts,
+    UncertaintyTerms,
     fill_sigma,
 )
 from insgnss.config.aiding import AidingConfig
@@ -85,10 +85,10 @@ class AidingSetup:
     troposphere: bool = True
     weather: Weather = STANDARD_WEATHER
 
-    def doubts(self) -> Doubts:
+    def doubts(self) -> UncertaintyTerms:
         """Return the numbers that the sigma needs beside the covariance."""
         use = self.config
-        return Doubts(
+        return UncertaintyTerms(
             gyro_density=self.sensor.gyro_density,
             accel_density=self.sensor.accel_density,
             gyro_scale=self.sensor.gyro_scale,
@@ -153,7 +153,7 @@ class AidingTable:
     latency_s: float
     receiver_drift_mps: Float64  # (n,) zero where the receiver's clock is out
     since_s: Float64  # (n,) from the time at which the span's sigma were found
-    doubts: Doubts
+    doubts: UncertaintyTerms
 
     @property
     def n_rows(self) -> int:
@@ -249,7 +249,7 @@ class AidingTable:
 
 
 def compute_aiding(
-    setup: AidingSetup, satellites: SatelliteArcs, trace: Trace, imu: Samples, covariances: Covariances
+    setup: AidingSetup, satellites: SatelliteArcs, trace: Trace, imu: TraceSamples, covariances: Covariances
 ) -> AidingTable:
     """Return the aiding of every satellite above the horizon at all times of a trace.
 
@@ -278,7 +278,7 @@ def compute_aiding(
 
 
 def aiding_arrays(
-    setup: AidingSetup, satellites: SatelliteArcs, trace: Trace, imu: Samples, covariances: Covariances
+    setup: AidingSetup, satellites: SatelliteArcs, trace: Trace, imu: TraceSamples, covariances: Covariances
 ) -> tuple[Spans, Values, Float64]:
     """Return what the table is made of: spans, values, and the sigma (q, N_SIGMA) to their last digit."""
     names, arcs = satellites.sv_names, satellites.arcs
@@ -292,7 +292,7 @@ def aiding_arrays(
     rows = int(np.sum(np.diff(spans.first_time) * np.diff(spans.first_satellite)))
     doubles, singles = np.empty((2, rows)), np.empty((2, rows), np.float32)
     values = Values(doubles[0], doubles[1], singles[0], singles[1])
-    doubts, vehicle = setup.doubts(), Vehicle(trace, imu, lever_b, setup.config.slope_samples)
+    doubts, vehicle = setup.doubts(), VehicleTrace(trace, imu, lever_b, setup.config.slope_samples)
     fill_values(vehicle, arcs, spans, doubts.receiver_clock, values)
     sigma = np.full((len(spans.satellite), N_SIGMA), np.nan)
     first_ns = trace.t_ns[spans.first_time[:-1]]

@@ -36,7 +36,7 @@ class Covariances(NamedTuple):
     P: Float64  # (m, q, q), the 17 states of ``filter.state`` first
 
 
-class Samples(NamedTuple):
+class TraceSamples(NamedTuple):
     """The inertial samples behind a trace, as logged."""
 
     t_ns: Int64  # (k,)
@@ -44,15 +44,15 @@ class Samples(NamedTuple):
     f_b: Float64  # (k, 3) [m/s^2]
 
 
-class Traced(NamedTuple):
+class FilterTrace(NamedTuple):
     """All that a filter's run leaves behind."""
 
     trace: Trace
     covariances: Covariances
-    samples: Samples
+    samples: TraceSamples
 
 
-def traced(room: TraceRoom, samples: Samples) -> Traced:
+def traced(room: TraceRoom, samples: TraceSamples) -> FilterTrace:
     """Return what the loop has written, its rows joined to the inertial samples that it ran on."""
     count = room.counts[0]
     row, m = room.row[: count.rows], int(count.covariances)
@@ -62,10 +62,10 @@ def traced(room: TraceRoom, samples: Samples) -> Traced:
         offset=room.offset[: len(row)],
         **columns,
     )
-    return Traced(trace, Covariances(room.covariance_ns[:m], room.P[:m]), samples)
+    return FilterTrace(trace, Covariances(room.covariance_ns[:m], room.P[:m]), samples)
 
 
-def at_times(found: Traced, t_ns: Int64) -> Traced:
+def at_times(found: FilterTrace, t_ns: Int64) -> FilterTrace:
     """Return the rows of a trace at some of its times, with all covariances."""
     return found._replace(trace=trace_rows(found.trace, np.flatnonzero(np.isin(found.trace.t_ns, t_ns))))
 

@@ -24,7 +24,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from insgnss.aiding.antenna_motion import ARM, FORCE, RATE, Vehicle, cross, place_motion, turn_about_axis
+from insgnss.aiding.antenna_motion import ARM, FORCE, RATE, VehicleTrace, cross, place_motion, turn_about_axis
 from insgnss.aiding.observables import LANES, N_LANE_ROWS, Spans, expand_satellite, towards
 from insgnss.aiding.satellite_arcs import Arcs
 from insgnss.aiding.trace import Covariances
@@ -53,7 +53,7 @@ _PART_OF_STATE: Final = np.array(
 _TOGETHER: Final = 3  # row of the work space that takes the sum of the others
 
 
-class Doubts(NamedTuple):
+class UncertaintyTerms(NamedTuple):
     """What the sigma needs beside the covariance; densities two-sided."""
 
     gyro_density: float  # [rad^2/s]
@@ -149,7 +149,9 @@ def block_variances(P: Float64, h: Float64, parts: Float64) -> tuple[float, floa
 
 
 @kernel(inline=True)
-def sensor_noise(doubts: Doubts, work: Float64, of_rate: Float64, of_slope: Float64, slope: Slope) -> float:
+def sensor_noise(
+    doubts: UncertaintyTerms, work: Float64, of_rate: Float64, of_slope: Float64, slope: Slope
+) -> float:
     """Return the variance that the gyro's sample noise and scale factor make through two rows (of rate and slope).
 
     Equation: samples last and first of the slope carry (1 + a) of_rate + of_slope / D and -a of_rate - of_slope / D.
@@ -167,7 +169,7 @@ def sensor_noise(doubts: Doubts, work: Float64, of_rate: Float64, of_slope: Floa
 @kernel
 def satellite_sigma(
     P: Float64,
-    doubts: Doubts,
+    doubts: UncertaintyTerms,
     age_s: float,
     slope: Slope,
     group: int,
@@ -257,13 +259,13 @@ def close_parts(
 
 @kernel
 def fill_sigma(
-    vehicle: Vehicle,
+    vehicle: VehicleTrace,
     covariances: Covariances,
     newest: Int64,
     arcs: Arcs,
     spans: Spans,
     groups: Int64,
-    doubts: Doubts,
+    doubts: UncertaintyTerms,
     out: Float64,
 ) -> None:
     """Write a row of sigma for each satellite of each span, at the span's first time.

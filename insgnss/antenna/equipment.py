@@ -13,7 +13,7 @@ from insgnss.antenna.gain_pattern import pattern_of
 from insgnss.antenna.installation import Installation, no_antenna
 from insgnss.antenna.obstruction import clearance_raster, read_obstruction
 from insgnss.antenna.pattern_file import read_pattern
-from insgnss.antenna.visibility import DEWEIGHT, HIDE, KEEP, Limits
+from insgnss.antenna.visibility import DEWEIGHT, HIDE, KEEP, VisibilityLimits
 from insgnss.config.filter import Visibility
 from insgnss.config.flight import MountedAntenna, Vector3
 from insgnss.config.library import antenna_file
@@ -69,7 +69,7 @@ def mounting(antenna: MountedAntenna) -> Float64:
     return C_ba
 
 
-def limits_of(settings: Visibility) -> Limits:
+def limits_of(settings: Visibility) -> VisibilityLimits:
     """Return the stage's settings as the kernels read them; a threshold on C/N0 becomes one on gain.
 
     Equation: predicted C/N0 = nominal C/N0 at 0 dBic + gain. ``on`` and ``use_masked`` are the caller's: they change
@@ -79,7 +79,7 @@ def limits_of(settings: Visibility) -> Limits:
     if settings.threshold == "cn0":
         threshold = settings.threshold_cn0_dbhz - settings.nominal_cn0_dbhz
     heading = math.radians(settings.heading_sigma_limit_deg)
-    return Limits(
+    return VisibilityLimits(
         threshold,
         settings.hysteresis_db,
         settings.margin_sigma,

@@ -6,12 +6,14 @@ import numpy as np
 
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.obstruction import directions
-from insgnss.antenna.visibility import Limits, look_at_all, new_looks
+from insgnss.antenna.visibility import VisibilityLimits, look_at_all, new_looks
 from insgnss.status import MASKED_OBSTRUCTION
 from insgnss.tables import Float64
 
 
-def gain_map(antennas: Installation, limits: Limits, azimuth_deg: Float64, down_deg: Float64) -> Float64:
+def gain_map(
+    antennas: Installation, limits: VisibilityLimits, azimuth_deg: Float64, down_deg: Float64
+) -> Float64:
     """Return the gain of the best antenna towards directions in body axes [dBic]; NaN where the airframe hides them.
 
     Parameters

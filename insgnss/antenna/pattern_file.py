@@ -33,7 +33,7 @@ _POLE_SPREAD_DB: Final = 1e-9  # values of one pole that differ by more are aver
 
 
 @dataclass(frozen=True)
-class _Line:
+class _PatternLine:
     number: int
     cells: tuple[str, ...]
 
@@ -76,11 +76,11 @@ def read_pattern(path: Path) -> tuple[GainTable, list[Event]]:
     return table, events
 
 
-def _header(text: str, path: Path) -> tuple[dict[str, str], list[_Line]]:
+def _header(text: str, path: Path) -> tuple[dict[str, str], list[_PatternLine]]:
     """Return the checked header and the lines of the table."""
     header: dict[str, str] = {}
     places: dict[str, int] = {}
-    lines: list[_Line] = []
+    lines: list[_PatternLine] = []
     for number, line in enumerate(text.splitlines(), 1):
         found = re.fullmatch(r"#\s*(\w+)\s*:\s*(.*)", line.strip())
         if found:
@@ -88,7 +88,7 @@ def _header(text: str, path: Path) -> tuple[dict[str, str], list[_Line]]:
             _check_key(key, header, path, number)
             header[key], places[key] = value, number
         elif line.strip() and not line.startswith("#"):
-            lines.append(_Line(number, tuple(cell.strip() for cell in line.split(","))))
+            lines.append(_PatternLine(number, tuple(cell.strip() for cell in line.split(","))))
     for key in _REQUIRED:
         if not header.get(key):
             advice = f"write a line '# {key}: ...' above the table"
@@ -133,7 +133,7 @@ def _check_header(header: dict[str, str], places: dict[str, int], path: Path) ->
         )
 
 
-def _azimuths(line: _Line, path: Path) -> Float64:
+def _azimuths(line: _PatternLine, path: Path) -> Float64:
     """Return the azimuths of the table's header, a single zero where the gain depends on elevation alone."""
     if line.cells[0] != "elevation_deg" or len(line.cells) < 2:
         advice = (
@@ -157,7 +157,7 @@ def _azimuths(line: _Line, path: Path) -> Float64:
     return azimuth
 
 
-def _elevations(lines: list[_Line], path: Path) -> Float64:
+def _elevations(lines: list[_PatternLine], path: Path) -> Float64:
     elevation = np.array([_cell(line, 0, ("elevation_deg",), path) for line in lines])
     back = np.flatnonzero(np.diff(elevation) < 0.0005)
     if len(back):
@@ -181,7 +181,7 @@ def _elevations(lines: list[_Line], path: Path) -> Float64:
     return elevation
 
 
-def _gains(line: _Line, names: tuple[str, ...], path: Path) -> list[float]:
+def _gains(line: _PatternLine, names: tuple[str, ...], path: Path) -> list[float]:
     """Return the gains of one row."""
     if len(line.cells) > len(names):
         advice = f"there are {len(names)} columns"
@@ -190,7 +190,7 @@ def _gains(line: _Line, names: tuple[str, ...], path: Path) -> list[float]:
 
 
 def _cell(
-    line: _Line,
+    line: _PatternLine,
     k: int,
     names: tuple[str, ...],
     path: Path,

@@ -30,14 +30,14 @@ UNCERTAIN_VISIBLE: Final = 3
 UNDECIDED: Final = -1  # nothing was decided yet; it counts as visible (bit 0 is set)
 IS_VISIBLE: Final = 1  # the bit: ``decision & IS_VISIBLE``
 IS_UNCERTAIN: Final = 2
-# What becomes of a satellite within the margin, ``Limits.uncertain``
+# What becomes of a satellite within the margin, ``VisibilityLimits.uncertain``
 KEEP: Final = 0
 HIDE: Final = 1
 DEWEIGHT: Final = 2
 DECISIONS: Final = ("hidden", "visible", "uncertain_hidden", "uncertain_visible")
 
 
-class Limits(NamedTuple):
+class VisibilityLimits(NamedTuple):
     """The stage's settings, as the kernels read them."""
 
     threshold_dbic: float  # least gain
@@ -146,7 +146,7 @@ def gain_of_antenna(
 
 @kernel(inline=True)
 def look_at(
-    u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: Limits, before: int
+    u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: VisibilityLimits, before: int
 ) -> Look:
     """Return whether a satellite is seen, by which antenna, and with what gain.
 
@@ -199,7 +199,7 @@ def look_at_all(
     P_b: Float64,
     u_n: Float64,
     antennas: Installation,
-    limits: Limits,
+    limits: VisibilityLimits,
     out: Looks,
 ) -> None:
     """Take the decisions for n attitudes, one after another, and s satellites.

@@ -16,7 +16,7 @@ from insgnss.tables import Float64
 # Directions that know less than this share of the best one count as lost: their standard deviation is then 100 times
 # larger, degrees where the others have minutes of arc
 LOST_SHARE: Final = 1e-4
-_SAME_DIRECTION: Final = 1e-3  # sine of the angle below which directions count as one, 3 minutes of arc
+SAME_DIRECTION: Final = 1e-3  # sine of the angle below which directions count as one, 3 minutes of arc
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def directions(sky: Sky) -> int:
 
 
 def _rank(vectors: Float64) -> int:
-    return int(np.linalg.matrix_rank(vectors, tol=_SAME_DIRECTION * math.sqrt(len(vectors))))
+    return int(np.linalg.matrix_rank(vectors, tol=SAME_DIRECTION * math.sqrt(len(vectors))))
 
 
 def require_attitude(array: AntennaArray, sky: Sky) -> None:

@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.special import gammaincinv
 
+from insgnss.attitude.array_observability import SAME_DIRECTION
 from insgnss.attitude.small_rotation import rotation_matrix
 from insgnss.tables import Float64, Int64
 
@@ -24,9 +25,8 @@ _STEP_CYCLES: Final = 0.2  # by which no difference changes more from node to no
 _LEVEL_SIGMAS: Final = 3.0  # of the level that the grid covers; the fit goes beyond it where it must
 _MOST_NODES: Final = 150_000  # a fifth of a second
 _MOST_FITTED: Final = 3_000  # nodes that come nearest, before sets are told apart
-_STEPS: Final = 3  # Newton's, from a degree away
-_SHARE_REFUSED: Final = 1e-4  # of right sets, by the test of their fit
-_SAME_DIRECTION: Final = 1e-3
+_NEWTON_STEPS: Final = 3  # Newton's, from a degree away
+SHARE_REFUSED: Final = 1e-4  # of right sets and solutions, by the test of their fit
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Prior(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Found:
+class CycleFix:
     """The whole cycles that fit best, and whether they may be used."""
 
     is_valid: bool
@@ -68,7 +68,7 @@ class Found:
     ratio: float  # loss of the second best set over it
 
 
-def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.0) -> Found:
+def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.0) -> CycleFix:
     """Return the whole cycles of an epoch, valid where one set alone fits.
 
     A set is believed where its loss is below the bound that one right set in 10 000 exceeds, the second best set's is
@@ -78,7 +78,7 @@ def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.
     inverse covariance with the clock differences eliminated.
     """
     count = len(rows.value_m)
-    if count < 2 or np.linalg.matrix_rank(rows.u_n, tol=_SAME_DIRECTION * math.sqrt(count)) < 2:
+    if count < 2 or np.linalg.matrix_rank(rows.u_n, tol=SAME_DIRECTION * math.sqrt(count)) < 2:
         return _nothing("fewer than two satellites in different directions")
     rows = _less_clocks(rows)
     W, freedom = _weights(rows)
@@ -96,18 +96,18 @@ def find_cycles(rows: DifferenceRows, priors: Sequence[Prior], ratio: float = 2.
     order = sorted(fits, key=lambda key: fits[key][0])
     loss, C = fits[order[0]]
     second = fits[order[1]][0] if len(order) > 1 else math.inf
-    largest = 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - _SHARE_REFUSED))  # chi-square's quantile
+    largest = 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - SHARE_REFUSED))  # chi-square's quantile
     reason = ""
     if loss > largest:
         reason = f"no whole cycles fit: the best loss is {loss:.3g}, above {largest:.3g}"
     elif second < max(largest, ratio * loss):
         reason = f"several sets of whole cycles fit: losses {loss:.3g} and {second:.3g}, bound {largest:.3g}"
     cycles = np.array(order[0], np.int64)
-    return Found(not reason, reason, loss <= largest, C, cycles, loss, second / max(loss, 1e-12))
+    return CycleFix(not reason, reason, loss <= largest, C, cycles, loss, second / max(loss, 1e-12))
 
 
-def _nothing(reason: str) -> Found:
-    return Found(False, reason, False, np.eye(3), np.zeros(0, np.int64), math.inf, math.nan)
+def _nothing(reason: str) -> CycleFix:
+    return CycleFix(False, reason, False, np.eye(3), np.zeros(0, np.int64), math.inf, math.nan)
 
 
 def _less_clocks(rows: DifferenceRows) -> DifferenceRows:
@@ -162,7 +162,7 @@ def _fitted(rows: DifferenceRows, prior: Prior, step: float, W: Float64) -> tupl
     near = np.argsort(away, kind="stable")[:_MOST_FITTED]
     cycles, first = np.unique(cycles[near], axis=0, return_index=True)
     C, tilt = C[near][first], tilt[near][first]
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         C, tilt = _improved(rows, C, tilt, cycles, W, prior.sd_level)
     r = _residuals(rows, C, cycles)
     return cycles, np.einsum("kr,rs,ks->k", r, W, r) + np.sum(tilt**2, axis=1) / prior.sd_level**2, C

@@ -103,7 +103,7 @@ class GyroState:
 
 
 @dataclass(frozen=True)
-class Correction:
+class PhaseUpdate:
     """What became of an epoch's phase differences."""
 
     status: tuple[str, ...]  # for each signal: used, or why not
@@ -169,7 +169,7 @@ class GyroAttitude:
 
     def corrected(
         self, state: GyroState, phase: npt.ArrayLike, variance_rad2: npt.ArrayLike, sky: Sky
-    ) -> tuple[GyroState, Correction]:
+    ) -> tuple[GyroState, PhaseUpdate]:
         """Return the state after the phase differences of an epoch, and what became of each signal.
 
         Each signal's differences pass the gate together. One whose whole cycle the prediction does not tell is left
@@ -189,7 +189,7 @@ class GyroAttitude:
         status, nis = _judged(residual, S)
         used = np.array([one == USED for one in status])
         if not used.any():
-            return state, Correction(status, nis)
+            return state, PhaseUpdate(status, nis)
         W = np.asarray(np.linalg.inv(R[used]))
         known = information(J[:, used], W)
         slope = gradient(J[:, used], W, residual[:, used])
@@ -202,7 +202,7 @@ class GyroAttitude:
         turn_left(q, step[0], step[1], step[2])
         M = state.M + step[SCALE].reshape(3, 3, order="F")
         moved = replace(state, q_nb=q, bias=state.bias + step[BIAS], M=M, covariance=0.5 * (after + after.T))
-        return moved, Correction(status, nis)
+        return moved, PhaseUpdate(status, nis)
 
 
 def _judged(residual: Float64, S: Float64) -> tuple[tuple[str, ...], Float64]:

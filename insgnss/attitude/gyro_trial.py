@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.attitude.baselines import AntennaArray, Sky, attitude_matrices, phase_differences, wrapped
-from insgnss.attitude.gyro_attitude import Correction, GyroAttitude, GyroErrors, GyroState
+from insgnss.attitude.gyro_attitude import GyroAttitude, GyroErrors, GyroState, PhaseUpdate
 from insgnss.attitude.small_rotation import rotation_matrix, rotation_vector
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64
@@ -140,7 +140,7 @@ class History:
     bias_true: Float64  # (n, 3) [rad/s]
     M_true: Float64  # (3, 3)
     states: list[GyroState]
-    corrections: list[Correction]
+    corrections: list[PhaseUpdate]
 
     def attitude_errors(self) -> Float64:
         """Return the attitude errors, rotation vectors in n, (n, 3) [rad]."""

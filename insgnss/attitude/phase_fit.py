@@ -10,14 +10,14 @@ import numpy.typing as npt
 
 from insgnss.attitude.baselines import AntennaArray, Sky, phase_differences, phases_by_rotation
 from insgnss.attitude.small_rotation import rotation_matrix
-from insgnss.attitude.wahba_problem import Attitude
+from insgnss.attitude.wahba_problem import AttitudeEstimate
 from insgnss.tables import Float64
 
-_STEPS: Final = 4  # Newton's steps from an attitude right to a degree: the third is below 1e-12 rad
+_NEWTON_STEPS: Final = 4  # Newton's steps from an attitude right to a degree: the third is below 1e-12 rad
 
 
 @dataclass(frozen=True)
-class Rough:
+class CoarseBaselines:
     """Baselines in n as codes or a guess of the attitude give them, to metres or decimetres."""
 
     vectors_n: Float64  # (M - 1, 3) [m]
@@ -48,7 +48,9 @@ class PhaseRows:
         return np.asarray(self.differences @ self.sky.wave_vectors_n)
 
 
-def fit_attitude(start: npt.ArrayLike, rows: PhaseRows, cycles: npt.ArrayLike, rough: Rough) -> Attitude:
+def fit_attitude(
+    start: npt.ArrayLike, rows: PhaseRows, cycles: npt.ArrayLike, rough: CoarseBaselines
+) -> AttitudeEstimate:
     """Return the attitude of least squares over phases and rough baselines, from a start right to some degrees.
 
     The loss is chi-square with rows + 3 (M - 1) - 3 degrees of freedom where the whole cycles are right.
@@ -62,11 +64,11 @@ def fit_attitude(start: npt.ArrayLike, rows: PhaseRows, cycles: npt.ArrayLike, r
     W = np.linalg.inv(rows.covariance)
     W_rough = np.asarray(np.linalg.inv(rough.covariance))
     measured = rows.phase + 2.0 * np.pi * np.asarray(cycles, np.float64)
-    for step in range(_STEPS + 1):
+    for step in range(_NEWTON_STEPS + 1):
         residual = (measured - rows.predicted(C)).ravel()
         l_n = rows.array.baselines_b @ C.T
         rest = rough.vectors_n - l_n
-        if step == _STEPS:
+        if step == _NEWTON_STEPS:
             break
         J = rows.derivatives(C)
         # phi x l, one column per component of phi
@@ -75,4 +77,4 @@ def fit_attitude(start: npt.ArrayLike, rows: PhaseRows, cycles: npt.ArrayLike, r
         slope = J.T @ W @ residual + np.einsum("mai,mab,mb->i", J_rough, W_rough, rest)
         C = rotation_matrix(np.linalg.solve(known, slope)) @ C
     loss = float(residual @ W @ residual + np.einsum("ma,mab,mb->", rest, W_rough, rest))
-    return Attitude(C, np.asarray(np.linalg.inv(known)), loss)
+    return AttitudeEstimate(C, np.asarray(np.linalg.inv(known)), loss)

@@ -23,8 +23,9 @@ from insgnss.attitude.baselines import (
     Sky,
     difference_covariance,
 )
+from insgnss.attitude.cycle_search import SHARE_REFUSED
 from insgnss.attitude.integer_search import nearest_integers
-from insgnss.attitude.phase_fit import PhaseRows, Rough, fit_attitude
+from insgnss.attitude.phase_fit import CoarseBaselines, PhaseRows, fit_attitude
 from insgnss.attitude.wahba_problem import wahba
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64, Int64
@@ -33,7 +34,6 @@ Clocks = Literal["common", "separate"]
 CANDIDATES: Final = 2000  # looked at for each baseline: ranges to 1 m and 5 satellites leave some hundreds
 # of the second loss to the first; a loss has tens of degrees of freedom and varies by a third
 RATIO: Final = 2.0
-_SHARE_REFUSED: Final = 1e-4  # of right solutions, by the test of their fit
 _SIGMAS: Final = 4.5  # of a length or a product of two baselines
 _MOST_COMBINATIONS: Final = 2000  # of baselines, each a fit of a fifth of a millisecond
 _MOST_ANTENNAS_PERMUTED: Final = 5
@@ -97,7 +97,7 @@ class Epoch:
         size = R.shape[0] * R.shape[1]
         return PhaseRows(array, self.sky, self.phase @ D.T, R.reshape(size, size), D)
 
-    def rough(self, guess_C_nb: npt.ArrayLike | None, guess_sd_rad: float) -> Rough:
+    def rough(self, guess_C_nb: npt.ArrayLike | None, guess_sd_rad: float) -> CoarseBaselines:
         """Return rough baselines from the ranges, and from a guess of the attitude where there is one.
 
         Raises
@@ -126,7 +126,7 @@ class Epoch:
                 advice="give pseudoranges of four satellites or more, or a guess of the attitude",
             )
         P = np.asarray(np.linalg.inv(known))
-        return Rough(np.einsum("mij,mj->mi", P, slope), P)
+        return CoarseBaselines(np.einsum("mij,mj->mi", P, slope), P)
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def solve(
     )
 
 
-def _resolved(epoch: Epoch, array: AntennaArray, rough: Rough, ratio: float) -> Solution:
+def _resolved(epoch: Epoch, array: AntennaArray, rough: CoarseBaselines, ratio: float) -> Solution:
     rows = epoch.rows(array)
     own = [_choices(rows, rough, m) for m in range(len(array.baselines_b))]
     fits = []
@@ -204,10 +204,10 @@ def _largest_loss(epoch: Epoch) -> float:
 
 def _quantile(freedom: int) -> float:
     """Return the chi-square that one right solution in 10 000 exceeds."""
-    return 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - _SHARE_REFUSED))
+    return 2.0 * float(gammaincinv(0.5 * freedom, 1.0 - SHARE_REFUSED))
 
 
-def _choices(rows: PhaseRows, rough: Rough, m: int) -> list[_Choice] | None:
+def _choices(rows: PhaseRows, rough: CoarseBaselines, m: int) -> list[_Choice] | None:
     """Return all likely whole cycles of one baseline that give it its known length; None where they are too many."""
     cycles = _likely_cycles(rows, rough, m)
     if cycles is None:
@@ -223,7 +223,7 @@ def _choices(rows: PhaseRows, rough: Rough, m: int) -> list[_Choice] | None:
     return [_Choice(c, v) for c, v in zip(cycles[fits], vectors[fits], strict=True)]
 
 
-def _likely_cycles(rows: PhaseRows, rough: Rough, m: int) -> Int64 | None:
+def _likely_cycles(rows: PhaseRows, rough: CoarseBaselines, m: int) -> Int64 | None:
     """Return the whole cycles of one baseline within the chi-square limit, the likeliest first; None for too many.
 
     A list cut off before the limit may lack the right ones, and what is left of it could pass every later check by
@@ -272,7 +272,7 @@ def _joined(
             yield from _joined(array, own, sd, (*chosen, one))
 
 
-def _fitting_order(epoch: Epoch, rough: Rough, ratio: float) -> tuple[int, ...]:
+def _fitting_order(epoch: Epoch, rough: CoarseBaselines, ratio: float) -> tuple[int, ...]:
     """Return the first other order of the antennas in which the epoch is resolved; empty where there is none."""
     count = len(epoch.array.positions_b)
     if count > _MOST_ANTENNAS_PERMUTED:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from insgnss.attitude.baselines import AntennaArray
-from insgnss.config.flight import Attitude, Gnss, MountedAntenna, Vector3
+from insgnss.config.flight import AttitudeConfig, Gnss, MountedAntenna, Vector3
 from insgnss.config.library import vehicle as vehicle_of
 from insgnss.config.vehicle import Vehicle, VehicleAntenna
 from insgnss.errors import ConfigError
@@ -36,7 +36,7 @@ def array_of_vehicle(vehicle: str | Path | Vehicle, first: str | None = None) ->
     return AntennaArray(np.array([positions[name] for name in names]), names)
 
 
-def array_of_flight(attitude: Attitude, gnss: Gnss, folder: Path) -> AntennaArray:
+def array_of_flight(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> AntennaArray:
     """Return the antennas of a flight, that of [gnss] first; positions by the vehicle where the block names one.
 
     Raises
@@ -71,7 +71,7 @@ def array_of_flight(attitude: Attitude, gnss: Gnss, folder: Path) -> AntennaArra
     return AntennaArray(np.array(places), (main, *(antenna.name for antenna in attitude.antenna)))
 
 
-def mounted_antennas(attitude: Attitude, gnss: Gnss, folder: Path) -> tuple[MountedAntenna, ...]:
+def mounted_antennas(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> tuple[MountedAntenna, ...]:
     """Return how each antenna of a flight is mounted and what it sees, that of [gnss] first.
 
     What the flight file says of an antenna counts before the vehicle's file; an antenna that nothing is said of is

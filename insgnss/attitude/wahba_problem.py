@@ -17,7 +17,7 @@ from insgnss.tables import Float64
 _ONE_LINE: Final = 1e-4
 
 
-class Attitude(NamedTuple):
+class AttitudeEstimate(NamedTuple):
     """An attitude with the covariance of its error, a rotation vector in n."""
 
     C_nb: Float64  # (3, 3)
@@ -25,7 +25,7 @@ class Attitude(NamedTuple):
     loss: float  # sum |v_n - C v_b|^2 / sd^2; chi-square with 3 k - 3 degrees of freedom
 
 
-def wahba(vectors_n: npt.ArrayLike, vectors_b: npt.ArrayLike, sd: npt.ArrayLike) -> Attitude:
+def wahba(vectors_n: npt.ArrayLike, vectors_b: npt.ArrayLike, sd: npt.ArrayLike) -> AttitudeEstimate:
     """Return the attitude with the least weighted squares.
 
     Equation: min sum |v_n - C v_b|^2 / sd^2, C = U diag(1, 1, det U det V) V^T of B = sum v_n v_b^T / sd^2,
@@ -60,4 +60,4 @@ def wahba(vectors_n: npt.ArrayLike, vectors_b: npt.ArrayLike, sd: npt.ArrayLike)
         "k,kij->ij", weight, square[:, None, None] * np.eye(3) - turned[:, :, None] * turned[:, None]
     )
     loss = float(np.sum(weight * np.sum((v_n - turned) ** 2, axis=1)))
-    return Attitude(C, np.asarray(np.linalg.inv(known)), loss)
+    return AttitudeEstimate(C, np.asarray(np.linalg.inv(known)), loss)

@@ -86,7 +86,7 @@ def _tell_what_is_unseen(sensor: str, found: NoiseFit, duration_s: float) -> Non
 
 def _read(log: Path, gyro_unit: str, accel_unit: str) -> ImuTable:
     """Return the inertial samples of a flight file's log, or of a CSV file with the usual names of columns."""
-    from insgnss.config.flight import Imu
+    from insgnss.config.flight import ImuConfig
     from insgnss.log.flight import Flight
     from insgnss.log.imu.csv_log import inertial, read_imu
 
@@ -96,7 +96,7 @@ def _read(log: Path, gyro_unit: str, accel_unit: str) -> ImuTable:
     values: Literal["rates", "increments"] = "increments" if gyro_unit in ("rad", "deg") else "rates"
     units = {"gyro_unit": gyro_unit, "accel_unit": accel_unit, "values": values}
     try:
-        mapping = Imu.model_validate({"files": (log,), "grade": "", **units})
+        mapping = ImuConfig.model_validate({"files": (log,), "grade": "", **units})
     except ValueError:
         raise ConfigError(
             f"'{gyro_unit}' and '{accel_unit}' do not go together or are no units",

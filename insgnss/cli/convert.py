@@ -61,10 +61,12 @@ def convert(
     began = time.perf_counter()
     # the readers and their libraries are loaded only when the command runs
     from insgnss.log.convert import convert as convert_files
-    from insgnss.log.declared import Declared
+    from insgnss.log.declared import LogDeclarations
 
     with own_errors_told(), overwriting(force, inputs):
-        declared = Declared(None if date is None else date.date(), _scales(imu_scale), _topics(topic or []))
+        declared = LogDeclarations(
+            None if date is None else date.date(), _scales(imu_scale), _topics(topic or [])
+        )
         with telling("converting"):
             done = convert_files(inputs, output, declared)
     if as_json:

@@ -16,7 +16,7 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 
 if TYPE_CHECKING:
-    from insgnss.tracking.channels import ChannelHistory, Simulation
+    from insgnss.tracking.channels import ChannelHistory, ChannelSimulation
 
 _MOST_INTEGRATIONS = 1e7  # of all channels together: about 1.5 GB while they run
 _FREQUENCY = "Bandwidth of the assisting frequency loop in Hz; 0: none."
@@ -60,7 +60,7 @@ def track(
         from insgnss.gnss.signals import G1_HZ, L1_HZ
         from insgnss.tracking.codes import code_of
         from insgnss.tracking.loop_filters import assisted_filter, digital_filter
-        from insgnss.tracking.trial import Motion, design_channels, simulation_of
+        from insgnss.tracking.trial import CarrierDynamics, design_channels, simulation_of
 
         code, step_s = code_of(signal), integration * 1e-3
         carrier_hz = G1_HZ if signal == "glonass-st" else L1_HZ
@@ -76,7 +76,7 @@ def track(
         design = design_channels(
             code, carrier_hz, cn0, loop, digital_filter(1, code_bandwidth, step_s), discriminator, spacing
         )
-        motion = Motion(acceleration, jerk, wander)
+        motion = CarrierDynamics(acceleration, jerk, wander)
         simulation = simulation_of(design, code, carrier_hz, motion, seconds, channels, seed, aided)
         with counting() as bar:
             task = bar.add_task("tracking", total=simulation.scene.sign.size)
@@ -89,7 +89,7 @@ def track(
 
 
 def _digest(
-    simulation: Simulation, history: ChannelHistory, cn0: float, chip_hz: float
+    simulation: ChannelSimulation, history: ChannelHistory, cn0: float, chip_hz: float
 ) -> dict[str, float | int]:
     """Return the result as plain data."""
     from insgnss.tracking.trial import assess
@@ -112,7 +112,7 @@ def _digest(
     }
 
 
-def _print_result(simulation: Simulation, history: ChannelHistory, cn0: float, chip_hz: float) -> None:
+def _print_result(simulation: ChannelSimulation, history: ChannelHistory, cn0: float, chip_hz: float) -> None:
     """Print errors beside what the linear loop would have, lock and C/N0."""
     from rich.table import Table
 

@@ -37,7 +37,7 @@ DEFAULT_SIGNALS: Final[dict[Constellation, tuple[str, ...]]] = {
 }
 
 
-class Weather(StrictModel):
+class WeatherConfig(StrictModel):
     """The air that the troposphere's model starts from; what is left out is as in the standard atmosphere."""
 
     pressure_hpa: Annotated[float, Field(gt=300.0, lt=1200.0)] | None = Field(
@@ -71,7 +71,7 @@ class Measurements(StrictModel):
         "klobuchar", description="'own': each constellation by the model it broadcasts itself"
     )
     troposphere: Literal["saastamoinen", "none"] = "saastamoinen"
-    weather: Weather = Weather()
+    weather: WeatherConfig = WeatherConfig()
     variance_scale: dict[Constellation, Share] = Field(
         {"R": 4.0}, description="of a constellation's pseudoranges: GLONASS chips are twice as long"
     )
@@ -84,7 +84,7 @@ class Measurements(StrictModel):
         return {str(letter): self.signals.get(letter, ()) for letter in self.constellations}
 
 
-class Noise(StrictModel):
+class NoiseConfig(StrictModel):
     """One kind's variance: floor^2 + (elevation / sin el)^2 + cn0^2 10^((45 - C/N0) / 10)."""
 
     floor: Sigma
@@ -236,7 +236,7 @@ class SampleChecks(StrictModel):
     )
 
 
-class Health(StrictModel):
+class HealthConfig(StrictModel):
     """When the filter concludes that it is lost, and what it does."""
 
     lockout_epochs: Annotated[int, Field(ge=2)] = Field(
@@ -264,7 +264,7 @@ class Health(StrictModel):
     lost_window_s: Positive = 60.0
 
 
-class Start(StrictModel):
+class StartConfig(StrictModel):
     """How the filter starts by itself."""
 
     window_s: Positive = Field(1.0, description="of inertial samples for levelling")
@@ -282,7 +282,7 @@ class Start(StrictModel):
     max_gdop: Positive = 12.0
 
 
-class Heading(StrictModel):
+class HeadingConfig(StrictModel):
     """How an unknown heading is found: a bank of filters, one for each heading, that the measurements thin out."""
 
     hypotheses: Annotated[int, Field(ge=1, le=36)] = 12
@@ -375,20 +375,20 @@ class FilterConfig(StrictModel):
         description="a filter's name or file (.toml): what this file leaves out is as there, table by table",
     )
     measurements: Measurements = Measurements()
-    pseudorange_noise_m: Noise = Field(
+    pseudorange_noise_m: NoiseConfig = Field(
         description='a file that changes a few settings alone begins with based_on = "tight"'
     )
-    range_rate_noise_mps: Noise
-    carrier_noise_m: Noise = Noise(floor=0.002, elevation=0.001, cn0_at_45_dbhz=0.002)
+    range_rate_noise_mps: NoiseConfig
+    carrier_noise_m: NoiseConfig = NoiseConfig(floor=0.002, elevation=0.001, cn0_at_45_dbhz=0.002)
     gates: Gates = Gates()
     faults: Faults = Faults()
     process: Process = Process()
     gaps: Gaps = Gaps()
     samples: SampleChecks = SampleChecks()
     adaptation: Adaptation = Adaptation()
-    health: Health = Health()
-    start: Start = Start()
-    heading: Heading = Heading()
+    health: HealthConfig = HealthConfig()
+    start: StartConfig = StartConfig()
+    heading: HeadingConfig = HeadingConfig()
     visibility: Visibility = Visibility()
     slow_errors: SlowErrors = SlowErrors()
     aiding: AidingConfig = AidingConfig()

@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from insgnss.config.log_table import NO_COLUMN, ColumnName, Columns, LogTable
+from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable
 from insgnss.config.quantities import AXES as AXES
 from insgnss.config.quantities import Angles as Angles
 from insgnss.config.quantities import AngleSigma as AngleSigma
@@ -29,7 +29,7 @@ _ROW_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ROTATION_TOLERANCE = 1e-4  # of the products of a rotation's rows: numbers with four digits
 
 
-class ImuColumns(Columns):
+class ImuColumns(LogColumns):
     """Names of the columns of an inertial log."""
 
     gyro: tuple[ColumnName, ColumnName, ColumnName] = ("gyro_x", "gyro_y", "gyro_z")
@@ -72,7 +72,7 @@ class Oscillator(StrictModel):
     source: str = ""
 
 
-class Imu(LogTable):
+class ImuConfig(LogTable):
     """An inertial log and the sensor behind it."""
 
     files: tuple[Path, ...] = Field(min_length=1)
@@ -109,7 +109,7 @@ class Imu(LogTable):
         return (named[0], named[1], named[2])
 
     @model_validator(mode="after")
-    def _axes_are_given_in_one_way(self) -> Imu:
+    def _axes_are_given_in_one_way(self) -> ImuConfig:
         if self.gyro_axes is not None and self.mounting_matrix is not None:
             raise ValueError("gyro_axes goes with axes: mounting_matrix turns both sensors alike")
         if self.axes != ("+x", "+y", "+z") and self.mounting_matrix is not None:
@@ -117,7 +117,7 @@ class Imu(LogTable):
         return self
 
     @model_validator(mode="after")
-    def _units_fit_the_values(self) -> Imu:
+    def _units_fit_the_values(self) -> ImuConfig:
         increments = self.gyro_unit in ("rad", "deg"), self.accel_unit in ("m/s", "g*s")
         if increments != ((self.values == "increments"),) * 2:
             raise ValueError(
@@ -128,7 +128,7 @@ class Imu(LogTable):
         return self
 
 
-class GnssColumns(Columns):
+class GnssColumns(LogColumns):
     """Names of the columns of a GNSS log; the optional ones are used where the file has them."""
 
     sv: ColumnName = "sv"
@@ -155,7 +155,7 @@ LogFormat = Literal["csv", "rinex", "ubx", "sbf", "android"]
 System = Literal["G", "R", "E", "C", "J", "I", "S"]
 
 
-class Observations(LogTable):
+class ObservationLog(LogTable):
     """A log of GNSS observations; columns, time and satellites are declared where it is a table."""
 
     files: tuple[Path, ...] = Field(min_length=1)
@@ -177,7 +177,7 @@ class Observations(LogTable):
         return self
 
 
-class Base(Observations):
+class Base(ObservationLog):
     """A base station at a known place, whose ranges correct those of the flight."""
 
     format: LogFormat = "rinex"
@@ -225,7 +225,7 @@ class MountedAntenna(StrictModel):
         return self
 
 
-class Gnss(Observations):
+class Gnss(ObservationLog):
     """A GNSS log, what says where the satellites were, and the antenna."""
 
     navigation: tuple[Path, ...] = ()
@@ -276,7 +276,7 @@ class GivenStart(StrictModel):
     sd_yaw_deg: AngleSigma = Field(10.0, description="one sigma; 180 deg say nothing is known")
 
 
-class ReferenceColumns(Columns):
+class ReferenceColumns(LogColumns):
     """Names of the columns of a reference trajectory; all but time and position are optional."""
 
     position: tuple[ColumnName, ColumnName, ColumnName] = ("lat_deg", "lon_deg", "h_m")
@@ -315,7 +315,7 @@ class FurtherAntenna(MountedAntenna):
     )
 
 
-class Attitude(StrictModel):
+class AttitudeConfig(StrictModel):
     """Several antennas whose carrier phase differences tell the attitude."""
 
     clocks: Literal["common", "separate"] = Field(
@@ -344,7 +344,7 @@ class Attitude(StrictModel):
     antenna: tuple[FurtherAntenna, ...] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _antennas_are_told_apart(self) -> Attitude:
+    def _antennas_are_told_apart(self) -> AttitudeConfig:
         names = [antenna.name for antenna in self.antenna]
         if len({*names, self.main_antenna}) != len(names) + 1:
             raise ValueError("each antenna needs a name of its own, and none is that of the main antenna")
@@ -365,12 +365,12 @@ class FlightConfig(StrictModel):
     gps_week: Annotated[int, Field(ge=0, le=9999)] = Field(
         NO_WEEK, description="that seconds of the week count in; left out: the one in which the log begins"
     )
-    imu: Imu | None = Field(None, description="the point solution needs none")
+    imu: ImuConfig | None = Field(None, description="the point solution needs none")
     gnss: Gnss = Field(
         Gnss.model_construct(files=()),
         description="without it position fixes of a [[sensor]] have to carry the filter",
     )
-    attitude: Attitude | None = None
+    attitude: AttitudeConfig | None = None
     vehicle: VehicleRows | None = Field(None, description="its kind and the rows that its motion makes")
     start: GivenStart | Literal["automatic"] = "automatic"
     reference: Reference | None = None

@@ -63,7 +63,7 @@ class TimeScale(StrictModel):
         return self
 
 
-class Columns(StrictModel):
+class LogColumns(StrictModel):
     """Names of the columns of a log, no two alike; a number names a column of a file without a header."""
 
     time: ColumnName = "time_s"
@@ -94,7 +94,7 @@ class Columns(StrictModel):
 class LogTable(StrictModel):
     """A log that may be a table of text: its columns, its time, its decimal mark."""
 
-    columns: Columns = Columns()
+    columns: LogColumns = LogColumns()
     time: TimeScale = TimeScale()
     decimal: Literal[".", ","] = Field(".", description="what stands before the decimals of every number")
 

@@ -17,7 +17,7 @@ SatelliteName = Annotated[str, Field(pattern=r"^G\d\d$")]
 Range = tuple[float, float]
 
 
-class Track(StrictModel):
+class SatelliteTrack(StrictModel):
     """Where a satellite stands at the start and at the end; azimuth and elevation change linearly between."""
 
     sv: SatelliteName
@@ -25,7 +25,7 @@ class Track(StrictModel):
     elevation_deg: tuple[Elevation, Elevation]
 
 
-class Place(StrictModel):
+class ScenarioSite(StrictModel):
     """The point from which the tracks are seen; the user at rest stands there, the flight begins there."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
@@ -61,7 +61,7 @@ class StartSigmas(StrictModel):
     sd_clock_drift_mps: Positive
 
 
-class Outage(StrictModel):
+class SatelliteOutage(StrictModel):
     """Which satellites are off, and when: from the first moment on, until before the second."""
 
     sv: tuple[SatelliteName, ...] = Field(min_length=1)
@@ -69,7 +69,7 @@ class Outage(StrictModel):
     until_s: Positive
 
     @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> Outage:
+    def _ends_after_it_begins(self) -> SatelliteOutage:
         if self.until_s <= self.from_s:
             raise ValueError(f"until_s must be later than from_s; got {self.from_s} to {self.until_s}")
         return self
@@ -105,7 +105,7 @@ class ScenarioFlight(StrictModel):
     elevation_mask_deg: Annotated[float, Field(ge=-90.0, lt=90.0)] = 5.0
 
 
-class FalseLock(StrictModel):
+class FalseLockModel(StrictModel):
     """What a channel reports while its satellite is hidden; sizes are drawn evenly from their ranges."""
 
     name: Annotated[str, Field(min_length=1)]
@@ -121,7 +121,7 @@ class FalseLock(StrictModel):
     cn0_dbhz: Range
 
     @model_validator(mode="after")
-    def _ranges_are_in_order(self) -> FalseLock:
+    def _ranges_are_in_order(self) -> FalseLockModel:
         for key in ("offset_m", "growth_mps", "rate_error_mps", "cn0_dbhz"):
             low, high = getattr(self, key)
             if high < low:
@@ -129,7 +129,7 @@ class FalseLock(StrictModel):
         return self
 
 
-class Channels(StrictModel):
+class ReceiverChannels(StrictModel):
     """The receiver's channels."""
 
     release_s: NotNegative = Field(
@@ -143,17 +143,17 @@ class ScenarioConfig(StrictModel):
 
     name: str = ""
     duration_s: Positive
-    satellites: tuple[Track, ...] = Field(min_length=4)
-    place: Place
+    satellites: tuple[SatelliteTrack, ...] = Field(min_length=4)
+    place: ScenarioSite
     measurements: ScenarioMeasurements
     equipment: Equipment = Equipment()
     start: StartSigmas
-    outage: Outage
+    outage: SatelliteOutage
     antenna: ScenarioAntenna
     bank: BankManoeuvre
     flight: ScenarioFlight
-    false_locks: tuple[FalseLock, ...] = ()
-    channels: Channels = Channels()
+    false_locks: tuple[FalseLockModel, ...] = ()
+    channels: ReceiverChannels = ReceiverChannels()
     search: Search = Search()
 
     @property
@@ -163,7 +163,7 @@ class ScenarioConfig(StrictModel):
 
     @field_validator("satellites")
     @classmethod
-    def _differ(cls, satellites: tuple[Track, ...]) -> tuple[Track, ...]:
+    def _differ(cls, satellites: tuple[SatelliteTrack, ...]) -> tuple[SatelliteTrack, ...]:
         names = [track.sv for track in satellites]
         twice = sorted({sv for sv in names if names.count(sv) > 1})
         if twice:
@@ -172,7 +172,7 @@ class ScenarioConfig(StrictModel):
 
     @field_validator("outage")
     @classmethod
-    def _is_of_the_satellites(cls, outage: Outage, info: ValidationInfo) -> Outage:
+    def _is_of_the_satellites(cls, outage: SatelliteOutage, info: ValidationInfo) -> SatelliteOutage:
         names = {track.sv for track in info.data.get("satellites", ())}
         unknown = [sv for sv in outage.sv if names and sv not in names]
         if unknown:

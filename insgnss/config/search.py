@@ -84,7 +84,7 @@ class Guards(StrictModel):
     max_hold_s: Positive = Field(600.0, description="of extrapolation before a satellite is given up")
 
 
-class Unsupervised(StrictModel):
+class UnsupervisedReceiver(StrictModel):
     """The receiver without attitude that the supervisor is compared with: it searches as soon as a signal is lost.
 
     The defaults are the example of Sokolov and Yurchenko (2015): 1000 delays, the Doppler known, an accumulation for
@@ -103,4 +103,4 @@ class Search(StrictModel):
     grid: Grid = Grid()
     aperture: Aperture = Aperture()
     guards: Guards = Guards()
-    unsupervised: Unsupervised = Unsupervised()
+    unsupervised: UnsupervisedReceiver = UnsupervisedReceiver()

@@ -16,7 +16,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from insgnss.config.log_table import NO_COLUMN, ColumnName, Columns, LogTable
+from insgnss.config.log_table import NO_COLUMN, ColumnName, LogColumns, LogTable
 from insgnss.config.quantities import (
     AXES,
     Angle,
@@ -64,7 +64,7 @@ class SensorLog(LogTable):
         return ()
 
 
-class OdometerColumns(Columns):
+class OdometerColumns(LogColumns):
     """Names of the columns of an odometer's log."""
 
     speed: ColumnName = Field("speed", description="or the count of pulses, see metres_per_count")
@@ -102,7 +102,7 @@ class Odometer(SensorLog):
         return (self.columns.sigma,)
 
 
-class BarometerColumns(Columns):
+class BarometerColumns(LogColumns):
     """Names of the columns of a barometer's log."""
 
     value: ColumnName = Field("pressure_hpa", description="pressure, or pressure altitude")
@@ -138,7 +138,7 @@ class Barometer(SensorLog):
         return (self.columns.sigma,)
 
 
-class MagnetometerColumns(Columns):
+class MagnetometerColumns(LogColumns):
     """Names of the columns of a magnetometer's log."""
 
     field: Names3 = ("mag_x", "mag_y", "mag_z")
@@ -187,7 +187,7 @@ class Magnetometer(SensorLog):
         return self.columns.field
 
 
-class HeadingColumns(Columns):
+class HeadingColumns(LogColumns):
     """Names of the columns of a log of headings."""
 
     heading: ColumnName = "heading_deg"
@@ -216,7 +216,7 @@ class HeadingSensor(SensorLog):
         return (self.columns.sigma,)
 
 
-class AttitudeColumns(Columns):
+class AttitudeColumns(LogColumns):
     """Names of the columns of a log of attitudes; ``none`` for an angle that it lacks."""
 
     attitude: Names3 = ("roll_deg", "pitch_deg", "yaw_deg")
@@ -251,7 +251,7 @@ class AttitudeSensor(SensorLog):
         return self.columns.sigma
 
 
-class PositionColumns(Columns):
+class PositionColumns(LogColumns):
     """Names of the columns of a log of position fixes; ``none`` for a height that it lacks."""
 
     position: Names3 = ("lat_deg", "lon_deg", "h_m")
@@ -292,7 +292,7 @@ class PositionSensor(SensorLog):
         return self.columns.sigma
 
 
-class VelocityColumns(Columns):
+class VelocityColumns(LogColumns):
     """Names of the columns of a log of velocities; ``none`` for a component that it lacks."""
 
     velocity: Names3 = ("vn_mps", "ve_mps", "vd_mps")

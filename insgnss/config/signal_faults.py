@@ -12,14 +12,14 @@ Satellite = Annotated[str, Field(pattern=r"^G\d\d$")]
 Moment = Annotated[float, Field(ge=0.0)]
 
 
-class Windowed(StrictModel):
+class TimedFault(StrictModel):
     """A fault that begins and may end."""
 
     from_s: Moment
     to_s: Moment | None = Field(None, description="until the end when left out")
 
     @model_validator(mode="after")
-    def _goes_forward(self) -> Windowed:
+    def _goes_forward(self) -> TimedFault:
         if self.to_s is not None and self.to_s <= self.from_s:
             raise ValueError(f"to_s = {self.to_s:g} is not after from_s = {self.from_s:g}")
         return self
@@ -30,7 +30,7 @@ class Windowed(StrictModel):
         return float("inf") if self.to_s is None else self.to_s
 
 
-class RangeStep(Windowed):
+class RangeStep(TimedFault):
     """A pseudorange that is wrong by a constant."""
 
     kind: Literal["range_step"]
@@ -38,7 +38,7 @@ class RangeStep(Windowed):
     size_m: float
 
 
-class RangeRamp(Windowed):
+class RangeRamp(TimedFault):
     """A pseudorange that runs away; its Doppler stays right."""
 
     kind: Literal["range_ramp"]
@@ -46,7 +46,7 @@ class RangeRamp(Windowed):
     rate_mps: float
 
 
-class Outage(Windowed):
+class Outage(TimedFault):
     """Satellites that are not received; all of them when none is named."""
 
     kind: Literal["outage"]
@@ -61,7 +61,7 @@ class ClockJump(StrictModel):
     size_m: float
 
 
-class FalseLock(Windowed):
+class FalseLock(TimedFault):
     """A carrier loop locked beside its frequency: the Doppler is off by a multiple of half the data rate."""
 
     kind: Literal["false_lock"]
@@ -80,7 +80,7 @@ class CycleSlip(StrictModel):
     indicated: bool = False
 
 
-class HalfCycle(Windowed):
+class HalfCycle(TimedFault):
     """A carrier that is half a cycle off."""
 
     kind: Literal["half_cycle"]

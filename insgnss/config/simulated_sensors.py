@@ -12,7 +12,7 @@ from pydantic import Field
 
 from insgnss.config.quantities import LeverArm, NonNegativeFloat, PositiveFloat, Vector3
 from insgnss.config.sensors import AngleSigmas, Name, Sigmas3
-from insgnss.config.signal_faults import Windowed
+from insgnss.config.signal_faults import TimedFault
 from insgnss.config.strict import StrictModel
 
 _CENTRE: LeverArm = (0.0, 0.0, 0.0)
@@ -115,7 +115,7 @@ SimulatedSensor = Annotated[
 ]
 
 
-class Slip(Windowed):
+class Slip(TimedFault):
     """A wheel that slips: it turns faster than the vehicle moves, or slower (locked: -1)."""
 
     kind: Literal["slip"]
@@ -123,7 +123,7 @@ class Slip(Windowed):
     share: Annotated[float, Field(ge=-1.0, le=10.0)] = 0.3
 
 
-class Draught(Windowed):
+class Draught(TimedFault):
     """A window, a fan or wind that changes the pressure at the port."""
 
     kind: Literal["draught"]
@@ -131,7 +131,7 @@ class Draught(Windowed):
     size_hpa: Annotated[float, Field(ge=-100.0, le=100.0)] = 1.0
 
 
-class MagneticDisturbance(Windowed):
+class MagneticDisturbance(TimedFault):
     """A motor, a current or steel beside the magnetometer."""
 
     kind: Literal["disturbance"]
@@ -139,14 +139,14 @@ class MagneticDisturbance(Windowed):
     field_ut: Vector3 = (15.0, -10.0, 5.0)
 
 
-class Frozen(Windowed):
+class FrozenSensor(TimedFault):
     """A sensor that repeats its last reading."""
 
     kind: Literal["frozen"]
     sensor: str
 
 
-class SensorStep(Windowed):
+class SensorStep(TimedFault):
     """Readings that are off by a constant: m/s, m, uT, deg; of a position metres north, east, down."""
 
     kind: Literal["sensor_step"]
@@ -154,11 +154,11 @@ class SensorStep(Windowed):
     size: tuple[float, ...] = Field(min_length=1, max_length=3)
 
 
-class SensorSilence(Windowed):
+class SensorSilence(TimedFault):
     """A sensor whose cells are empty."""
 
     kind: Literal["sensor_silence"]
     sensor: str
 
 
-SensorFault = Slip | Draught | MagneticDisturbance | Frozen | SensorStep | SensorSilence
+SensorFault = Slip | Draught | MagneticDisturbance | FrozenSensor | SensorStep | SensorSilence

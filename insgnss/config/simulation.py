@@ -28,7 +28,7 @@ Elevation = Annotated[float, Field(ge=-90.0, le=90.0)]
 GpsSignal = Literal["C1C", "C1L", "C1X", "C2L", "C2X", "C2S", "C5I", "C5Q", "C5X"]
 
 
-class Place(StrictModel):
+class StartPlace(StrictModel):
     """Where the vehicle begins, and where its nose points."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
@@ -271,7 +271,7 @@ class SimulationConfig(StrictModel):
     gps_week: Annotated[int, Field(ge=0, le=9999)]
     start_s: Annotated[float, Field(ge=0.0, lt=604_800.0)] = Field(description="seconds of the GPS week")
     duration_s: PositiveFloat | None = Field(None, description="that of the manoeuvres when left out")
-    place: Place | None = None
+    place: StartPlace | None = None
     speed_mps: NonNegativeFloat = Field(0.0, description="at the beginning")
     manoeuvre: tuple[Manoeuvre, ...] = ()
     follow: LoggedReference | None = None

@@ -17,12 +17,12 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.engine_results import EpochResult as EpochResult
-from insgnss.filter.engine_results import KeptFilter, one_row, unused_result
+from insgnss.filter.engine_results import FilterSnapshot, one_row, unused_result
 from insgnss.filter.engine_results import NavState as NavState
 from insgnss.filter.epoch_tables import empty_epoch, epochs_of, tag_of
 from insgnss.filter.further_arrivals import FurtherArrivals, main_of
 from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream
-from insgnss.filter.imu.samples import SampleBuffer
+from insgnss.filter.imu.samples import ImuBuffer
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.loop import write_between
 from insgnss.filter.navigator import Navigator
@@ -32,11 +32,11 @@ from insgnss.filter.own_update import carry_through
 from insgnss.filter.prediction import carry_bank
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_finite
-from insgnss.filter.start.carried_start import Carried, kept_over
+from insgnss.filter.start.carried_start import CarriedState, kept_over
 from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.masking import still_uncertain
 from insgnss.gnss.antenna_phases import MATCH_NS
-from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gnss.observation_rows import GnssRows, from_epoch
 from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.gnss.table_joining import joined
 from insgnss.tables import Event, GnssTable, Int64
@@ -45,7 +45,7 @@ _LONG_AGO_NS = -(2**62)
 _HISTORY_S = 6.0  # of samples behind the oldest state kept: what a start looks back on
 
 
-class Engine:
+class FilterEngine:
     """A live filter.
 
     ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
@@ -57,7 +57,7 @@ class Engine:
         """Make an engine for a filter's setup (``insgnss.runs.replay.setup_filter`` makes one from a flight)."""
         self._setup = setup
         self._further = FurtherArrivals(setup)
-        self._samples = SampleBuffer()
+        self._samples = ImuBuffer()
         self._stream = SampleStream(setup)
         self._tags = TagGuard()
         self._arrived: deque[Sample | Cut | Event] = deque()  # screened, not used yet
@@ -74,12 +74,12 @@ class Engine:
         self._started = False  # in a stretch that has ended
         self._begin()
 
-    def _begin(self, carried: Carried | None = None) -> None:
+    def _begin(self, carried: CarriedState | None = None) -> None:
         """Start over with an empty filter: at first, and after a gap too long to bridge."""
         self._navigator = Navigator(self._setup)
         given = self._setup.start is not None and not self._started
         self._navigator.starter.begin(given=given, carried=carried)
-        self._kept: list[KeptFilter] = []
+        self._kept: list[FilterSnapshot] = []
         self._live: Any = None
         self._keep(_LONG_AGO_NS)
 
@@ -254,7 +254,7 @@ class Engine:
             rows = self._rows_for_size()
             self._navigator.use_own_rows(self._samples.view(), rows, until_ns, one_row(self._setup, rows))
 
-    def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> Rows:
+    def _rows(self, epoch: GnssTable, before: GnssTable | None = None) -> GnssRows:
         """Return an epoch's rows; the carrier's differences need the epoch before it."""
         if before is None or not self._setup.with_carrier:
             return self._setup.rows(epoch, self._setup.messages)
@@ -328,7 +328,7 @@ class Engine:
             self._recent.append(result)
 
     def _keep(self, t_ns: int) -> None:
-        self._kept.append(KeptFilter(t_ns, self._navigator.snapshot()))
+        self._kept.append(FilterSnapshot(t_ns, self._navigator.snapshot()))
 
     def _carry_live(self) -> None:
         """Bring the copy that answers ``state`` to the newest sample."""
@@ -350,7 +350,7 @@ class Engine:
         lead = bank.head[0].leader
         return is_finite(bank.state[lead], bank.P[lead])
 
-    def _rows_for_size(self) -> Rows:
+    def _rows_for_size(self) -> GnssRows:
         return self._recent[-1].rows if self._recent else self._rows(empty_epoch())
 
     def _settle(self) -> None:

@@ -11,7 +11,7 @@ from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.navigator import Snapshot
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.status import NO_EPOCH_BEFORE, TOO_LATE, USED
 from insgnss.tables import Event, GnssTable
 
@@ -34,7 +34,7 @@ class EpochResult:
 
     t_ns: int
     gnss: GnssTable
-    rows: Rows
+    rows: GnssRows
     out: Output
     differences: PhaseLog | None = None  # what several antennas' phases came to; None with one antenna
 
@@ -54,14 +54,14 @@ class EpochResult:
 
 
 @dataclass
-class KeptFilter:
+class FilterSnapshot:
     """The filter after an epoch (or at a settled time)."""
 
     t_ns: int
     saved: Snapshot
 
 
-def one_row(setup: FilterSetup, rows: Rows) -> Output:
+def one_row(setup: FilterSetup, rows: GnssRows) -> Output:
     """Return an output with room for the navigation row of one epoch."""
     return new_output(rows, 1, 32, np.zeros(0, np.int64), setup.layout.n_shown)
 

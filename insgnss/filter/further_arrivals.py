@@ -14,7 +14,7 @@ from insgnss.filter.engine_results import EpochResult, unused_result
 from insgnss.filter.epoch_tables import empty_epoch, tag_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.antenna_phases import MATCH_NS, epoch_of
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gnss.table_joining import joined
 from insgnss.tables import Event, GnssTable, Int64
 
@@ -73,7 +73,7 @@ class FurtherArrivals:
         known = [e for e in kept[at : at + 1] if tag_of(e) == t_ns]
         kept[at : at + len(known)] = [joined([*known, epoch])]
 
-    def phases(self, main: GnssTable, rows: Rows, mains_ns: Int64) -> PhaseLog:
+    def phases(self, main: GnssTable, rows: GnssRows, mains_ns: Int64) -> PhaseLog:
         """Return the phases of all antennas of a main epoch; ``mains_ns`` are the time tags of all main epochs."""
         tables = []
         for epochs in self._epochs:

@@ -28,13 +28,13 @@ from insgnss.filter.output.writing import (
     write_nav,
 )
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu, carry_bank, predict_covariance
+from insgnss.filter.prediction import ImuSamples, carry_bank, predict_covariance
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import DV, Bank, HeadRecord, StateRecord, copy_state
-from insgnss.filter.update.epoch_space import Workspace
-from insgnss.filter.update.epoch_update import Outcome, update_epoch
+from insgnss.filter.update.epoch_space import FilterWorkspace
+from insgnss.filter.update.epoch_update import UpdateOutcome, update_epoch
 from insgnss.filter.update.range_biases import place_range_biases
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.kernels.jit import kernel
 
 # why the loop stopped
@@ -53,7 +53,9 @@ SILENCE_S = 10.0  # longer between two epochs is an outage, whatever the receive
 
 
 @kernel(apart=True)
-def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
+def advance(
+    bank: Bank, stop_ns: int, imu: ImuSamples, par: Parameters, out: Output, work: FilterWorkspace
+) -> None:
     """Carry the whole bank to ``stop_ns`` by way of the trace's times, writing the output times before it on the way.
 
     All that the bank is carried by way of are whole samples, which changes no bit of the filter; an output between
@@ -86,7 +88,7 @@ def advance(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, out: Output, wo
 
 
 @kernel(inline=True)
-def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
+def newest_sample(head: HeadRecord, imu: ImuSamples, t_ns: int) -> int:
     """Return the time of the last sample up to ``t_ns``, the bank's own where none lies between."""
     k = head.next
     whole_ns: int = head.now_ns
@@ -97,7 +99,9 @@ def newest_sample(head: HeadRecord, imu: Imu, t_ns: int) -> int:
 
 
 @kernel(inline=True)
-def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output, work: Workspace) -> None:
+def write_between(
+    bank: Bank, t_ns: int, imu: ImuSamples, par: Parameters, out: Output, work: FilterWorkspace
+) -> None:
     """Write a navigation row at ``t_ns`` from a copy of the leader."""
     head: HeadRecord = bank.head[0]
     spare = work.spare
@@ -112,7 +116,14 @@ def write_between(bank: Bank, t_ns: int, imu: Imu, par: Parameters, out: Output,
 
 @kernel(apart=True)
 def write_row(
-    bank: Bank, source: Bank, i: int, t_ns: int, n_used: int, par: Parameters, out: Output, work: Workspace
+    bank: Bank,
+    source: Bank,
+    i: int,
+    t_ns: int,
+    n_used: int,
+    par: Parameters,
+    out: Output,
+    work: FilterWorkspace,
 ) -> None:
     """Write a row of member ``i`` of ``source`` with its covariance, or the bank's while the heading is open."""
     n_hypotheses = bank.state.shape[0]
@@ -125,7 +136,7 @@ def write_row(
 
 
 @kernel(inline=True)
-def current_sample(bank: Bank, imu: Imu) -> int:
+def current_sample(bank: Bank, imu: ImuSamples) -> int:
     """Return the index of the inertial sample whose rate holds at the bank's time."""
     k: int = bank.head[0].next
     if k >= imu.t_ns.shape[0] or imu.t_ns[k - 1] == bank.head[0].now_ns:
@@ -137,12 +148,12 @@ def current_sample(bank: Bank, imu: Imu) -> int:
 def run_epochs(
     bank: Bank,
     epochs: tuple[int, int],
-    rows: Rows,
-    imu: Imu,
+    rows: GnssRows,
+    imu: ImuSamples,
     parameters: Table,
     drop: float,
     out: Output,
-    work: Workspace,
+    work: FilterWorkspace,
 ) -> tuple[int, int]:
     """Process epochs; return why it stopped and the epoch after the one it stopped at.
 
@@ -225,7 +236,9 @@ def mostly(used: int, refused: int, few: bool) -> bool:
 
 
 @kernel
-def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, work: Workspace) -> None:
+def run_to(
+    bank: Bank, stop_ns: int, imu: ImuSamples, parameters: Table, out: Output, work: FilterWorkspace
+) -> None:
     """Carry the bank to ``stop_ns``, writing output times on the way, that one too."""
     par: Parameters = parameters[0]
     advance(bank, stop_ns, imu, par, out, work)
@@ -239,13 +252,13 @@ def run_to(bank: Bank, stop_ns: int, imu: Imu, parameters: Table, out: Output, w
 def update_bank(
     bank: Bank,
     epoch: int,
-    rows: Rows,
-    imu: Imu,
+    rows: GnssRows,
+    imu: ImuSamples,
     k: int,
     par: Parameters,
     out: Output,
-    work: Workspace,
-) -> Outcome:
+    work: FilterWorkspace,
+) -> UpdateOutcome:
     """Update every hypothesis with one epoch, in the rate of sample ``k``; return what it did to the leader.
 
     The leader is updated last, so that the work space then holds its entries for the ledger.

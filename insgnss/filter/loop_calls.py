@@ -15,7 +15,7 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.loop import advance, run_epochs, write_row
 from insgnss.filter.output.writing import mixture_covariance, new_output, write_ledger, write_nav
 from insgnss.filter.parameters import PARAMETERS_DTYPE
-from insgnss.filter.prediction import Imu, carry, carry_bank, predict_covariance, propagate_covariance
+from insgnss.filter.prediction import ImuSamples, carry, carry_bank, predict_covariance, propagate_covariance
 from insgnss.filter.state import new_bank
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.clone import clone_epoch
@@ -36,11 +36,9 @@ from insgnss.filter.update.wrong_rates import refuse_repeated
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
-from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, Rows
-from insgnss.kernels.compiled_ahead import compile_for
+from insgnss.gnss.observation_rows import OBSERVATION_DTYPE, GnssRows
+from insgnss.kernels.compiled_ahead import ANY_N, ANY_X, compile_for
 
-_N: Final = 0  # stands for any whole number
-_X: Final = 0.0  # for any other
 _SINGLE: Final = np.float32(0.0)  # for one of a log's row
 
 
@@ -51,7 +49,7 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     (masking, the trace) is compiled where it is first called.
     """
     rows = _no_rows()
-    imu = Imu(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 3)))
+    imu = ImuSamples(np.zeros(1, np.int64), np.zeros((1, 3)), np.zeros((1, 3)))
     parameters, bank, work = np.zeros(1, PARAMETERS_DTYPE), new_bank(1, 0), new_workspace(1, Layout())
     out = new_output(rows, 1, 1, np.zeros(0, np.int64))
     par, m, P, s, scratch = parameters[0], bank.state[0], bank.P[0], work.epoch, work.scratch
@@ -60,58 +58,58 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     memory = bank.memory[0]
     screened, edits, count = np.zeros(1, SCREEN_DTYPE), np.zeros(1, EDIT_DTYPE), np.zeros(1, np.int64)
     return {
-        observe: (m, P, par, rows, _N, w_ib_b, f_b, s),
+        observe: (m, P, par, rows, ANY_N, w_ib_b, f_b, s),
         propagate_covariance: (m, P, par, scratch),
-        run_epochs: (bank, (_N, _N), rows, imu, parameters, _X, out, work),
-        carry: (m, P, _N, _N, _N, imu, par, scratch),
-        update_epoch: (bank, _N, par, rows, _N, imu, _N, work),
-        observe_nearer: (bank, _N, par, rows, _N, imu, _N, work),
-        find_creeping: (memory, lines, rows.observation, _N, _X, _X, True),
-        follow_satellites: (m, memory, lines, rows.observation, _N, s.fit, par),
-        advance: (bank, _N, imu, par, out, work),
-        write_nav: (out.nav, out.optional, out.counts[0], _N, m, P, par, (_N, _N)),
-        adapt_noise: (m, P, P, par, s, _N, _N, _X),
-        use_rows: (P, lines, vectors, _N, _X, _X, values),
-        explain: (P, lines, _N, s.fit),
-        write_row: (bank, bank, _N, _N, _N, par, out, work),
+        run_epochs: (bank, (ANY_N, ANY_N), rows, imu, parameters, ANY_X, out, work),
+        carry: (m, P, ANY_N, ANY_N, ANY_N, imu, par, scratch),
+        update_epoch: (bank, ANY_N, par, rows, ANY_N, imu, ANY_N, work),
+        observe_nearer: (bank, ANY_N, par, rows, ANY_N, imu, ANY_N, work),
+        find_creeping: (memory, lines, rows.observation, ANY_N, ANY_X, ANY_X, True),
+        follow_satellites: (m, memory, lines, rows.observation, ANY_N, s.fit, par),
+        advance: (bank, ANY_N, imu, par, out, work),
+        write_nav: (out.nav, out.optional, out.counts[0], ANY_N, m, P, par, (ANY_N, ANY_N)),
+        adapt_noise: (m, P, P, par, s, ANY_N, ANY_N, ANY_X),
+        use_rows: (P, lines, vectors, ANY_N, ANY_X, ANY_X, values),
+        explain: (P, lines, ANY_N, s.fit),
+        write_row: (bank, bank, ANY_N, ANY_N, ANY_N, par, out, work),
         mixture_covariance: (bank, P),
-        clone_epoch: (m, P, par, s.antenna[0], s.air[0], _N),
+        clone_epoch: (m, P, par, s.antenna[0], s.air[0], ANY_N),
         turn_attitude_errors: (m, P, par, values, s.antenna[0]),
         follow_motion: (m, P, par),
         place_motion: (m, P, par, s.antenna[0]),
-        swing_lever_arm: (m, P, par, s.antenna[0], _N),
-        place_range_biases: (bank, par, rows, _N, lines),
-        common_step: (lines, _N, values, _X, _X),
-        is_prunable: (bank, _N, _X),
-        note_sideslip: (bank.head[0], m, P, _N),
+        swing_lever_arm: (m, P, par, s.antenna[0], ANY_N),
+        place_range_biases: (bank, par, rows, ANY_N, lines),
+        common_step: (lines, ANY_N, values, ANY_X, ANY_X),
+        is_prunable: (bank, ANY_N, ANY_X),
+        note_sideslip: (bank.head[0], m, P, ANY_N),
         sideslip: (m, P),
-        screen: (screened[0], *imu[:3], _N, edits, count, values),
-        take: (screened[0], _N, values, _N, edits, count),
+        screen: (screened[0], *imu[:3], ANY_N, edits, count, values),
+        take: (screened[0], ANY_N, values, ANY_N, edits, count),
         note_mean: (screened[0],),
-        write_ledger: (out.ledger, out.carrier, _N, lines),
-        gate_rows: (lines, _N, _X),
-        weigh_robustly: (lines, _N, par),
-        refuse_repeated: (m, memory, rows, _N, lines),
-        refuse_reflections: (m, lines, rows.observation, _N, par),
-        fit_freely: (lines, _N, s.fit),
-        fit_all: (lines, _N, s.fit),
-        follow_explained: (m, P, par, lines, s.fit, _N),
-        gate_between: (P, lines, vectors, _X),
-        refuse_inconsistent: (P, lines, _X, _N),
+        write_ledger: (out.ledger, out.carrier, ANY_N, lines),
+        gate_rows: (lines, ANY_N, ANY_X),
+        weigh_robustly: (lines, ANY_N, par),
+        refuse_repeated: (m, memory, rows, ANY_N, lines),
+        refuse_reflections: (m, lines, rows.observation, ANY_N, par),
+        fit_freely: (lines, ANY_N, s.fit),
+        fit_all: (lines, ANY_N, s.fit),
+        follow_explained: (m, P, par, lines, s.fit, ANY_N),
+        gate_between: (P, lines, vectors, ANY_X),
+        refuse_inconsistent: (P, lines, ANY_X, ANY_N),
         predict_covariance: (m, P, par, scratch),
-        carry_bank: (bank, _N, imu, par, scratch),
+        carry_bank: (bank, ANY_N, imu, par, scratch),
         heading_variance: (bank,),
-        same_heading: (bank, _N),
+        same_heading: (bank, ANY_N),
         matrix_to_quaternion: (P, values),
-        euler_to_matrix: (_X, _X, _X, P),
-        geodetic_to_ecef: (_X, _X, _X, values),
+        euler_to_matrix: (ANY_X, ANY_X, ANY_X, P),
+        geodetic_to_ecef: (ANY_X, ANY_X, ANY_X, values),
     }
 
 
-def _no_rows() -> Rows:
+def _no_rows() -> GnssRows:
     """Return a log of one epoch without a row."""
     carrier, before = no_carriers()
-    return Rows(
+    return GnssRows(
         epoch_ns=np.zeros(1, np.int64),
         first=np.zeros(2, np.int64),
         observation=np.zeros(0, OBSERVATION_DTYPE),

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.health import Health, Remedy
+from insgnss.filter.diagnosis.health import FilterHealth, Remedy
 from insgnss.filter.epoch_aid import EpochAid
 from insgnss.filter.headings.heading_bank import heading_deg, pruned, split
 from insgnss.filter.headings.headings import heading_variance, needs_pruning
@@ -37,18 +37,18 @@ from insgnss.filter.own_rows.contradiction import changes, contradicting
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.watch import RefusalWatch
 from insgnss.filter.own_update import OwnUpdate, before, use_own_rows
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
-from insgnss.filter.start.carried_start import Carried, left_behind
+from insgnss.filter.start.carried_start import CarriedState, left_behind
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.ledger_marks import mark_rows
 from insgnss.filter.start.starter import Starter
-from insgnss.filter.start.trial import Trial, banks_of, refusal
+from insgnss.filter.start.trial import StartValidation, banks_of, refusal
 from insgnss.filter.state import Bank, HeadRecord, copy_bank
-from insgnss.filter.update.epoch_space import Workspace, new_workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace, new_workspace
 from insgnss.filter.update.masking import became_of_uncertain, still_uncertain
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Event
 
 _DOUBTED = math.log(0.5)  # a given start of less probability is given up rather than set right
@@ -62,8 +62,8 @@ class Snapshot(NamedTuple):
     events: list[Event]
     started_ns: int | None
     aid: EpochAid | None
-    trial: Trial | None
-    health: Health
+    trial: StartValidation | None
+    health: FilterHealth
     watch: RefusalWatch
 
     @property
@@ -81,22 +81,22 @@ class Navigator:
     aid: EpochAid | None = field(init=False)  # by several antennas, None without
     bank: Bank | None = None
     opened: Bank | None = None  # as a given start has opened it, before its first epoch
-    health: Health = field(init=False)
+    health: FilterHealth = field(init=False)
     events: list[Event] = field(default_factory=list)
     started_ns: int | None = None
-    trial: Trial | None = None  # of a given start
+    trial: StartValidation | None = None  # of a given start
     own: dict[int, list[OwnEntry]] = field(default_factory=dict)  # what became of a user's own rows, by time
     watch: RefusalWatch = field(default_factory=RefusalWatch)  # of them
     after_own: Callable[[OwnUpdate], object] = lambda _: None  # called when they have been used
     before_antennas: Callable[[Bank], object] = lambda _: None  # called before several antennas' rows
     _parameters: npt.NDArray[Any] = field(init=False)
-    _work: Workspace | None = None
+    _work: FilterWorkspace | None = None
 
     def __post_init__(self) -> None:
         """Resolve the parameters and get ready to start."""
         self._parameters = self.setup.parameters()
         self.starter = Starter(self.setup, given=self.setup.start is not None)
-        self.health = Health(self.setup)
+        self.health = FilterHealth(self.setup)
         self.aid = None if self.setup.aid is None else self.setup.aid.copied(self.setup.aid.log)
 
     @property
@@ -136,7 +136,7 @@ class Navigator:
         """Forget what became of a user's own rows after a time."""
         self.own = {t_ns: entries for t_ns, entries in self.own.items() if t_ns <= after_ns}
 
-    def run(self, imu: Imu, rows: Rows, first: int, last: int, out: Output) -> None:
+    def run(self, imu: ImuSamples, rows: GnssRows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``, all of them within the inertial samples."""
         epoch = first
         while epoch < last:
@@ -170,7 +170,7 @@ class Navigator:
             if self.aid is not None:
                 self._use_antennas(self.aid, imu, rows, epoch - 1, out)
 
-    def use_own_rows(self, imu: Imu, rows: Rows, until_ns: int, out: Output) -> None:
+    def use_own_rows(self, imu: ImuSamples, rows: GnssRows, until_ns: int, out: Output) -> None:
         """Carry the filter by way of own rows up to ``until_ns``, work space as for ``rows``; it stays at the last."""
         if self.setup.own is None or self.bank is None:
             return
@@ -192,13 +192,13 @@ class Navigator:
             self._tell_heading()
             self.after_own(update)
 
-    def leave(self, imu: Imu) -> Carried | None:
+    def leave(self, imu: ImuSamples) -> CarriedState | None:
         """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
         if self.bank is None:
             return self.starter.carried
         return left_behind(self.bank, imu, self.setup, self._parameters)
 
-    def _try(self, trial: Trial, code: int, imu: Imu, rows: Rows, epoch: int) -> None:
+    def _try(self, trial: StartValidation, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
         """Act on what stopped the compiled loop, and put the given start on trial with the epoch."""
         t_ns = int(rows.epoch_ns[epoch])
         if code == LOCKOUT and trial.standing() < _DOUBTED:
@@ -225,7 +225,7 @@ class Navigator:
         found.head["renewed_ns"] = t_ns
         self._tell_heading()
 
-    def _use_antennas(self, aid: EpochAid, imu: Imu, rows: Rows, epoch: int, out: Output) -> None:
+    def _use_antennas(self, aid: EpochAid, imu: ImuSamples, rows: GnssRows, epoch: int, out: Output) -> None:
         """Update with the phase differences of an epoch, and write its navigation row once more."""
         t_ns = int(rows.epoch_ns[epoch])
         if self.bank is None or self.bank.head[0].now_ns != t_ns:
@@ -241,7 +241,7 @@ class Navigator:
         if used:
             self._tell_heading()
 
-    def workspace(self, rows: Rows) -> Workspace:
+    def workspace(self, rows: GnssRows) -> FilterWorkspace:
         """Return work space that fits the largest epoch."""
         largest = int(np.diff(rows.first).max()) if len(rows.epoch_ns) else 1
         if self._work is None or len(self._work.epoch.lines) < largest:
@@ -250,7 +250,7 @@ class Navigator:
             )
         return self._work
 
-    def _try_start(self, imu: Imu, rows: Rows, epoch: int, out: Output) -> int:
+    def _try_start(self, imu: ImuSamples, rows: GnssRows, epoch: int, out: Output) -> int:
         """Try to start at an epoch; return 1 when that used the epoch up.
 
         A fix that starts the filter is in its state: its rows are not used again. A given state leaves the epoch to
@@ -269,13 +269,13 @@ class Navigator:
             self.opened = copy_bank(bank)
             # where the attitude chooses the satellites, hypotheses cannot be judged by the same ones
             chooses = self.aid is not None or self._parameters[0].visibility != 0
-            self.trial = None if chooses else Trial(self.setup)
+            self.trial = None if chooses else StartValidation(self.setup)
             return 0
         mark_rows(out, rows, epoch, fix)
         self._write_start(bank, rows, epoch, fix, out)
         return 1
 
-    def _write_start(self, bank: Bank, rows: Rows, epoch: int, fix: Fix | None, out: Output) -> None:
+    def _write_start(self, bank: Bank, rows: GnssRows, epoch: int, fix: Fix | None, out: Output) -> None:
         """Write the navigation row of an automatic start."""
         t_ns = int(rows.epoch_ns[epoch])
         count = out.counts[0]
@@ -286,7 +286,7 @@ class Navigator:
         if at_time or len(out.times_ns) == 0:
             self._write_row(bank, 0 if fix is None else fix.n_used, rows, epoch, out)
 
-    def _write_row(self, bank: Bank, n_used: int, rows: Rows, epoch: int, out: Output) -> None:
+    def _write_row(self, bank: Bank, n_used: int, rows: GnssRows, epoch: int, out: Output) -> None:
         lead, par, work = int(bank.head[0].leader), self._parameters[0], self.workspace(rows)
         write_row(bank, bank, lead, int(rows.epoch_ns[epoch]), n_used, par, out, work)
 
@@ -295,7 +295,7 @@ class Navigator:
         if self.bank is not None and heading_variance(self.bank) < self._parameters[0].heading_known_variance:
             self._heading_known()
 
-    def _handle(self, code: int, imu: Imu, rows: Rows, epoch: int) -> None:
+    def _handle(self, code: int, imu: ImuSamples, rows: GnssRows, epoch: int) -> None:
         """Act on what stopped the compiled loop after ``epoch``."""
         bank, t_ns = self.bank, int(rows.epoch_ns[epoch])
         assert bank is not None
@@ -362,7 +362,7 @@ class Navigator:
         elif remedy.bank is not self.bank:
             self.bank = remedy.bank
             if self.trial is not None:
-                self.trial = Trial(self.setup)  # of the filter as it has been set right
+                self.trial = StartValidation(self.setup)  # of the filter as it has been set right
 
     def note_silence(self, t_ns: int) -> None:
         """Tell at ``t_ns`` that the measurements have ended, where no further epoch has come to tell it."""

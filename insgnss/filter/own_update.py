@@ -30,19 +30,19 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Kind
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu, Scratch, carry_bank, predict_covariance
-from insgnss.filter.rows.lines import ANTENNA_DTYPE, Antenna
+from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, predict_covariance
+from insgnss.filter.rows.lines import ANTENNA_DTYPE, AntennaState
 from insgnss.filter.sensor_errors import whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import CLONE_CLOCK, DR, DV, N_CLONE, PSI, Bank, StateRecord
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
-from insgnss.filter.update.epoch_space import Workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.epoch_update import charge
 from insgnss.filter.update.observe import place_antenna
 from insgnss.filter.update.scalar_update import predicted_variance, scalar_update
 from insgnss.geodesy.local_level import up_direction
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.status import BAD_VALUE, CONTRADICTS, GATED, USED
 from insgnss.tables import Float64
 
@@ -61,11 +61,11 @@ class _Member(NamedTuple):
 
     rows: list[tuple[Kind, CheckedRow]]
     variance: Float64  # (k,) of the innovations at the prior, as gate and ledger take them
-    antenna: Antenna
+    antenna: AntennaState
 
 
 def use_own_rows(
-    bank: Bank, t_ns: int, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any], scratch: Scratch
+    bank: Bank, t_ns: int, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any], scratch: Scratch
 ) -> OwnUpdate:
     """Update a bank that stands at ``t_ns`` with the own rows of that time.
 
@@ -111,7 +111,7 @@ def use_own_rows(
     return updates[lead]
 
 
-def _estimate(m: StateRecord, t_ns: int, setup: FilterSetup, imu: Imu, k: int) -> StateEstimate:
+def _estimate(m: StateRecord, t_ns: int, setup: FilterSetup, imu: ImuSamples, k: int) -> StateEstimate:
     """Return a hypothesis as its rows see it, in sample ``k``."""
     accel, gyro = whole_errors_of(m, setup.layout)
     return state_estimate(m, t_ns, imu.w_ib_b[k] - gyro, imu.f_b[k] - accel, setup.named_states, imu)
@@ -122,7 +122,7 @@ def _members(
     estimates: dict[int, StateEstimate],
     kinds: list[Kind],
     layout: StateLayout,
-    imu: Imu,
+    imu: ImuSamples,
     k: int,
     par: Parameters,
 ) -> tuple[dict[int, _Member], list[Kind]]:
@@ -304,7 +304,7 @@ def carry_through(
     bank: Bank,
     until_ns: int,
     setup: FilterSetup,
-    imu: Imu,
+    imu: ImuSamples,
     parameters: npt.NDArray[Any],
     scratch: Scratch,
     take: Callable[[OwnUpdate], None] = lambda _: None,
@@ -317,11 +317,11 @@ def carry_through(
 
 def run_beside(
     bank: Bank,
-    rows: Rows,
-    imu: Imu,
+    rows: GnssRows,
+    imu: ImuSamples,
     parameters: Table,
     out: Output,
-    work: Workspace,
+    work: FilterWorkspace,
     setup: FilterSetup,
     take: Callable[[OwnUpdate], None] = lambda _: None,
 ) -> int:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.filter import FilterConfig, Heading, Measurements, Noise
+from insgnss.config.filter import FilterConfig, HeadingConfig, Measurements, NoiseConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.filter.layout import Layout
 from insgnss.filter.state import MAX_COUPLINGS, MAX_OPTIONAL
@@ -29,7 +29,7 @@ from insgnss.tables import Float64, Int64
 _KELVIN = 273.15
 _LEAST_DRIFT_STEP_MPS = 20.0  # a smaller common step of the range rates may be vertical motion
 _WIDEST = 5.0 / 3.0  # of the sigma that a new hypothesis has
-_OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``Rows`` holds their delays
+_OTHER_MODELS = ("nequick", "beidou", "own")  # evaluated before the loop: ``GnssRows`` holds their delays
 
 
 class KindNumbers(Record):
@@ -112,7 +112,7 @@ class Parameters(Record):
 PARAMETERS_DTYPE: Final = dtype_of(Parameters)
 
 
-def _noise(noise: Noise) -> tuple[float, float, float, float]:
+def _noise(noise: NoiseConfig) -> tuple[float, float, float, float]:
     return (
         noise.floor**2,
         noise.elevation**2,
@@ -143,7 +143,7 @@ def _visibility(config: FilterConfig, with_antennas: bool) -> int:
     return 2 if config.visibility.use_masked else 1
 
 
-def widest_heading(heading: Heading) -> float:
+def widest_heading(heading: HeadingConfig) -> float:
     """Return the sigma [rad] above which a hypothesis of the heading is split; infinite where only one is wanted.
 
     Hypotheses a spacing apart have half of it as their sigma. Split at once they would be split again and again as

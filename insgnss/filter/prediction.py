@@ -59,7 +59,7 @@ _CURVED_M2: Final = 9e6  # 3 km, over which it leaves 3 mm/s: see ``add_gravity_
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
 
 
-class Imu(NamedTuple):
+class ImuSamples(NamedTuple):
     """Inertial samples as the loop reads them."""
 
     t_ns: Int64
@@ -68,10 +68,10 @@ class Imu(NamedTuple):
     # (n, 2) densities of the motion that a sample does not show [rad^2/s], [m^2/s^3]; (0, 2): there is none
     unknown: Float64 = np.zeros((0, 2))
 
-    def part(self, first: int, last: int) -> Imu:
+    def part(self, first: int, last: int) -> ImuSamples:
         """Return the samples from ``first`` up to ``last``."""
         chosen = slice(first, last)
-        return Imu(self.t_ns[chosen], self.w_ib_b[chosen], self.f_b[chosen], self.unknown[chosen])
+        return ImuSamples(self.t_ns[chosen], self.w_ib_b[chosen], self.f_b[chosen], self.unknown[chosen])
 
 
 class Scratch(NamedTuple):
@@ -298,7 +298,7 @@ def carry(
     now_ns: int,
     k: int,
     stop_ns: int,
-    imu: Imu,
+    imu: ImuSamples,
     par: Parameters,
     scratch: Scratch,
 ) -> int:
@@ -332,7 +332,7 @@ def carry(
 
 
 @kernel(inline=True)
-def carry_bank(bank: Bank, stop_ns: int, imu: Imu, par: Parameters, scratch: Scratch) -> None:
+def carry_bank(bank: Bank, stop_ns: int, imu: ImuSamples, par: Parameters, scratch: Scratch) -> None:
     """Carry every hypothesis to ``stop_ns``."""
     head: HeadRecord = bank.head[0]
     now_ns = head.now_ns

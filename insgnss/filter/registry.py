@@ -13,11 +13,11 @@ from insgnss.filter.states.lever_arm import lever_arm
 from insgnss.filter.states.range_biases import range_biases
 from insgnss.filter.states.sensor_errors import SENSOR_ERRORS
 from insgnss.filter.states.system_offsets import system_offsets
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.filter.states.zenith_delay import zenith_delay
 
 # the clock offsets come first: an observation names its own by number
-STATES: Final[tuple[Callable[[StatesWanted], StateBlock | None], ...]] = (
+STATES: Final[tuple[Callable[[StateInputs], StateBlock | None], ...]] = (
     *(system_offsets, glonass_channel_bias, zenith_delay, ionosphere, lever_arm, imu_time),
     *SENSOR_ERRORS,
     range_biases,
@@ -25,7 +25,7 @@ STATES: Final[tuple[Callable[[StatesWanted], StateBlock | None], ...]] = (
 
 
 def layout_of(
-    wanted: StatesWanted, further: tuple[StateBlock, ...] = (), home: tuple[int, ...] = ()
+    wanted: StateInputs, further: tuple[StateBlock, ...] = (), home: tuple[int, ...] = ()
 ) -> Layout:
     """Return the layout of a filter: its own blocks as the settings and the log want them, and ``further`` ones.
 

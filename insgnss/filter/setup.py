@@ -11,7 +11,7 @@ from typing import Any, Final, get_args
 import numpy.typing as npt
 
 from insgnss.antenna.installation import Installation, no_antenna
-from insgnss.antenna.visibility import Limits
+from insgnss.antenna.visibility import VisibilityLimits
 from insgnss.config.filter import Constellation, FilterConfig
 from insgnss.config.flight import GivenStart, ImuGrade, Oscillator
 from insgnss.filter.antennas.phase_log import PhaseLog, phase_log
@@ -22,11 +22,11 @@ from insgnss.filter.own_rows.rows import Measurement, OwnMeasurements, own_measu
 from insgnss.filter.parameters import resolve_parameters, weather_of
 from insgnss.filter.registry import layout_of
 from insgnss.filter.state import MAX_RANGE_BIASES
-from insgnss.filter.states.wanted import SlowSizes, StatesWanted
+from insgnss.filter.states.wanted import SlowSizes, StateInputs
 from insgnss.filter.update.masking import NO_LIMITS
 from insgnss.gnss.clock_groups import tied_clocks
 from insgnss.gnss.least_squares import Ties
-from insgnss.gnss.observation_rows import Rows, prepare_rows
+from insgnss.gnss.observation_rows import GnssRows, prepare_rows
 from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.orbits.plausible_messages import plausible_klobuchar
 from insgnss.gnss.orbits.precise import precise_states
@@ -54,7 +54,7 @@ class FilterSetup:
     products: PreciseProducts | None = None  # orbits and clocks instead of the messages'
     # the vehicle's antennas, none: nothing masked
     installation: Installation = field(default_factory=no_antenna)
-    visibility_limits: Limits = NO_LIMITS
+    visibility_limits: VisibilityLimits = NO_LIMITS
     antennas: SatelliteAntennas | None = None  # phase centres of the satellites, for the products
     states_wanted: tuple[StateBlock, ...] = ()  # further states, beside the filter's own
     aid: EpochAid | None = None  # what several antennas add at epochs, before the first one; None: nothing
@@ -104,7 +104,7 @@ class FilterSetup:
         """Which further states the filter has, and where they stand."""
         with_carrier = self.with_carrier and self.config.measurements.carrier
         most = min(self.n_satellites, MAX_RANGE_BIASES)
-        wanted = StatesWanted(self.config, self.clock_groups, with_carrier, self.grade, most, self.slow_sizes)
+        wanted = StateInputs(self.config, self.clock_groups, with_carrier, self.grade, most, self.slow_sizes)
         return layout_of(wanted, self.states_wanted, tuple(self.ties.home.tolist()))
 
     @cached_property
@@ -148,7 +148,7 @@ class FilterSetup:
         *,
         ionosphere_l1: Float64 | None = None,
         correction_m: Float64 | None = None,
-    ) -> Rows:
+    ) -> GnssRows:
         """Return a log as the filter's rows; ``navigation`` is the setup's own, or its messages sorted once."""
         use = self.config.measurements
         return prepare_rows(
@@ -189,7 +189,7 @@ class FilterSetup:
         }
         return SlowSizes(share * zenith, share * sizes.troposphere_zenith_m, satellite)
 
-    def phases(self, main: GnssTable, rows: Rows, further: Sequence[GnssTable]) -> PhaseLog:
+    def phases(self, main: GnssTable, rows: GnssRows, further: Sequence[GnssTable]) -> PhaseLog:
         """Return the phases of several antennas at the epochs of the main one's observations and rows."""
         logs = [(main, rows), *((table, self.rows(table, self.messages)) for table in further)]
         return phase_log(logs, glonass_channels(main, self.messages))

@@ -16,7 +16,7 @@ from insgnss.tables import Float64
 
 # (1e15)^2 in each state's own unit: no knowledge at all. A float32 of the ledger holds it
 _WIDEST_VARIANCE: Final = 1e30
-_FARTHEST_M: Final = 1e9  # from the Earth's centre: beyond the Moon
+_FARTHEST_POSITION_M: Final = 1e9  # from the Earth's centre: beyond the Moon
 _FASTEST_MPS: Final = 1e6  # fifty times a spacecraft's
 _FARTHEST_CLOCK_M: Final = 1e15  # a month of bias; the square of an innovation is then a number still
 
@@ -66,6 +66,6 @@ def is_sound(m: StateRecord, P: Float64) -> bool:
         if not (P[i, i] >= 0.0 and P[i, i] < _WIDEST_VARIANCE):
             return False
     for i in range(3):
-        if not (abs(m.r_e[i]) < _FARTHEST_M and abs(m.v_e[i]) < _FASTEST_MPS):
+        if not (abs(m.r_e[i]) < _FARTHEST_POSITION_M and abs(m.v_e[i]) < _FASTEST_MPS):
             return False
     return abs(m.clock[0]) < _FARTHEST_CLOCK_M and abs(m.clock[1]) < _FARTHEST_CLOCK_M and is_finite(m, P)

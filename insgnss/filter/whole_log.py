@@ -21,16 +21,16 @@ from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.trace_rows import TraceRoom, new_trace_room, no_trace, output_samples
 from insgnss.filter.output.writing import Output, Table, mark_without_imu, new_ledger, new_output
 from insgnss.filter.own_rows.ledger import OwnEntry, complete_ledger
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.smoothing.body_points import Further
+from insgnss.filter.smoothing.body_points import PointColumnValues
 from insgnss.filter.smoothing.row_covariances import RowCovariances
 from insgnss.filter.smoothing.smoother import Smoother
-from insgnss.filter.start.carried_start import Carried, kept_over
+from insgnss.filter.start.carried_start import CarriedState, kept_over
 from insgnss.filter.start.without_gnss import TimedStart, opened_at
 from insgnss.filter.state import MAX_RANGE_BIASES
 from insgnss.filter.update.masking import still_uncertain
-from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gnss.observation_rows import GnssRows, from_epoch
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.tables import Event, ImuTable, Int64
 
@@ -38,7 +38,7 @@ OutputRate = Literal["gnss", "imu"] | float | Int64  # the last: times themselve
 MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row tells nothing new
 
 
-class TraceWanted(NamedTuple):
+class TraceIntervals(NamedTuple):
     """How often the filter is to leave its state behind, and how often its covariance at least."""
 
     rate_hz: float | None  # at inertial samples; None: at no rate
@@ -56,10 +56,10 @@ class LedgerPart(NamedTuple):
 def run_filter(
     setup: FilterSetup,
     table: ImuTable,
-    rows: Rows,
+    rows: GnssRows,
     output: OutputRate,
     *,
-    trace: TraceWanted | None = None,
+    trace: TraceIntervals | None = None,
 ) -> tuple[Output, list[Event]]:
     """Run a filter over samples and rows; return the loop's output, all of its ledger in it, and the events."""
     out, (ledger,), events = run_blocks(setup, table, [rows], output, trace=trace)
@@ -69,12 +69,12 @@ def run_filter(
 def run_blocks(
     setup: FilterSetup,
     table: ImuTable,
-    blocks: list[Rows],
+    blocks: list[GnssRows],
     output: OutputRate,
     *,
-    trace: TraceWanted | None = None,
+    trace: TraceIntervals | None = None,
     smooth: bool = False,
-    further: Further | None = None,
+    further: PointColumnValues | None = None,
     filtered: list[Table] | None = None,
     own: list[OwnEntry] | None = None,
 ) -> tuple[Output, list[LedgerPart], list[Event]]:
@@ -116,7 +116,7 @@ def run_blocks(
     passage = _Passage(blocks, out)
     events: list[Event] = list(samples.events)
     started = False
-    kept: Carried | None = None
+    kept: CarriedState | None = None
     found: dict[int, list[OwnEntry]] = {}
     spans_ns: list[tuple[int, int]] = []
     for part, cut in samples.stretches():
@@ -175,7 +175,7 @@ def _refuse_shared_states(setup: FilterSetup, *, smooth: bool) -> None:
         )
 
 
-def _open_alone(navigator: Navigator, setup: FilterSetup, part: Imu) -> None:
+def _open_alone(navigator: Navigator, setup: FilterSetup, part: ImuSamples) -> None:
     """Start a stretch that has no raw GNSS data."""
     start: TimedStart | None = None if setup.start_alone is None else setup.start_alone(part)
     if start is not None:
@@ -217,13 +217,13 @@ def _no_start(setup: FilterSetup, t_ns: Int64, epoch_ns: Int64) -> StartError:
 class _Passage:
     """The blocks of a log on their way through the filter."""
 
-    waiting: list[Rows]  # a block that the filter is in the middle of stands first
+    waiting: list[GnssRows]  # a block that the filter is in the middle of stands first
     room: Output
     ledger: list[LedgerPart] = field(default_factory=list)  # a part for each block that was begun
     _epoch: int = 0  # the first of the log that is still to come
     _begin: int = 0  # epoch of the log at which the first block begins
 
-    def until(self, last: int) -> Iterator[tuple[Rows, int, int, Output]]:
+    def until(self, last: int) -> Iterator[tuple[GnssRows, int, int, Output]]:
         """Yield a block, its epochs that come next and the one after them, and room for their ledger, up to ``last``.
 
         ``last`` counts the log's epochs. A block is given up when its last epoch is through.
@@ -247,7 +247,7 @@ class _Passage:
             mark_without_imu(written.ledger[passed], written.carrier[passed])
 
 
-def trace_room(trace: TraceWanted | None, t_ns: Int64, n_epochs: int, n_offsets: int) -> TraceRoom:
+def trace_room(trace: TraceIntervals | None, t_ns: Int64, n_epochs: int, n_offsets: int) -> TraceRoom:
     """Return room for what is wanted of a log with inertial samples at ``t_ns``."""
     if trace is None:
         return no_trace(n_offsets)

@@ -11,16 +11,16 @@ from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.tables import Float64
 
 # ICAO Doc 7488/3: sea level, gas constant of air, lapse of the troposphere, its upper end, the Earth's nominal radius
-_P0_HPA: Final = 1013.25
-_T0_K: Final = 288.15
+P0_HPA: Final = 1013.25
+T0_K: Final = 288.15
 _R_J_PER_KG_K: Final = 287.05287
-_LAPSE_K_PER_M: Final = 0.0065
-_TROPOPAUSE_M: Final = 11_000.0
+LAPSE_K_PER_M: Final = 0.0065
+TROPOPAUSE_M: Final = 11_000.0
 _RADIUS_M: Final = 6_356_766.0
 
-_POWER: Final = STANDARD_GRAVITY_MPS2 / (_R_J_PER_KG_K * _LAPSE_K_PER_M)
-_T11_K: Final = _T0_K - _LAPSE_K_PER_M * _TROPOPAUSE_M
-_P11_HPA: Final = _P0_HPA * (_T11_K / _T0_K) ** _POWER
+_POWER: Final = STANDARD_GRAVITY_MPS2 / (_R_J_PER_KG_K * LAPSE_K_PER_M)
+_T11_K: Final = T0_K - LAPSE_K_PER_M * TROPOPAUSE_M
+_P11_HPA: Final = P0_HPA * (_T11_K / T0_K) ** _POWER
 _SCALE_M: Final = _R_J_PER_KG_K * _T11_K / STANDARD_GRAVITY_MPS2
 
 
@@ -30,8 +30,8 @@ def pressure_altitude(pressure_hpa: npt.ArrayLike) -> Float64:
     Neglects: what lies above 20 km, where the temperature rises again; 60 m at 22 km.
     """
     p = np.asarray(pressure_hpa, np.float64)
-    low = _T0_K / _LAPSE_K_PER_M * (1.0 - (p / _P0_HPA) ** (1.0 / _POWER))
-    high = _TROPOPAUSE_M - _SCALE_M * np.log(p / _P11_HPA)
+    low = T0_K / LAPSE_K_PER_M * (1.0 - (p / P0_HPA) ** (1.0 / _POWER))
+    high = TROPOPAUSE_M - _SCALE_M * np.log(p / _P11_HPA)
     H = np.where(p >= _P11_HPA, low, high)
     return np.asarray(np.where(np.isnan(p), np.nan, _RADIUS_M * H / (_RADIUS_M - H)))
 
@@ -40,5 +40,5 @@ def standard_pressure(altitude_m: npt.ArrayLike) -> Float64:
     """Return the pressure [hPa] of the standard atmosphere at a geometric altitude [m]."""
     z = np.asarray(altitude_m, np.float64)
     H = _RADIUS_M * z / (_RADIUS_M + z)
-    low = _P0_HPA * np.maximum(1.0 - _LAPSE_K_PER_M * H / _T0_K, 0.0) ** _POWER
-    return np.where(H <= _TROPOPAUSE_M, low, _P11_HPA * np.exp(-(H - _TROPOPAUSE_M) / _SCALE_M))
+    low = P0_HPA * np.maximum(1.0 - LAPSE_K_PER_M * H / T0_K, 0.0) ** _POWER
+    return np.where(H <= TROPOPAUSE_M, low, _P11_HPA * np.exp(-(H - TROPOPAUSE_M) / _SCALE_M))

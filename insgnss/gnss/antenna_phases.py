@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.gnss.observation_rows import ABSENT, GnssRows
 from insgnss.gnss.signals import wavelength_m
 from insgnss.status import (
     BAD_SIGMA,
@@ -23,15 +23,13 @@ from insgnss.status import (
     SWITCHED_OFF,
     USED,
 )
-from insgnss.tables import Float64, GnssTable, Int8, Int16, Int64
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, GnssTable, Int8, Int16, Int64
 
 MATCH_S: Final = 2e-3  # receivers of clocks of their own tag one epoch up to a millisecond apart each
 # what the range of a row may have become without harm to its phase
 _RANGE_ALONE: Final = (SWITCHED_OFF, COMBINED, NO_SECOND_SIGNAL, NO_CORRECTION, BAD_SIGMA, BAD_VALUE)
 MATCH_NS: Final = round(MATCH_S * NS_PER_S)
 Channel = tuple[str, str]  # satellite, RINEX code
-_SLIP: Final = 1  # bits of the loss-of-lock indicator
-_HALF: Final = 2
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class AntennaPhases:
 
 
 def antenna_phases(
-    logs: Sequence[tuple[GnssTable, Rows]], channels: Mapping[str, int] | None = None
+    logs: Sequence[tuple[GnssTable, GnssRows]], channels: Mapping[str, int] | None = None
 ) -> AntennaPhases:
     """Return the phases of all antennas at the epochs of the first log.
 
@@ -81,7 +79,7 @@ def antenna_phases(
 
 def _part(
     gnss: GnssTable,
-    rows: Rows,
+    rows: GnssRows,
     antenna: int,
     epoch_ns: Int64,
     numbers: dict[Channel, int],
@@ -109,7 +107,7 @@ def _part(
         "wavelength_m": wavelength,
         "cn0_dbhz": table.cn0_dbhz,
         "sat": rows.sat[kept, :6],
-        "has_slipped": (lli & _SLIP) != 0,
+        "has_slipped": (lli & LLI_SLIP) != 0,
         "status": _status(rows.observation["status"][kept, 0], wavelength, rows.sat[kept, 0], lli),
     }
 
@@ -122,7 +120,7 @@ def _status(of_range: Int8, wavelength: Float64, x: Float64, lli: Int8 | Int16) 
     """Return whether each phase can be used: as its range, but for what concerns the range alone."""
     status = np.where(np.isin(of_range, _RANGE_ALONE), USED, of_range).astype(np.int8)
     status[status == ABSENT] = NO_RANGE  # nothing tells when the signal was sent
-    status[(status == USED) & (lli & _HALF != 0)] = HALF_CYCLE
+    status[(status == USED) & (lli & LLI_HALF_CYCLE != 0)] = HALF_CYCLE
     status[(status == USED) & ~(np.isfinite(wavelength) & np.isfinite(x))] = BAD_VALUE
     return status
 

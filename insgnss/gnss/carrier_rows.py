@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.gnss.orbits.satellite_state import WIDEST_SPREAD_S
 from insgnss.status import (
     BAD_VALUE,
     HALF_CYCLE,
@@ -32,7 +33,7 @@ from insgnss.status import (
     SWITCHED_OFF,
     USED,
 )
-from insgnss.tables import Float64, GnssTable, Int8, Int64
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, GnssTable, Int8, Int64
 
 ABSENT = -1  # the log has no value of this kind in the row: no entry in the ledger
 CARRIER_DTYPE: Final = np.dtype(
@@ -49,7 +50,6 @@ CARRIER_DTYPE: Final = np.dtype(
 )
 Carriers = npt.NDArray[Any]
 
-_SLIP_LIT, _HALF_CYCLE_LIT = 1, 2  # bits of the loss-of-lock indicator
 # The trapezoid of two Dopplers misses jerk dt^3 / 12: 0.8 m at 10 m/s^3 and 1 s; a clock's is common to all
 _DOPPLER_LIMIT_M: Final = 1.0
 _DOPPLER_LIMIT_MPS3: Final = 1.0
@@ -58,7 +58,6 @@ _CODE_LIMIT_M: Final = 30.0
 # What the ionosphere changes between two carriers of one satellite: 1 cm/s in a scintillating sky, beside 2 cm of noise
 _GEOMETRY_FREE_LIMIT_M: Final = 0.05
 _GEOMETRY_FREE_LIMIT_MPS: Final = 0.01
-_WIDEST_SPREAD_S: Final = 0.1  # of flight times in an epoch: as ``satellite_state`` has it
 _FARTHEST_M: Final = 1.0e12  # a phase counts from anywhere, but beyond a double holds no millimetres
 _FASTEST_MPS: Final = 3.0e5  # a difference beyond is none to a satellite, whatever the clock's drift
 
@@ -91,7 +90,7 @@ def carrier_rows(
     message : (n,) number of the broadcast message behind each state; None when not known
     wavelength : (n,) of each row's carrier [m]
     range_rate : (n,) [m/s], NaN where not logged
-    epoch_ns, first : the epochs, as ``Rows`` has them
+    epoch_ns, first : the epochs, as ``GnssRows`` has them
     max_interval_s : epochs farther apart are not differenced
     wanted : whether the filter uses carriers at all
     """
@@ -144,7 +143,7 @@ def _timed(gnss: GnssTable, epoch: Int64, n_epochs: int) -> npt.NDArray[np.bool_
     known = np.isfinite(gnss.pseudorange_m)
     middle = _epoch_median(gnss.pseudorange_m[known], epoch[known], n_epochs)
     apart = np.abs(np.where(known, gnss.pseudorange_m, np.nan) - middle[epoch])
-    return np.asarray(apart <= _WIDEST_SPREAD_S * C_MPS)
+    return np.asarray(apart <= WIDEST_SPREAD_S * C_MPS)
 
 
 def _row_before(gnss: GnssTable, epoch: Int64, present: npt.NDArray[np.bool_]) -> Int64:
@@ -168,8 +167,8 @@ def _indicated(gnss: GnssTable, now: Int64, then: Int64) -> Int8:
     """Return what the receiver's own flags say of each pair."""
     found = np.zeros(len(now), np.int8)
     if gnss.lli is not None:
-        _mark(found, (gnss.lli[now] & _SLIP_LIT) != 0, SLIP_INDICATED)
-        _mark(found, ((gnss.lli[now] ^ gnss.lli[then]) & _HALF_CYCLE_LIT) != 0, HALF_CYCLE)
+        _mark(found, (gnss.lli[now] & LLI_SLIP) != 0, SLIP_INDICATED)
+        _mark(found, ((gnss.lli[now] ^ gnss.lli[then]) & LLI_HALF_CYCLE) != 0, HALF_CYCLE)
     return found
 
 

@@ -42,7 +42,7 @@ from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
 LOWEST_SINE: Final = math.sin(math.radians(5.0))
 # Orbit, clock and atmosphere of a healthy satellite are within 30 m of their models; more is the base's own fault
 LARGEST_M: Final = 100.0
-FEWEST: Final = 3  # satellites of a constellation that make a median worth its name
+FEWEST_SATELLITES: Final = 3  # satellites of a constellation that make a median worth its name
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def _without_clock(
     key = key.reshape(-1)
     satellites = np.bincount(np.unique(np.column_stack([key, base.sv[rows]]), axis=0)[:, 0])
     correction = residual - _medians(key, residual)[key]
-    enough = satellites[key] >= FEWEST
+    enough = satellites[key] >= FEWEST_SATELLITES
     sound = np.abs(correction) <= LARGEST_M
     events = []
     wrong = np.flatnonzero(enough & ~sound)
@@ -199,7 +199,8 @@ def _without_clock(
         told = f"{len(wrong)} correction(s) above {LARGEST_M:g} m refused: {names}"
         events.append(Event(int(base.t_ns[rows[wrong[0]]]), "base_refused", told))
     if np.any(~enough):
-        told = f"{int(np.sum(~enough))} row(s) of the base with fewer than {FEWEST} satellites of a constellation"
+        told = f"{int(np.sum(~enough))} row(s) of the base with fewer than {FEWEST_SATELLITES} satellites"
+        told += " of a constellation"
         events.append(Event(int(base.t_ns[rows[np.flatnonzero(~enough)[0]]]), "base_too_few", told))
     good = enough & sound
     return rows[good], correction[good], events

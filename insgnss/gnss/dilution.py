@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from insgnss.gnss.least_squares import CLOCKS, Bool, FitRows, Workspace, cholesky, clock_of, covariance
+from insgnss.gnss.least_squares import CLOCKS, Bool, FitRows, FitWorkspace, cholesky, clock_of, covariance
 from insgnss.gnss.line_of_sight import line_of_sight_range
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
@@ -12,7 +12,7 @@ from insgnss.tables import Float64
 
 @kernel(apart=True)
 def dilution(
-    rows: FitRows, use: Bool, x: Float64, C_ne: Float64, work: Workspace, Q: Float64, dop: Float64
+    rows: FitRows, use: Bool, x: Float64, C_ne: Float64, work: FitWorkspace, Q: Float64, dop: Float64
 ) -> bool:
     """Write GDOP, PDOP, HDOP, VDOP and TDOP; False, and NaN, where the geometry is singular.
 

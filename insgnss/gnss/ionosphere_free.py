@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.gnss.measurement_kinds import PSEUDORANGE
 from insgnss.status import COMBINED, NO_SECOND_SIGNAL, USED
 from insgnss.tables import Float64, Int64
-
-_PSEUDORANGE = 0
 
 
 def combine_pseudoranges(
@@ -35,7 +34,7 @@ def combine_pseudoranges(
     carrier_hz : (n,) of each row
     first : (m + 1,) first row of each epoch
     """
-    status = observation["status"][:, _PSEUDORANGE]
+    status = observation["status"][:, PSEUDORANGE]
     rows = np.flatnonzero((status == USED) & np.isfinite(carrier_hz))
     epoch = np.repeat(np.arange(len(first) - 1), np.diff(first))
     keys = rows, observation["group"][rows], observation["sv"][rows], epoch[rows]
@@ -49,12 +48,12 @@ def combine_pseudoranges(
     far = _last_of_each(which, distance, len(starts))
     second = order[far]
     alone = squared[second] == squared[lead]
-    observation["status"][order, _PSEUDORANGE] = COMBINED
-    observation["status"][lead, _PSEUDORANGE] = np.where(alone, NO_SECOND_SIGNAL, USED)
+    observation["status"][order, PSEUDORANGE] = COMBINED
+    observation["status"][lead, PSEUDORANGE] = np.where(alone, NO_SECOND_SIGNAL, USED)
     a, b = lead[~alone], second[~alone]
     share = squared[a] / (squared[a] - squared[b])
     value = observation["value"]
-    value[a, _PSEUDORANGE] = share * value[a, _PSEUDORANGE] - (share - 1.0) * value[b, _PSEUDORANGE]
+    value[a, PSEUDORANGE] = share * value[a, PSEUDORANGE] - (share - 1.0) * value[b, PSEUDORANGE]
     observation["ionosphere_factor"][a] = 0.0
     observation["variance_scale"][a] *= share**2 + (share - 1.0) ** 2
     combined = sat.copy()

@@ -15,14 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.gnss.line_of_sight import line_of_sight, line_of_sight_range
+from insgnss.gnss.measurement_kinds import PSEUDORANGE
+from insgnss.gnss.measurement_kinds import RANGE_RATE as RANGE_RATE
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 
 CLOCKS: Final = 3  # where the clocks, or the drift, stand among the unknowns
-RANGE: Final = 0
-RANGE_RATE: Final = 1
+RANGE: Final = PSEUDORANGE
 
 _MOST_STEPS: Final = 20  # Gauss-Newton needs 5 to 6 from the Earth's centre
 _CONVERGED: Final = 1e-5  # last step [m, m/s]; the next one would be smaller by 1e5
@@ -49,7 +50,7 @@ class FitRows(NamedTuple):
     r_e: Float64  # (3,) antenna position for RANGE_RATE [m]
 
 
-class Workspace(NamedTuple):
+class FitWorkspace(NamedTuple):
     """Scratch arrays of one fit, allocated once."""
 
     u: Float64  # (3,)
@@ -89,13 +90,13 @@ def free_clocks(n: int) -> Ties:
 
 
 @kernel
-def workspace(p: int) -> Workspace:
+def workspace(p: int) -> FitWorkspace:
     """Return scratch arrays for ``p`` unknowns."""
-    return Workspace(np.zeros(3), np.zeros(3), np.zeros((p, p)), np.zeros(p))
+    return FitWorkspace(np.zeros(3), np.zeros(3), np.zeros((p, p)), np.zeros(p))
 
 
 @kernel
-def residual(rows: FitRows, k: int, x: Float64, work: Workspace) -> float:
+def residual(rows: FitRows, k: int, x: Float64, work: FitWorkspace) -> float:
     """Return measured minus predicted of row ``k``; the line of sight is left in ``work.u``."""
     if rows.kind == RANGE:
         predicted = line_of_sight_range(rows.sat, k, x, work.u)
@@ -116,7 +117,7 @@ def _add_row(N: Float64, u: Float64, j: int, weight: float) -> None:
 
 
 @kernel
-def normal_matrix(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> float:
+def normal_matrix(rows: FitRows, use: Bool, x: Float64, work: FitWorkspace) -> float:
     """Build N = H^T W H and b = H^T W residual in ``work``; return chi-square, the sum of (residual / sigma)^2.
 
     The clock of a group without a row gets a unit diagonal, so that it stays as it is.
@@ -145,7 +146,7 @@ def normal_matrix(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> floa
 
 
 @kernel
-def _tie_clocks(ties: Ties, x: Float64, work: Workspace) -> float:
+def _tie_clocks(ties: Ties, x: Float64, work: FitWorkspace) -> float:
     """Add the tied clocks' differences to the normal matrix; return their part of chi-square."""
     total = 0.0
     for g in range(len(ties.home)):
@@ -194,7 +195,7 @@ def cholesky_solve(L: Float64, b: Float64) -> None:
 
 
 @kernel(apart=True)
-def fit(rows: FitRows, use: Bool, x: Float64, work: Workspace) -> float:
+def fit(rows: FitRows, use: Bool, x: Float64, work: FitWorkspace) -> float:
     """Solve for ``x`` (in and out) by Gauss-Newton over the rows in use; return chi-square, NaN when there is none.
 
     There is none when the geometry is singular or the steps do not end. Else ``work.N`` holds the Cholesky factor of

@@ -10,13 +10,13 @@ import numpy as np
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
-_REFERENCE_CN0_DBHZ: Final = 45.0
-_LOWEST_SINE: Final = 0.05  # below 3 deg of elevation the 1/sin law has no meaning any more
+REFERENCE_CN0_DBHZ: Final = 45.0
+LOWEST_SINE: Final = 0.05  # below 3 deg of elevation the 1/sin law has no meaning any more
 
 
 def thermal_factor(cn0_dbhz: Float64 | float) -> Float64:
     """Return the thermal variance relative to that at 45 dBHz: 10^((45 - C/N0) / 10), NaN where C/N0 is NaN."""
-    return np.asarray(10.0 ** (0.1 * (_REFERENCE_CN0_DBHZ - np.asarray(cn0_dbhz, dtype=np.float64))))
+    return np.asarray(10.0 ** (0.1 * (REFERENCE_CN0_DBHZ - np.asarray(cn0_dbhz, dtype=np.float64))))
 
 
 @kernel
@@ -34,7 +34,7 @@ def measurement_variance(
     thermal : ``thermal_factor`` of its C/N0, NaN where the log gives none; then ``missing_thermal`` stands for it
     floor2, elevation2, cn02 : squares of the three sigmas
     """
-    s = max(sine, _LOWEST_SINE)
+    s = max(sine, LOWEST_SINE)
     factor = missing_thermal if math.isnan(thermal) else thermal
     return floor2 + elevation2 / (s * s) + cn02 * factor
 

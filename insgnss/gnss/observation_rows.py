@@ -17,6 +17,10 @@ from insgnss.gnss.carrier_rows import ABSENT as ABSENT
 from insgnss.gnss.carrier_rows import carrier_rows, no_carriers
 from insgnss.gnss.clock_groups import group_of_rows
 from insgnss.gnss.ionosphere_free import combine_pseudoranges
+from insgnss.gnss.measurement_kinds import CARRIER as CARRIER
+from insgnss.gnss.measurement_kinds import N_KINDS as N_KINDS
+from insgnss.gnss.measurement_kinds import PSEUDORANGE as PSEUDORANGE
+from insgnss.gnss.measurement_kinds import RANGE_RATE as RANGE_RATE
 from insgnss.gnss.noise_model import thermal_factor
 from insgnss.gnss.orbits.ephemeris_choice import BroadcastMessages, broadcast_messages
 from insgnss.gnss.orbits.satellite_state import (
@@ -42,8 +46,6 @@ from insgnss.status import (
 )
 from insgnss.tables import EphemerisTable, Float64, GnssTable, Int64, NavigationData
 
-PSEUDORANGE, RANGE_RATE, CARRIER = 0, 1, 2
-N_KINDS: Final = 3
 _SYSTEMS: Final = "GRECJIS"
 _SLOTS_EACH: Final = 64
 _BANDS: Final = sorted({signal.band for signal in SIGNALS})
@@ -55,7 +57,7 @@ _CLOSEST_M, _FARTHEST_M = 1.0e5, 1.0e9
 _FASTEST_MPS = 2.0e4
 # a stated sigma beyond is a filler for "not known", and its square would swamp the covariance
 _WIDEST_SIGMA: Final = (1.0e6, 1.0e5)  # [m], [m/s]
-_MOST_CN0_DBHZ: Final = 100.0  # no antenna and no simulator gives more: beyond, it counts as not logged
+MOST_CN0_DBHZ: Final = 100.0  # no antenna and no simulator gives more: beyond, it counts as not logged
 
 
 Int8: TypeAlias = npt.NDArray[np.int8]
@@ -88,7 +90,7 @@ OBSERVATION_DTYPE: Final = dtype_of(Observation, align=True)
 Observations: TypeAlias = npt.NDArray[Any]  # (n,) of OBSERVATION_DTYPE
 
 
-class Rows(NamedTuple):
+class GnssRows(NamedTuple):
     """One row per observation, in the order of the log; epochs are runs of rows. Read-only to the filter."""
 
     epoch_ns: Int64  # (m,) receiver time tag
@@ -122,7 +124,7 @@ def prepare_rows(
     correction_m: Float64 | None = None,
     variance_scale: Mapping[str, float] | None = None,
     bias_sigma_m: Mapping[str, float] | None = None,
-) -> Rows:
+) -> GnssRows:
     """Return the rows of a log with satellite states and the status each starts with.
 
     Parameters
@@ -163,7 +165,7 @@ def prepare_rows(
     observation["variance_scale"] = _by_constellation(gnss, variance_scale, 1.0)
     observation["bias_sigma"] = _by_constellation(gnss, bias_sigma_m, 0.0)
     observation["no_satellite"] = ~np.isfinite(sat[:, 0])
-    observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= _MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
+    observation["cn0"] = cn0 = np.where(np.abs(gnss.cn0_dbhz) <= MOST_CN0_DBHZ, gnss.cn0_dbhz, math.nan)
     observation["thermal"] = thermal_factor(cn0)
     factor = (L1_HZ / carrier_of) ** 2
     observation["ionosphere_factor"] = observation["phase_factor"] = np.where(np.isnan(factor), 1.0, factor)
@@ -194,7 +196,7 @@ def prepare_rows(
         take_off(observation, correction_m)
     if ionosphere_free:
         sat = combine_pseudoranges(observation, sat, carrier_of, first)
-    return Rows(
+    return GnssRows(
         epoch_ns=epoch_ns,
         first=first,
         observation=observation,
@@ -214,24 +216,24 @@ def take_off(observation: npt.NDArray[Any], correction_m: Float64) -> None:
     observation["status"][:, PSEUDORANGE] = np.where((status == USED) & ~known, NO_CORRECTION, status)
 
 
-def from_epoch(rows: Rows, epoch: int) -> Rows:
+def from_epoch(rows: GnssRows, epoch: int) -> GnssRows:
     """Return the rows from an epoch on, which know of the one before what the carrier's differences need."""
     if epoch <= 0:
         return rows
     part = some_epochs(rows, epoch, len(rows.epoch_ns))
-    return Rows(**{name: array.copy() for name, array in part._asdict().items()})
+    return GnssRows(**{name: array.copy() for name, array in part._asdict().items()})
 
 
-def one_epoch(rows: Rows, epoch: int) -> Rows:
+def one_epoch(rows: GnssRows, epoch: int) -> GnssRows:
     """Return the rows of one epoch; they share their memory with ``rows``."""
     return some_epochs(rows, epoch, epoch + 1)
 
 
-def some_epochs(rows: Rows, begin: int, end: int) -> Rows:
+def some_epochs(rows: GnssRows, begin: int, end: int) -> GnssRows:
     """Return the rows of the epochs ``begin`` to ``end - 1``; they share their memory with ``rows``."""
     first, last = int(rows.first[begin]), int(rows.first[end])
     part = slice(first, last) if len(rows.carrier) else slice(0, 0)
-    return Rows(
+    return GnssRows(
         epoch_ns=rows.epoch_ns[begin:end],
         first=rows.first[begin : end + 1] - first,
         observation=rows.observation[first:last],

@@ -31,7 +31,7 @@ from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64
 
 
-class Correction(NamedTuple):
+class RangeCorrection(NamedTuple):
     """One term of a pseudorange: what it is, how it enters the prediction, and how large it is."""
 
     name: str
@@ -43,13 +43,13 @@ class Correction(NamedTuple):
 
 
 CORRECTIONS: Final = (
-    Correction(
+    RangeCorrection(
         "light time", "in rho", "rho", (30.0, 80.0), "gnss.orbits.satellite_state", "IS-GPS-200N, 20.3.3.4.3"
     ),
-    Correction(
+    RangeCorrection(
         "Earth's turn", "in rho", "rho", (0.0, 45.0), "gnss.line_of_sight", "IS-GPS-200N, 20.3.3.4.3.4"
     ),
-    Correction(
+    RangeCorrection(
         "satellite antenna",
         "in rho",
         "rho",
@@ -57,11 +57,13 @@ CORRECTIONS: Final = (
         "gnss.phase_centre",
         "ANTEX 1.4; broadcast orbits hold it",
     ),
-    Correction("receiver clock", "+", "b", (1.0, 3e5), "filter.state", "Kaplan and Hegarty (2017), 11.2"),
-    Correction(
+    RangeCorrection(
+        "receiver clock", "+", "b", (1.0, 3e5), "filter.state", "Kaplan and Hegarty (2017), 11.2"
+    ),
+    RangeCorrection(
         "inter-system offset", "+", "o", (0.1, 1e3), "filter.state", "RINEX 4.01, 5.4; receiver's own"
     ),
-    Correction(
+    RangeCorrection(
         "satellite clock",
         "-",
         "c dt_s",
@@ -69,7 +71,7 @@ CORRECTIONS: Final = (
         "gnss.orbits.satellite_clock",
         "IS-GPS-200N, 20.3.3.3.3.1",
     ),
-    Correction(
+    RangeCorrection(
         "relativity of the eccentricity",
         "-",
         "c dt_s",
@@ -77,7 +79,7 @@ CORRECTIONS: Final = (
         "gnss.orbits.satellite_clock",
         "IS-GPS-200N, 20.3.3.3.3.1",
     ),
-    Correction(
+    RangeCorrection(
         "group delay",
         "+",
         "c dt_s",
@@ -85,10 +87,10 @@ CORRECTIONS: Final = (
         "gnss.signals",
         "IS-GPS-200N, 20.3.3.3.3.2; other ICDs there",
     ),
-    Correction(
+    RangeCorrection(
         "ionosphere", "+", "I", (1.5, 60.0), "gnss.ionosphere", "IS-GPS-200N, 20.3.3.5.2.5; ionosphere_rows"
     ),
-    Correction(
+    RangeCorrection(
         "hydrostatic troposphere",
         "+",
         "T",
@@ -96,8 +98,10 @@ CORRECTIONS: Final = (
         "gnss.troposphere",
         "Davis et al. 1985, Radio Sci. 20(6), A11",
     ),
-    Correction("wet troposphere", "+", "T", (0.02, 4.0), "gnss.troposphere", "Saastamoinen 1972; Niell 1996"),
-    Correction(
+    RangeCorrection(
+        "wet troposphere", "+", "T", (0.02, 4.0), "gnss.troposphere", "Saastamoinen 1972; Niell 1996"
+    ),
+    RangeCorrection(
         "differential correction",
         "+",
         "P",

@@ -30,6 +30,8 @@ G1_STEP_HZ: Final = 0.5625e6
 G2_HZ: Final = 1_246.0e6
 G2_STEP_HZ: Final = 0.4375e6
 CHANNELS: Final = range(-7, 14)  # in use since 2005: -7 to 6; 7 to 13 before; GLONASS ICD 5.1, table 3.1
+CHANNEL_OFFSET: Final = 7  # added by receivers that send a channel without its sign
+UNKNOWN_CHANNEL: Final = -128
 
 _GAMMA_L2: Final = (L1_HZ / L2_HZ) ** 2
 _GAMMA_E5A: Final = (L1_HZ / L5_HZ) ** 2

@@ -16,16 +16,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.errors import ConfigError
+from insgnss.geodesy.standard_atmosphere import LAPSE_K_PER_M, P0_HPA, T0_K, TROPOPAUSE_M
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
 # Standard atmosphere (ICAO doc 7488; ISO 2533)
-_P0_HPA: Final = 1013.25
-_T0_K: Final = 288.15
-_LAPSE_K_PER_M: Final = 0.0065
 _PRESSURE_EXPONENT: Final = 5.25588  # g0 M / (R L)
-_TROPOPAUSE_M: Final = 11_000.0
-_T_TROPOPAUSE_K: Final = _T0_K - _LAPSE_K_PER_M * _TROPOPAUSE_M
+_T_TROPOPAUSE_K: Final = T0_K - LAPSE_K_PER_M * TROPOPAUSE_M
 # R T / (g0 M) at the tropopause, kept above it (below 2 cm of delay above 30 km)
 _SCALE_HEIGHT_M: Final = 6341.62
 # relative, at sea level: 0.12 m of wet delay at the zenith, near the mean over the Earth
@@ -62,8 +59,8 @@ _HEIGHT_AT_ZENITH: Final = 1.0 + _HEIGHT[0] / (1.0 + _HEIGHT[1] / (1.0 + _HEIGHT
 class Weather(NamedTuple):
     """The state of the air, brought to sea level."""
 
-    pressure_hpa: float = _P0_HPA
-    temperature_k: float = _T0_K
+    pressure_hpa: float = P0_HPA
+    temperature_k: float = T0_K
     humidity: float = _HUMIDITY  # relative, 0 to 1, taken as the same at all heights
 
 
@@ -91,11 +88,11 @@ def weather_at_sea_level(
     ------
     ConfigError : a value that no weather on Earth has
     """
-    low = min(max(h, _LOWEST_H_M), _TROPOPAUSE_M)
-    cooling = _LAPSE_K_PER_M * low
-    temperature = _T0_K - cooling if temperature_k is None else temperature_k
+    low = min(max(h, _LOWEST_H_M), TROPOPAUSE_M)
+    cooling = LAPSE_K_PER_M * low
+    temperature = T0_K - cooling if temperature_k is None else temperature_k
     sea_level_k = temperature + cooling
-    reduced = _P0_HPA
+    reduced = P0_HPA
     if pressure_hpa is not None:
         # a temperature that is none is refused below
         reduced = pressure_hpa * (sea_level_k / max(temperature, 1.0)) ** _PRESSURE_EXPONENT
@@ -112,7 +109,7 @@ def weather_at_sea_level(
 
 @kernel
 def standard_atmosphere(
-    h: float, pressure_0: float = _P0_HPA, temperature_0: float = _T0_K, humidity: float = _HUMIDITY
+    h: float, pressure_0: float = P0_HPA, temperature_0: float = T0_K, humidity: float = _HUMIDITY
 ) -> tuple[float, float, float]:
     """Return pressure [hPa], temperature [K] and water vapour pressure [hPa] at height ``h`` [m].
 
@@ -125,10 +122,10 @@ def standard_atmosphere(
     h : height [m]
     pressure_0, temperature_0, humidity : ``Weather`` at sea level; the standard atmosphere when not given
     """
-    low = min(max(h, _LOWEST_H_M), _TROPOPAUSE_M)
-    temperature = temperature_0 - _LAPSE_K_PER_M * low
-    scale = _SCALE_HEIGHT_M * ((temperature_0 - _LAPSE_K_PER_M * _TROPOPAUSE_M) / _T_TROPOPAUSE_K)
-    thinning = math.exp(-max(h - _TROPOPAUSE_M, 0.0) / scale)
+    low = min(max(h, _LOWEST_H_M), TROPOPAUSE_M)
+    temperature = temperature_0 - LAPSE_K_PER_M * low
+    scale = _SCALE_HEIGHT_M * ((temperature_0 - LAPSE_K_PER_M * TROPOPAUSE_M) / _T_TROPOPAUSE_K)
+    thinning = math.exp(-max(h - TROPOPAUSE_M, 0.0) / scale)
     pressure = pressure_0 * math.pow(temperature / temperature_0, _PRESSURE_EXPONENT) * thinning
     saturation = 6.108 * math.exp((17.15 * temperature - 4684.0) / (temperature - 38.45))
     return pressure, temperature, humidity * saturation * thinning

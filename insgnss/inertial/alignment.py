@@ -18,7 +18,7 @@ _LARGEST_FORCE_MPS2: Final = 1e6
 
 
 @dataclass(frozen=True)
-class Window:
+class AlignmentWindow:
     """What a short window of inertial samples says."""
 
     length_s: float
@@ -42,7 +42,9 @@ def _mean_in_last_axes(step_s: Float64, w: Float64, f: Float64) -> Float64:
     return np.asarray(total / step_s.sum())
 
 
-def inertial_window(t_ns: Int64, w_ib_b: Float64, f_b: Float64, from_ns: int, to_ns: int) -> Window | None:
+def inertial_window(
+    t_ns: Int64, w_ib_b: Float64, f_b: Float64, from_ns: int, to_ns: int
+) -> AlignmentWindow | None:
     """Return the window (from_ns, to_ns] of a log, None when the log does not reach back to its start.
 
     None, too, where a sample is no number, or so large that nothing is left of the others: no attitude is in that.
@@ -58,7 +60,7 @@ def inertial_window(t_ns: Int64, w_ib_b: Float64, f_b: Float64, from_ns: int, to
         mean_f = _mean_in_last_axes(np.diff(t_ns[first - 1 : last]) * 1e-9, w, f)
     if not np.isfinite(mean_f).all():
         return None
-    return Window(
+    return AlignmentWindow(
         length_s=(int(t_ns[last - 1]) - int(t_ns[first - 1])) * 1e-9,
         f_b=mean_f,
         w_ib_b=w.mean(axis=0),

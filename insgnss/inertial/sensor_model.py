@@ -21,6 +21,8 @@ from insgnss.units import (
     ppm_to_ratio,
 )
 
+OVER_RANGE: Final = 2.0  # no sensor shows twice its declared range
+
 # of what a sensor's errors may go with beside time: each name and unit are those of the grade
 UNIT_OF_ERROR: Final = {
     "gyro_scale_factor": "ppm",

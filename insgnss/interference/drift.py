@@ -27,7 +27,7 @@ _CARRIER_ADVICE: Final = "give the carrier in hertz, such as 1575.42e6"
 _TIME_ADVICE: Final = "give the time between two samples in seconds"
 # which part of a Gaussian's largest increment counts as its sigma  [Shatilov 2009, (21)]
 _SIGMAS: Final = 3.0
-_FEWEST: Final = 3
+_FEWEST_SAMPLES: Final = 3
 # The variance of the difference of two neighbouring means of a Wiener process, over that of its increment
 _OF_MEANS: Final = 2.0 / 3.0
 
@@ -117,7 +117,7 @@ def density_of_record(
     """
     x = finite("samples", samples, "leave out the samples that are missing, and the increments across them")
     T = float(positive("interval_s", interval_s, _TIME_ADVICE))
-    if x.ndim != 1 or len(x) <= _FEWEST:
+    if x.ndim != 1 or len(x) <= _FEWEST_SAMPLES:
         raise ConfigError(
             f"a record of {x.size} samples tells nothing of drift",
             key="samples",

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from insgnss.interference.checks import not_negative, positive
 from insgnss.interference.drift import per_mps
-from insgnss.interference.optimal_loop import Gains, gains, threshold_noise
+from insgnss.interference.optimal_loop import SecondOrderGains, gains, threshold_noise
 from insgnss.interference.third_order import third_order_threshold_noise
 from insgnss.tables import Float64
 
@@ -61,7 +61,7 @@ def threshold_in_motion(
 
 
 def equivalent_density(
-    sigma_mps2: npt.ArrayLike, time_s: npt.ArrayLike, carrier_hz: float, loop: Gains
+    sigma_mps2: npt.ArrayLike, time_s: npt.ArrayLike, carrier_hz: float, loop: SecondOrderGains
 ) -> Float64:
     """Return the one-sided S that disturbs a given loop as much as a Gauss-Markov acceleration [rad^2/s^3].
 

@@ -26,7 +26,7 @@ _BISECTIONS: Final = 90  # of a bracket of at most 30 decades, down to rounding
 MAX_BANDWIDTH_TIME: Final = 0.5  # B T beyond which a loop of T has no continuous likeness
 
 
-class Gains(NamedTuple):
+class SecondOrderGains(NamedTuple):
     """Of ``phi' = y + w + K1 u``, ``w' = K2 u``."""
 
     K1: Float64  # [1/s]
@@ -50,7 +50,7 @@ def two_sided(one_sided: npt.ArrayLike) -> Float64:
     return 0.5 * np.asarray(one_sided, np.float64)
 
 
-def gains(drift: npt.ArrayLike, noise: npt.ArrayLike) -> Gains:
+def gains(drift: npt.ArrayLike, noise: npt.ArrayLike) -> SecondOrderGains:
     """Return the optimal gains of the continuous loop.
 
     Equation: K2 = sqrt(S / S_n), K1 = sqrt(2 K2)                   [Shatilov 2009, (10); steady state of the Riccati
@@ -62,7 +62,7 @@ def gains(drift: npt.ArrayLike, noise: npt.ArrayLike) -> Gains:
     noise : S_n, one-sided density of the phase noise [rad^2/Hz]
     """
     K2 = np.sqrt(positive("drift", drift, _S_ADVICE) / positive("noise", noise, _NOISE_ADVICE))
-    return Gains(np.sqrt(2.0 * K2), np.asarray(K2))
+    return SecondOrderGains(np.sqrt(2.0 * K2), np.asarray(K2))
 
 
 def discrete_gains(drift: npt.ArrayLike, noise: npt.ArrayLike, step_s: npt.ArrayLike) -> DiscreteGains:

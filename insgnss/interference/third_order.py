@@ -31,7 +31,7 @@ from insgnss.interference.checks import not_negative, positive
 from insgnss.interference.drift import per_mps
 from insgnss.tables import Float64
 
-_STEPS: Final = 4.0  # by which the upper bound of a root is widened until it is one
+_WIDENING: Final = 4.0  # by which the upper bound of a root is widened until it is one
 _BISECTIONS: Final = 54  # of a bracket of that width, down to rounding
 
 
@@ -135,9 +135,9 @@ def _intensities(
 def _root(excess: Callable[[Float64], Float64], low: Float64) -> Float64:
     """Return the one root above ``low`` of functions that are negative below it and positive above."""
     low = np.asarray(low)
-    high = _STEPS * low
+    high = _WIDENING * low
     while (short := excess(high) < 0.0).any():
-        low, high = np.where(short, high, low), np.where(short, _STEPS * high, high)
+        low, high = np.where(short, high, low), np.where(short, _WIDENING * high, high)
     for _ in range(_BISECTIONS):
         middle = np.sqrt(low * high)
         short = excess(middle) < 0.0

@@ -26,6 +26,9 @@ import numba
 
 from insgnss.kernels.jit import CACHE_DIR
 
+# In a call that has a kernel compiled, for any whole number and for any other
+ANY_N: Final = 0
+ANY_X: Final = 0.0
 LONGEST_S: Final = 300.0  # after that the waiting process compiles the rest itself
 _MOST_PROCESSES: Final = 4  # the list's longest kernels take a quarter of its time
 _RARE_COLLECTIONS: Final = (50_000, 20, 20)  # objects, then rounds of the generation before

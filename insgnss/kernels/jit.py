@@ -26,6 +26,7 @@ import typing
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast, overload
 
@@ -35,7 +36,7 @@ import numpy as np
 from insgnss.kernels.numba_parts import Apart, compiled, is_trusted
 
 UNUSED_DAYS: Final = 30  # compiled code of other versions goes when nobody has loaded it for so long
-_S_PER_DAY: Final = 86_400.0
+_DAY_S: Final = timedelta(days=1).total_seconds()
 _WITH_BOUNDS: Final = ("checks bounds",) if numba.config.BOUNDSCHECK else ()
 _OTHERS_MAY_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 # what makes an array of its own, of NumPy or as an array's method
@@ -115,12 +116,12 @@ def tend_caches(folder: Path) -> None:
     now = time.time()
     with suppress(OSError):
         if folder.is_dir():
-            if now - folder.stat().st_mtime > _S_PER_DAY:
+            if now - folder.stat().st_mtime > _DAY_S:
                 os.utime(folder)
             return
         for other in folder.parent.iterdir():
             unused_s = now - other.stat().st_mtime
-            if unused_s < UNUSED_DAYS * _S_PER_DAY or not re.fullmatch("[0-9a-f]{16}", other.name):
+            if unused_s < UNUSED_DAYS * _DAY_S or not re.fullmatch("[0-9a-f]{16}", other.name):
                 continue
             if any(other.glob("*/*.nbi")):
                 shutil.rmtree(other, ignore_errors=True)

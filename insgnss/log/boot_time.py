@@ -14,11 +14,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, NS_PER_US
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.tables import Event, Int64
 
-_NS_PER_US: Final = 1000
 _EARLIEST_US: Final = 1_100_000_000_000_000  # November 2004; a receiver without a date states earlier ones
 _LATEST_US: Final = 6_300_000_000_000_000  # the year 2169
 _FITTED_FROM_S: Final = 60.0  # below, the scatter of the delays would give a worse rate than none
@@ -43,15 +42,15 @@ class BootClock:
         """Return the GPS time of times of the autopilot [us]."""
         since = np.clip(boot_us - self.boot_0_us, -FURTHEST_US, FURTHEST_US)
         return np.asarray(
-            self.gps_0_ns + since * _NS_PER_US + np.rint(since * (_NS_PER_US * self.rate)).astype(np.int64)
+            self.gps_0_ns + since * NS_PER_US + np.rint(since * (NS_PER_US * self.rate)).astype(np.int64)
         )
 
 
 def utc_us_to_gps_ns(utc_us: Int64) -> Int64:
     """Return GPS time of Unix microseconds, with the leap seconds in force at the first."""
     since = utc_us - UNIX_TO_GPS_S * 1_000_000
-    leap = leap_seconds(ns_to_datetime(int(since[0]) * _NS_PER_US)) if len(since) else 0
-    return since * _NS_PER_US + leap * NS_PER_S
+    leap = leap_seconds(ns_to_datetime(int(since[0]) * NS_PER_US)) if len(since) else 0
+    return since * NS_PER_US + leap * NS_PER_S
 
 
 def dated(rows: Any) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -73,7 +72,7 @@ def boot_clock(fixes: Any | None) -> tuple[BootClock | None, list[Event]]:
     boot_us = (np.asarray(fixes["timestamp"]).astype(np.int64) + relative)[good]
     gps_ns = utc_us_to_gps_ns(np.asarray(fixes["time_utc_usec"]).astype(np.int64)[good])
     since_s = (boot_us - boot_us[0]) / 1e6
-    offset_s = ((gps_ns - gps_ns[0]) - (boot_us - boot_us[0]) * _NS_PER_US) / NS_PER_S
+    offset_s = ((gps_ns - gps_ns[0]) - (boot_us - boot_us[0]) * NS_PER_US) / NS_PER_S
     kept = np.abs(offset_s - np.median(offset_s)) < 1.0  # a date that jumped
     rate, level = 0.0, float(np.median(offset_s))
     for _ in range(3):

@@ -12,7 +12,7 @@ from insgnss.constants import NS_PER_WEEK
 from insgnss.errors import InputError, ResultError
 from insgnss.gpstime import ns_to_datetime
 from insgnss.log.csv.writer import write_gnss_csv, write_imu_csv, write_reference_csv
-from insgnss.log.declared import Declared
+from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import NAMES, Format, detect_format
 from insgnss.log.first_flight_file import (
     FLIGHT_FILE,
@@ -42,7 +42,7 @@ class Conversion:
     kept: tuple[Path, ...]  # was there before and was left as it is
 
 
-def convert(inputs: Sequence[Path], output: Path, declared: Declared | None = None) -> Conversion:
+def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | None = None) -> Conversion:
     """Read receivers' files and write what a flight needs into the folder ``output``.
 
     The logs among the inputs must be of one format, that is of one receiver; they may hold inertial samples alone.
@@ -56,7 +56,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: Declared | None = No
     ResultError : the folder cannot be written, or a file of somebody else has one of the names
     """
     formats = tuple((path, detect_format(path)) for path in inputs)
-    log, events = _read(formats, Declared() if declared is None else declared)
+    log, events = _read(formats, LogDeclarations() if declared is None else declared)
     navigation_files = [path for path, kind in formats if kind == "rinex_navigation"]
     if navigation_files:
         events += read_navigation(navigation_files)[1]
@@ -126,7 +126,9 @@ def _has_messages(log: ReceiverLog) -> bool:
     )
 
 
-def _read(formats: Sequence[tuple[Path, Format]], declared: Declared) -> tuple[ReceiverLog, list[Event]]:
+def _read(
+    formats: Sequence[tuple[Path, Format]], declared: LogDeclarations
+) -> tuple[ReceiverLog, list[Event]]:
     kinds = sorted({kind for _, kind in formats if kind != "rinex_navigation"})
     if len(kinds) != 1:
         found = " and ".join(NAMES[kind] for kind in kinds) or "navigation files alone"

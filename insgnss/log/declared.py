@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Declared:
+class LogDeclarations:
     """The declarations beside the inputs of a conversion; what is left out is taken from the files or missed there."""
 
     date: dt.date | None = None  # of the log's first epoch, for streams that do not say it

@@ -63,7 +63,7 @@ def _unpacked(path: Path) -> pa.Buffer:
     InputError : it holds nothing, or grows more than a hundredfold
     OSError, EOFError, zlib.error : it is damaged or cut
     """
-    unpacked = _Unpacked(path, "gzip")
+    unpacked = _UnpackedBytes(path, "gzip")
     with path.open("rb") as packed, gzip.GzipFile(fileobj=packed) as stream:
         while piece := stream.read(_PIECE_BYTES):
             unpacked.packed_bytes = packed.tell()
@@ -78,7 +78,7 @@ def _uncompressed(path: Path) -> pa.Buffer:
     ------
     InputError : it is damaged, holds nothing, or grows more than a hundredfold
     """
-    unpacked = _Unpacked(path, "compressed (.Z)", path.stat().st_size)
+    unpacked = _UnpackedBytes(path, "compressed (.Z)", path.stat().st_size)
     try:
         with path.open("rb") as packed:
             ncompress.decompress(packed, unpacked)
@@ -89,7 +89,7 @@ def _uncompressed(path: Path) -> pa.Buffer:
     return unpacked.buffer()
 
 
-class _Unpacked:
+class _UnpackedBytes:
     """The growing contents of a packed file."""
 
     def __init__(self, path: Path, kind: str, packed_bytes: int = 0) -> None:

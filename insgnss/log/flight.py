@@ -27,7 +27,7 @@ from insgnss.log.imu.csv_log import inertial, read_imu
 from insgnss.log.imu.sensor_csv import read_sensor
 from insgnss.log.overlap import check_overlap, outside_events, sensor_outside
 from insgnss.log.reference import read_reference
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.tables import (
     Event,
     GnssTable,
@@ -44,7 +44,7 @@ _UNUSED_GRADE: Final = "mems_consumer"
 
 
 @dataclass(frozen=True, repr=False)
-class FlightLogs(Shown):
+class FlightLogs(ResultDisplay):
     """Everything a flight's files hold."""
 
     imu: ImuTable
@@ -63,7 +63,7 @@ class FlightLogs(Shown):
 
 
 @dataclass(frozen=True, repr=False)
-class Flight(Shown):
+class Flight(ResultDisplay):
     """A checked flight file: settings with absolute paths, the sensor's grade and the oscillator resolved.
 
     ``insgnss.Flight.load("flight.toml").read()`` gives the logs.

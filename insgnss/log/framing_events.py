@@ -9,7 +9,7 @@ from insgnss.log.first_events import first_events
 from insgnss.tables import Event
 
 
-class Framed(Protocol):
+class FrameSearch(Protocol):
     """One file, and what was found wrong while its frames were searched."""
 
     path: Path
@@ -18,7 +18,7 @@ class Framed(Protocol):
     cut_at: int | None  # offset of a frame that the end of the file cuts
 
 
-def framing_events(file: Framed, protocol: str, unit: str, foreign: str, size: int) -> list[Event]:
+def framing_events(file: FrameSearch, protocol: str, unit: str, foreign: str, size: int) -> list[Event]:
     """Return the events of one file.
 
     Parameters

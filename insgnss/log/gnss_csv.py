@@ -17,7 +17,7 @@ from insgnss.config.log_table import TimeScale
 from insgnss.constants import C_MPS
 from insgnss.errors import ColumnError, UnitsError
 from insgnss.gnss.table_joining import joined
-from insgnss.log.csv.columns import TextColumn, Wanted
+from insgnss.log.csv.columns import ColumnSelection, TextColumn
 from insgnss.log.csv.satellite_column import read_satellites
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
@@ -105,8 +105,8 @@ def _read_file(config: Gnss, path: Path, week: int, previous_ns: int | None) -> 
     return (whole if (sv >= 0).all() else whole.take(np.flatnonzero(sv >= 0))), events
 
 
-def _wanted(names: GnssColumns) -> Wanted:
-    return Wanted(
+def _wanted(names: GnssColumns) -> ColumnSelection:
+    return ColumnSelection(
         optional=(
             names.pseudorange,
             names.doppler,

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.config.flight import Base, Gnss, Observations
+from insgnss.config.flight import Base, Gnss, ObservationLog
 from insgnss.config.log_table import TimeScale
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError, InputError, NavigationDataError
@@ -136,7 +136,7 @@ def _read_format(config: Gnss, week: int) -> ReceiverLog:
 
 def read_base(config: Base, week: int) -> ReceiverLog:
     """Read the base station's observations."""
-    written = {name: getattr(config, name) for name in Observations.model_fields}
+    written = {name: getattr(config, name) for name in ObservationLog.model_fields}
     return read_receiver(Gnss(**written), week)
 
 

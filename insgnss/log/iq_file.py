@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
 from insgnss.results.saving import saving_file
-from insgnss.tracking.signal import Samples, Sampling
+from insgnss.tracking.signal import Sampling, SignalSamples
 
 SAMPLE_TYPES: Final[dict[str, npt.DTypeLike]] = {"int8": np.dtype("<i1"), "int16": np.dtype("<i2")}
 ORDERS: Final = ("iq", "qi")  # of the two components of a complex sample
@@ -79,7 +79,7 @@ class IqFile:
         """Return the length of the recording."""
         return self.count / self.sampling.rate_hz
 
-    def read(self, first: int, count: int) -> Samples:
+    def read(self, first: int, count: int) -> SignalSamples:
         """Return samples as numbers of the file, the two components apart.
 
         Raises
@@ -103,18 +103,18 @@ class IqFile:
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}", file=self.path) from error
         if per == 1:
-            return Samples(self.sampling, raw.astype(np.float64), np.zeros(0))
+            return SignalSamples(self.sampling, raw.astype(np.float64), np.zeros(0))
         i = self.order.index("i")
-        return Samples(self.sampling, raw[i::2].astype(np.float64), raw[1 - i :: 2].astype(np.float64))
+        return SignalSamples(self.sampling, raw[i::2].astype(np.float64), raw[1 - i :: 2].astype(np.float64))
 
-    def blocks(self, block_s: float = 1.0) -> Iterator[Samples]:
+    def blocks(self, block_s: float = 1.0) -> Iterator[SignalSamples]:
         """Yield the recording in blocks of a length, the last one shorter."""
         size = max(1, round(block_s * self.sampling.rate_hz))
         for first in range(0, self.count, size):
             yield self.read(first, min(size, self.count - first))
 
 
-def rounded(block: Samples, sample_type: str) -> Samples:
+def rounded(block: SignalSamples, sample_type: str) -> SignalSamples:
     """Return samples with noise of variance 1 as the integers that ``write_iq`` writes and ``IqFile`` reads back.
 
     Raises
@@ -129,11 +129,11 @@ def rounded(block: Samples, sample_type: str) -> Samples:
         np.clip(np.rint(NOISE_LSB[sample_type] * part), limit.min, limit.max)
         for part in (block.in_phase, block.quadrature)
     )
-    return Samples(block.sampling, in_phase, quadrature)
+    return SignalSamples(block.sampling, in_phase, quadrature)
 
 
 def write_iq(
-    path: str | Path, blocks: Iterable[Samples], sample_type: str = "int8", order: str = "iq"
+    path: str | Path, blocks: Iterable[SignalSamples], sample_type: str = "int8", order: str = "iq"
 ) -> int:
     """Write samples with noise of variance 1 as integers; return how many of their numbers stand at its limits.
 

@@ -27,12 +27,12 @@ from insgnss.gnss.signals import signal_of
 from insgnss.gpstime import BDT_MINUS_GPST_S, datetime_to_ns, leap_seconds, ns_to_datetime
 from insgnss.log.files import file_text
 from insgnss.log.first_events import first_events
+from insgnss.log.rinex.states import NO_DATE
 from insgnss.tables import Event, Float64, Int64, PreciseProducts
 
 _GPS_START_JD: Final = 2_444_244.5
 _TAI_MINUS_GPST_S: Final = 19
 _LATEST_NS: Final = np.iinfo(np.int64).max
-_NO_DATE: Final = -1
 _NUMBER: Final = r"[ ]*-?\d+\.\d*[ ]*"
 _POSITION: Final = re.compile(rf"P[A-Z ][ \d]\d(?=.{{42}}){_NUMBER}")
 _EPOCH: Final = re.compile(r"\*  \d{4} [ \d]\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d\.\d+")
@@ -50,7 +50,7 @@ _Nodes = dict[int, Any]  # time [ns] -> value
 
 
 @dataclass
-class _Collected:
+class _ProductContents:
     """What the files gave so far: per satellite its nodes."""
 
     orbit: dict[str, _Nodes] = field(default_factory=dict)  # values (3,) [m]
@@ -73,7 +73,7 @@ def read_precise(paths: Sequence[Path], *, use_predicted: bool = True) -> tuple[
     NavigationDataError : a file is of another kind or cannot be read, or there is no orbit or no clock in any
     TimeError : a time system that is not known
     """
-    found = _Collected()
+    found = _ProductContents()
     for path in paths:
         text = file_text(path)
         if text[:2] in ("#c", "#d", "#a", "#b"):
@@ -116,7 +116,7 @@ def _times(nodes: dict[str, _Nodes]) -> Int64:
 # ------------------------------------------------------------------------------------------------------------- SP3
 
 
-def _collect_sp3(text: str, path: Path, found: _Collected, use_predicted: bool) -> None:
+def _collect_sp3(text: str, path: Path, found: _ProductContents, use_predicted: bool) -> None:
     product = _parsed_sp3(text, path, found)
     times = [_gps_ns(instant, path) for instant in product.epoch_instants]
     declared = product.declared_epoch_count
@@ -127,12 +127,12 @@ def _collect_sp3(text: str, path: Path, found: _Collected, use_predicted: bool) 
     clock: dict[str, _Nodes] = {}
     flagged: list[tuple[dict[str, _Nodes], str, int]] = []
     predicted: list[int] = []
-    undated = times.count(_NO_DATE)
+    undated = times.count(NO_DATE)
     if undated:
         told = f"{path}: {undated} epoch(s) at dates outside GPS time; left out"
         found.events.append(Event(None, "precise_damaged", told))
     for k, t_ns in enumerate(times):
-        if t_ns == _NO_DATE:
+        if t_ns == NO_DATE:
             continue
         for name, r_e, clock_s, flags in _records(product, k):
             if flags.orbit_predicted or flags.clock_predicted:
@@ -174,7 +174,7 @@ def _records(product: Any, epoch: int) -> Iterable[tuple[str, Float64 | None, fl
         yield name, np.asarray(state.position_m, dtype=np.float64), state.clock_s, state
 
 
-def _parsed_sp3(text: str, path: Path, found: _Collected) -> Any:
+def _parsed_sp3(text: str, path: Path, found: _ProductContents) -> Any:
     """Return the parsed product; where lines are damaged, that of the others."""
     try:
         return sidereon.load_sp3(text.encode())
@@ -226,7 +226,7 @@ def _is_position(line: str) -> bool:
 
 
 def _leave_out_flagged(
-    flagged: list[tuple[dict[str, _Nodes], str, int]], path: Path, found: _Collected
+    flagged: list[tuple[dict[str, _Nodes], str, int]], path: Path, found: _ProductContents
 ) -> None:
     """Remove the flagged nodes and those around them, so that the gap is too wide to be bridged."""
     for nodes, name, t_ns in flagged:
@@ -238,7 +238,12 @@ def _leave_out_flagged(
 
 
 def _merge(
-    into: dict[str, _Nodes], new: dict[str, _Nodes], metres: float, path: Path, what: str, found: _Collected
+    into: dict[str, _Nodes],
+    new: dict[str, _Nodes],
+    metres: float,
+    path: Path,
+    what: str,
+    found: _ProductContents,
 ) -> None:
     """Add nodes that are not there yet; tell how many were, and how far off the new ones are."""
     repeated, farthest_m = [], 0.0
@@ -259,7 +264,7 @@ def _merge(
 # ---------------------------------------------------------------------------------------------------- RINEX clock
 
 
-def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
+def _collect_clocks(text: str, path: Path, found: _ProductContents) -> None:
     try:
         product = sidereon.parse_rinex_clock_lossy(text)
     except (sidereon.SidereonError, ValueError) as error:
@@ -283,10 +288,10 @@ def _collect_clocks(text: str, path: Path, found: _Collected) -> None:
 
 
 def _gps_ns(instant: Any, path: Path) -> int:
-    """Return an epoch of any time system as GPS time [ns], ``_NO_DATE`` for the year 1 and its like."""
+    """Return an epoch of any time system as GPS time [ns], ``NO_DATE`` for the year 1 and its like."""
     whole_s = round((float(instant.jd_whole) - _GPS_START_JD) * S_PER_DAY)
     if not 0 <= whole_s <= _LATEST_NS // NS_PER_S:
-        return _NO_DATE
+        return NO_DATE
     t_ns = whole_s * NS_PER_S + round(float(instant.fraction) * S_PER_DAY * NS_PER_S)
     scale = sidereon.TimeScale
     if instant.scale in (scale.UTC, scale.GLONASST):

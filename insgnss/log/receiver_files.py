@@ -8,7 +8,7 @@ from typing import Final
 
 from insgnss.errors import InputError
 from insgnss.log.android.reader import read_android
-from insgnss.log.declared import Declared
+from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import NAMES, Format
 from insgnss.log.novatel.reader import read_novatel
 from insgnss.log.receiver import ReceiverLog
@@ -20,7 +20,7 @@ from insgnss.log.ubx.reader import read_ubx
 from insgnss.log.ulog.reader import read_ulog
 
 
-def read_receiver(kind: Format, paths: Sequence[Path], declared: Declared) -> ReceiverLog:
+def read_receiver(kind: Format, paths: Sequence[Path], declared: LogDeclarations) -> ReceiverLog:
     """Read the files of one receiver, all of one format.
 
     Raises
@@ -46,7 +46,7 @@ def _alone(kind: Format, paths: Sequence[Path]) -> Path:
     return paths[0]
 
 
-_READERS: Final[dict[Format, Callable[[Sequence[Path], Declared], ReceiverLog]]] = {
+_READERS: Final[dict[Format, Callable[[Sequence[Path], LogDeclarations], ReceiverLog]]] = {
     "ubx": lambda paths, _: read_ubx(paths),
     "sbf": lambda paths, _: read_sbf(*paths),
     "novatel": lambda paths, declared: read_novatel(paths, declared.imu_scales),

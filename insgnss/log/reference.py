@@ -9,7 +9,7 @@ import numpy as np
 
 from insgnss.config.flight import Reference
 from insgnss.errors import InputError
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import gps_times, wanted_with_time
 from insgnss.tables import Event, Float64, ReferenceTable
@@ -30,7 +30,9 @@ def read_reference(config: Reference, week: int) -> tuple[ReferenceTable, list[E
     optional = (*names.velocity, *names.attitude, names.quality, *sigmas)
     # a limit on what is not there would leave nothing out
     needed = () if config.quality_max is None else (names.quality,)
-    wanted = Wanted(numeric=names.position, optional=optional, chosen=(*names.chosen_names(), *needed))
+    wanted = ColumnSelection(
+        numeric=names.position, optional=optional, chosen=(*names.chosen_names(), *needed)
+    )
     table = read_csv_table(config.file, wanted_with_time(config, wanted))
     t_ns, rows, events = gps_times(table, config, week)
     table = table if rows is None else table.take(rows)

@@ -13,6 +13,7 @@ CHANNEL_NAME_ZERO: Final = 50
 CHANNELS_IN_USE: Final = range(-7, 7)  # since 2005; GLONASS ICD 5.1, table 3.1
 # PRNs and NMEA's numbers of constellations that RINEX counts from 1: where they begin, and what is taken off
 OTHER_NUMBERS: Final = {"S": (100, 100), "J": (193, 192), "R": (65, 64)}
+SBAS_OFFSET: Final = 100  # S20 is PRN 120
 SYSTEM_NAMES: Final = {
     **{letter: letter for letter in SYSTEMS},
     **dict.fromkeys(("GPS", "NAVSTAR"), "G"),

@@ -9,7 +9,7 @@ import numpy as np
 
 from insgnss.config.log_table import LogTable, TimeScale
 from insgnss.errors import ColumnError
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import gps_times, wanted_with_time
 from insgnss.log.satellites import normalised_name
@@ -28,7 +28,7 @@ def read_receiver_events(
     ColumnError : a word is no event, or a name no satellite; the line is named, and the nearest event
     """
     times = LogTable(time=TimeScale() if scale is None else scale)
-    table = read_csv_table(path, wanted_with_time(times, Wanted(text=("sv", "event"))))
+    table = read_csv_table(path, wanted_with_time(times, ColumnSelection(text=("sv", "event"))))
     t_ns, rows, events = gps_times(table, times, week)
     table = table if rows is None else table.take(rows)
     word_code = np.array([_event_code(word, table) for word in table.text["event"].words], np.int64)

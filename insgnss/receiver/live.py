@@ -21,14 +21,14 @@ import numpy.typing as npt
 
 from insgnss.aiding.satellite_arcs import SatelliteArcs
 from insgnss.aiding.sources import AidingSources
-from insgnss.aiding.trace import Samples, traced
+from insgnss.aiding.trace import TraceSamples, traced
 from insgnss.antenna.visibility import UNDECIDED
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.filter.output.trace_rows import new_trace_room
 from insgnss.filter.output.tracing import write_trace
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import Bank
-from insgnss.filter.update.epoch_space import Workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.receiver.predictions import Outlook, SupervisionSetup, filter_alone, outlook, scales
 from insgnss.receiver.sightings import LATE_EPOCHS, Sightings, presence, sightings_of
 from insgnss.receiver.supervised_run import (
@@ -45,7 +45,7 @@ from insgnss.tables import GnssTable, Int8, Int64
 _STEPS: Final = 101  # intervals that the usual one is the median of: some seconds to minutes of a receiver
 
 
-class _Decided(NamedTuple):
+class _Decision(NamedTuple):
     """One epoch and what was decided."""
 
     view: Outlook
@@ -86,7 +86,7 @@ class LiveSupervision:
         self._pending: tuple[Outlook, Int8] | None = None  # not decided yet
         self._memory = np.full(m, UNDECIDED, np.int8)  # what the antennas decided last
         self._decided_ns: int | None = None  # the newest decision
-        self._decided: list[_Decided] = []  # not taken yet
+        self._decided: list[_Decision] = []  # not taken yet
         self._predicted_ns = np.zeros(m, np.int64)
         self._week = 0
 
@@ -124,7 +124,9 @@ class LiveSupervision:
         self._slot_ns = missing_ns
         return missing_ns
 
-    def expect(self, t_ns: int, bank: Bank, imu: Imu, parameters: npt.NDArray[Any], work: Workspace) -> None:
+    def expect(
+        self, t_ns: int, bank: Bank, imu: ImuSamples, parameters: npt.NDArray[Any], work: FilterWorkspace
+    ) -> None:
         """Take what a bank at the last sample at or before ``t_ns`` expects of an epoch at that time."""
         count, sample_ns = self._room.counts[0], int(bank.head[0].now_ns)
         count.rows = count.covariances = 0
@@ -133,7 +135,7 @@ class LiveSupervision:
             return
         if not self._arcs.covers(sample_ns, sample_ns):
             self._arcs = self._satellites.arcs(sample_ns, sample_ns)
-        found = traced(self._room, Samples(imu.t_ns, imu.w_ib_b, imu.f_b))
+        found = traced(self._room, TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b))
         memory = self._memory.copy()
         view = outlook(self._setup, self._arcs, found, np.array([t_ns], np.int64), memory)
         self._pending = self._over_all(view), memory
@@ -152,7 +154,7 @@ class LiveSupervision:
         decided, self._decided = self._decided, []
         nothing = self._nothing_at(np.zeros(0, np.int64))
         end = self._supervisor.epoch(nothing.predicted)
-        rows = [*decided, _Decided(nothing, np.zeros((0, len(self._names)), np.int8), end)]
+        rows = [*decided, _Decision(nothing, np.zeros((0, len(self._names)), np.int8), end)]
         view = _joined_views([row.view for row in rows])
         results = [row.result for row in rows]
         result = Supervision(
@@ -178,7 +180,7 @@ class LiveSupervision:
         if self._decided_ns is not None:
             self._predicted_ns[before != ABSENT] += t_ns - self._decided_ns
         self._decided_ns = t_ns
-        self._decided.append(_Decided(view, seen, result))
+        self._decided.append(_Decision(view, seen, result))
 
     def _end_predictions(self, now_ns: float) -> None:
         """End every satellite's prediction where the filter has given none for long: it started anew."""

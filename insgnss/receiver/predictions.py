@@ -24,7 +24,7 @@ import numpy as np
 from insgnss.aiding.observables import Spans
 from insgnss.aiding.satellite_arcs import SatelliteArcs, lines_of_sight
 from insgnss.aiding.table import AidingSetup, aiding_arrays
-from insgnss.aiding.trace import Covariances, Trace, Traced
+from insgnss.aiding.trace import Covariances, FilterTrace, Trace
 from insgnss.aiding.uncertainty import SD_DOPPLER, SD_RANGE
 from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.installation import Installation, no_antenna
@@ -87,7 +87,7 @@ class Outlook:
 def outlook(
     setup: SupervisionSetup,
     satellites: SatelliteArcs,
-    traced: Traced,
+    traced: FilterTrace,
     at_ns: Int64 | None = None,
     memory: Int8 | None = None,
 ) -> Outlook:

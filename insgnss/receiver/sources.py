@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.aiding.sources import AidingSources, aiding_sources
-from insgnss.aiding.trace import Traced, at_times
+from insgnss.aiding.trace import FilterTrace, at_times
 from insgnss.config.flight import Gnss
 from insgnss.constants import NS_PER_S
 from insgnss.filter.setup import FilterSetup
@@ -36,7 +36,7 @@ class SupervisionSources:
     epoch_ns: Int64  # (k,) the log's, and in the receiver's silences at its usual interval
     receiver_log: ReceiverEvents | None = None
 
-    def run(self, found: Traced, week: int) -> SupervisedRun:
+    def run(self, found: FilterTrace, week: int) -> SupervisedRun:
         """Return the tables, from what the filter left behind at ``samples_ns``."""
         own = at_times(found, self.samples_ns)
         t_ns = own.trace.t_ns

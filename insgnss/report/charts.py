@@ -49,7 +49,7 @@ class Chart:
 
 
 @dataclass
-class Rows:
+class ChartRows:
     """The traces of a chart of several rows with one time axis, filled row by row."""
 
     labels: Sequence[str]  # of the rows' y axes, top first

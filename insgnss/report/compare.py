@@ -12,7 +12,7 @@ import pandas as pd
 
 from insgnss.errors import ResultError
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.report.charts import Chart, Rows, colour_of, line_trace
+from insgnss.report.charts import Chart, ChartRows, colour_of, line_trace
 from insgnss.report.digest import digest, without_nan
 from insgnss.report.html import Section, page, paragraphs, table, text, write
 from insgnss.report.labels import label, row_of_numbers
@@ -20,7 +20,7 @@ from insgnss.report.run_time import gps_week, utc_origin_ms
 from insgnss.report.sections.motion import SIGMA_GROUPS
 from insgnss.report.sentences import name_of
 from insgnss.report.settings_compared import settings_that_differ
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.runs.reference_errors import errors_against, trajectory_of
 from insgnss.runs.result import Run
 from insgnss.version import __version__
@@ -29,7 +29,7 @@ COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Shown):
+class Comparison(ResultDisplay):
     """Runs, and what each differs in from the first."""
 
     runs: Mapping[str, Run]  # the first is what the others are compared with
@@ -197,7 +197,7 @@ def _statistics_table(comparison: Comparison) -> str:
 
 
 def _chart(comparison: Comparison, group: str, columns: tuple[str, ...]) -> Chart:
-    rows = Rows([label(column).axis() for column in columns])
+    rows = ChartRows([label(column).axis() for column in columns])
     for place, (name, table_) in enumerate(comparison.differences.items()):
         time_s = table_["time_s"].to_numpy()
         for row, column in enumerate(columns):
@@ -209,7 +209,7 @@ def _chart(comparison: Comparison, group: str, columns: tuple[str, ...]) -> Char
 
 
 def _sigma_chart(comparison: Comparison, group: str, columns: tuple[str, ...]) -> Chart:
-    rows = Rows([label(column).axis() for column in columns])
+    rows = ChartRows([label(column).axis() for column in columns])
     for place, (name, run) in enumerate(comparison.runs.items()):
         time_s = run.nav["time_s"].to_numpy()
         for row, column in enumerate(columns):

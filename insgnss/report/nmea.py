@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.report.solution import Solution, solution
+from insgnss.report.solution import NavSolution, solution
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
 
@@ -37,7 +37,7 @@ def _with_checksum(bodies: list[str]) -> list[str]:
     return [f"${text}*{value:02X}\r\n" for text, value in zip(bodies, sums, strict=True)]
 
 
-def _gga(s: Solution) -> list[str]:
+def _gga(s: NavSolution) -> list[str]:
     quality = np.where(s.dead_reckoning, 6, 2 if s.differential else 1).tolist()
     hdop = ["" if value != value else f"{min(value, 99.9):.1f}" for value in s.hdop.tolist()]
     columns = zip(
@@ -55,7 +55,7 @@ def _gga(s: Solution) -> list[str]:
     ]
 
 
-def _rmc(s: Solution) -> list[str]:
+def _rmc(s: NavSolution) -> list[str]:
     speed, course = _speed_course(s)
     columns = zip(_clock(s), _places(s), speed.tolist(), course, _days(s), _modes(s), strict=True)
     return [
@@ -64,7 +64,7 @@ def _rmc(s: Solution) -> list[str]:
     ]
 
 
-def _vtg(s: Solution) -> list[str]:
+def _vtg(s: NavSolution) -> list[str]:
     speed, course = _speed_course(s)
     return [
         f"{_TALKER}VTG,{way},T,,M,{v / _KNOT_MPS:.3f},N,{v / _KMH_MPS:.3f},K,{mode}"
@@ -72,38 +72,38 @@ def _vtg(s: Solution) -> list[str]:
     ]
 
 
-def _hdt(s: Solution) -> list[str]:
+def _hdt(s: NavSolution) -> list[str]:
     heading = _directions(s.nav["heading_deg"].to_numpy(), s.heading_known)
     return [f"{_TALKER}HDT,{text},T" for text in heading]
 
 
-def _gst(s: Solution) -> list[str]:
+def _gst(s: NavSolution) -> list[str]:
     """Return the sigmas of latitude, longitude and height; the error ellipse is not in the navigation table."""
     columns = zip(_clock(s), *s.columns("sd_n_m", "sd_e_m", "sd_d_m"), strict=True)
     return [f"{_TALKER}GST,{clock},,,,,{n:.3f},{e:.3f},{d:.3f}" for clock, n, e, d in columns]
 
 
-def _dates(s: Solution) -> npt.NDArray[np.str_]:
+def _dates(s: NavSolution) -> npt.NDArray[np.str_]:
     rounded = (s.utc + np.timedelta64(500, "us")).astype("datetime64[ms]")
     return np.datetime_as_string(rounded)
 
 
-def _clock(s: Solution) -> list[str]:
+def _clock(s: NavSolution) -> list[str]:
     """Return the times of day: hhmmss.sss."""
     return [f"{text[11:13]}{text[14:16]}{text[17:]}" for text in _dates(s).tolist()]
 
 
-def _days(s: Solution) -> list[str]:
+def _days(s: NavSolution) -> list[str]:
     """Return the dates: ddmmyy."""
     return [f"{text[8:10]}{text[5:7]}{text[2:4]}" for text in _dates(s).tolist()]
 
 
-def _modes(s: Solution) -> list[str]:
+def _modes(s: NavSolution) -> list[str]:
     modes: list[str] = np.where(s.dead_reckoning, "E", "D" if s.differential else "A").tolist()
     return modes
 
 
-def _places(s: Solution) -> list[str]:
+def _places(s: NavSolution) -> list[str]:
     """Return latitude and longitude in degrees and minutes, to 2 mm: 'ddmm.mmmmmm,N,dddmm.mmmmmm,E'."""
     lat, lon = s.nav["lat_deg"].to_numpy(), s.nav["lon_deg"].to_numpy()
     hemispheres = zip(np.where(lat < 0.0, "S", "N"), np.where(lon < 0.0, "W", "E"), strict=True)
@@ -121,7 +121,7 @@ def _minutes(angle_deg: Float64, digits: int) -> list[str]:
     ]
 
 
-def _speed_course(s: Solution) -> tuple[Float64, list[str]]:
+def _speed_course(s: NavSolution) -> tuple[Float64, list[str]]:
     """Return the speed over ground [m/s], and the course where the speed is above its sigma."""
     vn, ve = s.nav["vn_mps"].to_numpy(), s.nav["ve_mps"].to_numpy()
     speed = np.hypot(vn, ve)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from insgnss.gpstime import GPS_EPOCH, week_seconds_to_ns
 from insgnss.report.sentences import name_of
-from insgnss.report.solution import Solution, solution
+from insgnss.report.solution import NavSolution, solution
 from insgnss.runs.result import Run
 from insgnss.version import __version__
 
@@ -50,7 +50,7 @@ def as_pos(run: Run) -> bytes:
     return (head + "".join(_ROW % row for row in _rows(s, dates))).encode()
 
 
-def _gps_dates(s: Solution) -> list[str]:
+def _gps_dates(s: NavSolution) -> list[str]:
     """Return the rows' GPS dates, to the microsecond where the log's times need it, else to the millisecond."""
     us = np.rint(week_seconds_to_ns(s.week, s.nav["time_s"].to_numpy()) / 1e3).astype(np.int64)
     dates = np.datetime64(GPS_EPOCH, "us") + us.astype("timedelta64[us]")
@@ -65,7 +65,7 @@ def _roots(nav: pd.DataFrame, covariances: tuple[tuple[str, float], ...]) -> lis
     return [(np.sign(value) * np.sqrt(np.abs(value))).tolist() for value in values]
 
 
-def _rows(s: Solution, dates: list[str]) -> list[tuple[object, ...]]:
+def _rows(s: NavSolution, dates: list[str]) -> list[tuple[object, ...]]:
     quality = np.where(s.dead_reckoning, _DEAD_RECKONING, _DIFFERENTIAL if s.differential else _SINGLE)
     place = s.columns("lat_deg", "lon_deg", "h_m")
     sd_place = [*s.columns("sd_n_m", "sd_e_m", "sd_d_m"), *_roots(s.nav, _POSITION)]

@@ -20,7 +20,7 @@ _HEADING_SIGMA_DEG: Final = 30.0  # a heading of a larger sigma is not reported:
 
 
 @dataclass(frozen=True)
-class Solution:
+class NavSolution:
     """One entry for each row of the navigation table (n,)."""
 
     nav: pd.DataFrame  # with height above mean sea level and heading
@@ -37,7 +37,7 @@ class Solution:
         return [self.nav[name].tolist() for name in names]
 
 
-def solution(run: Run) -> Solution:
+def solution(run: Run) -> NavSolution:
     """Return what a receiver would report.
 
     Raises
@@ -55,7 +55,7 @@ def solution(run: Run) -> Solution:
     age_s = time_s - epochs[latest]
     dead = (count[latest] == 0) | (age_s > _LATE_EPOCHS * usual_s) | (age_s < -1e-6)
     one = nav["n_hypotheses"].to_numpy() <= 1
-    return Solution(
+    return NavSolution(
         nav=nav,
         week=week,
         utc=utc_dates(time_s, week),

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from insgnss.tables import Float64, Int64
 
-GAP_INTERVALS: Final = 5.0  # usual intervals without a row, after which a line is broken
+LINE_BREAK_INTERVALS: Final = 5.0  # usual intervals without a row, after which a line is broken
 
 
 def envelope(values: npt.ArrayLike, at_most: int) -> Int64:
@@ -53,7 +53,7 @@ def breaks(time_s: Float64, values: Float64, period: float | None = None) -> Int
     step = np.diff(time_s)
     if len(step) == 0:
         return np.empty(0, np.int64)
-    broken = step > GAP_INTERVALS * float(np.median(step))
+    broken = step > LINE_BREAK_INTERVALS * float(np.median(step))
     if period is not None:
         broken |= np.abs(np.diff(values)) > period / 2.0
     return np.flatnonzero(broken) + 1

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+MOST_LABELS: Final = 40  # satellites that an axis names
 
 
 def new_figure(width: float, height: float) -> Figure:

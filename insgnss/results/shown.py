@@ -14,7 +14,7 @@ _ROWS: Final = 5  # of each table, in Jupyter
 _PLAIN: Final = (str, int, float, bool, Path)
 
 
-class Shown:
+class ResultDisplay:
     """A dataclass that says in one line what it is; ``_about`` gives the sentences, the tables are found."""
 
     def _about(self) -> Iterator[str]:

@@ -11,7 +11,7 @@ AGREES_WITHIN: Final = 0.05
 _HEADING_KNOWN_DEG: Final = 5.0  # where the run's settings do not say
 
 
-class Heading(NamedTuple):
+class HeadingAgreement(NamedTuple):
     """Whether and from when the heading was known. After a later loss ``last_deg`` is above the limit."""
 
     known_s: float | None  # the first row's time where it was given, None where it never was known
@@ -27,7 +27,7 @@ class Heading(NamedTuple):
         return self.known_s is not None and not self.last_deg < self.limit_deg
 
 
-def heading_of(run: Run) -> Heading:
+def heading_of(run: Run) -> HeadingAgreement:
     """Return what a run says of its heading: by the filter's own event, else by the sigma that it started with."""
     sigma, settings = run.nav["sd_yaw_deg"].to_numpy(), dict(run.settings.get("filter") or {})
     limit = float(dict(settings.get("heading") or {}).get("known_below_deg", _HEADING_KNOWN_DEG))
@@ -35,7 +35,7 @@ def heading_of(run: Run) -> Heading:
     given = known_s is None and bool(sigma[0] < limit)
     if given:
         known_s = float(run.nav["time_s"].iloc[0])
-    return Heading(known_s, given, float(sigma[0]), float(sigma[-1]), float(sigma.min()), limit)
+    return HeadingAgreement(known_s, given, float(sigma[0]), float(sigma[-1]), float(sigma.min()), limit)
 
 
 def times_their_sigma(ratio: float) -> str:

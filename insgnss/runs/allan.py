@@ -22,7 +22,7 @@ from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
 from insgnss.errors import InputError, ResultError
 from insgnss.results.matplotlib_figure import new_figure
 from insgnss.results.saving import saving
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.tables import Float64, ImuTable, Int64
 from insgnss.units import (
     SQRT_S_PER_SQRT_H,
@@ -140,13 +140,13 @@ def fit(curve: AllanCurve) -> NoiseFit:
     return NoiseFit(quantisation, walk, instability, best.time_s, drift)
 
 
-class _Trial(NamedTuple):
+class _TermFit(NamedTuple):
     cost: float
     powers: Float64  # (4,) squares of the terms' sizes
     time_s: float
 
 
-def _best(tau: Float64, variance: Float64, weight: Float64, times_s: Float64) -> _Trial:
+def _best(tau: Float64, variance: Float64, weight: Float64, times_s: Float64) -> _TermFit:
     """Return the best of all sets of terms at all correlation times."""
     trials = [
         _trial(tau, variance, weight, columns, float(time_s)) for columns in _TERM_SETS for time_s in times_s
@@ -156,7 +156,7 @@ def _best(tau: Float64, variance: Float64, weight: Float64, times_s: Float64) ->
 
 def _trial(
     tau: Float64, variance: Float64, weight: Float64, columns: tuple[int, ...], time_s: float
-) -> _Trial:
+) -> _TermFit:
     """Return the best terms of a set at one correlation time."""
     terms = _terms(tau, time_s)[:, columns] * weight[:, None]
     size = np.linalg.norm(terms, axis=0)
@@ -164,11 +164,11 @@ def _trial(
     powers = np.zeros(4)
     powers[list(columns)] = found / size
     free = len(columns) + (2 in columns)  # a correlation time is free, too
-    return _Trial(float(residual**2 + _WORTH_A_PARAMETER * free), powers, time_s)
+    return _TermFit(float(residual**2 + _WORTH_A_PARAMETER * free), powers, time_s)
 
 
 @dataclass(frozen=True, repr=False)
-class AllanStudy(Shown):
+class AllanStudy(ResultDisplay):
     """Curves, fitted terms and grade of a resting log."""
 
     gyro: AllanCurve

@@ -42,7 +42,7 @@ _ADVICE: Final = (
 )
 
 
-class Limits(NamedTuple):
+class InterpolationLimits(NamedTuple):
     """What may be lost between rows, one sigma."""
 
     attitude_deg: float
@@ -50,7 +50,7 @@ class Limits(NamedTuple):
     velocity_mps: float
 
 
-def rows_at(nav: pd.DataFrame, times_s: npt.ArrayLike, limits: Limits) -> pd.DataFrame:
+def rows_at(nav: pd.DataFrame, times_s: npt.ArrayLike, limits: InterpolationLimits) -> pd.DataFrame:
     """Return navigation rows at times [s] in any order, each between two rows of ``nav`` or at one.
 
     Raises
@@ -85,7 +85,7 @@ def rows_at(nav: pd.DataFrame, times_s: npt.ArrayLike, limits: Limits) -> pd.Dat
 def _filled_in(
     found: pd.DataFrame, nav: pd.DataFrame, before: Int64, after: Int64, u: Float64, span: Float64
 ) -> Float64:
-    """Write what is not straight between rows, and the sigmas; return what may be lost (m, 3), as ``Limits``."""
+    """Write what is not straight between rows, and the sigmas; return the loss (m, 3) by ``InterpolationLimits``."""
     from scipy.spatial.transform import Rotation  # late: 0.4 s and 40 MB that a replay can use
 
     t = nav["time_s"].to_numpy()
@@ -171,7 +171,7 @@ def _check_steps(t: Float64, times: Float64, before: Int64) -> None:
         )
 
 
-def _check_lost(times: Float64, lost: Float64, span: Float64, limits: Limits) -> None:
+def _check_lost(times: Float64, lost: Float64, span: Float64, limits: InterpolationLimits) -> None:
     """Raise an error where too much may be lost."""
     share = lost / np.array(limits)
     wrong = np.flatnonzero(share.max(axis=1) > 1.0)

@@ -13,11 +13,11 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
+from insgnss.constants import NS_PER_S, S_PER_WEEK, STANDARD_GRAVITY_MPS2
 from insgnss.errors import InsGnssError
 from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.corrected_file import corrected_flight
-from insgnss.log.checks.declaration import Declared, declared_log
+from insgnss.log.checks.declaration import AxesDeclaration, declared_log
 from insgnss.log.checks.each_log import ReadLogs, read_and_check
 from insgnss.log.checks.gap_cost import gap_findings
 from insgnss.log.checks.gnss_time import gnss_time_findings
@@ -25,8 +25,8 @@ from insgnss.log.checks.imu import GroundSpeed, imu_findings
 from insgnss.log.checks.motion_findings import match_of, motion_findings
 from insgnss.log.checks.report import CheckReport, Finding, Proposal
 from insgnss.log.checks.sensor_findings import sensor_findings
-from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, overlapping_shifts, time_proposals
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.time_offset import HOUR_S, overlapping_shifts, time_proposals
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_log import read_receiver
 from insgnss.log.imu.csv_log import inertial
@@ -117,7 +117,7 @@ def _against_each_other(
     return more + motion, any(finding.text.startswith("the axes fit") for finding in motion)
 
 
-def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | None, track: Track) -> None:
+def _judge_rest_by_speed(findings: list[Finding], week: int, imu: ImuTable | None, track: GnssTrack) -> None:
     """Put what the inertial log shows in place of what it showed while nobody knew how fast the vehicle was."""
     if imu is None:
         return
@@ -134,7 +134,7 @@ def _with(flight: Flight, findings: list[Finding]) -> Flight:
     return corrected_flight(flight, [p for finding in findings for p in finding.proposals])
 
 
-def _accelerometer_findings(flight: Flight, declared: Declared, told: list[Finding]) -> list[Finding]:
+def _accelerometer_findings(flight: Flight, declared: AxesDeclaration, told: list[Finding]) -> list[Finding]:
     """Return the accelerometers' unit where the reader could not take the log and did not name one."""
     if any(p.key == "imu.accel_unit" for finding in told for p in finding.proposals):
         return []
@@ -150,7 +150,7 @@ def _accelerometer_findings(flight: Flight, declared: Declared, told: list[Findi
     return [Finding("error", "imu", text, "", "sure: no other unit does", proposals)]
 
 
-def _motion(flight: Flight, declared: Declared, track: Track, gnss: GnssTable) -> list[Finding]:
+def _motion(flight: Flight, declared: AxesDeclaration, track: GnssTrack, gnss: GnssTable) -> list[Finding]:
     imu_ns = (int(declared.imu.t_ns[0]), int(declared.imu.t_ns[-1]))
     gnss_ns = (int(gnss.t_ns[0]), int(gnss.t_ns[-1]))
     shifts = overlapping_shifts(imu_ns, gnss_ns)[:MOST_SHIFTS]
@@ -166,10 +166,10 @@ def _motion(flight: Flight, declared: Declared, track: Track, gnss: GnssTable) -
 def _unmoved(flight: Flight, shifts: list[int]) -> Finding:
     """Return what the logs' spans alone say where there is no motion."""
     shift = shifts[0]
-    hours = round((shift - round(shift / WEEK_S) * WEEK_S) / HOUR_S)
+    hours = round((shift - round(shift / S_PER_WEEK) * S_PER_WEEK) / HOUR_S)
     text = f"IMU and GNSS overlap if {shift} s are added to the IMU tags: {_words(shift)}"
     if not hours:
-        proposals = time_proposals(flight.config, round(shift / WEEK_S), 0, 0, 0.0)
+        proposals = time_proposals(flight.config, round(shift / S_PER_WEEK), 0, 0, 0.0)
         return Finding("error", "flight", text, "", "sure: whole weeks", proposals)
     told = " or ".join(str(s) for s in shifts)
     advice = f"suspected imu.time.offset_s = {told}; a log with motion decides"
@@ -177,8 +177,8 @@ def _unmoved(flight: Flight, shifts: list[int]) -> Finding:
 
 
 def _words(shift_s: int) -> str:
-    weeks = round(shift_s / WEEK_S)
-    hours = round((shift_s - weeks * WEEK_S) / HOUR_S)
+    weeks = round(shift_s / S_PER_WEEK)
+    hours = round((shift_s - weeks * S_PER_WEEK) / HOUR_S)
     words = [f"{weeks:+d} week(s)"] if weeks else []
     return " and ".join(words + ([f"{hours:+d} hour(s)"] if hours else []))
 

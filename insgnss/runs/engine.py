@@ -12,7 +12,7 @@ from insgnss.aiding.stream import AidingStream, Message
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ConfigError
-from insgnss.filter.engine import Engine as FilterEngine
+from insgnss.filter.engine import FilterEngine
 from insgnss.filter.epoch_tables import tag_of
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement

@@ -20,7 +20,7 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import fix_epoch
 from insgnss.gnss.differential import apply, differential_corrections
 from insgnss.gnss.ionosphere_rows import ionosphere_growth, ionosphere_rows, serving_models
-from insgnss.gnss.observation_rows import Rows, from_epoch
+from insgnss.gnss.observation_rows import GnssRows, from_epoch
 from insgnss.gnss.orbits.ephemeris_choice import broadcast_messages
 from insgnss.gnss.orbits.satellite_state import glonass_channels
 from insgnss.log.flight import Flight, FlightLogs
@@ -28,13 +28,14 @@ from insgnss.tables import Event, Float64, GnssTable, Int64, NavigationData
 
 _PLACE_EVERY_S: Final = 60.0
 _EPOCHS_TRIED: Final = 50  # from each minute on, until one gives a fix
-_MAX_GDOP: Final = 30.0
+# Beyond it a metre of error in the ranges is dozens in the position; the usual limit of receivers
+MAX_GDOP: Final = 30.0
 PREPARED_MODELS: Final = ("nequick", "beidou", "own")
 # of a block; a big log's temporary arrays then stay small, and no log of an hour at 1 Hz is cut
 MOST_ROWS: Final = 1 << 16
 
 
-def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tuple[Rows, list[Event]]:
+def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tuple[GnssRows, list[Event]]:
     """Return the rows of a flight's GNSS log with every correction that its settings ask for.
 
     Raises
@@ -48,7 +49,7 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
 
 def row_blocks(
     setup: FilterSetup, logs: FlightLogs, flight: Flight, most_rows: int | None = MOST_ROWS
-) -> tuple[list[Rows], list[Event]]:
+) -> tuple[list[GnssRows], list[Event]]:
     """Return what ``corrected_rows`` does in blocks of whole epochs with about ``most_rows`` rows; None: in one.
 
     Raises
@@ -114,7 +115,7 @@ def row_corrections(
     return ionosphere_l1, correction_m, events
 
 
-def approximate_places(setup: FilterSetup, rows: Rows) -> tuple[Int64, Float64]:
+def approximate_places(setup: FilterSetup, rows: GnssRows) -> tuple[Int64, Float64]:
     """Return times (k,) and antenna positions (k, 3), ECEF, about one a minute.
 
     Raises
@@ -126,7 +127,7 @@ def approximate_places(setup: FilterSetup, rows: Rows) -> tuple[Int64, Float64]:
     found_ns, found_e = [], []
     for start in np.searchsorted(rows.epoch_ns, wanted):
         for epoch in range(start, min(start + _EPOCHS_TRIED, len(rows.epoch_ns))):
-            fix = fix_epoch(rows, epoch, par, setup.ties, _MAX_GDOP)
+            fix = fix_epoch(rows, epoch, par, setup.ties, MAX_GDOP)
             if fix is not None:
                 found_ns.append(fix.t_ns)
                 found_e.append(fix.r_a)

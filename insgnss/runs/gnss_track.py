@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.config.library import filter_config
-from insgnss.log.checks.track import Track, track_of
+from insgnss.log.checks.track import GnssTrack, track_of
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.precise import read_precise
 from insgnss.runs.point import solve_rows
@@ -18,7 +18,7 @@ from insgnss.tables import GnssTable, ImuTable, NavigationData
 FILTER: Final = "tight"  # its signals, masks and noise
 
 
-def solve_track(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> Track | None:
+def solve_track(flight: Flight, gnss: GnssTable, navigation: NavigationData | None) -> GnssTrack | None:
     """Return the track of a GNSS log, None where there is nothing to solve it with.
 
     Raises

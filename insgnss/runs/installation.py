@@ -23,7 +23,7 @@ SIGNIFICANT: Final = 3.0  # sigmas
 _SLIP: Final = "vehicle.non_holonomic"
 
 
-class _Part(NamedTuple):
+class _InstallationNumber(NamedTuple):
     """A number of the flight file and where its error stands in a run."""
 
     column: str  # of ``nav``: what has to be added to the number
@@ -34,21 +34,27 @@ class _Part(NamedTuple):
 
 PARTS: Final = (
     *(
-        _Part(f"lever_arm_{axis}_m", "gnss.lever_arm_m", i, ("filter", "process", "lever_arm_sigma_m"))
+        _InstallationNumber(
+            f"lever_arm_{axis}_m", "gnss.lever_arm_m", i, ("filter", "process", "lever_arm_sigma_m")
+        )
         for i, axis in enumerate("xyz")
     ),
-    _Part("imu_time_offset_s", "imu.time.offset_s", None, ("filter", "process", "imu_time_sigma_s")),
+    _InstallationNumber(
+        "imu_time_offset_s", "imu.time.offset_s", None, ("filter", "process", "imu_time_sigma_s")
+    ),
     *(
-        _Part(column, f"{_SLIP}.{column}", None, ("flight", *_SLIP.split("."), "mounting_sd_deg"))
+        _InstallationNumber(
+            column, f"{_SLIP}.{column}", None, ("flight", *_SLIP.split("."), "mounting_sd_deg")
+        )
         for column in ("mounting_pitch_deg", "mounting_yaw_deg")
     ),
 )
 
 
-class Known(NamedTuple):
+class InstallationEstimate(NamedTuple):
     """A number that a run has found."""
 
-    part: _Part
+    part: _InstallationNumber
     time_s: float  # since when, seconds of the week
     value: float
     sigma: float
@@ -59,7 +65,7 @@ class Known(NamedTuple):
         return f"{self.part.column} is {self.value:+.{digits}f}, sigma {self.sigma:.{digits}f}"
 
 
-def known_parts(nav: pd.DataFrame, settings: Mapping[str, Any]) -> list[Known]:
+def known_parts(nav: pd.DataFrame, settings: Mapping[str, Any]) -> list[InstallationEstimate]:
     """Return what a run knows at its end, with the time since when; ``settings`` are the run's."""
     found = []
     for part in PARTS:
@@ -70,7 +76,7 @@ def known_parts(nav: pd.DataFrame, settings: Mapping[str, Any]) -> list[Known]:
         if known[-1]:
             since = len(known) - int(np.argmin(known[::-1])) if not known.all() else 0
             time_s, value = nav["time_s"].iloc[since], nav[part.column].iloc[-1]
-            found.append(Known(part, float(time_s), float(value), float(sigma[-1])))
+            found.append(InstallationEstimate(part, float(time_s), float(value), float(sigma[-1])))
     return found
 
 
@@ -112,7 +118,7 @@ def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
     return findings
 
 
-def _corrected(known: list[Known], given: Any) -> float | tuple[float, ...]:
+def _corrected(known: list[InstallationEstimate], given: Any) -> float | tuple[float, ...]:
     """Return the number of a key, or all of its numbers, with what was found added and rounded to its sigma."""
     if known[0].part.place is None:
         return _rounded(float(given) + known[0].value, known[0].sigma)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.further_antennas import Record
 from insgnss.tables import Event
@@ -21,7 +21,7 @@ def with_aid(setup: FilterSetup, flight: Flight) -> FilterSetup:
 
 
 def with_antennas(
-    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: Rows
+    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: GnssRows
 ) -> tuple[FilterSetup, Record | None, list[Event]]:
     """Return what ``multi_antenna.with_antennas`` does; the setup alone where the flight has one antenna."""
     if flight.config.attitude is None:

@@ -17,9 +17,9 @@ from insgnss.filter.antennas.data import AntennaData
 from insgnss.filter.antennas.phase_log import KIND as KIND
 from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.antennas.rows import Antennas
-from insgnss.filter.antennas.visibility import Hiding
+from insgnss.filter.antennas.visibility import AntennaMasking
 from insgnss.filter.setup import FilterSetup
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.further_antennas import Record, require_common_epochs
@@ -61,7 +61,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
     if stage.on and not stage.use_masked and any(_hides(antenna) for antenna in mounted):
         seen = [installation([antenna], folder, gnss.lever_b) for antenna in mounted]
         events += [event for _, found in seen[1:] for event in found]
-        hiding = Hiding(tuple(one for one, _ in seen), limits_of(stage))
+        hiding = AntennaMasking(tuple(one for one, _ in seen), limits_of(stage))
     data = AntennaData(
         antennas,
         *(attitude.multipath_time_s, attitude.ratio, attitude.confirmations, attitude.gate_sigma, hiding),
@@ -70,7 +70,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
 
 
 def with_antennas(
-    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: Rows
+    setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: GnssRows
 ) -> tuple[FilterSetup, Record | None, list[Event]]:
     """Return the setup with the phases of the flight's antennas, what adds its ledger to a run's, and events.
 

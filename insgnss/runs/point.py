@@ -27,7 +27,7 @@ from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, ResultError
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import point_rows, point_settings
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.gnss.point.log import solve_epochs
 from insgnss.gnss.point.rows import PointLog, PointRows, at_time_tags, new_point_log
@@ -36,11 +36,11 @@ from insgnss.log.flight import Flight, FlightLogs
 from insgnss.log.gnss_log import read_gnss_logs
 from insgnss.log.reference import read_reference
 from insgnss.results.saving import saving
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
 from insgnss.runs.datum import annotate_all
 from insgnss.runs.first_run import compiled
-from insgnss.runs.gnss_rows import corrected_rows
+from insgnss.runs.gnss_rows import MAX_GDOP, corrected_rows
 from insgnss.runs.point_tables import point_table, residual_table
 from insgnss.runs.reference_errors import errors_against
 from insgnss.runs.result_tables import event_table
@@ -51,13 +51,11 @@ from insgnss.version import __version__
 TABLES: Final = ("point", "residuals", "events", "errors")
 _SETTINGS: Final = "point_settings.json"
 FILES: Final = (*table_files(TABLES), _SETTINGS)
-# beyond it a metre of error in the ranges is dozens in the position; the usual limit of receivers
-MAX_GDOP: Final = 30.0
 TRUSTED: Final = ("ok", "fault excluded", "not tested")
 
 
 @dataclass(frozen=True, repr=False)
-class PointRun(Shown):
+class PointRun(ResultDisplay):
     """What ``point`` gives. Tables are DataFrames, ``settings`` is all that is needed to repeat it."""
 
     point: pd.DataFrame
@@ -205,7 +203,7 @@ def point(
 
 
 def solve_rows(
-    setup: FilterSetup, rows: Rows, false_alarm: float = 1e-3, missed_detection: float = 1e-3
+    setup: FilterSetup, rows: GnssRows, false_alarm: float = 1e-3, missed_detection: float = 1e-3
 ) -> tuple[PointRows, Float64, PointLog]:
     """Return the rows as the solution takes them, the test's limits by redundant rows, and the solution.
 

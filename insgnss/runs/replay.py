@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from insgnss.aiding.sources import AidingSources, aiding_sources
-from insgnss.aiding.trace import Samples, Traced, at_times, traced
+from insgnss.aiding.trace import FilterTrace, TraceSamples, at_times, traced
 from insgnss.config.aiding import AidingConfig, aiding_config
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
@@ -23,10 +23,10 @@ from insgnss.filter.output.writing import Output, Table
 from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import Measurement
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.smoothing.body_points import Further
-from insgnss.filter.whole_log import LedgerPart, TraceWanted, run_blocks
+from insgnss.filter.smoothing.body_points import PointColumnValues
+from insgnss.filter.whole_log import LedgerPart, TraceIntervals, run_blocks
 from insgnss.filter.whole_log import run_filter as run_filter
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gnss.orbits.plausible_messages import refused_messages
 from insgnss.kernels.compiled_ahead import is_complete
 from insgnss.log.flight import Flight
@@ -158,9 +158,9 @@ def replay(
     apart = None if job is None else separation_of(job, out.nav[: out.counts[0].nav], tell)
     del job
     filtered = time.perf_counter()
-    samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
+    samples = TraceSamples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
     if wanted is not None:
-        samples = Samples(*screened(work[0], setup).imu[:3])  # as the filter took them
+        samples = TraceSamples(*screened(work[0], setup).imu[:3])  # as the filter took them
     found = traced(out.trace, samples)
     aids = None if record.aiding is None else _aiding(record, found, flight, tell)
     given = time.perf_counter()
@@ -184,16 +184,16 @@ def replay(
     return run
 
 
-def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceWanted | None:
+def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | None) -> TraceIntervals | None:
     """Return when the filter is to leave its state behind, None for never."""
     samples_ns = None if supervised is None else supervised.samples_ns
     if aided is not None:
-        return TraceWanted(aided.rate_hz, aided.sigma_interval_s, samples_ns)
-    return None if samples_ns is None else TraceWanted(None, epoch_samples_ns=samples_ns)
+        return TraceIntervals(aided.rate_hz, aided.sigma_interval_s, samples_ns)
+    return None if samples_ns is None else TraceIntervals(None, epoch_samples_ns=samples_ns)
 
 
 def _aiding(
-    record: _Record, found: Traced, flight: Flight, tell: Progress
+    record: _RunRecord, found: FilterTrace, flight: Flight, tell: Progress
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the aiding and its budget from what the filter left behind."""
     assert record.aiding is not None
@@ -205,7 +205,7 @@ def _aiding(
     return aiding_table(table, week), aiding_budget(table, week)
 
 
-def _supervised(record: _Record, found: Traced, flight: Flight, tell: Progress) -> dict[str, Any]:
+def _supervised(record: _RunRecord, found: FilterTrace, flight: Flight, tell: Progress) -> dict[str, Any]:
     """Return the supervisor's tables by their names, none where it is not asked for."""
     if record.supervised is None:
         return {}
@@ -213,7 +213,7 @@ def _supervised(record: _Record, found: Traced, flight: Flight, tell: Progress) 
     return vars(record.supervised.run(found, flight.config.gps_week))
 
 
-class _Record(NamedTuple):
+class _RunRecord(NamedTuple):
     """What is kept of the logs for the result tables."""
 
     keys: list[RowKeys]  # of each block
@@ -234,7 +234,7 @@ def _prepared(
     supervise: bool,
     also: tuple[Sequence[StateBlock], Sequence[Measurement]],
     tell: Progress,
-) -> tuple[FilterSetup, tuple[ImuTable, list[Rows]], _Record]:
+) -> tuple[FilterSetup, tuple[ImuTable, list[GnssRows]], _RunRecord]:
     """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
     tell("reading the logs")
     with compiled(tell), ThreadPoolExecutor(1) as beside:
@@ -261,17 +261,19 @@ def _prepared(
     names = LogNames(logs.gnss.sv_names, logs.gnss.signal_names)
     keys = row_keys(logs.gnss, blocks)
     imu = imu_table(logs.imu, flight.config.gps_week), imu_spectrum(logs.imu)
-    record = _Record(keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger, imu)
+    record = _RunRecord(
+        keys, names, logs.reference, events, logs.input_hashes, sources, supervised, ledger, imu
+    )
     return setup, (logs.imu, blocks), record
 
 
 def _as_run(
     flight: Flight,
-    record: _Record,
+    record: _RunRecord,
     setup: FilterSetup,
     found: tuple[Output, list[LedgerPart], Separation | None],
     events: list[Event],
-    further: Further | None,
+    further: PointColumnValues | None,
 ) -> Run:
     week, (out, ledger, apart) = flight.config.gps_week, found
     nav = with_further(nav_table(out, week, setup), further)

@@ -36,9 +36,9 @@ from pandas.api.types import is_float_dtype
 
 from insgnss.errors import ResultError
 from insgnss.results.saving import saving
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import column_types, pieces, table_files, write_table
-from insgnss.runs.between_rows import Limits, rows_at
+from insgnss.runs.between_rows import InterpolationLimits, rows_at
 from insgnss.runs.datum import annotate_all, with_heading, with_sea_level, with_utc
 from insgnss.runs.result_folder import COLUMN_TYPES, SETTINGS, read_run
 
@@ -60,7 +60,7 @@ FILES = (*table_files(TABLES), SETTINGS, COLUMN_TYPES)
 
 
 @dataclass(repr=False)
-class Run(Shown):
+class Run(ResultDisplay):
     """What a replay gives. Tables are DataFrames, ``settings`` is all that is needed to repeat the run."""
 
     nav: pd.DataFrame
@@ -194,7 +194,7 @@ class Run(Shown):
         ------
         ResultError : a time is outside the run or in a gap of its rows, or more than that may be lost
         """
-        rows = rows_at(self.nav, times_s, Limits(most_deg, most_m, most_mps))
+        rows = rows_at(self.nav, times_s, InterpolationLimits(most_deg, most_m, most_mps))
         rows.attrs = dict(self.nav.attrs)  # the GPS week and the units
         return rows
 

@@ -18,7 +18,7 @@ from insgnss.filter.own_rows.ledger import OwnEntry
 from insgnss.filter.own_rows.rows import OwnMeasurements
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import LedgerPart
-from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
+from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, GnssRows
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.status import NAMES, USED
 from insgnss.tables import Event, Float64, GnssTable, Int16, Int64
@@ -62,7 +62,7 @@ def _possible_cn0(cn0_dbhz: Float64) -> npt.NDArray[np.float32]:
     return np.where(np.abs(cn0_dbhz) < _LARGEST_CN0_DBHZ, cn0_dbhz, np.nan).astype(np.float32)
 
 
-def row_keys(gnss: GnssTable, blocks: list[Rows]) -> list[RowKeys]:
+def row_keys(gnss: GnssTable, blocks: list[GnssRows]) -> list[RowKeys]:
     """Return the keys of the blocks that were made of a log."""
     end = np.cumsum([0, *(len(rows.observation) for rows in blocks)])
     return [
@@ -97,7 +97,7 @@ def ledger_tables(
     A big log's ledger takes as much room as a table: each part of it goes once its rows are in them.
     """
     n = sum(len(key.sv) for key in keys)
-    measurements, satellites = _Rows(len(KINDS) * n), _Rows(n)
+    measurements, satellites = _GrowingColumns(len(KINDS) * n), _GrowingColumns(n)
     with ThreadPoolExecutor(1) as beside:  # NumPy leaves Python's lock free
         for key in keys:
             part = ledger.pop(0)
@@ -147,7 +147,7 @@ def with_own_rows(
     return both.sort_values("time_s", kind="stable", ignore_index=True)
 
 
-class _Rows:
+class _GrowingColumns:
     """Columns that grow by blocks of rows."""
 
     def __init__(self, most: int) -> None:

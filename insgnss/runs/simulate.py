@@ -22,7 +22,7 @@ from insgnss.log.reference import read_reference
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.log.yuma import read_yuma
 from insgnss.results.saving import saving
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.runs.first_run import compiled
 from insgnss.simulation.assembly import Inputs, assemble, missing_messages
 from insgnss.simulation.chosen_messages import without
@@ -52,7 +52,7 @@ from insgnss.tables import ReferenceTable
 
 
 @dataclass(frozen=True, repr=False)
-class Simulation(Shown):
+class Simulation(ResultDisplay):
     """A simulated flight in memory: the scenario, the logs with their errors, and the truth beside them."""
 
     config: SimulationConfig

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from insgnss.errors import ConfigError
-from insgnss.filter.smoothing.body_points import Further, Wanted
+from insgnss.filter.smoothing.body_points import PointColumns, PointColumnValues
 from insgnss.filter.whole_log import OutputRate
 from insgnss.gpstime import ns_to_week_seconds, week_seconds_to_ns
 from insgnss.log.flight import Flight
@@ -23,7 +23,9 @@ _FARTHEST_M: Final = 1e3  # from the IMU
 _ANTENNA: Final = "antenna"  # that of the GNSS log
 
 
-def further_of(flight: Flight, point: Point | None, *, quaternion: bool, covariance: bool) -> Further | None:
+def further_of(
+    flight: Flight, point: Point | None, *, quaternion: bool, covariance: bool
+) -> PointColumnValues | None:
     """Return room for what is wanted beside the columns that every row has, None for nothing.
 
     Raises
@@ -31,8 +33,8 @@ def further_of(flight: Flight, point: Point | None, *, quaternion: bool, covaria
     ConfigError : no such point
     """
     lever_b = None if point is None else point_of(flight, point)
-    wanted = Wanted(lever_b, quaternion=quaternion, covariance=covariance)
-    return Further(wanted) if wanted.columns else None
+    wanted = PointColumns(lever_b, quaternion=quaternion, covariance=covariance)
+    return PointColumnValues(wanted) if wanted.columns else None
 
 
 def point_of(flight: Flight, point: Point) -> tuple[float, float, float]:
@@ -159,7 +161,7 @@ def described(output: AtTimes) -> Any:
     return float(output) if np.ndim(output) == 0 else "times"  # type: ignore[arg-type]
 
 
-def with_further(nav: pd.DataFrame, further: Further | None) -> pd.DataFrame:
+def with_further(nav: pd.DataFrame, further: PointColumnValues | None) -> pd.DataFrame:
     """Return the navigation table with the columns that were wanted."""
     if further is None:
         return nav

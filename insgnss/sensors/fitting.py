@@ -38,14 +38,14 @@ KINDS: Final[dict[type, type[SensorMeasurement[Any]]]] = {
 }
 
 
-class Fitted(NamedTuple):
+class SensorFitting(NamedTuple):
     """What is fitted beside IMU and GNSS."""
 
     states: tuple[StateBlock, ...] = ()
     measurements: tuple[Measurement, ...] = ()
 
 
-def fitted(config: FlightConfig, logs: FlightLogs | None) -> Fitted:
+def fitted(config: FlightConfig, logs: FlightLogs | None) -> SensorFitting:
     """Return what a flight file says to be fitted.
 
     Parameters
@@ -55,9 +55,9 @@ def fitted(config: FlightConfig, logs: FlightLogs | None) -> Fitted:
     sensors = further_sensors(config.sensor, logs)
     states = tuple(block for one in sensors for block in one.states())
     if config.vehicle is None:
-        return Fitted(states, tuple(sensors))
+        return SensorFitting(states, tuple(sensors))
     of_vehicle = vehicle_measurements(config.vehicle)
-    return Fitted((*vehicle_states(config.vehicle), *states), (*of_vehicle, *sensors))
+    return SensorFitting((*vehicle_states(config.vehicle), *states), (*of_vehicle, *sensors))
 
 
 def further_sensors(declared: tuple[Sensor, ...], logs: FlightLogs | None) -> list[SensorMeasurement[Any]]:

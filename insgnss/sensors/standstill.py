@@ -41,7 +41,7 @@ from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import InertialWindow, StateEstimate
 from insgnss.sensors.body_motion import EARTH_RATE_E, cross
-from insgnss.sensors.ticking import Ticking, correlated
+from insgnss.sensors.ticking import PeriodicMeasurement, correlated
 from insgnss.tables import Float64
 
 _PARTS: Final = 8
@@ -106,7 +106,7 @@ def stands(state: StateEstimate, limits: Standstill) -> WindowStatistics | None:
 
 
 @dataclass(frozen=True)
-class ZeroVelocity(Ticking):
+class ZeroVelocity(PeriodicMeasurement):
     """Three rows, along the axes of ECEF, where the vehicle stands."""
 
     settings: ZeroVelocityRows
@@ -123,7 +123,7 @@ class ZeroVelocity(Ticking):
 
 
 @dataclass(frozen=True)
-class ZeroRate(Ticking):
+class ZeroRate(PeriodicMeasurement):
     """Three rows, along the body's axes, where the vehicle stands."""
 
     settings: ZeroRateRows

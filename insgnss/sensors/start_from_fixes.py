@@ -18,7 +18,7 @@ from insgnss.config.flight import GivenStart
 from insgnss.config.sensors import PositionSensor, VelocitySensor
 from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.without_gnss import TimedStart
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -43,7 +43,7 @@ class StartFromFixes:
     positions: tuple[PositionSensor, SensorTable]
     velocities: tuple[VelocitySensor, SensorTable] | None
 
-    def __call__(self, imu: Imu) -> TimedStart | None:
+    def __call__(self, imu: ImuSamples) -> TimedStart | None:
         """Return the start of a stretch: the given one inside it, else that of the first two fixes; None without."""
         if self.given is not None and imu.t_ns[0] < self.given.t_ns < imu.t_ns[-1]:
             return self.given
@@ -55,7 +55,7 @@ class StartFromFixes:
                 return self._start(imu, first, second)
         return None
 
-    def _start(self, imu: Imu, first: int, second: int) -> TimedStart:
+    def _start(self, imu: ImuSamples, first: int, second: int) -> TimedStart:
         config, table = self.positions
         t_ns, place = int(table.t_ns[second]), table.values[second]
         sigma = _sigma(table.sigma[second], config.sigma_m)

@@ -12,7 +12,7 @@ from insgnss.tables import Int64
 
 
 @dataclass(frozen=True)
-class Ticking:
+class PeriodicMeasurement:
     """What measurements at whole multiples of a period have in common (``own_rows.rows.Measurement``)."""
 
     period_s: float

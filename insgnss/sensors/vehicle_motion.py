@@ -36,7 +36,7 @@ from insgnss.filter.layout_names import StateLayout
 from insgnss.filter.own_rows.rows import Row
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.sensors.body_motion import EARTH_RATE_E, cross, mean_rate, rate_eb_b
-from insgnss.sensors.ticking import Ticking, correlated
+from insgnss.sensors.ticking import PeriodicMeasurement, correlated
 from insgnss.tables import Float64
 
 MOUNTING: Final = "vehicle_mounting"  # the block of its pitch and yaw
@@ -54,7 +54,7 @@ def log_weight(forward_mps: float, limits: NoseFirst | None) -> float:
 
 
 @dataclass(frozen=True)
-class NonHolonomic(Ticking):
+class NonHolonomic(PeriodicMeasurement):
     """Sideways and downward velocity of the axle are zero."""
 
     settings: NonHolonomicRows
@@ -129,7 +129,7 @@ def _rate_at_axle(state: StateEstimate) -> tuple[Float64, dict[str, Float64]]:
 
 
 @dataclass(frozen=True)
-class Course(Ticking):
+class Course(PeriodicMeasurement):
     """The nose points along the course, but for an angle that lasts."""
 
     settings: CourseRows

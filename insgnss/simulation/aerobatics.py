@@ -93,7 +93,7 @@ class BarrelRollFigure:
 
 
 @dataclass(frozen=True)
-class Swing:
+class Sinusoid:
     """A sine: amplitude, period, phase."""
 
     amplitude: float
@@ -116,10 +116,10 @@ class WavesFigure:
 
     duration_s: float
     ramp_s: float
-    roll: Swing  # [rad]
-    pitch: Swing  # [rad]
-    yaw: Swing  # [rad]
-    heave: Swing  # [m], up
+    roll: Sinusoid  # [rad]
+    pitch: Sinusoid  # [rad]
+    yaw: Sinusoid  # [rad]
+    heave: Sinusoid  # [m], up
 
     def __call__(self, elapsed_s: Float64, motion: LevelMotion) -> LevelMotion:
         """Return the motion with the waves: heave's rate is that of amplitude times envelope."""

@@ -35,7 +35,7 @@ from insgnss.simulation.itinerary import course_of, knot_s_of
 from insgnss.simulation.local_level import geodetic
 from insgnss.simulation.logged_reference import follow_reference
 from insgnss.simulation.loop_noise import CA_CHIP_M, CarrierLoopNoise, CodeLoopNoise, FrequencyLoopNoise
-from insgnss.simulation.observations import SYSTEM, Fault, NoiseTerms, Receiver
+from insgnss.simulation.observations import SYSTEM, Fault, NoiseTerms, SimulatedReceiver
 from insgnss.simulation.reception import ReceivingAntenna, Reception
 from insgnss.simulation.signal_errors import (
     AirResiduals,
@@ -231,10 +231,10 @@ def _spectrum(
     )
 
 
-def _receiver(gnss: SimulatedGnss, navigation: NavigationData, folder: Path) -> Receiver:
+def _receiver(gnss: SimulatedGnss, navigation: NavigationData, folder: Path) -> SimulatedReceiver:
     carrier = gnss.carrier_noise_m
     lever = next((a.lever_arm_m for a in gnss.antenna if a.lever_arm_m is not None), gnss.lever_arm_m)
-    receiver = Receiver(
+    receiver = SimulatedReceiver(
         lever_arm_b=lever,
         rate_hz=gnss.rate_hz,
         first_tag_s=0.0,
@@ -257,7 +257,7 @@ def _receiver(gnss: SimulatedGnss, navigation: NavigationData, folder: Path) -> 
     )
 
 
-def _further(config: SimulationConfig, main: Receiver, folder: Path) -> FurtherReceivers:
+def _further(config: SimulationConfig, main: SimulatedReceiver, folder: Path) -> FurtherReceivers:
     """Return the receivers of the further antennas: like the main one, at their own places."""
     attitude = config.attitude
     if attitude is None:
@@ -291,7 +291,7 @@ def _reception(gnss: SimulatedGnss, folder: Path) -> Reception | None:
     return Reception(antennas, gnss.cn0_dbhz)
 
 
-def _with_loops(receiver: Receiver, gnss: SimulatedGnss, satellites: int) -> Receiver:
+def _with_loops(receiver: SimulatedReceiver, gnss: SimulatedGnss, satellites: int) -> SimulatedReceiver:
     """Return the receiver with the thermal noise of its loops in place of the white noise of the file."""
     loops = gnss.loops
     assert loops is not None

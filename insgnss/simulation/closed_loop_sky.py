@@ -146,7 +146,7 @@ def closed_loop_truth(
 
 
 @dataclass(frozen=True)
-class ToldMotion:
+class InertialAiding:
     """What an inertial system tells a receiver."""
 
     rate_b: Float64  # (n, 3) effective rates from each middle before to it [rad/s]
@@ -196,7 +196,7 @@ def told_motion(
     grade: ImuGrade,
     rng: np.random.Generator,
     latency_s: float = 0.0,
-) -> ToldMotion:
+) -> InertialAiding:
     """Return what a receiver is told by sensors of a grade.
 
     The filter gets every sample. A replica is set when its integration begins, and its middle lies behind the newest
@@ -219,7 +219,7 @@ def told_motion(
     place = _led_twice(moved, gained, force, known, known - 1, since, true.step_s)
     place -= _led_twice(moved, gained, force, inside, inside, since, true.step_s)
     rates = [np.ascontiguousarray(np.diff(x, axis=0, prepend=x[:1]) / T) for x in (angle, S)]
-    return ToldMotion(rates[0], rates[1], np.ascontiguousarray(np.hstack([place, ahead])))
+    return InertialAiding(rates[0], rates[1], np.ascontiguousarray(np.hstack([place, ahead])))
 
 
 def _integral(samples: Float64, step_s: float) -> Float64:

@@ -18,7 +18,7 @@ RELATIVITY_F = -2.0 * np.sqrt(GPS_MU_M3PS2) / C_MPS**2  # [s/sqrt(m)], IS-GPS-20
 
 
 @dataclass(frozen=True)
-class SatelliteStates:
+class ConstellationStates:
     """Satellites at times of their own, ECEF of the same moment; clock without group delay, relativity included."""
 
     r_e: Float64  # (m, n, 3) [m]
@@ -57,7 +57,7 @@ def eccentric_anomaly(mean: Float64, e: Float64) -> Float64:
     return np.asarray(E)
 
 
-def satellite_states(eph: EphemerisTable, start_ns: int, t_s: Float64) -> SatelliteStates:
+def satellite_states(eph: EphemerisTable, start_ns: int, t_s: Float64) -> ConstellationStates:
     """Return the state of each ephemeris's satellite at its own times.
 
     Parameters
@@ -75,7 +75,7 @@ def satellite_states(eph: EphemerisTable, start_ns: int, t_s: Float64) -> Satell
     relativity = RELATIVITY_F * eph.e * eph.sqrt_a
     clock = eph.af0 + dt * (eph.af1 + dt * eph.af2) + relativity * np.sin(E)
     rate = eph.af1 + 2.0 * eph.af2 * dt + relativity * np.cos(E) * E_rate
-    return SatelliteStates(r_e, v_e, np.asarray(clock), np.asarray(rate))
+    return ConstellationStates(r_e, v_e, np.asarray(clock), np.asarray(rate))
 
 
 def _in_plane(eph: EphemerisTable, tk: Float64, E: Float64, E_rate: Float64) -> _InPlane:

@@ -73,7 +73,7 @@ class Figure(Protocol):
         """Return the motion at the times ``elapsed_s`` since the figure's begin, from what it would have been."""
 
 
-class Course:
+class ManoeuvreSequence:
     """A sequence of manoeuvres in time order; ``clock_s`` is where the next one begins.
 
     A manoeuvre called with ``meanwhile=True`` does not move the clock: the next one begins together with it.
@@ -87,12 +87,12 @@ class Course:
         self.flat_turn_rate = SmoothSignal()  # turning right without bank [rad/s]
         self.figures: list[tuple[float, float, Figure]] = []  # from and to [s]
 
-    def hold(self, duration_s: float) -> Course:
+    def hold(self, duration_s: float) -> ManoeuvreSequence:
         """Go on as before for ``duration_s``."""
         self.clock_s += duration_s
         return self
 
-    def hold_until(self, clock_s: float) -> Course:
+    def hold_until(self, clock_s: float) -> ManoeuvreSequence:
         """Go on as before until ``clock_s``; an error when that moment has passed."""
         if clock_s < self.clock_s:
             raise ConfigError(
@@ -100,12 +100,14 @@ class Course:
             )
         return self.hold(clock_s - self.clock_s)
 
-    def change_speed(self, to_mps: float, duration_s: float, *, meanwhile: bool = False) -> Course:
+    def change_speed(self, to_mps: float, duration_s: float, *, meanwhile: bool = False) -> ManoeuvreSequence:
         """Change the horizontal speed to ``to_mps`` within ``duration_s``."""
         self.speed.steps.append((self.clock_s, duration_s, to_mps - self.speed.final))
         return self._done(duration_s, meanwhile)
 
-    def climb(self, by_m: float, rate_mps: float, *, ramp_s: float = 6.0, meanwhile: bool = False) -> Course:
+    def climb(
+        self, by_m: float, rate_mps: float, *, ramp_s: float = 6.0, meanwhile: bool = False
+    ) -> ManoeuvreSequence:
         """Climb (``by_m`` positive) or descend by ``by_m`` at ``rate_mps`` (its size), with ramps at both ends."""
         duration = abs(by_m) / rate_mps  # from the middle of one ramp to the middle of the other
         if duration < ramp_s:
@@ -122,7 +124,7 @@ class Course:
         roll_s: float = 4.0,
         roll_out_s: float | None = None,
         meanwhile: bool = False,
-    ) -> Course:
+    ) -> ManoeuvreSequence:
         """Turn right (``by_deg`` positive) or left, coordinated, at ``bank_deg`` (its size), at constant speed.
 
         Equation: ``turn rate = g tan(bank) / speed``; the turn while rolling in and out is integrated along the ramp.
@@ -146,19 +148,19 @@ class Course:
         self.bank.steps += [(self.clock_s, roll_s, side), (roll_out, rolling_s - roll_s, -side)]
         return self._done(rolling_s + steady_s, meanwhile)
 
-    def fly(self, figure: Figure, duration_s: float, *, meanwhile: bool = False) -> Course:
+    def fly(self, figure: Figure, duration_s: float, *, meanwhile: bool = False) -> ManoeuvreSequence:
         """Fly a figure for ``duration_s``; without an end (``inf``) it is the last thing on the course."""
         self.figures.append((self.clock_s, self.clock_s + duration_s, figure))
         return self._done(duration_s, meanwhile)
 
-    def steer(self, by_deg: float, duration_s: float, *, meanwhile: bool = False) -> Course:
+    def steer(self, by_deg: float, duration_s: float, *, meanwhile: bool = False) -> ManoeuvreSequence:
         """Turn right (``by_deg`` positive) or left like a car, without bank, within ``duration_s``."""
         half = 0.5 * duration_s
         rate = deg_to_rad(by_deg) / half
         self.flat_turn_rate.steps += [(self.clock_s, half, rate), (self.clock_s + half, half, -rate)]
         return self._done(duration_s, meanwhile)
 
-    def _done(self, duration_s: float, meanwhile: bool) -> Course:
+    def _done(self, duration_s: float, meanwhile: bool) -> ManoeuvreSequence:
         if not meanwhile:
             self.clock_s += duration_s
         return self

@@ -10,7 +10,7 @@ import numpy as np
 from insgnss.tables import Float64
 
 
-class Noise(Protocol):
+class ObservationNoise(Protocol):
     """White noise of one kind of observation."""
 
     def sigma(self, elevation: Float64, cn0_dbhz: Float64) -> Float64:

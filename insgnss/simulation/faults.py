@@ -13,14 +13,12 @@ import numpy.typing as npt
 
 from insgnss.errors import ConfigError
 from insgnss.gnss.signals import wavelength_m
-from insgnss.simulation.observations import SYSTEM, Fault, Observations
-from insgnss.tables import Float64, Int8
-
-_SLIP_LIT, _HALF_CYCLE_LIT = 1, 2  # bits of the loss-of-lock indicator, RINEX 4.01, 6.5.2
+from insgnss.simulation.observations import SYSTEM, Fault, SignalObservations
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Float64, Int8
 
 
 def _where(
-    observations: Observations, sv: Iterable[str], from_s: float, to_s: float, signal: str | None = None
+    observations: SignalObservations, sv: Iterable[str], from_s: float, to_s: float, signal: str | None = None
 ) -> npt.NDArray[np.bool_]:
     """Return (m, n), true for these satellites within the window, on one signal or on all."""
     window = (observations.tag_s >= from_s) & (observations.tag_s < to_s)
@@ -33,7 +31,7 @@ def _where(
 def range_step(sv: str, size_m: float, from_s: float, to_s: float = np.inf) -> Fault:
     """Return the fault that adds ``size_m`` to the pseudorange of one satellite."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         added = size_m * _where(observations, [sv], from_s, to_s)
         return replace(observations, pseudorange_m=observations.pseudorange_m + added)
 
@@ -43,7 +41,7 @@ def range_step(sv: str, size_m: float, from_s: float, to_s: float = np.inf) -> F
 def system_offset(system: str, size_m: float) -> Fault:
     """Return the fault that adds ``size_m`` to all pseudoranges of a system, whose clock the receiver sees apart."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         own = np.char.startswith(np.array(observations.sv_names), system)
         return replace(observations, pseudorange_m=observations.pseudorange_m + size_m * own)
 
@@ -53,7 +51,7 @@ def system_offset(system: str, size_m: float) -> Fault:
 def range_ramp(sv: str, rate_mps: float, from_s: float, to_s: float = np.inf) -> Fault:
     """Return the fault that lets the pseudorange of one satellite run away; its Doppler stays right."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         elapsed = np.maximum(observations.tag_s - from_s, 0.0)[:, None]
         added = rate_mps * elapsed * _where(observations, [sv], from_s, to_s)
         return replace(observations, pseudorange_m=observations.pseudorange_m + added)
@@ -77,7 +75,7 @@ def false_lock(
     ``rate_error_mps``; the noise stays that of the channel. Whether the satellite can be seen does not matter.
     """
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         where = _where(observations, [sv], from_s, to_s)
         off = offset_m + growth_mps * (observations.tag_s - from_s)[:, None]
         return replace(
@@ -94,7 +92,7 @@ def false_lock(
 def outage(sv: Iterable[str] | None, from_s: float, to_s: float) -> Fault:
     """Return the fault that hides these satellites, or all of them when None."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         names = observations.sv_names if sv is None else sv
         return replace(
             observations, tracked=observations.tracked & ~_where(observations, names, from_s, to_s)
@@ -111,7 +109,7 @@ def carrier_false_lock(
     Doppler and carrier go wrong together, the code stays right, and the signal seems weaker.
     """
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         off = _where(observations, [sv], from_s, to_s)
         wavelength = np.array([wavelength_m(SYSTEM, code) for code in observations.signals])
         carrier = observations.carrier_cycles
@@ -133,13 +131,13 @@ def carrier_false_lock(
 def reversed_range_rate() -> Fault:
     """Return the fault of a log whose Doppler has the wrong sign."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         return replace(observations, range_rate_mps=-observations.range_rate_mps)
 
     return fault
 
 
-def _phases(observations: Observations) -> tuple[Float64, Int8]:
+def _phases(observations: SignalObservations) -> tuple[Float64, Int8]:
     """Return carrier phases and indicators; an error where the receiver logs none."""
     if observations.carrier_cycles is None or observations.lli is None:
         raise ConfigError(
@@ -156,11 +154,11 @@ def cycle_slip(
     ``indicated`` lets the receiver notice: its indicator is set at the first epoch with the new ambiguity.
     """
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         carrier, lli = _phases(observations)
         slipped = _where(observations, sv, at_s, np.inf, signal)
         first = slipped & (np.cumsum(slipped, axis=0) == 1)
-        marked = np.where(first & indicated, lli | _SLIP_LIT, lli).astype(np.int8)
+        marked = np.where(first & indicated, lli | LLI_SLIP, lli).astype(np.int8)
         return replace(observations, carrier_cycles=carrier + cycles * slipped, lli=marked)
 
     return fault
@@ -169,10 +167,10 @@ def cycle_slip(
 def half_cycle(sv: Iterable[str], from_s: float, to_s: float, *, flagged: bool = True) -> Fault:
     """Return the fault of a carrier that is half a cycle off within a window, as before its data bits are known."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         carrier, lli = _phases(observations)
         off = _where(observations, sv, from_s, to_s)
-        marked = np.where(off & flagged, lli | _HALF_CYCLE_LIT, lli).astype(np.int8)
+        marked = np.where(off & flagged, lli | LLI_HALF_CYCLE, lli).astype(np.int8)
         return replace(observations, carrier_cycles=carrier + 0.5 * off, lli=marked)
 
     return fault
@@ -181,7 +179,7 @@ def half_cycle(sv: Iterable[str], from_s: float, to_s: float, *, flagged: bool =
 def carrier_without_clock_step(at_s: float, size_m: float) -> Fault:
     """Return the fault of a receiver that steps its clock in tags and pseudoranges, but not in its carriers."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         carrier, _ = _phases(observations)
         wavelength = np.array([wavelength_m(SYSTEM, code) for code in observations.signals])
         stepped = (observations.tag_s >= at_s)[:, None]
@@ -193,7 +191,7 @@ def carrier_without_clock_step(at_s: float, size_m: float) -> Fault:
 def carrier_alone(sv: Iterable[str], from_s: float, to_s: float) -> Fault:
     """Return the fault of a log that holds carriers without pseudorange and Doppler."""
 
-    def fault(observations: Observations) -> Observations:
+    def fault(observations: SignalObservations) -> SignalObservations:
         _phases(observations)
         bare = _where(observations, sv, from_s, to_s)
         return replace(

@@ -12,10 +12,10 @@ import numpy as np
 from insgnss.config.flight import ImuGrade, MountedAntenna, Oscillator
 from insgnss.config.simulated_sensors import SimulatedSensor
 from insgnss.config.simulation import SimulatedGnss, SimulationConfig
+from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import wavelength_m
 from insgnss.simulation.log_files import sensor_file_name
 from insgnss.simulation.loop_noise import CarrierLoopNoise
-from insgnss.simulation.observations import REFERENCE_CN0_DBHZ
 from insgnss.simulation.simulated_log import Scenario
 
 IMU_FILE = "imu.csv"

@@ -10,10 +10,10 @@ import numpy as np
 from insgnss.attitude.wind_up import wind_up_differences
 from insgnss.simulation.disturbance import Disturbance
 from insgnss.simulation.observations import (
-    Antenna,
-    Observations,
-    Receiver,
+    AntennaMotion,
+    SignalObservations,
     SignalPaths,
+    SimulatedReceiver,
     antenna_motion,
     directions_e,
     observe_paths,
@@ -33,7 +33,7 @@ class FurtherReceiver:
     """An antenna beside the main one, with a receiver of its own."""
 
     name: str
-    receiver: Receiver
+    receiver: SimulatedReceiver
     clock_bias_m: float = 0.0  # of a clock of its own, beyond the main one's at the first tag
     # main antenna's and its own axes, where the wave's turn is put in
     C_ba: tuple[Float64, Float64] | None = None
@@ -83,7 +83,9 @@ def local_only(disturbances: Sequence[Disturbance]) -> tuple[Disturbance, ...]:
     return tuple(disturbance for disturbance in disturbances if isinstance(disturbance, LOCAL))
 
 
-def _wound_up(seen: Observations, one: FurtherReceiver, antenna: Antenna, paths: SignalPaths) -> Observations:
+def _wound_up(
+    seen: SignalObservations, one: FurtherReceiver, antenna: AntennaMotion, paths: SignalPaths
+) -> SignalObservations:
     """Return the observations with the phase that the antenna's tilt against the main one adds."""
     if one.C_ba is None or seen.carrier_cycles is None:
         return seen

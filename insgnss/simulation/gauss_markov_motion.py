@@ -28,7 +28,7 @@ _LONGEST_S: Final = 3600.0
 
 
 @dataclass(frozen=True)
-class GaussMarkov:
+class GaussMarkovProcess:
     """One process on three axes; it begins at zero and has its sigma after a few correlation times.
 
     Raises
@@ -63,8 +63,8 @@ class GaussMarkovFigure:
 
     def __init__(
         self,
-        acceleration: GaussMarkov,
-        turning: GaussMarkov,
+        acceleration: GaussMarkovProcess,
+        turning: GaussMarkovProcess,
         duration_s: float,
         rng: np.random.Generator,
         return_s: float | None = None,

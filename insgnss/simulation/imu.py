@@ -28,7 +28,7 @@ from insgnss.units import (
 
 
 @dataclass(frozen=True)
-class SensorModel:
+class TriadErrorModel:
     """The errors of one triad in SI units; ``per sqrt(s)`` densities are two-sided."""
 
     turn_on_bias: float  # one sigma [rad/s] or [m/s^2]
@@ -53,10 +53,10 @@ class SensorOutput:
     scale_factor: Float64  # (3,)
 
 
-def gyro_model(grade: ImuGrade, resolution_rad: float | None = None) -> SensorModel:
+def gyro_model(grade: ImuGrade, resolution_rad: float | None = None) -> TriadErrorModel:
     """Return the gyro triad of a grade, SI units."""
     limit = grade.gyro_range_deg_per_s
-    return SensorModel(
+    return TriadErrorModel(
         turn_on_bias=deg_per_h_to_radps(grade.gyro_bias_deg_per_h),
         slow_bias=deg_per_h_to_radps(grade.gyro_bias_instability_deg_per_h),
         correlation_time_s=grade.gyro_correlation_time_s,
@@ -72,10 +72,10 @@ def gyro_model(grade: ImuGrade, resolution_rad: float | None = None) -> SensorMo
     )
 
 
-def accelerometer_model(grade: ImuGrade, resolution_mps: float | None = None) -> SensorModel:
+def accelerometer_model(grade: ImuGrade, resolution_mps: float | None = None) -> TriadErrorModel:
     """Return the accelerometer triad of a grade, SI units."""
     limit = grade.accel_range_g
-    return SensorModel(
+    return TriadErrorModel(
         turn_on_bias=mg_to_mps2(grade.accel_bias_mg),
         slow_bias=mg_to_mps2(grade.accel_bias_instability_mg),
         correlation_time_s=grade.accel_correlation_time_s,
@@ -129,7 +129,7 @@ def low_pass(values: Float64, step_s: float, bandwidth_hz: float) -> Float64:
 def measure(
     true_mean: Float64,
     step_s: float,
-    model: SensorModel,
+    model: TriadErrorModel,
     rng: np.random.Generator,
     *,
     force: Float64 | None = None,

@@ -11,10 +11,10 @@ import numpy as np
 from insgnss.config import manoeuvres as told
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.aerobatics import BarrelRollFigure, LoopFigure, Swing, WavesFigure
+from insgnss.simulation.aerobatics import BarrelRollFigure, LoopFigure, Sinusoid, WavesFigure
 from insgnss.simulation.ascent import AscentFigure, RocketSettings
-from insgnss.simulation.course import KNOT_S, Course
-from insgnss.simulation.gauss_markov_motion import GRID_S, GaussMarkov, GaussMarkovFigure
+from insgnss.simulation.course import KNOT_S, ManoeuvreSequence
+from insgnss.simulation.gauss_markov_motion import GRID_S, GaussMarkovFigure, GaussMarkovProcess
 from insgnss.units import deg_to_rad
 
 STEEPEST_SMOOTHSTEP: Final = 1.875  # its largest slope, in the middle
@@ -32,7 +32,7 @@ class ManoeuvreError(ConfigError):
         self.entry = entry
 
 
-def course_of(manoeuvres: Sequence[told.Manoeuvre], speed_mps: float = 0.0) -> Course:
+def course_of(manoeuvres: Sequence[told.Manoeuvre], speed_mps: float = 0.0) -> ManoeuvreSequence:
     """Return the course that flies the list from ``speed_mps`` on.
 
     Raises
@@ -40,7 +40,7 @@ def course_of(manoeuvres: Sequence[told.Manoeuvre], speed_mps: float = 0.0) -> C
     ManoeuvreError : an entry is impossible: no speed for a turn, a bank that the turn does not reach, a figure that
         does not begin in level flight, or anything after the ascent
     """
-    course = Course(speed_mps)
+    course = ManoeuvreSequence(speed_mps)
     for entry, manoeuvre in enumerate(manoeuvres):
         try:
             _check_place(course, manoeuvre)
@@ -67,7 +67,7 @@ def knot_s_of(manoeuvres: Sequence[told.Manoeuvre]) -> float:
     return max(knot, _FINEST_KNOT_S)
 
 
-def _check_place(course: Course, manoeuvre: told.Manoeuvre) -> None:
+def _check_place(course: ManoeuvreSequence, manoeuvre: told.Manoeuvre) -> None:
     """Refuse what needs another state of the course than the one before it."""
     if any(math.isinf(end) for _, end, _ in course.figures):
         advice = "make it the last manoeuvre"
@@ -88,7 +88,7 @@ def _check_place(course: Course, manoeuvre: told.Manoeuvre) -> None:
         raise ConfigError(f"'{manoeuvre.kind}' needs speed", advice="accelerate before")
 
 
-def _add(course: Course, manoeuvre: told.Manoeuvre) -> None:
+def _add(course: ManoeuvreSequence, manoeuvre: told.Manoeuvre) -> None:
     """Add one manoeuvre to the course."""
     match manoeuvre:
         case told.Straight():
@@ -132,7 +132,7 @@ def _add(course: Course, manoeuvre: told.Manoeuvre) -> None:
             _wander(course, manoeuvre)
 
 
-def _turn(course: Course, turn: told.Turn | told.STurn, by_deg: float) -> None:
+def _turn(course: ManoeuvreSequence, turn: told.Turn | told.STurn, by_deg: float) -> None:
     if by_deg == 0.0:
         raise ConfigError("a turn by zero degrees is none", advice="give by_deg, right positive")
     roll_in, roll_out = (
@@ -147,14 +147,14 @@ def _waves(sea: told.Sea) -> WavesFigure:
     return WavesFigure(
         sea.duration_s,
         sea.ramp_s,
-        roll=Swing(deg_to_rad(sea.roll_deg), sea.roll_period_s, 0.0),
-        pitch=Swing(deg_to_rad(sea.pitch_deg), sea.pitch_period_s, 0.8),
-        yaw=Swing(deg_to_rad(sea.yaw_deg), sea.yaw_period_s, 1.6),
-        heave=Swing(sea.heave_m, sea.heave_period_s, 2.4),
+        roll=Sinusoid(deg_to_rad(sea.roll_deg), sea.roll_period_s, 0.0),
+        pitch=Sinusoid(deg_to_rad(sea.pitch_deg), sea.pitch_period_s, 0.8),
+        yaw=Sinusoid(deg_to_rad(sea.yaw_deg), sea.yaw_period_s, 1.6),
+        heave=Sinusoid(sea.heave_m, sea.heave_period_s, 2.4),
     )
 
 
-def _ascend(course: Course, ascent: told.Ascent) -> None:
+def _ascend(course: ManoeuvreSequence, ascent: told.Ascent) -> None:
     rocket = RocketSettings(
         elevation_rad=deg_to_rad(ascent.elevation_deg),
         thrust_mps2=ascent.thrust_g * STANDARD_GRAVITY_MPS2,
@@ -171,10 +171,10 @@ def _ascend(course: Course, ascent: told.Ascent) -> None:
     course.clock_s = ascent.duration_s
 
 
-def _wander(course: Course, wanted: told.RandomMotion) -> None:
+def _wander(course: ManoeuvreSequence, wanted: told.RandomMotion) -> None:
     figure = GaussMarkovFigure(
-        GaussMarkov(wanted.acceleration_g * STANDARD_GRAVITY_MPS2, wanted.acceleration_time_s),
-        GaussMarkov(deg_to_rad(wanted.turn_rate_deg_per_s), wanted.turn_time_s),
+        GaussMarkovProcess(wanted.acceleration_g * STANDARD_GRAVITY_MPS2, wanted.acceleration_time_s),
+        GaussMarkovProcess(deg_to_rad(wanted.turn_rate_deg_per_s), wanted.turn_time_s),
         wanted.duration_s,
         np.random.default_rng(wanted.seed),
         wanted.return_s,

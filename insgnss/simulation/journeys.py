@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from insgnss.constants import WGS84_A_M, WGS84_B_M
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.simulation.course import KNOT_S, MARGIN_S, Course
+from insgnss.simulation.course import KNOT_S, MARGIN_S, ManoeuvreSequence
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import Float64
 from insgnss.units import deg_to_rad, rad_to_deg
@@ -71,9 +71,9 @@ def circle(
     return Trajectory.from_knots(t, centre_e + d_n @ C_en.T, C_eb)
 
 
-def sample_flight_course() -> Course:
+def sample_flight_course() -> ManoeuvreSequence:
     """Return 20 minutes of an aircraft: 70 s at rest, take-off, climb, legs and turns of 25 to 45 deg, landing."""
-    course = Course()
+    course = ManoeuvreSequence()
     course.hold(70.0).change_speed(72.0, 34.0).hold(2.0)
     climb_start = course.clock_s
     course.climb(1500.0, 8.0, meanwhile=True)
@@ -108,7 +108,7 @@ def airborne_turns(
     knot_s: float = KNOT_S,
 ) -> Trajectory:
     """Return an aircraft already flying: 10 s straight, then right and left turns by 120 deg with legs between."""
-    course = Course(speed_mps).hold(10.0)
+    course = ManoeuvreSequence(speed_mps).hold(10.0)
     side = 1.0
     while course.clock_s < duration_s:
         course.turn(120.0 * side, bank_deg).hold(10.0)
@@ -125,7 +125,7 @@ def car(
     knot_s: float = KNOT_S,
 ) -> Trajectory:
     """Return a drive in a city: 20 s at rest, then blocks with right and left corners, each third one after a stop."""
-    course = Course().hold(20.0)
+    course = ManoeuvreSequence().hold(20.0)
     corner = 0
     while course.clock_s < duration_s:
         course.change_speed(14.0, 8.0).hold(12.0).change_speed(6.0, 5.0)
@@ -142,5 +142,5 @@ def over_the_pole(
 ) -> Trajectory:
     """Return a straight flight along a meridian that passes the north pole half-way and goes on down the other side."""
     away_rad = 0.5 * duration_s * speed_mps / (WGS84_POLAR_RADIUS_M + h_m)
-    course = Course(speed_mps).hold(duration_s)
+    course = ManoeuvreSequence(speed_mps).hold(duration_s)
     return course.lay(90.0 - rad_to_deg(away_rad), 30.0, h_m, 0.0, knot_s=knot_s)

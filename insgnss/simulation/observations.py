@@ -16,12 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.noise_model import REFERENCE_CN0_DBHZ
 from insgnss.gnss.signals import ionosphere_factor, signal_of, wavelength_m
 from insgnss.simulation.atmosphere import Atmosphere, vacuum
-from insgnss.simulation.disturbance import Disturbance, Noise, PathErrors, SkyGeometry
+from insgnss.simulation.disturbance import Disturbance, ObservationNoise, PathErrors, SkyGeometry
 from insgnss.simulation.local_level import ned_axes
 from insgnss.simulation.oscillator import ClockTruth
-from insgnss.simulation.signal_paths import Antenna as Antenna
+from insgnss.simulation.signal_paths import AntennaMotion as AntennaMotion
 from insgnss.simulation.signal_paths import SignalPaths as SignalPaths
 from insgnss.simulation.signal_paths import antenna_motion as antenna_motion
 from insgnss.simulation.signal_paths import paths_to as paths_to
@@ -33,7 +34,6 @@ SYSTEM = "G"  # all simulated satellites are GPS's
 SIGNAL = "C1C"
 WAVELENGTH_M = wavelength_m(SYSTEM, SIGNAL)
 MOST_AMBIGUITY_CYCLES = 1_000_000
-REFERENCE_CN0_DBHZ = 45.0
 AIR_RATE_STEP_S = 0.5  # a delay's third derivative leaves 1e-8 m/s
 LOWEST_ANTENNA_GAIN = 1e-3  # of the field: -60 dB, straight below the antenna
 
@@ -49,8 +49,8 @@ class Tracking(Protocol):
     """What becomes of signals that are weak or lost."""
 
     def apply(
-        self, seen: Observations, strength_dbhz: Float64, rng: np.random.Generator | None
-    ) -> Observations:
+        self, seen: SignalObservations, strength_dbhz: Float64, rng: np.random.Generator | None
+    ) -> SignalObservations:
         """Return what the receiver makes of signals whose mean C/N0 is ``strength_dbhz`` (m, n)."""
 
 
@@ -70,7 +70,7 @@ class NoiseTerms:
 
 
 @dataclass(frozen=True)
-class Receiver:
+class SimulatedReceiver:
     """The antenna and what the receiver makes of the signals."""
 
     lever_arm_b: tuple[float, float, float] = (0.0, 0.0, 0.0)  # IMU to antenna, forward-right-down [m]
@@ -81,18 +81,20 @@ class Receiver:
     antenna_mask_deg: float | None = None
     boresight_cn0_dbhz: float = 48.0
     cn0_sigma_db: float = 0.5
-    pseudorange_noise: Noise = NoiseTerms(2.0)
-    range_rate_noise: Noise = NoiseTerms(0.1)
+    pseudorange_noise: ObservationNoise = NoiseTerms(2.0)
+    range_rate_noise: ObservationNoise = NoiseTerms(0.1)
     atmosphere: Atmosphere = vacuum
     signals: tuple[str, ...] = (SIGNAL,)  # RINEX codes, each tracked on every satellite
-    carrier_noise: Noise | None = None  # of one phase, not of a difference; None: no carrier phase is logged
+    carrier_noise: ObservationNoise | None = (
+        None  # of one phase, not of a difference; None: no carrier phase is logged
+    )
     reception: StrengthOf | None = None  # antennas by their patterns; None: one patch upwards, by its formula
     tracking: Tracking | None = None
     disturbances: tuple[Disturbance, ...] = ()
 
 
 @dataclass(frozen=True)
-class Observations:
+class SignalObservations:
     """Observations of all signals at all tags, tracked or not: the form in which faults are put in."""
 
     sv_names: tuple[str, ...]  # of each column
@@ -106,7 +108,7 @@ class Observations:
     lli: Int8 | None = None  # (m, n) loss-of-lock indicator, beside the carrier
 
 
-Fault = Callable[[Observations], Observations]
+Fault = Callable[[SignalObservations], SignalObservations]
 
 
 def observe(
@@ -114,10 +116,10 @@ def observe(
     eph: EphemerisTable,
     start_ns: int,
     clock: ClockTruth,
-    receiver: Receiver,
+    receiver: SimulatedReceiver,
     rng: np.random.Generator | None,
     faults: Sequence[Fault] = (),
-) -> Observations:
+) -> SignalObservations:
     """Return what the receiver observes of the satellites of ephemerides, one each; see ``observe_paths``."""
     t_s = clock.true_s
     antenna = antenna_motion(trajectory, t_s, receiver.lever_arm_b)
@@ -134,12 +136,12 @@ def observe_paths(
     group_delay_s: Float64,
     start_ns: int,
     clock: ClockTruth,
-    receiver: Receiver,
+    receiver: SimulatedReceiver,
     rng: np.random.Generator | None,
     faults: Sequence[Fault] = (),
     *,
     C_eb: Float64 | None = None,
-) -> Observations:
+) -> SignalObservations:
     """Return what the receiver observes at the tags of its clock; without a generator, free of noise.
 
     Equation: ``P = rho + b - c (dt_s - k TGD) + T + I``;
@@ -170,7 +172,7 @@ def observe_paths(
         cn0 = cn0 + receiver.cn0_sigma_db * white[0]
         pseudorange = pseudorange + receiver.pseudorange_noise.sigma(elevation, cn0) * white[1]
         range_rate = range_rate + receiver.range_rate_noise.sigma(elevation, cn0) * white[2]
-    observations = Observations(
+    observations = SignalObservations(
         sv_names=sv_names * len(codes),
         signals=tuple(code for code in codes for _ in sv_names),
         tag_s=clock.tag_s,
@@ -193,7 +195,7 @@ def observe_paths(
     return observations
 
 
-def _strength_dbhz(C_eb: Float64 | None, paths: SignalPaths, receiver: Receiver) -> Float64:
+def _strength_dbhz(C_eb: Float64 | None, paths: SignalPaths, receiver: SimulatedReceiver) -> Float64:
     """Return the mean C/N0 of all satellites (m, n); an antenna's own pattern needs the attitude."""
     if receiver.reception is None or C_eb is None:
         return receiver.boresight_cn0_dbhz + cardioid_gain_db(paths.antenna_elevation)
@@ -208,7 +210,7 @@ def directions_e(paths: SignalPaths) -> Float64:
     return np.asarray(np.einsum("mij,mni->mnj", ned_axes(paths.geodetic), u_n))
 
 
-def _sky_geometry(paths: SignalPaths, t_s: Float64, receiver: Receiver) -> SkyGeometry:
+def _sky_geometry(paths: SignalPaths, t_s: Float64, receiver: SimulatedReceiver) -> SkyGeometry:
     satellite, count = paths.satellite, paths.range_m.shape[1]
     columns = [code for code in receiver.signals for _ in range(count)]
     return SkyGeometry(
@@ -223,7 +225,7 @@ def _sky_geometry(paths: SignalPaths, t_s: Float64, receiver: Receiver) -> SkyGe
     )
 
 
-def _disturbed(seen: Observations, added: PathErrors, sky: SkyGeometry) -> Observations:
+def _disturbed(seen: SignalObservations, added: PathErrors, sky: SkyGeometry) -> SignalObservations:
     """Return the observations with a disturbance; the range rate gets the slope of the carrier's part."""
     carrier = seen.carrier_cycles
     slope = np.gradient(added.carrier_m, sky.t_s, axis=0) if len(sky.t_s) > 1 else 0.0
@@ -236,7 +238,11 @@ def _disturbed(seen: Observations, added: PathErrors, sky: SkyGeometry) -> Obser
 
 
 def _code_m(
-    paths: SignalPaths, group_delay_s: Float64, clock: ClockTruth, receiver: Receiver, week_s: Float64
+    paths: SignalPaths,
+    group_delay_s: Float64,
+    clock: ClockTruth,
+    receiver: SimulatedReceiver,
+    week_s: Float64,
 ) -> Float64:
     """Return the pseudoranges of all signals without noise."""
     parts = []
@@ -251,7 +257,9 @@ def _code_m(
     return np.hstack(parts)
 
 
-def _carrier_m(paths: SignalPaths, clock: ClockTruth, receiver: Receiver, week_s: Float64) -> Float64:
+def _carrier_m(
+    paths: SignalPaths, clock: ClockTruth, receiver: SimulatedReceiver, week_s: Float64
+) -> Float64:
     """Return the carrier phases of all signals without noise and ambiguity [m]; a group delay is part of the latter."""
     path = paths.range_m + clock.bias_m[:, None] - C_MPS * paths.satellite.clock_s
     where = paths.geodetic, paths.azimuth, paths.elevation, week_s
@@ -260,7 +268,7 @@ def _carrier_m(paths: SignalPaths, clock: ClockTruth, receiver: Receiver, week_s
     )
 
 
-def _air_rate_mps(paths: SignalPaths, receiver: Receiver, week_s: Float64) -> Float64:
+def _air_rate_mps(paths: SignalPaths, receiver: SimulatedReceiver, week_s: Float64) -> Float64:
     """Return by how much the air lengthens the carriers of all signals per second: central differences of its delay."""
     rates = []
     for code in receiver.signals:
@@ -273,12 +281,12 @@ def _air_rate_mps(paths: SignalPaths, receiver: Receiver, week_s: Float64) -> Fl
 
 
 def _with_carrier(
-    observations: Observations,
+    observations: SignalObservations,
     phase_m: Float64,
-    noise: Noise,
+    noise: ObservationNoise,
     elevation: Float64,
     rng: np.random.Generator | None,
-) -> Observations:
+) -> SignalObservations:
     """Return the observations with carrier phases: white noise and an ambiguity for each column."""
     wavelength = np.array([wavelength_m(SYSTEM, code) for code in observations.signals])
     ambiguity = np.zeros(len(wavelength))
@@ -296,14 +304,14 @@ def cardioid_gain_db(antenna_elevation: Float64) -> Float64:
     return np.asarray(20.0 * np.log10(field))
 
 
-def _above_masks(paths: SignalPaths, receiver: Receiver) -> npt.NDArray[np.bool_]:
+def _above_masks(paths: SignalPaths, receiver: SimulatedReceiver) -> npt.NDArray[np.bool_]:
     above = paths.elevation >= np.deg2rad(receiver.horizon_mask_deg)
     if receiver.antenna_mask_deg is not None:
         above &= paths.antenna_elevation >= np.deg2rad(receiver.antenna_mask_deg)
     return np.asarray(above)
 
 
-def to_table(observations: Observations, start_ns: int) -> GnssTable:
+def to_table(observations: SignalObservations, start_ns: int) -> GnssTable:
     """Return the tracked observations as a log would give them: rows by epoch, Doppler only."""
     names, codes = (tuple(dict.fromkeys(n)) for n in (observations.sv_names, observations.signals))
     epoch, column = np.nonzero(observations.tracked)

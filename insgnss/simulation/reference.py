@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.constants import NS_PER_S
 from insgnss.simulation.local_level import geodetic, ned_axes
-from insgnss.simulation.trajectory import Motion
+from insgnss.simulation.trajectory import TrajectoryState
 from insgnss.tables import ReferenceTable
 
 
-def reference_table(motion: Motion, start_ns: int) -> ReferenceTable:
+def reference_table(motion: TrajectoryState, start_ns: int) -> ReferenceTable:
     """Return the motion of the IMU as a reference of the best quality; ``start_ns`` is the GPS time of its t = 0."""
     place = geodetic(motion.r_e)
     C_ne = ned_axes(place)

@@ -18,7 +18,7 @@ from insgnss.gpstime import ns_to_datetime, week_seconds_to_ns
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.journeys import AIRFIELD, level_turns
 from insgnss.simulation.log_files import write_gnss, write_imu, write_reference
-from insgnss.simulation.observations import NoiseTerms, Receiver
+from insgnss.simulation.observations import NoiseTerms, SimulatedReceiver
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.rinex_nav import write_rinex_navigation
 from insgnss.simulation.simulated_log import ClockStart, Scenario, Simulator
@@ -60,7 +60,7 @@ def sample_scenario(duration_s: float = DURATION_S) -> Scenario:
     start_ns = int(week_seconds_to_ns(GPS_WEEK, START_S))
     toe_ns = int(week_seconds_to_ns(GPS_WEEK, TOE_S))
     navigation = constellation_over(AIRFIELD, PAPER_SKY, start_ns, DURATION_S, toe_ns)
-    receiver = Receiver(
+    receiver = SimulatedReceiver(
         lever_arm_b=LEVER_ARM_B,
         first_tag_s=1.0,
         antenna_mask_deg=5.0,

@@ -20,7 +20,7 @@ from insgnss.config import simulated_sensors as told
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.simulation.imu import gauss_markov
 from insgnss.simulation.local_level import geodetic, ned_axes
-from insgnss.simulation.trajectory import Motion, Trajectory
+from insgnss.simulation.trajectory import Trajectory, TrajectoryState
 from insgnss.tables import Float64, SensorTable
 from insgnss.units import RAD_PER_DEG
 
@@ -77,14 +77,14 @@ def faults_of(config: told.SimulatedSensor, faults: Sequence[told.SensorFault]) 
     return [fault for fault in faults if fault.sensor == config.label]
 
 
-def _odometer(config: Any, motion: Motion, errors: _Errors) -> Float64:
+def _odometer(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     scale = errors.once(config.scale_sigma)
     v_b = np.einsum("nji,nj->ni", motion.C_eb, motion.v_e)
     forward = (v_b + np.cross(motion.w_eb_b, np.array(config.lever_arm_m)))[:, :1]
     return np.asarray((1.0 + scale) * forward + errors.noise([config.noise_mps]))
 
 
-def _barometer(config: Any, motion: Motion, errors: _Errors) -> Float64:
+def _barometer(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     offset, scale = errors.once(config.offset_sigma_m), errors.once(config.scale_sigma)
     height = geodetic(_point(motion, config.lever_arm_m))[:, 2:]
     weather = errors.drift(config.drift_sigma_m, config.drift_time_s)[:, :1]
@@ -92,7 +92,7 @@ def _barometer(config: Any, motion: Motion, errors: _Errors) -> Float64:
     return np.asarray(height / (1.0 + scale) + offset + weather + errors.noise([config.noise_m]))
 
 
-def _magnetometer(config: Any, motion: Motion, errors: _Errors) -> Float64:
+def _magnetometer(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     D = RAD_PER_DEG * (config.declination_deg + errors.once(config.declination_sigma_deg)[0])
     H = config.horizontal_ut * (1.0 + errors.once(config.horizontal_share)[0])
     field_n = np.array([H * np.cos(D), H * np.sin(D), config.down_ut])
@@ -101,31 +101,31 @@ def _magnetometer(config: Any, motion: Motion, errors: _Errors) -> Float64:
     return np.asarray(field_b + iron + errors.noise([config.noise_ut] * 3))
 
 
-def _heading(config: Any, motion: Motion, errors: _Errors) -> Float64:
+def _heading(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     offset = errors.once(config.offset_sigma_deg)
     yaw = _angles(motion)[:, 2:]
     turned = yaw + RAD_PER_DEG * (offset + errors.noise([config.noise_deg]))
     return np.asarray(np.mod(turned, 2.0 * np.pi))
 
 
-def _attitude(config: Any, motion: Motion, errors: _Errors) -> Float64:
+def _attitude(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     return np.asarray(_angles(motion) + RAD_PER_DEG * errors.noise(config.noise_deg))
 
 
-def _position(config: Any, motion: Motion, errors: _Errors) -> Float64:
+def _position(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     r_e = _point(motion, config.lever_arm_m)
     C_ne = ned_axes(geodetic(r_e))
     return geodetic(r_e + np.einsum("nji,nj->ni", C_ne, errors.noise(config.noise_m)))
 
 
-def _velocity(config: Any, motion: Motion, errors: _Errors) -> Float64:
+def _velocity(config: Any, motion: TrajectoryState, errors: _Errors) -> Float64:
     turning_b = np.cross(motion.w_eb_b, np.array(config.lever_arm_m))
     v_e = motion.v_e + np.einsum("nij,nj->ni", motion.C_eb, turning_b)
     v_n = np.einsum("nij,nj->ni", ned_axes(geodetic(motion.r_e)), v_e)
     return np.asarray(v_n + errors.noise(config.noise_mps))
 
 
-_TRUTHS: Final[dict[str, Callable[[Any, Motion, _Errors], Float64]]] = {
+_TRUTHS: Final[dict[str, Callable[[Any, TrajectoryState, _Errors], Float64]]] = {
     "odometer": _odometer,
     "barometer": _barometer,
     "magnetometer": _magnetometer,
@@ -136,17 +136,17 @@ _TRUTHS: Final[dict[str, Callable[[Any, Motion, _Errors], Float64]]] = {
 }
 
 
-def _point(motion: Motion, lever_b: Sequence[float]) -> Float64:
+def _point(motion: TrajectoryState, lever_b: Sequence[float]) -> Float64:
     """Return the way of a point of the body, ECEF (n, 3)."""
     return np.asarray(motion.r_e + motion.C_eb @ np.array(lever_b))
 
 
-def _attitudes(motion: Motion) -> Float64:
+def _attitudes(motion: TrajectoryState) -> Float64:
     """Return C_nb (n, 3, 3)."""
     return np.asarray(ned_axes(geodetic(motion.r_e)) @ motion.C_eb)
 
 
-def _angles(motion: Motion) -> Float64:
+def _angles(motion: TrajectoryState) -> Float64:
     """Return roll, pitch, yaw (n, 3) [rad]."""
     return np.asarray(Rotation.from_matrix(_attitudes(motion)).as_euler("ZYX")[:, ::-1])
 
@@ -162,7 +162,7 @@ def _with_fault(fault: told.SensorFault, kind: str, t_s: Float64, values: Float6
             values[inside] -= _M_PER_HPA * fault.size_hpa
         case told.MagneticDisturbance():
             values[inside] += fault.field_ut
-        case told.Frozen():
+        case told.FrozenSensor():
             values[inside] = values[max(int(np.argmax(inside)) - 1, 0)]
         case told.SensorSilence():
             values[inside] = np.nan

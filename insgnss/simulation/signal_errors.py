@@ -16,7 +16,7 @@ from insgnss.tables import Float64
 
 # Earth's radius over the shell's, 350 km higher up [IS-GPS-200N, 20.3.3.5.2.5]
 _IONOSPHERE_SHELL: Final = 0.948
-_LOWEST_SINE: Final = 0.05
+_LOWEST_MAPPED_SINE: Final = 0.05
 
 
 def markov(t_s: Float64, columns: int, correlation_time_s: float, rng: np.random.Generator) -> Float64:
@@ -141,7 +141,7 @@ class AirResiduals:
 
     def __call__(self, sky: SkyGeometry, rng: np.random.Generator) -> PathErrors:
         """Return the errors of all signals; the ionosphere turns its sign on the carrier."""
-        sine = np.maximum(np.sin(sky.elevation), _LOWEST_SINE)
+        sine = np.maximum(np.sin(sky.elevation), _LOWEST_MAPPED_SINE)
         at_shell = _IONOSPHERE_SHELL * np.cos(sky.elevation)
         zenith = smooth_markov(sky.t_s, 2, self.correlation_time_s, rng)
         ion = self.ionosphere_m * zenith[:, :1] / np.sqrt(1.0 - at_shell**2)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insgnss.constants import C_MPS, WGS84_OMEGA_RADPS
-from insgnss.simulation.constellation import SatelliteStates, satellite_states
+from insgnss.simulation.constellation import ConstellationStates, satellite_states
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.simulation.trajectory import EARTH_RATE_E, Trajectory
 from insgnss.tables import EphemerisTable, Float64
@@ -17,7 +17,7 @@ LIGHT_TIME_STEPS = 4  # each multiplies the error by (satellite velocity) / c = 
 
 
 @dataclass(frozen=True)
-class Antenna:
+class AntennaMotion:
     """The antenna at given times, in the axes of ECEF."""
 
     r_e: Float64  # (m, 3) [m]
@@ -31,12 +31,12 @@ class SignalPaths:
 
     range_m: Float64  # (m, n)
     range_rate_mps: Float64  # (m, n) derivative by the time of reception
-    satellite: SatelliteStates  # at transmission
+    satellite: ConstellationStates  # at transmission
     azimuth: Float64  # (m, n) [rad]
     elevation: Float64  # (m, n) above the horizon [rad]
     antenna_elevation: Float64  # (m, n) above the antenna's plane (body x-y) [rad]
     geodetic: Float64  # (m, 3) of the antenna: latitude, longitude [rad], height [m]
-    antenna: Antenna
+    antenna: AntennaMotion
 
     def sky_at(self, step_s: float) -> tuple[Float64, Float64, Float64]:
         """Return place, azimuth and elevation of the same signals ``step_s`` later, all moved by their velocities."""
@@ -46,22 +46,22 @@ class SignalPaths:
         return _sky(r_e, towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
 
-def antenna_motion(trajectory: Trajectory, t_s: Float64, lever_arm_b: Sequence[float]) -> Antenna:
+def antenna_motion(trajectory: Trajectory, t_s: Float64, lever_arm_b: Sequence[float]) -> AntennaMotion:
     """Return the antenna's motion: ``r_a = r + C_eb l``, ``v_a = v + C_eb (w_eb_b x l)``."""
     motion = trajectory.motion(t_s)
     lever = np.asarray(lever_arm_b, dtype=np.float64)
     r_e = motion.r_e + motion.C_eb @ lever
     v_e = motion.v_e + np.einsum("mij,mj->mi", motion.C_eb, np.cross(motion.w_eb_b, lever))
-    return Antenna(r_e, v_e, motion.C_eb)
+    return AntennaMotion(r_e, v_e, motion.C_eb)
 
 
-def signal_paths(antenna: Antenna, eph: EphemerisTable, start_ns: int, t_s: Float64) -> SignalPaths:
+def signal_paths(antenna: AntennaMotion, eph: EphemerisTable, start_ns: int, t_s: Float64) -> SignalPaths:
     """Return the paths from the satellites of ephemerides; see ``paths_to``."""
     return paths_to(antenna, lambda sent: satellite_states(eph, start_ns, sent), len(eph.sv_names), t_s)
 
 
 def paths_to(
-    antenna: Antenna, states: Callable[[Float64], SatelliteStates], count: int, t_s: Float64
+    antenna: AntennaMotion, states: Callable[[Float64], ConstellationStates], count: int, t_s: Float64
 ) -> SignalPaths:
     """Return the straight paths in the inertial frame whose axes are those of ECEF at the moment of reception.
 

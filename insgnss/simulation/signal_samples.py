@@ -23,13 +23,20 @@ import numpy.typing as npt
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.kernels.jit import kernel
-from insgnss.simulation.observations import SIGNAL, SYSTEM, WAVELENGTH_M, NoiseTerms, Observations, observe
+from insgnss.simulation.observations import (
+    SIGNAL,
+    SYSTEM,
+    WAVELENGTH_M,
+    NoiseTerms,
+    SignalObservations,
+    observe,
+)
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock
 from insgnss.simulation.simulated_log import Scenario
 from insgnss.tables import Float64, Int8, Int64
 from insgnss.tracking.codes import GPS_CA_CHIP_HZ, GPS_PRNS, RangingCode, gps_ca
 from insgnss.tracking.sample_kernels import Steps, add_signal
-from insgnss.tracking.signal import Samples, Sampling
+from insgnss.tracking.signal import Sampling, SignalSamples
 
 BORDER_S: Final = 1e-3
 BLOCK_S: Final = 1.0
@@ -128,7 +135,7 @@ def _checked_count(scenario: Scenario, duration_s: float) -> int:
     return count
 
 
-def _observed(scenario: Scenario, clock: ClockTruth) -> Observations:
+def _observed(scenario: Scenario, clock: ClockTruth) -> SignalObservations:
     """Return what there is to be observed at the tags of a clock, without noise, loops and thresholds."""
     receiver = replace(
         scenario.receiver,
@@ -202,7 +209,9 @@ def add_sky(
                 )
 
 
-def sample_blocks(sky: SignalSky, sampling: Sampling, seed: int, *, noise: bool = True) -> Iterator[Samples]:
+def sample_blocks(
+    sky: SignalSky, sampling: Sampling, seed: int, *, noise: bool = True
+) -> Iterator[SignalSamples]:
     """Yield the samples of a sky, second by second; the noise of each second has a seed of its own.
 
     Equation: y_k = sum A h(R t_k - delay) d cos(w_if t_k - 2 pi P_carrier / lambda) + n_k, and sin for the quadrature
@@ -234,7 +243,7 @@ def _block(
     last: int,
     chips: npt.NDArray[np.int8],
     rng: np.random.Generator | None,
-) -> Samples:
+) -> SignalSamples:
     """Return the samples of the milliseconds ``first`` to ``last``."""
     rate = sampling.rate_hz
     border_s = np.arange(first, last + 1) * BORDER_S
@@ -262,4 +271,4 @@ def _block(
     amplitude = np.where(np.isfinite(strength), gain, 0.0)
     signs = np.repeat(sky.bits, BIT_PERIODS, axis=0)
     add_sky(number - number[0], amplitude, chips, signs, code, cycles, in_phase, quadrature)
-    return Samples(sampling, in_phase, quadrature)
+    return SignalSamples(sampling, in_phase, quadrature)

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.simulation.observations import MOST_AMBIGUITY_CYCLES, Observations
-from insgnss.tables import Float64
+from insgnss.simulation.observations import MOST_AMBIGUITY_CYCLES, SignalObservations
+from insgnss.tables import LLI_SLIP, Float64
 
 Bool = npt.NDArray[np.bool_]
-_SLIP = 1  # bit of the loss-of-lock indicator, RINEX 4.01, 6.5.2
 
 
 @dataclass(frozen=True)
@@ -24,8 +23,8 @@ class TrackingRules:
     slips_indicated: float = 1.0  # share that the receiver notices
 
     def apply(
-        self, seen: Observations, strength_dbhz: Float64, rng: np.random.Generator | None
-    ) -> Observations:
+        self, seen: SignalObservations, strength_dbhz: Float64, rng: np.random.Generator | None
+    ) -> SignalObservations:
         """Return the observations that the receiver makes of signals of the given mean C/N0 (m, n).
 
         A signal counts as received from the first epoch if it is strong enough there. Every new beginning brings the
@@ -43,7 +42,7 @@ class TrackingRules:
         slips, told = self._slips(seen.tag_s, tracked, rng)
         size = MOST_AMBIGUITY_CYCLES
         added = np.where(lost, rng.integers(-size, size, lost.shape), slips)
-        lli = np.where(lost | told, seen.lli | _SLIP, seen.lli).astype(np.int8)
+        lli = np.where(lost | told, seen.lli | LLI_SLIP, seen.lli).astype(np.int8)
         return replace(seen, carrier_cycles=seen.carrier_cycles + np.cumsum(added, axis=0), lli=lli)
 
     def tracked(self, tag_s: Float64, received: Bool) -> Bool:

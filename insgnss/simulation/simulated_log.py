@@ -18,10 +18,10 @@ from insgnss.constants import NS_PER_S
 from insgnss.simulation.further_receivers import FurtherReceivers
 from insgnss.simulation.imu import SensorOutput, accelerometer_model, gyro_model, measure
 from insgnss.simulation.imu_record import ImuRecord
-from insgnss.simulation.observations import Fault, Receiver, observe, to_table
+from insgnss.simulation.observations import Fault, SimulatedReceiver, observe, to_table
 from insgnss.simulation.oscillator import ClockTruth, simulate_clock, with_clock_jump
 from insgnss.simulation.sensors import draw_sensor, faults_of
-from insgnss.simulation.trajectory import Motion, Trajectory
+from insgnss.simulation.trajectory import Trajectory, TrajectoryState
 from insgnss.simulation.vibration import VibrationSpectrum, vibration
 from insgnss.tables import Float64, GnssTable, ImuTable, Int64, NavigationData, SensorTable
 
@@ -49,7 +49,7 @@ class Scenario:
     imu_rate_hz: float = 100.0
     gyro_resolution_rad: float | None = None  # of an increment
     accel_resolution_mps: float | None = None  # of an increment
-    receiver: Receiver = field(default_factory=Receiver)
+    receiver: SimulatedReceiver = field(default_factory=SimulatedReceiver)
     clock: ClockStart = ClockStart()
     faults: Sequence[Fault] = ()
     gyro_vibration: VibrationSpectrum | None = None  # [rad/s]
@@ -183,7 +183,7 @@ class Simulator:
             clock = with_clock_jump(clock, at_s, size_m)
         return clock
 
-    def _states(self, motion: Motion, gyro: SensorOutput, accel: SensorOutput) -> TrueStates:
+    def _states(self, motion: TrajectoryState, gyro: SensorOutput, accel: SensorOutput) -> TrueStates:
         """Return the truth at the times of ``motion``; biases between IMU tags are interpolated."""
         t_ns = np.rint(motion.t_s * NS_PER_S).astype(np.int64)
         tags = self.edges_ns[1:].astype(np.float64)

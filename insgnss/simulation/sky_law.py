@@ -13,8 +13,8 @@ import numpy as np
 from insgnss.constants import C_MPS, WGS84_A_M
 from insgnss.geodesy.ellipsoid import geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.simulation.constellation import SatelliteStates
-from insgnss.simulation.observations import Observations, SignalPaths, to_table
+from insgnss.simulation.constellation import ConstellationStates
+from insgnss.simulation.observations import SignalObservations, SignalPaths, to_table
 from insgnss.simulation.sky import SkyTrack
 from insgnss.tables import Float64, GnssTable
 from insgnss.units import deg_to_rad
@@ -57,7 +57,7 @@ class SkyLaw:
         level = np.cos(elevation)
         return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(elevation)], axis=-1)
 
-    def states(self, t_s: Float64) -> SatelliteStates:
+    def states(self, t_s: Float64) -> ConstellationStates:
         """Return positions and velocities, ECEF, at times (m, n); the clocks are perfect.
 
         Equation: r = r_p + rho u, rho = -b + sqrt(b^2 + R^2 - |r_p|^2), b = u . r_p;
@@ -77,10 +77,10 @@ class SkyLaw:
         r_s = self.r_e + rho[..., None] * u
         v_s = rho1[..., None] * u + rho[..., None] * u1
         none = np.zeros_like(rho)
-        return SatelliteStates(r_s, v_s, none, none)
+        return ConstellationStates(r_s, v_s, none, none)
 
 
-def table_with_states(observations: Observations, paths: SignalPaths, start_ns: int) -> GnssTable:
+def table_with_states(observations: SignalObservations, paths: SignalPaths, start_ns: int) -> GnssTable:
     """Return the tracked observations of one signal as a log whose rows hold the satellites' states at transmission."""
     epoch, column = np.nonzero(observations.tracked)
     satellite = paths.satellite

@@ -41,7 +41,7 @@ def earth_turn(t_s: Float64) -> Rotation:
 
 
 @dataclass(frozen=True)
-class Motion:
+class TrajectoryState:
     """The state of a trajectory at given times; velocity is relative to the Earth."""
 
     t_s: Float64  # (n,)
@@ -105,11 +105,11 @@ class Trajectory:
         """Return angular rates relative to the Earth in body axes (n, 3) [rad/s]."""
         return np.asarray(self.attitude(t_s, 1))
 
-    def motion(self, t_s: Float64) -> Motion:
+    def motion(self, t_s: Float64) -> TrajectoryState:
         """Return position, velocity, attitude and angular rate relative to the Earth at the times ``t_s`` (n,)."""
         t = self._covered(t_s)
         C_eb = np.asarray(self.rotation_eb(t).as_matrix())
-        return Motion(t, self.position_e(t), self.velocity_e(t), C_eb, self.rate_eb_b(t))
+        return TrajectoryState(t, self.position_e(t), self.velocity_e(t), C_eb, self.rate_eb_b(t))
 
     def position_i(self, t_s: Float64) -> Float64:
         """Return positions in the inertial frame, r_i = R(omega t) r_e (n, 3) [m]."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # named for the other modules of this room, which draw throug
 # dark enough on white, and apart for eyes that do not tell red from green
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9", "#555555")
 _SHADE: Final = "#eeeeee"
-_AROUND_S: Final = 30.0  # shown before and after an outage
+SHOWN_AROUND_S: Final = 30.0  # before and after an outage
 
 
 def variance_figure(
@@ -33,7 +33,7 @@ def variance_figure(
     figure = new_figure(9.0, 5.0)
     axes = figure.add_subplot()
     shade(axes, outage_s)
-    shown = table[table["time_s"].between(outage_s[0] - _AROUND_S, outage_s[1] + _AROUND_S)]
+    shown = table[table["time_s"].between(outage_s[0] - SHOWN_AROUND_S, outage_s[1] + SHOWN_AROUND_S)]
     others = shown[~shown["sv"].isin(hidden)]
     for k, (_, rows) in enumerate(others.groupby("sv")):
         label = "the other satellites" if k == 0 else None

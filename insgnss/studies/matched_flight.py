@@ -22,27 +22,26 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from insgnss.config.filter import FilterConfig
-from insgnss.config.flight import FlightConfig, Gnss, ImuGrade
-from insgnss.config.flight import Imu as InertialLog
+from insgnss.config.flight import FlightConfig, Gnss, ImuConfig, ImuGrade
 from insgnss.config.library import filter_config, find, imu_grade, oscillator
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
 from insgnss.constants import NS_PER_WEEK
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.geodesy.local_level import level_axes
 from insgnss.geodesy.rotations import matrix_to_quaternion
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.log.flight import FlightInMemory, FlightLogs
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.simulation.assembly import assemble
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
-from insgnss.simulation.observations import NoiseTerms, Receiver
+from insgnss.simulation.observations import NoiseTerms, SimulatedReceiver
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over
@@ -69,16 +68,16 @@ _OPENING: Final = {"position_m": 3.0, "velocity_mps": 0.3, "level_deg": 0.3, "ya
 _OPENING_CLOCK: Final = (10.0, 1.0)  # [m], [m/s]
 
 
-class Drawn(NamedTuple):
+class FlightRealisation(NamedTuple):
     """One realisation of all errors, as the filter gets it, and the truth."""
 
     log: SimulatedLog
-    imu: Imu
-    rows: Rows
+    imu: ImuSamples
+    rows: GnssRows
     bank: Bank
 
 
-class Outcome(NamedTuple):
+class FilterErrors(NamedTuple):
     """One filter's run, at the epochs looked at."""
 
     error: Float64  # (k, 17) estimate minus truth
@@ -91,7 +90,7 @@ class Outcome(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class MatchedFlight(Shown):
+class MatchedFlight(ResultDisplay):
     """A flight with its truth computed and the filter that knows its errors' model."""
 
     simulator: Simulator
@@ -124,7 +123,7 @@ class MatchedFlight(Shown):
         config = _config()
         grade, clock_type = _pure(imu_grade(imu)), oscillator(clock)
         trajectory, sky, start_ns, duration_s = _flown(scenario, duration_s)
-        receiver = Receiver(
+        receiver = SimulatedReceiver(
             _LEVER_B,
             first_tag_s=_FIRST_TAG_S,
             pseudorange_noise=_drawn_noise(config, "pseudorange_noise_m", noise_factor),
@@ -148,14 +147,16 @@ class MatchedFlight(Shown):
         looks = tuple(sorted({int(e) for e in np.linspace(n - 1, 1, n_looks).round()}))
         return cls(simulator, setup, _first_covariance(simulator, grade), looks)
 
-    def draw(self, rng: np.random.Generator | None) -> Drawn:
+    def draw(self, rng: np.random.Generator | None) -> FlightRealisation:
         """Return one realisation; without a generator, logs and a start without errors."""
         log = self.simulator.draw(rng)
         rows = self.setup.rows(log.gnss, self.setup.navigation)
-        imu = Imu(log.imu.t_ns, np.ascontiguousarray(log.imu.w_ib_b), np.ascontiguousarray(log.imu.f_b))
-        return Drawn(log, imu, rows, self._opened(log, rng))
+        imu = ImuSamples(
+            log.imu.t_ns, np.ascontiguousarray(log.imu.w_ib_b), np.ascontiguousarray(log.imu.f_b)
+        )
+        return FlightRealisation(log, imu, rows, self._opened(log, rng))
 
-    def run(self, drawn: Drawn) -> Outcome:
+    def run(self, drawn: FlightRealisation) -> FilterErrors:
         """Run the filter through a realisation, from the second epoch on: the first is in its start."""
         rows, log = drawn.rows, drawn.log
         out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64))
@@ -178,7 +179,7 @@ class MatchedFlight(Shown):
         counts = (int(used[:, PSEUDORANGE].sum()), int(used[:, RANGE_RATE].sum()))
         sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         refused = int(ledger["status"].size - sum(counts))
-        return Outcome(error, sd, _nees(error, P), P, means, counts, refused)
+        return FilterErrors(error, sd, _nees(error, P), P, means, counts, refused)
 
     def _opened(self, log: SimulatedLog, rng: np.random.Generator | None) -> Bank:
         """Return a filter at the first epoch, its error a draw from its covariance; it takes the biases for zero."""
@@ -204,7 +205,7 @@ def flight_in_memory(flight: MatchedFlight, log: SimulatedLog) -> FlightInMemory
     config = FlightConfig(
         name="simulated",
         gps_week=simulator.scenario.start_ns // NS_PER_WEEK,
-        imu=InertialLog(files=(Path("imu.csv"),), grade=setup.grade),
+        imu=ImuConfig(files=(Path("imu.csv"),), grade=setup.grade),
         gnss=Gnss(files=(Path("gnss.csv"),), lever_arm_m=_LEVER_B, oscillator=setup.oscillator),
     )
     reference = reference_table(simulator.imu_motion, simulator.scenario.start_ns)
@@ -246,7 +247,7 @@ class MonteCarlo(NamedTuple):
 def monte_carlo(flight: MatchedFlight, runs: int, *, seed: int = 1, threads: int | None = None) -> MonteCarlo:
     """Return many runs, each drawn from (seed, number) and so the same whatever the number of threads."""
 
-    def one(number: int) -> Outcome:
+    def one(number: int) -> FilterErrors:
         return flight.run(flight.draw(np.random.default_rng([seed, number])))
 
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
@@ -254,7 +255,7 @@ def monte_carlo(flight: MatchedFlight, runs: int, *, seed: int = 1, threads: int
     return MonteCarlo(*(np.array([getattr(o, name) for o in found]) for name in MonteCarlo._fields))
 
 
-def covariance_analysis(flight: MatchedFlight) -> Outcome:
+def covariance_analysis(flight: MatchedFlight) -> FilterErrors:
     """Return what one run without any error gives: its covariance is that of a thousand with errors.
 
     Equation: P+ = (I - K H) P-, P- = Phi P Phi^T + Q along the true trajectory; no measurement enters it

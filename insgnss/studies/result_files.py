@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import pandas as pd
 
@@ -13,6 +13,8 @@ from insgnss.results.saving import saving
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
+
+MOMENT_DECIMALS: Final = 6  # of moments in seconds
 
 
 def write_study(

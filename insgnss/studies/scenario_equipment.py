@@ -6,7 +6,7 @@ from pathlib import Path
 
 from insgnss.antenna.equipment import installation
 from insgnss.antenna.installation import Installation
-from insgnss.config.filter import FilterConfig, Noise, Visibility
+from insgnss.config.filter import FilterConfig, NoiseConfig, Visibility
 from insgnss.config.flight import MountedAntenna
 from insgnss.config.library import filter_config
 from insgnss.config.scenario import ScenarioConfig
@@ -62,8 +62,8 @@ def filter_of(scenario: ScenarioConfig) -> FilterConfig:
         update={
             "name": "",
             "measurements": use,
-            "pseudorange_noise_m": Noise(floor=m.range_variance_m2**0.5, **alike),
-            "range_rate_noise_mps": Noise(floor=m.rate_variance_m2ps2**0.5, **alike),
+            "pseudorange_noise_m": NoiseConfig(floor=m.range_variance_m2**0.5, **alike),
+            "range_rate_noise_mps": NoiseConfig(floor=m.rate_variance_m2ps2**0.5, **alike),
             "visibility": visibility_of(scenario),
         }
     )

@@ -6,7 +6,7 @@ the threshold for a false-alarm probability is ``insgnss.receiver.detection.thre
 part of their noise, so the false-alarm probability of a whole search is at most the sum of those of its cells.
 
     wanted = SearchSpan(0.0, 5000.0, coherent_s=0.005, looks=40)
-    found = acquire(Samples(sampling, i, q), [gps_ca(7)], [wanted])[0]
+    found = acquire(SignalSamples(sampling, i, q), [gps_ca(7)], [wanted])[0]
     found.statistic, found.delay_chips, found.doppler_hz
 """
 
@@ -26,7 +26,7 @@ from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_not_negative, require_positive
 from insgnss.tracking.codes import RangingCode
 from insgnss.tracking.correlators import Complex
-from insgnss.tracking.signal import Samples
+from insgnss.tracking.signal import SignalSamples
 
 SingleComplex = npt.NDArray[np.complex64]
 DOPPLER_STEP_CYCLES: Final = 2.0 / 3.0  # over a look: sinc^2 loses 1.6 dB at the edge of a bin
@@ -72,7 +72,7 @@ class Acquisition(NamedTuple):
     cn0_dbhz: float  # by the strength of the cell, NaN where noise alone is stronger
 
 
-class _Looks(NamedTuple):
+class _BasebandLooks(NamedTuple):
     """Samples at baseband as looks by code periods by samples of a period, and their times."""
 
     y: SingleComplex  # (looks, periods, n)
@@ -88,7 +88,7 @@ class _Floor(NamedTuple):
 
 
 def acquire(
-    samples: Samples,
+    samples: SignalSamples,
     codes: Sequence[RangingCode],
     span: SearchSpan,
     carrier_hz: float,
@@ -145,7 +145,7 @@ def acquire(
     ]
 
 
-def _looks_of(samples: Samples, code: RangingCode, span: SearchSpan) -> _Looks:
+def _looks_of(samples: SignalSamples, code: RangingCode, span: SearchSpan) -> _BasebandLooks:
     """Return the samples without intermediate frequency and given Doppler rate, one row for each code period."""
     rate = samples.sampling.rate_hz
     periods = round(span.coherent_s / code.period_s)
@@ -176,7 +176,7 @@ def _looks_of(samples: Samples, code: RangingCode, span: SearchSpan) -> _Looks:
     if np.any(cycles):
         y *= np.exp(-2j * np.pi * (cycles % 1.0)).astype(np.complex64)
     shape = (span.looks, periods, n)
-    return _Looks(y.reshape(shape), t.reshape(shape))
+    return _BasebandLooks(y.reshape(shape), t.reshape(shape))
 
 
 def _period(code: RangingCode, rate_hz: float, n: int) -> npt.NDArray[np.float32]:
@@ -185,14 +185,14 @@ def _period(code: RangingCode, rate_hz: float, n: int) -> npt.NDArray[np.float32
     return np.asarray(code.chips[place % code.length], np.float32)
 
 
-def _folded(ready: _Looks, doppler_hz: float) -> SingleComplex:
+def _folded(ready: _BasebandLooks, doppler_hz: float) -> SingleComplex:
     """Return each look of one Doppler, (looks, n): its periods summed. Its own phase does not matter."""
     turn = np.exp(-2j * np.pi * doppler_hz * ready.t_s[0]).astype(np.complex64)
     return np.asarray(np.einsum("kpn,pn->kn", ready.y, turn))
 
 
 def _delay_ramps(
-    ready: _Looks, code: RangingCode, doppler_hz: float, carrier_hz: float, rate_hz: float
+    ready: _BasebandLooks, code: RangingCode, doppler_hz: float, carrier_hz: float, rate_hz: float
 ) -> SingleComplex:
     """Return what shifts the looks' spectra to the delay that the code had at the first sample."""
     n = ready.y.shape[2]
@@ -215,7 +215,7 @@ def _inside(span: SearchSpan, code: RangingCode, n: int) -> np.ndarray[tuple[int
 
 
 def _refined(
-    ready: _Looks,
+    ready: _BasebandLooks,
     code: RangingCode,
     span: SearchSpan,
     carrier_hz: float,

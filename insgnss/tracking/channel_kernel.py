@@ -36,7 +36,7 @@ class Aid(NamedTuple):
     acceleration_radps2: Float64  # added to the loop's own rate
 
 
-class Gains(NamedTuple):
+class ChannelGains(NamedTuple):
     """Constants of the loops, the same for all channels."""
 
     step_s: float
@@ -75,7 +75,7 @@ def carrier_mean(a: float, phase: float, turn: float) -> complex:
 def correct_and_lead(
     x: Float64,
     Z: Complex,
-    gains: Gains,
+    gains: ChannelGains,
     slopes: Float64,
     step_s: float,
     aid_rate: float,
@@ -117,7 +117,7 @@ def correct_and_lead(
 
 @kernel
 def run_channels(
-    truth: Truth, aid: Aid, gains: Gains, noise: Float64, state: Float64, Z: Complex, out: Float64
+    truth: Truth, aid: Aid, gains: ChannelGains, noise: Float64, state: Float64, Z: Complex, out: Float64
 ) -> None:
     """Run all channels over a block of integrations.
 

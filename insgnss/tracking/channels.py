@@ -28,7 +28,7 @@ from insgnss.tracking.channel_kernel import (
     PROMPT_Q,
     RATE_ERROR,
     Aid,
-    Gains,
+    ChannelGains,
     Truth,
     run_channels,
 )
@@ -86,7 +86,7 @@ class ChannelDesign:
         """Return the integration time [s]."""
         return self.carrier.step_s
 
-    def gains(self) -> Gains:
+    def gains(self) -> ChannelGains:
         """Return what the kernel needs."""
         a = signal_ratio(self.cn0_dbhz, self.step_s)
         correlators = Correlators(self.spacing_chips)
@@ -101,7 +101,7 @@ class ChannelDesign:
             FREQUENCY_KINDS.index(self.frequency_kind),
             DELAY_KINDS.index(self.delay_kind),
         )
-        return Gains(
+        return ChannelGains(
             self.step_s,
             _padded(self.carrier.gains, 3),
             _padded(self.carrier.rate_gains, 3),
@@ -125,7 +125,7 @@ def chips_per_radian(code: RangingCode, carrier_hz: float) -> float:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ChannelSignals:
     """What arrives at the channels, for n integrations and m channels."""
 
     phase_rad: Float64  # (n + 1, m) at the borders of the integrations
@@ -141,7 +141,7 @@ class Scene:
 
 def scene(
     phase_rad: npt.ArrayLike, cn0_dbhz: npt.ArrayLike, chips_per_radian: float = 0.0, sign: Int8 | None = None
-) -> Scene:
+) -> ChannelSignals:
     """Return a scene of phases (n + 1, m) and a C/N0 that broadcasts to (n, m).
 
     The delay follows the carrier and begins at zero; signs are all plus unless given.
@@ -162,7 +162,7 @@ def scene(
     signs = np.ones((n, m), np.int8) if sign is None else np.asarray(sign, np.int8)
     if signs.shape != (n, m) or not np.all(np.abs(signs) == 1):
         raise ConfigError("signs do not fit", key="sign", advice=f"give +1 or -1, shaped {(n, m)}")
-    return Scene(phase, (phase - phase[0]) * chips_per_radian, cn0, signs)
+    return ChannelSignals(phase, (phase - phase[0]) * chips_per_radian, cn0, signs)
 
 
 def data_signs(
@@ -203,7 +203,7 @@ class ChannelHistory:
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialLoopErrors:
     """Errors of the loops at the start, replica minus truth.
 
     A rate of None leaves it to the aiding: the loop's own rate begins at zero where it is told one, and without error
@@ -221,13 +221,13 @@ def no_aid(count: int, channels: int) -> Aid:
 
 
 @dataclass(frozen=True)
-class Simulation:
+class ChannelSimulation:
     """A run of channels on correlators: reproducible by its seed."""
 
     design: ChannelDesign
-    scene: Scene
+    scene: ChannelSignals
     aid: Aid | None = None
-    start: Start = field(default_factory=Start)
+    start: InitialLoopErrors = field(default_factory=InitialLoopErrors)
 
     def run(self, seed: int, threads: int = 1, progress: Progress | None = None) -> ChannelHistory:
         """Return what the loops do.

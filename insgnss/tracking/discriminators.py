@@ -19,7 +19,7 @@ _SCAN: Final = 2000
 _BESSEL_SPREAD: Final = 9.0  # harmonics whose size is below exp(-9^2 / 2) of the first are left out
 
 
-class Discriminator(Protocol):
+class DiscriminatorModel(Protocol):
     """Mean and variance of an output over an offset, in the discriminator's own unit."""
 
     def mean(self, offset: npt.ArrayLike, a: float) -> Float64:
@@ -35,7 +35,7 @@ class Discriminator(Protocol):
         """Return outputs simulated from correlators, (looks, ...)."""
 
 
-class Simulated(NamedTuple):
+class SimulatedOutput(NamedTuple):
     """Mean and variance of simulated outputs, and one sigma of each estimate."""
 
     mean: Float64
@@ -45,8 +45,8 @@ class Simulated(NamedTuple):
 
 
 def simulate(
-    discriminator: Discriminator, offset: npt.ArrayLike, a: float, looks: int, rng: np.random.Generator
-) -> Simulated:
+    discriminator: DiscriminatorModel, offset: npt.ArrayLike, a: float, looks: int, rng: np.random.Generator
+) -> SimulatedOutput:
     """Return mean and variance of a discriminator's output by simulating its correlators.
 
     The sigma of the variance follows from the fourth moment of the outputs themselves, as they are not Gaussian.
@@ -55,10 +55,10 @@ def simulate(
     mean = drawn.mean(axis=0)
     square = (drawn - mean) ** 2
     variance = square.mean(axis=0)
-    return Simulated(mean, variance, np.sqrt(variance / looks), square.std(axis=0) / math.sqrt(looks))
+    return SimulatedOutput(mean, variance, np.sqrt(variance / looks), square.std(axis=0) / math.sqrt(looks))
 
 
-def equivalent_variance(discriminator: Discriminator, a: float) -> float:
+def equivalent_variance(discriminator: DiscriminatorModel, a: float) -> float:
     """Return the variance of the equivalent observation: the noise divided by the slope.
 
     Equation: D = var u / S^2, at no offset                                           [(2.7), (2.12)]
@@ -77,7 +77,7 @@ def equivalent_variance(discriminator: Discriminator, a: float) -> float:
     return float(discriminator.variance(0.0, a)) / slope**2
 
 
-def linear_range(discriminator: Discriminator, a: float, largest: float, share: float = 0.1) -> float:
+def linear_range(discriminator: DiscriminatorModel, a: float, largest: float, share: float = 0.1) -> float:
     """Return the first offset at which the S-curve departs from its slope by a share of the straight line.
 
     Of -IQ it is 0.39 rad for 10 % (sin 0.8 / 0.8 = 0.897 at 0.4 rad): a limit of linearity, not of tracking, which
@@ -97,7 +97,7 @@ def linear_range(discriminator: Discriminator, a: float, largest: float, share: 
     return _first_crossing(excess, largest)
 
 
-def pull_in_range(discriminator: Discriminator, a: float, largest: float) -> float:
+def pull_in_range(discriminator: DiscriminatorModel, a: float, largest: float) -> float:
     """Return the first positive offset at which the S-curve comes back to zero: the unstable point."""
     slope = discriminator.slope(a)
     return _first_crossing(lambda x: -float(discriminator.mean(x, a)) / slope, largest)

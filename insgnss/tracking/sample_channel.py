@@ -29,7 +29,7 @@ from insgnss.tracking.channel_kernel import (
     N_STATE,
     PHASE,
     RATE,
-    Gains,
+    ChannelGains,
     correct_and_lead,
 )
 from insgnss.tracking.channels import ChannelDesign
@@ -68,7 +68,7 @@ class SampleScale(NamedTuple):
     border_chips: float  # length of an integration
 
 
-class SampleBuffer(NamedTuple):
+class SignalBuffer(NamedTuple):
     """Samples of a recording."""
 
     in_phase: Float64  # (n,)
@@ -81,15 +81,15 @@ class SampleLoops(NamedTuple):
 
     chips: Int8  # (m, length) one period of each channel's code
     scale: SampleScale
-    gains: Gains
-    pull_in: Gains  # of a channel that was opened lately
+    gains: ChannelGains
+    pull_in: ChannelGains  # of a channel that was opened lately
     amplitude: Float64  # (m,) factor of the sums: A / sigma_n^2 for the C/N0 that the slopes are for
     slopes: Float64  # (m, 3) of the discriminators
 
 
 @kernel
 def track_samples(
-    buffer: SampleBuffer,
+    buffer: SignalBuffer,
     until: int,
     loops: SampleLoops,
     aiding: LoopAiding,
@@ -276,7 +276,7 @@ class SampleChannels:
 
     def run(self, in_phase: Float64, quadrature: Float64, first: int, until: int, aiding: LoopAiding) -> None:
         """Run the open channels over the integrations that begin before sample ``until``; see ``track_samples``."""
-        buffer = SampleBuffer(in_phase, quadrature, first)
+        buffer = SignalBuffer(in_phase, quadrature, first)
         track_samples(buffer, until, self._loops, aiding, self.state, self.records, self.written)
 
     def reading(self, channel: int, sample: float) -> ReplicaReading | None:

@@ -12,7 +12,7 @@ from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int8
 
 _LARGEST_PHASE: Final = 1e15  # [chips]; a double then tells an eighth of a chip
-_BLOCK: Final = 64  # a rotation repeated as often has lost 1e-14; a sine and cosine cost 20 of them
+_ROTATION_BLOCK: Final = 64  # a rotation repeated as often has lost 1e-14; a sine and cosine cost 20 of them
 
 
 @kernel(inline=True)
@@ -54,13 +54,13 @@ def add_signal(
     if not has_places(chip_phase, chip_step, n, length) or signs.size == 0:
         return
     turn_c, turn_s = math.cos(2.0 * math.pi * cycle_step), math.sin(2.0 * math.pi * cycle_step)
-    for first in range(0, n, _BLOCK):
+    for first in range(0, n, _ROTATION_BLOCK):
         angle = 2.0 * math.pi * ((cycle_phase + cycle_step * first) % 1.0)
         c, s = math.cos(angle), math.sin(angle)
         phase = chip_phase + chip_step * first
         period = math.floor(phase / length)
         phase -= period * length
-        for k in range(first, min(first + _BLOCK, n)):
+        for k in range(first, min(first + _ROTATION_BLOCK, n)):
             if phase >= length:
                 phase -= length
                 period += 1
@@ -100,12 +100,12 @@ def correlate_samples(
     out[:] = 0.0
     if not has_places(chip_phase, chip_step, n, length):
         return
-    for first in range(0, n, _BLOCK):
+    for first in range(0, n, _ROTATION_BLOCK):
         angle = 2.0 * math.pi * ((cycle_phase + cycle_step * first) % 1.0)
         c, s = math.cos(angle), math.sin(angle)
         phase = chip_phase + chip_step * first
         phase -= math.floor(phase / length) * length
-        for k in range(first, min(first + _BLOCK, n)):
+        for k in range(first, min(first + _ROTATION_BLOCK, n)):
             x = in_phase[k]
             y = quadrature[k] if is_complex else 0.0
             i, q = x * c + y * s, y * c - x * s

@@ -116,7 +116,7 @@ class CarrierAndCode:
 
 
 @dataclass(frozen=True)
-class Received:
+class ReceivedSignal:
     """One satellite's signal as it arrives."""
 
     code: RangingCode
@@ -126,7 +126,7 @@ class Received:
 
 
 @dataclass(frozen=True)
-class Samples:
+class SignalSamples:
     """Samples with noise of variance 1 in each component."""
 
     sampling: Sampling
@@ -135,12 +135,12 @@ class Samples:
 
 
 def receive(
-    signals: Sequence[Received],
+    signals: Sequence[ReceivedSignal],
     sampling: Sampling,
     count: int,
     rng: np.random.Generator | None,
     integration_s: float = 1e-3,
-) -> Samples:
+) -> SignalSamples:
     """Return samples of all signals and noise.
 
     Equation: y_k = sum A h(t_k - tau) d cos(w_if t_k + w_d t_k + phi) + n_k, var n = N0 / (2 Td)           [(3.1)]
@@ -170,11 +170,15 @@ def receive(
         add_signal(
             sampling.amplitude(signal.cn0_dbhz), signal.code.chips, signal.signs, steps, in_phase, quadrature
         )
-    return Samples(sampling, in_phase, quadrature)
+    return SignalSamples(sampling, in_phase, quadrature)
 
 
 def correlate(
-    samples: Samples, code: RangingCode, replica: CarrierAndCode, cn0_dbhz: float, spacing_chips: float = 1.0
+    samples: SignalSamples,
+    code: RangingCode,
+    replica: CarrierAndCode,
+    cn0_dbhz: float,
+    spacing_chips: float = 1.0,
 ) -> Complex:
     """Return early, prompt and late correlators, (3,), scaled to the mean and variance a = 2 q T.
 

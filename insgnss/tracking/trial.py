@@ -16,7 +16,7 @@ from insgnss.tracking.aided_loop import perfect_aid
 from insgnss.tracking.channels import (
     ChannelDesign,
     ChannelHistory,
-    Simulation,
+    ChannelSimulation,
     chips_per_radian,
     data_signs,
     no_aid,
@@ -38,7 +38,7 @@ _MOTION_KEY, _SIGN_KEY = 1_000_001, 1_000_002  # seeds apart from those of the c
 
 
 @dataclass(frozen=True)
-class Motion:
+class CarrierDynamics:
     """What moves the carrier phase: along the line of sight, and in the oscillator."""
 
     acceleration_mps2: float = 0.0
@@ -93,12 +93,12 @@ def simulation_of(
     design: ChannelDesign,
     code: RangingCode,
     carrier_hz: float,
-    motion: Motion,
+    motion: CarrierDynamics,
     seconds: float,
     channels: int,
     seed: int,
     aided: bool = False,
-) -> Simulation:
+) -> ChannelSimulation:
     """Return the simulation of a motion: data on the carrier where the discriminator bears them.
 
     With aiding the motion along the line of sight is known to the loops, the wandering frequency is not: it is that of
@@ -114,7 +114,7 @@ def simulation_of(
     sign = _signs(design, code, n, channels, seed)
     known = np.repeat(steady[:, None], channels, axis=1)
     aid = perfect_aid(known, T) if aided else no_aid(n, channels)
-    return Simulation(design, scene(phase, design.cn0_dbhz, design.chips_per_radian, sign), aid)
+    return ChannelSimulation(design, scene(phase, design.cn0_dbhz, design.chips_per_radian, sign), aid)
 
 
 def _signs(
@@ -125,7 +125,7 @@ def _signs(
     return data_signs(count, channels, design.step_s, code.sign_s, seeded(seed, _SIGN_KEY))
 
 
-def assess(simulation: Simulation, history: ChannelHistory) -> Assessment:
+def assess(simulation: ChannelSimulation, history: ChannelHistory) -> Assessment:
     """Return errors, lock and C/N0 of a simulation of phase loops, the first fifth of its time left out.
 
     Raises
@@ -162,7 +162,7 @@ def _rms(values: Float64) -> float:
     return math.sqrt(float(np.mean(values**2))) if values.size else math.nan
 
 
-def _block(simulation: Simulation) -> int:
+def _block(simulation: ChannelSimulation) -> int:
     """Return how many integrations hold one sign of the data, by where the signs change."""
     changes = np.flatnonzero(np.diff(simulation.scene.sign, axis=0).any(axis=1))
     return int(np.gcd.reduce(changes + 1)) if changes.size else min(SYMBOL_BLOCK, len(simulation.scene.sign))

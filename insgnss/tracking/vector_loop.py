@@ -53,7 +53,7 @@ OFFSET_RANGE, OFFSET_RATE, OFFSET_CODE = range(3)
 N_NOISE: Final = (2, 12, 6)
 
 
-class Channels(NamedTuple):
+class ChannelConstants(NamedTuple):
     """What all channels have in common over an integration."""
 
     coherent: bool
@@ -77,7 +77,7 @@ def _levels() -> int:
     return round((MOST_DBHZ - LEAST_DBHZ) / DB_STEP) + 1
 
 
-def noise_count(channels: Channels) -> int:
+def noise_count(channels: ChannelConstants) -> int:
     """Return how many normal numbers a channel takes for an integration."""
     return N_NOISE[2] if channels.with_code else N_NOISE[0] if channels.coherent else N_NOISE[1]
 
@@ -92,7 +92,7 @@ def channels_of(
     spacing_chips: float = 1.0,
     frequency_kind: str = "cross",
     delay_kind: str | None = None,
-) -> Channels:
+) -> ChannelConstants:
     """Return channels that integrate for ``step_s`` at a time.
 
     ``delay_kind`` None is the product I (L - E) beside a phase, else the power.
@@ -114,7 +114,7 @@ def channels_of(
         FREQUENCY_KINDS.index(frequency_kind),
         DELAY_KINDS.index(delay_kind),
     )
-    channels = Channels(
+    channels = ChannelConstants(
         coherent,
         step_s,
         k,
@@ -127,7 +127,7 @@ def channels_of(
     return channels._replace(table=observation_table(channels, correlators))
 
 
-def observation_table(channels: Channels, correlators: Correlators) -> Float64:
+def observation_table(channels: ChannelConstants, correlators: Correlators) -> Float64:
     """Return the table of slopes and variances, (levels, 7); C/N0 from -10 to 70 dBHz.
 
     Equation: y = u / (slope k), variance var(u) / (slope k)^2; k [rad/m] of the phase and the frequency, 1 / chip of
@@ -162,7 +162,7 @@ def observation_table(channels: Channels, correlators: Correlators) -> Float64:
 
 @kernel
 def correlate(
-    channels: Channels, r: int, delay: float, carrier: complex, sigma: float, noise: Float64
+    channels: ChannelConstants, r: int, delay: float, carrier: complex, sigma: float, noise: Float64
 ) -> complex:
     """Return the early (0), prompt (1) or late (2) correlator.
 
@@ -181,7 +181,7 @@ def correlate(
 
 @kernel(inline=True)
 def observe_channel(
-    channels: Channels, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
+    channels: ChannelConstants, arriving: int, told: int, offset: Float64, noise: Float64, seen: Float64
 ) -> None:
     """Write what one channel sees in an integration.
 
@@ -238,7 +238,7 @@ def observe_channel(
 
 @kernel
 def observe_channels(
-    channels: Channels, arriving: Int64, told: Int64, offsets: Float64, noise: Float64, seen: Float64
+    channels: ChannelConstants, arriving: Int64, told: Int64, offsets: Float64, noise: Float64, seen: Float64
 ) -> None:
     """Write what n channels see, each in an integration of its own: ``observe_channel`` for arrays."""
     for c in range(len(arriving)):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.aiding.satellite_arcs import SatelliteArcs, broadcast_arcs
 from insgnss.aiding.table import AidingSetup
-from insgnss.aiding.trace import Covariances, Samples, Trace
+from insgnss.aiding.trace import Covariances, Trace, TraceSamples
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI
@@ -61,7 +61,7 @@ class ExactRun:
     """A trace of exact states, and samples whose slopes are exact too."""
 
     trace: Trace
-    imu: Samples
+    imu: TraceSamples
 
 
 def exact_run(motion: Trajectory, t_s: Float64, step_s: float = 0.005) -> ExactRun:
@@ -76,7 +76,7 @@ def exact_run(motion: Trajectory, t_s: Float64, step_s: float = 0.005) -> ExactR
     t_ns = START_NS + np.rint(t_s * NS_PER_S).astype(np.int64)
     back_ns = np.array([2, 1, 0]) * round(step_s * NS_PER_S)
     back_s = np.array([2.5, 1.5, 0.5])[None, :, None] * step_s
-    imu = Samples(
+    imu = TraceSamples(
         (t_ns[:, None] - back_ns).ravel(),
         np.ascontiguousarray((w[:, None] - back_s * w1[:, None]).reshape(-1, 3)),
         np.ascontiguousarray((f[:, None] - back_s * f1[:, None]).reshape(-1, 3)),

@@ -13,11 +13,11 @@ import insgnss
 from insgnss.aiding.sources import aiding_sources
 from insgnss.aiding.stream import AidingStream, decode, messages_of
 from insgnss.aiding.table import AidingTable
-from insgnss.aiding.trace import Samples, Traced, traced
+from insgnss.aiding.trace import FilterTrace, TraceSamples, traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, NavigationDataError
-from insgnss.filter.whole_log import TraceWanted, run_filter
+from insgnss.filter.whole_log import TraceIntervals, run_filter
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import cycle_slip
 from insgnss.simulation.observations import NoiseTerms
@@ -60,15 +60,15 @@ def replayed(flown: FlightInMemory, config: AidingConfig = CONFIG) -> AidingTabl
         logs.imu,
         setup.rows(logs.gnss, setup.navigation),
         "gnss",
-        trace=TraceWanted(config.rate_hz, config.sigma_interval_s),
+        trace=TraceIntervals(config.rate_hz, config.sigma_interval_s),
     )
     return aiding_sources(setup, config).table(trace_of(out, flown))
 
 
-def trace_of(out: Any, flown: FlightInMemory) -> Traced:
+def trace_of(out: Any, flown: FlightInMemory) -> FilterTrace:
     """Return what the loop left behind."""
     imu = flown.logs.imu
-    return traced(out.trace, Samples(imu.t_ns, imu.w_ib_b, imu.f_b))
+    return traced(out.trace, TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b))
 
 
 def engine_of(flown: FlightInMemory, sink: Any, aiding: float | AidingConfig = CONFIG) -> insgnss.Engine:

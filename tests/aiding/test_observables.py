@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.aiding.table import AidingTable, compute_aiding
-from insgnss.aiding.trace import Samples
+from insgnss.aiding.trace import TraceSamples
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.signals import wavelength_m
@@ -185,7 +185,7 @@ def sampled_errors(lever_b: tuple[float, float, float], slope_samples: int) -> t
     edges = 11.0 + 0.005 * np.arange(1001)
     increments = turning().increments(edges)
     t_ns = START_NS + np.rint(edges[1:] * NS_PER_S).astype(np.int64)
-    imu = Samples(t_ns, increments.mean_rate(), increments.mean_specific_force())
+    imu = TraceSamples(t_ns, increments.mean_rate(), increments.mean_specific_force())
     k = np.arange(20, 1000, 10)
     exact = exact_run(turning(), edges[1:][k])
     truth = aided(exact, lever_b).values

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insgnss.aiding.antenna_motion import Vehicle, place_motion, turn_about_axis
+from insgnss.aiding.antenna_motion import VehicleTrace, place_motion, turn_about_axis
 from insgnss.aiding.observables import LANES, N_LANE_ROWS, expand_satellite, towards
 from insgnss.aiding.table import AidingSetup, AidingTable, compute_aiding
 from insgnss.aiding.trace import Covariances
@@ -79,7 +79,7 @@ def rows_of_satellite(run: ExactRun, satellite: int) -> Float64:
     """Return (3, 17) rows of H of range, rate and acceleration."""
     arcs = sky_arcs().arcs
     work, h, e = np.zeros((28, 3)), np.zeros((4, OFFSETS)), np.zeros(N_LANE_ROWS * LANES)
-    p, since_s, _, _ = place_motion(Vehicle(run.trace, run.imu, np.array(LEVER_B), 1), 0, arcs, work)
+    p, since_s, _, _ = place_motion(VehicleTrace(run.trace, run.imu, np.array(LEVER_B), 1), 0, arcs, work)
     expand_satellite(arcs.pieces[satellite, p], since_s, work[0:4], e, 0)
     rho = towards(e, 0, work[0:4], work[18:20])
     turn_about_axis(work, 18, 20, -WGS84_OMEGA_RADPS * since_s)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from insgnss.aiding.table import AidingSetup, AidingTable, compute_aiding
-from insgnss.aiding.trace import Covariances, Samples, Trace
+from insgnss.aiding.trace import Covariances, Trace, TraceSamples
 from insgnss.config.aiding import AidingConfig
-from insgnss.filter.loop import Imu
+from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
 from insgnss.gnss.observation_rows import prepare_rows
@@ -40,7 +40,7 @@ def traced_run(log: SimulatedLog, rng: np.random.Generator) -> AidingTable:
         log.gnss, setup.navigation, None, clock_groups=setup.clock_groups, signals=dict(use.signals)
     )
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64))
-    imu = Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)
+    imu = ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)
     navigator = Navigator(setup)
     navigator.bank = opened_bank(log, rng)
     navigator.started_ns = int(log.at_gnss.t_ns[0])
@@ -61,7 +61,7 @@ def traced_run(log: SimulatedLog, rng: np.random.Generator) -> AidingTable:
     np.testing.assert_array_equal(log.imu.t_ns[sample], t_ns)
     trace = Trace(t_ns, sample, offset=np.zeros((len(t_ns), 0)), **column)
     return compute_aiding(
-        aiding_setup(), sky_arcs(), trace, Samples(*imu[:3]), Covariances(t_ns, np.array(covariances))
+        aiding_setup(), sky_arcs(), trace, TraceSamples(*imu[:3]), Covariances(t_ns, np.array(covariances))
     )
 
 

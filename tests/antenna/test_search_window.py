@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from insgnss.config.search import Detection, Grid, Search, Unsupervised
+from insgnss.config.search import Detection, Grid, Search, UnsupervisedReceiver
 from insgnss.constants import C_MPS
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import (
@@ -97,7 +97,7 @@ def test_missing_prediction_and_hopeless_signal_are_said_so() -> None:
 
 
 def test_unsupervised_receiver_that_does_not_know_its_doppler_pays_for_each_bin() -> None:
-    settings = Search(unsupervised=Unsupervised(doppler_half_width_hz=50.0))
+    settings = Search(unsupervised=UnsupervisedReceiver(doppler_half_width_hz=50.0))
     bins = math.ceil(100.0 / (2.0 / 3.0 / 0.3163))
     assert unsupervised_sweep_s(settings, NEED) == pytest.approx(bins * 3.163, rel=1e-3)
 

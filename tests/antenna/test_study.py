@@ -21,7 +21,7 @@ from insgnss.log.flight import Flight
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.runs.visibility import (
     AttitudeHistory,
-    Sky,
+    SatelliteDirections,
     VisibilityStudy,
     sky_of_navigation,
     sky_of_table,
@@ -152,7 +152,7 @@ def test_heading_not_yet_known_is_told() -> None:
 
 def test_further_constellation_adds_its_clock_and_a_lone_satellite_of_it_nothing() -> None:
     names, azimuth, elevation = paper_sky(90.0)
-    sky = Sky(
+    sky = SatelliteDirections(
         (*names, "E07"),
         np.append(np.radians(azimuth), 2.0)[None],
         np.append(np.radians(elevation), 0.7)[None],
@@ -168,7 +168,7 @@ def test_further_constellation_adds_its_clock_and_a_lone_satellite_of_it_nothing
 
 def test_three_satellites_or_four_in_one_direction_have_no_dilution() -> None:
     names, azimuth, elevation = paper_sky(0.0)
-    u_n = Sky(names, np.radians(azimuth)[None], np.radians(elevation)[None]).directions()
+    u_n = SatelliteDirections(names, np.radians(azimuth)[None], np.radians(elevation)[None]).directions()
     three = np.zeros((1, 11), np.bool_)
     three[0, :3] = True
 

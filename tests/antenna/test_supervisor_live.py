@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insgnss.config.search import Detection, Grid, Guards, Search, Unsupervised
+from insgnss.config.search import Detection, Grid, Guards, Search, UnsupervisedReceiver
 from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError, InputError, TimeError
 from insgnss.receiver.detection import detector
@@ -139,7 +139,7 @@ def test_misspelt_key_names_the_nearest(tmp_path: Path) -> None:
     ("settings", "key"),
     [
         (Search(guards=Guards(threshold_cn0_dbhz=10.0)), "guards.threshold_cn0_dbhz"),
-        (Search(unsupervised=Unsupervised(cn0_dbhz=10.0)), "unsupervised.cn0_dbhz"),
+        (Search(unsupervised=UnsupervisedReceiver(cn0_dbhz=10.0)), "unsupervised.cn0_dbhz"),
     ],
 )
 def test_threshold_below_what_can_be_detected_is_a_contradiction(settings: Search, key: str) -> None:

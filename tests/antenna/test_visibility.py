@@ -21,7 +21,7 @@ from insgnss.antenna.visibility import (
     UNCERTAIN_HIDDEN,
     UNCERTAIN_VISIBLE,
     VISIBLE,
-    Limits,
+    VisibilityLimits,
     attitude_covariance,
     compare,
     look_at,
@@ -32,7 +32,7 @@ from insgnss.errors import ConfigError
 from insgnss.status import MASKED_GAIN, MASKED_OBSTRUCTION, USED
 from tests.antenna.vehicle import HIDDEN_FIVE, NO_LIMIT, Decisions, attitudes, paper_sky, vehicle
 
-SHARP = Limits(-5.3, 0.0, 0.0, NO_LIMIT)
+SHARP = VisibilityLimits(-5.3, 0.0, 0.0, NO_LIMIT)
 
 
 # --- the study's geometry -------------------------------------------------------------------------------------------
@@ -105,7 +105,7 @@ def test_vehicle_without_an_antenna_masks_nothing() -> None:
 
 
 def test_threshold_above_every_gain_masks_everything() -> None:
-    limits = Limits(50.0, 1.0, 3.0, NO_LIMIT)
+    limits = VisibilityLimits(50.0, 1.0, 3.0, NO_LIMIT)
     found = Decisions(attitudes([0.0, 0.0, 0.0]), *paper_sky(0.0)[1:], vehicle("patch_l1"), limits)
 
     assert (found.decision == HIDDEN).all()
@@ -121,14 +121,14 @@ def test_satellite_whose_place_is_not_known_is_undecided() -> None:
 # --- hysteresis and uncertainty ------------------------------------------------------------------------------------
 
 
-def roll_through(rolls: list[float], limits: Limits, sd_deg: float = 0.0) -> Decisions:
+def roll_through(rolls: list[float], limits: VisibilityLimits, sd_deg: float = 0.0) -> Decisions:
     """Return decisions on a satellite to the right at 5 deg while the vehicle rolls: its body elevation is 5 + roll."""
     rpy = np.column_stack([rolls, np.zeros((len(rolls), 2))])
     return Decisions(attitudes(rpy, sd_deg), 90.0, 5.0, vehicle("cardioid"), limits)
 
 
 def test_hidden_satellite_needs_the_hysteresis_to_return() -> None:
-    limits = Limits(-5.2948, 1.0, 0.0, NO_LIMIT)
+    limits = VisibilityLimits(-5.2948, 1.0, 0.0, NO_LIMIT)
     rolls = [1.0, -1.0, 1.0, 6.0, 8.0, 1.0, -1.0]
     # the gain is 1 dB above the threshold from about 7 deg of roll on
     expected = [True, False, False, False, True, True, False]
@@ -141,7 +141,7 @@ def test_hidden_satellite_needs_the_hysteresis_to_return() -> None:
 
 def test_satellite_near_the_threshold_keeps_its_decision() -> None:
     # sigma of the gain 1 deg times the slope: within 3 sigma is within 3 deg
-    limits = Limits(-5.2948, 0.0, 3.0, NO_LIMIT)
+    limits = VisibilityLimits(-5.2948, 0.0, 3.0, NO_LIMIT)
     rolls = [4.0, 2.0, -2.0, -4.0, -2.0, 2.0, 4.0]
     found = roll_through(rolls, limits, sd_deg=1.0)
 
@@ -153,7 +153,7 @@ def test_satellite_near_the_threshold_keeps_its_decision() -> None:
 
 
 def test_satellite_near_the_threshold_is_hidden_where_that_is_asked_for() -> None:
-    limits = Limits(-5.2948, 0.0, 3.0, NO_LIMIT, HIDE)
+    limits = VisibilityLimits(-5.2948, 0.0, 3.0, NO_LIMIT, HIDE)
     rolls = [4.0, 2.0, -2.0, -4.0, -2.0, 2.0, 4.0]
     found = roll_through(rolls, limits, sd_deg=1.0)
 
@@ -167,7 +167,7 @@ def test_satellite_near_the_threshold_is_hidden_where_that_is_asked_for() -> Non
 def test_doubt_is_the_probability_that_the_satellite_is_hidden() -> None:
     # 5 deg of body elevation are the threshold; sigma of the gain is that of the elevation times the slope
     rolls = [4.0, 2.0, 0.5, -1.0, -2.0, -4.0]
-    keep, deweight = (Limits(-5.2948, 0.0, 3.0, NO_LIMIT, what) for what in (KEEP, DEWEIGHT))
+    keep, deweight = (VisibilityLimits(-5.2948, 0.0, 3.0, NO_LIMIT, what) for what in (KEEP, DEWEIGHT))
     found = roll_through(rolls, deweight, sd_deg=1.0)
     expected = [0.0, *stats.norm.sf([2.0, 0.5, -1.0, -2.0]), 0.0]
 
@@ -178,7 +178,7 @@ def test_doubt_is_the_probability_that_the_satellite_is_hidden() -> None:
 
 
 def test_satellite_never_seen_and_uncertain_counts_as_visible() -> None:
-    found = roll_through([-2.0], Limits(-5.2948, 0.0, 3.0, NO_LIMIT), sd_deg=1.0)
+    found = roll_through([-2.0], VisibilityLimits(-5.2948, 0.0, 3.0, NO_LIMIT), sd_deg=1.0)
 
     assert found.decision.tolist() == [[UNCERTAIN_VISIBLE]]
 
@@ -211,7 +211,7 @@ def changes(found: Decisions) -> int:
 
 def test_noise_of_the_attitude_makes_the_decision_flicker_only_without_margin() -> None:
     rolls = np.random.default_rng(8).normal(0.0, 1.0, 600).tolist()
-    sharp, calm = Limits(-5.2948, 0.0, 0.0, NO_LIMIT), Limits(-5.2948, 0.0, 4.0, NO_LIMIT)
+    sharp, calm = VisibilityLimits(-5.2948, 0.0, 0.0, NO_LIMIT), VisibilityLimits(-5.2948, 0.0, 4.0, NO_LIMIT)
 
     assert changes(roll_through(rolls, sharp, sd_deg=1.0)) > 200
     assert changes(roll_through(rolls, calm, sd_deg=1.0)) == 0
@@ -284,7 +284,7 @@ def test_second_antenna_below_takes_over_when_the_vehicle_is_inverted() -> None:
     below = MountedAntenna(name="belly", pattern="patch_l1", mounting_rpy_deg=(180.0, 0.0, 0.0))
     inverted = attitudes(np.tile([180.0, 0.0, 30.0], (3000, 1)))  # five minutes
     azimuth, elevation = paper_sky(600.0)[1:]
-    limits = Limits(-5.0, 1.0, 3.0, NO_LIMIT)
+    limits = VisibilityLimits(-5.0, 1.0, 3.0, NO_LIMIT)
     alone = Decisions(inverted, azimuth, elevation, vehicle("patch_l1"), limits)
     both = Decisions(inverted, azimuth, elevation, vehicle("patch_l1", below), limits)
 
@@ -297,7 +297,9 @@ def test_rotation_of_1000_deg_per_s_is_only_geometry() -> None:
     n = 2000
     rolls = 1000.0 * 0.001 * np.arange(n)
     history = attitudes(np.column_stack([rolls, np.zeros((n, 2))]), step_s=0.001)
-    found = Decisions(history, 90.0, 5.0, vehicle("hemispherical"), Limits(-5.0, 0.0, 0.0, NO_LIMIT))
+    found = Decisions(
+        history, 90.0, 5.0, vehicle("hemispherical"), VisibilityLimits(-5.0, 0.0, 0.0, NO_LIMIT)
+    )
 
     body_elevation = np.degrees(np.arcsin(np.sin(np.radians(5.0 + rolls))))
     clear = np.abs(body_elevation) > 0.2  # the edge falls within 0.1 deg
@@ -334,7 +336,7 @@ def test_satellite_near_the_edge_of_the_tail_keeps_its_decision(tmp_path: Path) 
     # towards the edge of the tail, behind it, and back: yaw to the left moves the satellite to the right of the body
     yaws = [-20.0, -12.0, -8.0, 0.0, -8.0, -12.0, -20.0]
     rpy = np.column_stack([np.zeros((7, 2)), yaws])
-    limits = Limits(-5.0, 0.0, 3.0, NO_LIMIT)
+    limits = VisibilityLimits(-5.0, 0.0, 3.0, NO_LIMIT)
     found = Decisions(attitudes(rpy, sd_deg=1.0), 180.0, 5.0, antennas, limits)
 
     assert found.visible[:, 0].tolist() == [True, True, True, False, False, False, True]

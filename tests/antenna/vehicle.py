@@ -9,7 +9,7 @@ import numpy as np
 from insgnss.antenna.equipment import installation
 from insgnss.antenna.installation import Installation
 from insgnss.antenna.obstruction import directions
-from insgnss.antenna.visibility import Limits, look_at_all, new_looks
+from insgnss.antenna.visibility import VisibilityLimits, look_at_all, new_looks
 from insgnss.config.flight import MountedAntenna
 from insgnss.runs.visibility import AttitudeHistory
 from insgnss.simulation.sky import PAPER_SKY
@@ -50,7 +50,7 @@ class Decisions:
         azimuth_deg: np.ndarray | float,
         elevation_deg: np.ndarray | float,
         antennas: Installation,
-        limits: Limits,
+        limits: VisibilityLimits,
     ) -> None:
         u = np.atleast_2d(directions(azimuth_deg, elevation_deg))
         n, s = len(history.t_ns), len(u)

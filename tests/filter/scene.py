@@ -17,18 +17,18 @@ import pymap3d
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
-from insgnss.filter.loop import Imu, run_epochs
+from insgnss.filter.loop import ImuSamples, run_epochs
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.parameters import resolve_parameters
-from insgnss.filter.rows.lines import Epoch
+from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank, new_bank
-from insgnss.filter.update.epoch_space import Workspace, new_epoch, new_workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace, new_epoch, new_workspace
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import euler_to_matrix, matrix_to_quaternion
 from insgnss.gnss.carrier_rows import no_carriers
-from insgnss.gnss.observation_rows import ABSENT, OBSERVATION_DTYPE, Rows
+from insgnss.gnss.observation_rows import ABSENT, OBSERVATION_DTYPE, GnssRows
 from insgnss.status import USED
 from insgnss.tables import Float64, Int64
 from tests.layouts import layout_with
@@ -155,7 +155,7 @@ def sky(at: Place, angles_deg: Sequence[tuple[float, float]] = SKY_DEG) -> Float
 
 def rows_of(
     epoch_ns: Sequence[int] | Int64, sat: Float64, value: Float64 | None = None, group: Sequence[int] = ()
-) -> Rows:
+) -> GnssRows:
     """Return rows of ``sat`` (k, 8), or (m, k, 8), and values (m, k, 2), NaN where the log has none, else zeros."""
     m = len(epoch_ns)
     sat = np.array(np.broadcast_to(sat, (m, *sat.shape[-2:])), order="C")
@@ -171,7 +171,7 @@ def rows_of(
     first = np.arange(0, m * k + 1, max(k, 1), dtype=np.int64) if k else np.zeros(m + 1, np.int64)
     row["variance_scale"], row["ionosphere_m"], row["phase_factor"] = 1.0, math.nan, 1.0
     carrier, before = no_carriers()
-    return Rows(
+    return GnssRows(
         np.array(epoch_ns, np.int64),
         first,
         row,
@@ -194,11 +194,11 @@ def steady_force(m: np.record) -> Float64:
 def observed(
     bank: Bank,
     par: npt.NDArray[Any],
-    log: Rows,
+    log: GnssRows,
     epoch: int = 0,
     w_ib_b: Float64 | None = None,
     f_b: Float64 | None = None,
-) -> Epoch:
+) -> EpochWorkspace:
     """Return the work space after the epoch's rows were held against the filter's prior; not accelerated by default."""
     work = new_epoch(int(log.first[epoch + 1] - log.first[epoch]), bank.P.shape[1])
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
@@ -207,7 +207,7 @@ def observed(
     return work
 
 
-def dense_rows(work: Epoch, n: int) -> Float64:
+def dense_rows(work: EpochWorkspace, n: int) -> Float64:
     """Return (2, k, n) rows of H over all states, pseudoranges first, of a work space that ``observed`` filled."""
     lines = work.lines
     H = np.zeros((2, len(lines), n))
@@ -226,7 +226,7 @@ def perfect_rows(
     *,
     w_ib_b: Float64 | None = None,
     group: Sequence[int] = (),
-) -> Rows:
+) -> GnssRows:
     """Return rows whose values are what ``truth`` (constant over the epochs, but for its clock) predicts."""
     log = rows_of(epoch_ns, sat, group=group)
     for epoch, t_ns in enumerate(epoch_ns):
@@ -239,12 +239,14 @@ def perfect_rows(
     return log
 
 
-def at_rest(at: Place, C_eb: Float64, seconds: float, rate_hz: float, *, start_ns: int = START_NS) -> Imu:
+def at_rest(
+    at: Place, C_eb: Float64, seconds: float, rate_hz: float, *, start_ns: int = START_NS
+) -> ImuSamples:
     """Return the samples of a perfect sensor that rests on the Earth."""
     n = round(seconds * rate_hz)
     t_ns = start_ns + np.rint(np.arange(n + 1) * (NS_PER_S / rate_hz)).astype(np.int64)
     still = np.ones((n + 1, 1))
-    return Imu(t_ns, still * (C_eb.T @ W_IE_E), still * (C_eb.T @ at.f_e))
+    return ImuSamples(t_ns, still * (C_eb.T @ W_IE_E), still * (C_eb.T @ at.f_e))
 
 
 class Result(NamedTuple):
@@ -252,10 +254,10 @@ class Result(NamedTuple):
 
     code: int
     out: Output
-    work: Workspace
+    work: FilterWorkspace
 
 
-def run(bank: Bank, log: Rows, imu: Imu, par: npt.NDArray[Any]) -> Result:
+def run(bank: Bank, log: GnssRows, imu: ImuSamples, par: npt.NDArray[Any]) -> Result:
     """Run the compiled loop over all epochs of the rows."""
     n = bank.P.shape[1]
     out = new_output(log, len(log.epoch_ns), 100, np.zeros(0, np.int64))
@@ -264,11 +266,11 @@ def run(bank: Bank, log: Rows, imu: Imu, par: npt.NDArray[Any]) -> Result:
     return Result(code, out, work)
 
 
-def update(bank: Bank, log: Rows, par: npt.NDArray[Any], w_ib_b: Float64 | None = None) -> Result:
+def update(bank: Bank, log: GnssRows, par: npt.NDArray[Any], w_ib_b: Float64 | None = None) -> Result:
     """Run the first epoch alone, at the filter's own time; the correction is left in ``work.epoch.vectors[0]``."""
     rate = np.zeros(3) if w_ib_b is None else w_ib_b
     now_ns = int(bank.head["now_ns"][0])
     force = steady_force(bank.state[0])
-    imu = Imu(np.array([now_ns - 10_000_000, now_ns]), np.tile(rate, (2, 1)), np.tile(force, (2, 1)))
+    imu = ImuSamples(np.array([now_ns - 10_000_000, now_ns]), np.tile(rate, (2, 1)), np.tile(force, (2, 1)))
     bank.head["next"] = 2
     return run(bank, log, imu, par)

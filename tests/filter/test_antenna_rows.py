@@ -23,7 +23,7 @@ from insgnss.filter.antennas.rows import (
     whitened,
     without_clocks,
 )
-from insgnss.filter.antennas.visibility import Hiding, hidden_reasons
+from insgnss.filter.antennas.visibility import AntennaMasking, hidden_reasons
 from insgnss.filter.state import PSI
 from insgnss.gnss.antenna_phases import AntennaPhases
 from insgnss.gnss.line_of_sight import line_of_sight_range
@@ -179,7 +179,7 @@ def test_phase_of_a_satellite_that_may_be_hidden_has_a_share_of_a_cycles_spread(
 
 @pytest.mark.parametrize("name", ["keep", "hide", "deweight"])
 def test_antenna_that_may_not_see_a_satellite_hides_it_or_doubts_it(name: str) -> None:
-    hiding = Hiding((vehicle("cardioid"),), limits_of(MASK.model_copy(update={"uncertain": name})))
+    hiding = AntennaMasking((vehicle("cardioid"),), limits_of(MASK.model_copy(update={"uncertain": name})))
     # 1 deg above the edge at 5 deg, 1 deg below it, and far above
     elevation = np.radians([6.0, 4.0, 60.0])
     u_n = np.column_stack([np.cos(elevation), np.zeros(3), -np.sin(elevation)])

@@ -11,11 +11,11 @@ import pytest
 
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
-from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.smoothing.between import Between, one_hypothesis, smoothed
+from insgnss.filter.smoothing.between import InterpolatedStates, one_hypothesis, smoothed
 from insgnss.filter.smoothing.smoother import Smoother
-from insgnss.filter.smoothing.smoother_step import Kept, Smoothed, one_back
+from insgnss.filter.smoothing.smoother_step import FilteredEpoch, SmoothedEpoch, one_back
 from insgnss.filter.state import OFFSETS
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
@@ -37,30 +37,30 @@ def flown(simulator: Simulator, filter_setup: FilterSetup, seed: int) -> tuple[S
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64))
     navigator = Navigator(filter_setup)
     navigator.bank, navigator.started_ns = opened(log, filter_setup, rng), int(log.at_gnss.t_ns[0])
-    smoother = Smoother(navigator, Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
+    smoother = Smoother(navigator, ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
     smoother.forward(rows, 1, LAST + 1, out)
     smoother.forward(rows, BACK, len(rows.epoch_ns), out)
     return log, smoother
 
 
-def before_the_gap(smoother: Smoother, t_ns: int) -> tuple[Smoothed, Smoothed]:
+def before_the_gap(smoother: Smoother, t_ns: int) -> tuple[SmoothedEpoch, SmoothedEpoch]:
     """Return the last epoch before the gap and the first after it."""
     found = list(smoother._back())[::-1]
     at = next(i for i, one in enumerate(found) if one.kept.t_ns == t_ns)
     return found[at], found[at + 1]
 
 
-def silent(bank: Any, t_ns: int, imu: Imu, parameters: npt.NDArray[Any]) -> Kept:
+def silent(bank: Any, t_ns: int, imu: ImuSamples, parameters: npt.NDArray[Any]) -> FilteredEpoch:
     """Return an epoch without measurements."""
     carried = one_hypothesis(bank.state, bank.P, bank.head)
     scratch = new_scratch(carried.P.shape[1])
     carry_bank(carried, t_ns, imu, parameters[0], scratch)
     predict_covariance(carried.state[0], carried.P[0], parameters[0], scratch)
     q = carried.P.shape[1]
-    return Kept(carried, np.zeros(q), np.zeros((0, q)), linked=True)
+    return FilteredEpoch(carried, np.zeros(q), np.zeros((0, q)), linked=True)
 
 
-def parts_of(found: Smoothed, times_ns: Int64, smoother: Smoother) -> list[Between]:
+def parts_of(found: SmoothedEpoch, times_ns: Int64, smoother: Smoother) -> list[InterpolatedStates]:
     """Return the smoothed states at times after an epoch, in their order."""
     assert found.onward is not None
     parts = smoothed(found.kept.bank, times_ns, found.onward, smoother.navigator.parameters, len(found.e))

@@ -7,14 +7,14 @@ import pymap3d
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insgnss.filter.loop import Imu
+from insgnss.filter.loop import ImuSamples
 from insgnss.filter.output.writing import N_NAV
 from insgnss.filter.smoothing.body_points import (
     COVARIANCES,
     POINT,
     POINT_COVARIANCES,
     QUATERNION,
-    Wanted,
+    PointColumns,
     further_values,
     local_levels_of,
     rates_at,
@@ -27,7 +27,7 @@ DRAWS = 40_000
 WITHIN = 0.05  # of a variance by 40 000 draws: seven sigmas
 LEVER_B = (30.0, -20.0, 12.0)
 RATE = np.array([0.3, -0.2, 0.5])
-EVERYTHING = Wanted(LEVER_B, quaternion=True, covariance=True)
+EVERYTHING = PointColumns(LEVER_B, quaternion=True, covariance=True)
 AT = place(h_m=1500.0)
 C_EB = attitude(AT, 35.0, -12.0, 140.0)
 V_E = AT.C_ne.T @ np.array([60.0, -30.0, 5.0])
@@ -108,7 +108,7 @@ def test_point_at_the_imu_is_the_row_itself(rng: np.random.Generator) -> None:
     value = rows(AT.r_e[None], V_E[None], C_EB[None])
     P = covariance(rng, 0.5)[None]
 
-    found = further_values(Wanted((0.0, 0.0, 0.0)), value, P, RATE[None], np.zeros(1))[0]
+    found = further_values(PointColumns((0.0, 0.0, 0.0)), value, P, RATE[None], np.zeros(1))[0]
 
     np.testing.assert_allclose(found[:6], value[0, :6], rtol=1e-11)
     np.testing.assert_allclose(found[6:9] ** 2, np.diagonal(AT.C_ne @ P[0, :3, :3] @ AT.C_ne.T), rtol=1e-9)
@@ -117,7 +117,9 @@ def test_point_at_the_imu_is_the_row_itself(rng: np.random.Generator) -> None:
 def test_quaternion_is_the_rows_attitude() -> None:
     value = rows(AT.r_e[None], V_E[None], C_EB[None])
 
-    found = further_values(Wanted(quaternion=True), value, np.zeros((1, 15, 15)), RATE[None], np.zeros(1))[0]
+    found = further_values(
+        PointColumns(quaternion=True), value, np.zeros((1, 15, 15)), RATE[None], np.zeros(1)
+    )[0]
 
     assert len(found) == len(QUATERNION)
     assert found[0] >= 0.0
@@ -132,7 +134,7 @@ def test_point_turns_about_the_imu_with_the_rate_against_the_earth() -> None:
     rate = C_eb.T @ np.array([0.0, 0.0, 7.292115e-5]) + [0.0, 0.0, 0.5]
 
     found = further_values(
-        Wanted((10.0, 0.0, 0.0)), value, np.zeros((1, 15, 15)), rate[None], np.full(1, 4e-6)
+        PointColumns((10.0, 0.0, 0.0)), value, np.zeros((1, 15, 15)), rate[None], np.full(1, 4e-6)
     )[0]
 
     np.testing.assert_allclose(found[3:6], [0.0, 5.0, 0.0], atol=1e-4)
@@ -143,7 +145,7 @@ def test_rate_at_an_instant_is_that_between_two_means() -> None:
     """A rate that grows steadily has its mean in the middle of each interval."""
     t_ns = 1_000_000_000 + np.arange(0, 500_000_000, 10_000_000, dtype=np.int64)
     w = np.outer(1e-9 * (t_ns - t_ns[0]) - 0.005, [1.0, 2.0, -1.0])
-    imu = Imu(t_ns, w, np.zeros_like(w))
+    imu = ImuSamples(t_ns, w, np.zeros_like(w))
     at_ns = t_ns[[3, 20]] + np.array([0, 4_000_000])
 
     rate, variance = rates_at(imu, at_ns, parameters()[0])

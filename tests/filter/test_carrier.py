@@ -14,7 +14,7 @@ from insgnss.constants import C_MPS
 from insgnss.filter import loop_calls
 from insgnss.filter.loop import run_epochs
 from insgnss.filter.output.writing import new_output
-from insgnss.filter.rows.lines import Epoch
+from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.state import (
     BG,
     CLOCK,
@@ -32,7 +32,7 @@ from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
 from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
-from insgnss.gnss.observation_rows import CARRIER, Rows
+from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.compiled_ahead import compile_for
 from insgnss.status import GATED, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
@@ -65,7 +65,7 @@ def cloned_filter(rng: np.random.Generator) -> Bank:
     return bank
 
 
-def carrier_log(at_ns: int = START_NS) -> Rows:
+def carrier_log(at_ns: int = START_NS) -> GnssRows:
     """Return one epoch of twelve satellites whose carriers are differenced over half a second."""
     at = place(-33.0, 151.0, 9000.0)
     log = rows_of([at_ns], sky(at))
@@ -80,7 +80,7 @@ def numbers(**changes: Any) -> npt.NDArray[Any]:
     return parameters(LEVER_B, at_clone=OFFSETS, **NOISE, **changes)
 
 
-def observed(bank: Bank, log: Rows, par: npt.NDArray[Any]) -> Epoch:
+def observed(bank: Bank, log: GnssRows, par: npt.NDArray[Any]) -> EpochWorkspace:
     """Return the work space with the carriers held against the prior."""
     work = new_epoch(len(log.observation), N, OFFSETS)
     observe(bank.state[0], bank.P[0], par[0], log, 0, STILL, steady_force(bank.state[0]), work)
@@ -187,15 +187,15 @@ def test_update_with_differences_equals_the_dense_filter(rng: np.random.Generato
     assert np.max(np.abs(bank.P[0][:OFFSETS, :OFFSETS] - P_after[:OFFSETS, :OFFSETS])) < 1e-7 * np.max(P)
 
 
-def run_epoch(bank: Bank, log: Rows, par: npt.NDArray[Any]) -> tuple[Any, Any]:
+def run_epoch(bank: Bank, log: GnssRows, par: npt.NDArray[Any]) -> tuple[Any, Any]:
     """Run the loop over one epoch at the filter's own time."""
-    from insgnss.filter.loop import Imu
+    from insgnss.filter.loop import ImuSamples
 
     t_ns = np.array([START_NS - 10_000_000, START_NS], np.int64)
     force = np.tile(steady_force(bank.state[0]), (2, 1))
     out, work = new_output(log, 1, 10, np.zeros(0, np.int64)), new_workspace(12, layout_with(clone=True))
     bank.head["now_ns"], bank.head["next"] = START_NS, 2
-    run_epochs(bank, (0, 1), log, Imu(t_ns, np.zeros((2, 3)), force), par, -1e9, out, work)
+    run_epochs(bank, (0, 1), log, ImuSamples(t_ns, np.zeros((2, 3)), force), par, -1e9, out, work)
     return out, work
 
 

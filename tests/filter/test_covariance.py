@@ -8,7 +8,7 @@ import pytest
 from insgnss.filter.loop import DONE, carry_bank, run_epochs
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.prediction import new_scratch, predict_covariance
-from insgnss.filter.rows.lines import Epoch
+from insgnss.filter.rows.lines import EpochWorkspace
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, OFFSETS, copy_bank
 from insgnss.filter.update.epoch_space import new_workspace
 from insgnss.status import USED
@@ -43,7 +43,7 @@ def smallest_eigenvalue(P: Float64) -> float:
     return float(np.linalg.eigvalsh(P / np.outer(sigma, sigma))[0])
 
 
-def dense_joseph(P: Float64, work: Epoch) -> tuple[Float64, Float64]:
+def dense_joseph(P: Float64, work: EpochWorkspace) -> tuple[Float64, Float64]:
     """Return covariance and correction of one epoch by the textbook Joseph form, every matrix dense."""
     H, y, r = dense_rows(work, N), work.lines["innovation"][:, :2], work.lines["variance"][:, :2]
     x, unit = np.zeros(N), np.eye(N)

@@ -20,7 +20,7 @@ from insgnss.filter.update.observe import observe
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.ionosphere_rows import ionosphere_growth
-from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gnss.range_model import path_delay
 from insgnss.tables import Float64
 from tests.filter.scene import (
@@ -72,7 +72,7 @@ def air_at(r_e: Float64, par: npt.NDArray[Any]) -> tuple[float, float]:
     return zenith_delays(lat, h, *standard_atmosphere(h, *weather))
 
 
-def log_at(at: Place, factor: float) -> Rows:
+def log_at(at: Place, factor: float) -> GnssRows:
     """Return an epoch of satellites, one of them at 6 deg, with carriers on the frequency of ``factor``."""
     sat = sky(at, SKY_DEG)
     log = rows_of([START_NS], sat)
@@ -90,20 +90,20 @@ def numbers(ionosphere: float, troposphere: float, **changes: Any) -> npt.NDArra
     return parameters(at_clone=CLONE, use_ionosphere=ionosphere, use_troposphere=troposphere, **changes)
 
 
-def lines_of(bank: Bank, log: Rows, par: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def lines_of(bank: Bank, log: GnssRows, par: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the lines of the epoch held against the prior."""
     work = new_epoch(len(log.observation), N, CLONE)
     observe(bank.state[0], bank.P[0], par[0], log, 0, np.zeros(3), steady_force(bank.state[0]), work)
     return work.lines
 
 
-def added(bank: Bank, log: Rows, ionosphere: float, troposphere: float) -> Float64:
+def added(bank: Bank, log: GnssRows, ionosphere: float, troposphere: float) -> Float64:
     """Return (k, 3) what the air adds to the prediction of each kind."""
     empty = lines_of(bank, log, numbers(0.0, 0.0))["innovation"]
     return np.asarray(empty - lines_of(bank, log, numbers(ionosphere, troposphere))["innovation"])
 
 
-def delays_at(bank: Bank, log: Rows, dt: float, factor: float, troposphere: float) -> Float64:
+def delays_at(bank: Bank, log: GnssRows, dt: float, factor: float, troposphere: float) -> Float64:
     """Return the path delays (k,) [m] where antenna and satellites are ``dt`` later, by the whole model anew."""
     m = bank.state[0]
     r_e = m.r_e + dt * m.v_e

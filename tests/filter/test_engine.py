@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from insgnss.config.library import filter_config
-from insgnss.filter.engine import Engine, EpochResult
+from insgnss.filter.engine import EpochResult, FilterEngine
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.setup import engine_settings, setup_filter
@@ -58,7 +58,7 @@ def epochs(gnss: GnssTable) -> list[GnssTable]:
     return [gnss.take(np.flatnonzero(gnss.t_ns == t)) for t in np.unique(gnss.t_ns)]
 
 
-def stream(engine: Engine, logs: FlightLogs, delays_ns: Iterator[int]) -> None:
+def stream(engine: FilterEngine, logs: FlightLogs, delays_ns: Iterator[int]) -> None:
     """Feed samples and epochs in the order in which they arrive, each epoch late by its delay."""
     arriving = sorted(((int(e.t_ns[0]) + next(delays_ns), i) for i, e in enumerate(epochs(logs.gnss))))
     tables = epochs(logs.gnss)
@@ -97,7 +97,7 @@ def assert_same_bits(results: list[EpochResult], logs: FlightLogs, flight: Fligh
 
 def test_stream_in_order_gives_the_bits_of_replay(part: tuple[Flight, FlightLogs]) -> None:
     flight, logs = part
-    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(flight, logs, filter_config("tight17")))
     stream(engine, logs, no_delay())
     assert_same_bits(engine.take_results(all_of_them=True), logs, flight)
     kinds = {event.kind for event in engine.events}
@@ -112,7 +112,7 @@ def test_snapshot_before_the_start_shares_the_setup_and_nothing_that_changes(
     navigator = Navigator(setup)
     rows = setup.rows(logs.gnss, setup.navigation)
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), setup.layout.n_values)
-    samples = Imu(logs.imu.t_ns, logs.imu.w_ib_b, logs.imu.f_b)
+    samples = ImuSamples(logs.imu.t_ns, logs.imu.w_ib_b, logs.imu.f_b)
     empty = navigator.snapshot()
     navigator.run(samples, rows, 0, 1, out)  # the first epoch has no window of samples before it: a fix alone
     saved = navigator.snapshot()
@@ -128,7 +128,7 @@ def test_epochs_late_within_the_latency_give_the_bits_of_replay(
     part: tuple[Flight, FlightLogs], rng: np.random.Generator
 ) -> None:
     flight, logs = part
-    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(flight, logs, filter_config("tight17")))
     delays = iter(rng.integers(0, 990_000_000, 10_000).tolist())
     stream(engine, logs, delays)
     results = engine.take_results(all_of_them=True)
@@ -141,7 +141,7 @@ def test_epochs_late_within_the_latency_give_the_bits_of_replay(
 
 def test_epoch_later_than_the_latency_is_refused_with_an_event(part: tuple[Flight, FlightLogs]) -> None:
     flight, logs = part
-    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(flight, logs, filter_config("tight17")))
     delays = iter([1_500_000_000 if i == 100 else 0 for i in range(1000)])
     stream(engine, logs, delays)
     refused = [r for r in engine.take_results(all_of_them=True) if (r.out.ledger["status"] == TOO_LATE).any()]
@@ -154,7 +154,7 @@ def test_state_between_epochs_is_the_replay_at_the_imu_rate(part: tuple[Flight, 
     setup = setup_filter(flight, logs, filter_config("tight17"))
     out, _ = run_filter(setup, logs.imu, setup.rows(logs.gnss, setup.navigation), "imu")
     nav = {int(row["t_ns"]): row["value"] for row in out.nav[: out.counts[0].nav]}
-    engine = Engine(setup)
+    engine = FilterEngine(setup)
     tables = {int(e.t_ns[0]): e for e in epochs(logs.gnss)}
     compared = 0
     for t_ns, w, f in zip(logs.imu.t_ns, logs.imu.w_ib_b, logs.imu.f_b, strict=True):
@@ -175,7 +175,7 @@ def test_sample_behind_the_newest_or_not_finite_is_refused_with_an_event(
     part: tuple[Flight, FlightLogs],
 ) -> None:
     flight, logs = part
-    engine = Engine(setup_filter(flight, logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(flight, logs, filter_config("tight17")))
     t = int(logs.imu.t_ns[0])
     still = np.array([0.0, 0.0, -9.8])
     engine.imu(t, np.zeros(3), still)
@@ -248,7 +248,7 @@ def assert_same_carriers(results: list[EpochResult], logs: FlightLogs, flown: Fl
 
 def test_stream_with_carriers_gives_the_bits_of_replay(with_carriers: tuple[Flight, FlightLogs]) -> None:
     flown, logs = with_carriers
-    engine = Engine(setup_filter(flown, logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(flown, logs, filter_config("tight17")))
     stream(engine, logs, no_delay())
     results = engine.take_results(all_of_them=True)
     assert_same_carriers(results, logs, flown)
@@ -263,7 +263,7 @@ def test_carriers_of_late_epochs_give_the_bits_of_replay(
     flown, logs = with_carriers
     setup = setup_filter(flown, logs, filter_config("tight17"))
     longer = setup.config.model_copy(update={"latency_s": 3.5})
-    engine = Engine(dataclasses.replace(setup, config=longer))
+    engine = FilterEngine(dataclasses.replace(setup, config=longer))
     stream(engine, logs, iter(rng.integers(0, 3_490_000_000, 1000).tolist()))
     results = engine.take_results(all_of_them=True)
     # still on their way at the end
@@ -274,7 +274,7 @@ def test_carriers_of_late_epochs_give_the_bits_of_replay(
 def test_epoch_refused_as_too_late_is_none_to_count_from(with_carriers: tuple[Flight, FlightLogs]) -> None:
     """What the stream says afterwards is what a replay says of a log without that epoch."""
     flown, logs = with_carriers
-    engine = Engine(setup_filter(flown, logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(flown, logs, filter_config("tight17")))
     stream(engine, logs, iter([2_600_000_000 if i in (30, 50, 51) else 0 for i in range(1000)]))
     results = engine.take_results(all_of_them=True)
     refused = [r for r in results if (r.out.ledger["status"] == TOO_LATE).any()]

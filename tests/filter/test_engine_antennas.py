@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from insgnss.aiding.sources import aiding_sources
-from insgnss.aiding.trace import Samples, traced
+from insgnss.aiding.trace import TraceSamples, traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, InputError
@@ -18,7 +18,7 @@ from insgnss.filter.antennas.phase_log import PhaseLog
 from insgnss.filter.engine import EpochResult
 from insgnss.filter.output.writing import Output
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.whole_log import TraceWanted, run_filter
+from insgnss.filter.whole_log import TraceIntervals, run_filter
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.engine import Engine
 from insgnss.runs.late_antennas import with_antennas
@@ -44,7 +44,7 @@ class Flown(NamedTuple):
         config = filter_config("tight", {"latency_s": LATENCY_S})
         return setup_filter(self.flight, self.logs, config)
 
-    def replayed(self, trace: TraceWanted | None = None) -> tuple[Output, PhaseLog, list[Event]]:
+    def replayed(self, trace: TraceIntervals | None = None) -> tuple[Output, PhaseLog, list[Event]]:
         """Return what a replay writes: the loop's output, the phases with their ledger, and the events."""
         setup = self.setup()
         rows = setup.rows(self.logs.gnss, setup.navigation)
@@ -310,8 +310,10 @@ def test_a_gap_in_the_samples_begins_anew_as_in_a_replay(at_rest: Flown, rng: np
 def test_live_aiding_with_several_antennas_has_the_bits_of_a_replay(at_rest: Flown) -> None:
     config = AidingConfig(rate_hz=20.0, latency_s=0.01, sigma_interval_s=0.4)
     setup, imu = at_rest.setup(), at_rest.logs.imu
-    out, _, _ = at_rest.replayed(TraceWanted(config.rate_hz, config.sigma_interval_s))
-    table = aiding_sources(setup, config).table(traced(out.trace, Samples(imu.t_ns, imu.w_ib_b, imu.f_b)))
+    out, _, _ = at_rest.replayed(TraceIntervals(config.rate_hz, config.sigma_interval_s))
+    table = aiding_sources(setup, config).table(
+        traced(out.trace, TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b))
+    )
     wanted = table.columns(at_rest.flight.config.gps_week, parts=True)
     sink = Collected()
 

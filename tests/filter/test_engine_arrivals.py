@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.config.library import filter_config
-from insgnss.filter.engine import Engine, EpochResult
+from insgnss.filter.engine import EpochResult, FilterEngine
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import Flight, FlightLogs
@@ -63,7 +63,7 @@ def late(rng: np.random.Generator, longest_s: float = LATENCY_S - 0.02) -> int:
     return int(rng.integers(0, int(longest_s * 1e9)))
 
 
-def feed(engine: Engine, imu: ImuTable, arrivals: Arrivals) -> None:
+def feed(engine: FilterEngine, imu: ImuTable, arrivals: Arrivals) -> None:
     """Feed samples and packets in the order in which they arrive."""
     due = sorted(arrivals, key=lambda arrival: arrival[0])
     for t_ns, w, f in zip(imu.t_ns, imu.w_ib_b, imu.f_b, strict=True):
@@ -104,7 +104,7 @@ def test_repeated_packet_is_a_duplicate_of_its_epoch(
 ) -> None:
     index = [np.flatnonzero(logs.gnss.t_ns == t_ns) for t_ns in np.unique(logs.gnss.t_ns)]
     twice = logs.gnss.take(np.concatenate([part for rows in index for part in (rows, rows)]))
-    engine = Engine(with_latency(flown, logs))
+    engine = FilterEngine(with_latency(flown, logs))
     feed(engine, logs.imu, [(int(e.t_ns[0]) + late(rng), e) for e in epochs(logs.gnss) for _ in range(2)])
     results = engine.take_results(all_of_them=True)
     assert_replayed(results, flown, dataclasses.replace(logs, gnss=twice))
@@ -118,7 +118,7 @@ def test_epoch_in_two_packets_is_one_epoch(flown: Flight, logs: FlightLogs, rng:
     for epoch in epochs(logs.gnss):
         delays = sorted((late(rng), late(rng)))
         arrivals += [(int(epoch.t_ns[0]) + d, p) for d, p in zip(delays, parts_of(epoch), strict=True)]
-    engine = Engine(with_latency(flown, logs))
+    engine = FilterEngine(with_latency(flown, logs))
     feed(engine, logs.imu, arrivals)
     results = engine.take_results(all_of_them=True)
     index = [np.flatnonzero(logs.gnss.t_ns == t_ns) for t_ns in np.unique(logs.gnss.t_ns)]
@@ -132,7 +132,7 @@ def test_second_packet_after_the_latency_is_refused(flown: Flight, logs: FlightL
     tables = epochs(logs.gnss)
     first, second = parts_of(tables[20])
     arrivals = [(int(e.t_ns[0]), e) for e in [*tables[:20], first, *tables[21:]]]
-    engine = Engine(with_latency(flown, logs))
+    engine = FilterEngine(with_latency(flown, logs))
     feed(engine, logs.imu, [*arrivals, (int(second.t_ns[0]) + int((LATENCY_S + 0.5) * 1e9), second)])
     results = engine.take_results(all_of_them=True)
     refused = [r for r in results if counted([r], TOO_LATE)]
@@ -176,7 +176,7 @@ def test_epochs_are_passed_over_where_samples(
 ) -> None:
     """They never reach the starter: a start in motion would look back on their fixes."""
     cut = dataclasses.replace(logs, imu=SAMPLES[samples](logs.imu))
-    engine = Engine(with_latency(flown, cut))
+    engine = FilterEngine(with_latency(flown, cut))
     feed(
         engine,
         cut.imu,
@@ -194,7 +194,7 @@ def test_given_state_without_a_start_before_the_gap_is_tried_again_after_it(logs
     elsewhere = true_start(BASE, 2.0).model_copy(update={"time_s": None, "lat_deg": -35.0, "lon_deg": -60.0})
     flown = flight(BASE, start=elsewhere)
     cut = dataclasses.replace(logs, imu=without_samples(logs.imu, 1.3, 7.0))
-    engine = Engine(with_latency(flown, cut))
+    engine = FilterEngine(with_latency(flown, cut))
     feed(engine, cut.imu, [(int(e.t_ns[0]), e) for e in epochs(cut.gnss)])
     assert_replayed(engine.take_results(all_of_them=True), flown, cut)
     assert [event.kind for event in engine.events][:4] == [
@@ -207,7 +207,7 @@ def test_given_state_without_a_start_before_the_gap_is_tried_again_after_it(logs
 
 def test_epoch_waits_for_samples_until_a_gap_is_certain(flown: Flight, logs: FlightLogs) -> None:
     """A gap that may still be bridged makes no epoch lost."""
-    engine = Engine(with_latency(flown, logs))
+    engine = FilterEngine(with_latency(flown, logs))
     before = imu_between(logs.imu, 0.0, 15.3)
     tables = epochs(logs.gnss)
     ahead = next(e for e in tables if int(e.t_ns[0]) > int(before.t_ns[-1]))
@@ -222,7 +222,7 @@ def test_epoch_waits_for_samples_until_a_gap_is_certain(flown: Flight, logs: Fli
 
 def test_all_results_taken_on_the_way_change_no_bit_of_the_rest(flown: Flight, logs: FlightLogs) -> None:
     """What was given out as final stays so: its tag is refused from then on."""
-    engine = Engine(with_latency(flown, logs))
+    engine = FilterEngine(with_latency(flown, logs))
     cut_s = 20.035
     cut_ns = START_NS + int(cut_s * 1e9)
     arrivals = [(int(e.t_ns[0]), e) for e in epochs(logs.gnss)]
@@ -250,7 +250,7 @@ def test_entries_without_a_satellite_have_no_direction(flown: Flight, logs: Flig
         rows.append(np.concatenate([epoch[own], epoch[~own]]) if k % 2 else epoch)
     gnss = dataclasses.replace(logs.gnss.take(np.concatenate(rows)), sv_names=names)
     unknown = dataclasses.replace(logs, gnss=gnss)
-    engine = Engine(with_latency(flown, unknown))
+    engine = FilterEngine(with_latency(flown, unknown))
     feed(engine, unknown.imu, [(int(e.t_ns[0]), e) for e in epochs(gnss)])
     results = engine.take_results(all_of_them=True)
     assert_replayed(results, flown, unknown)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from insgnss.filter.engine import Engine
+from insgnss.filter.engine import FilterEngine
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.tables import ImuTable
 from tests.filter.test_engine_arrivals import LATENCY_S, assert_replayed, epochs, feed, late, with_latency
@@ -56,7 +56,7 @@ def test_engine_gives_the_bits_of_replay_with_samples(
     samples: str, delayed: bool, flown: Flight, logs: FlightLogs, rng: np.random.Generator
 ) -> None:
     spoilt = dataclasses.replace(logs, imu=SAMPLES[samples](logs.imu))
-    engine = Engine(with_latency(flown, spoilt))
+    engine = FilterEngine(with_latency(flown, spoilt))
     feed(
         engine,
         spoilt.imu,
@@ -70,7 +70,7 @@ def test_engine_gives_the_bits_of_replay_with_samples(
 def test_wild_tag_is_refused_told_once_and_changes_no_bit(
     wild_s: float, flown: Flight, logs: FlightLogs
 ) -> None:
-    engine = Engine(with_latency(flown, logs))
+    engine = FilterEngine(with_latency(flown, logs))
     cut_ns = START_NS + 50 * 10**9 + 5_000_000
     due = [(int(e.t_ns[0]), e) for e in epochs(logs.gnss)]
     at = int(np.searchsorted(logs.imu.t_ns, cut_ns))
@@ -86,7 +86,7 @@ def test_wild_tag_is_refused_told_once_and_changes_no_bit(
 def test_stream_that_was_set_ahead_for_some_samples_is_taken_up_again(
     flown: Flight, logs: FlightLogs
 ) -> None:
-    engine = Engine(with_latency(flown, logs))
+    engine = FilterEngine(with_latency(flown, logs))
     at = int(np.searchsorted(logs.imu.t_ns, START_NS + 30 * 10**9))
     t_ns = logs.imu.t_ns.copy()
     t_ns[at : at + 5] += 10**15

@@ -13,7 +13,7 @@ from scipy import stats
 from insgnss.constants import NS_PER_S
 from insgnss.filter.state import CLOCK, DR, OFFSETS, Bank, copy_bank, new_bank
 from insgnss.filter.update.faults import HUBER, STUDENT
-from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, Rows
+from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, GnssRows
 from insgnss.status import DRIFTING, GATED, INCONSISTENT, REFLECTED, USED
 from tests.filter import scene
 from tests.filter.scene import (
@@ -45,7 +45,7 @@ def numbers(**changes: Any) -> npt.NDArray[Any]:
 
 def epoch(
     rng: np.random.Generator, sigmas: dict[int, float], faults: dict[int, float] | None = None
-) -> tuple[Bank, Rows]:
+) -> tuple[Bank, GnssRows]:
     """Return a filter a second after its last epoch, wrong by a draw of its own sigmas, and twelve noisy rows."""
     at = place()
     bank = new_filter(at, sigmas=sigmas)
@@ -136,7 +136,7 @@ def test_clean_epochs_lose_no_more_rows_than_the_gate_says(
     assert lost >= stats.binom.ppf(0.001, epochs * N, 0.4 * beyond)
 
 
-def _with(drawn: tuple[Bank, Rows], par: npt.NDArray[Any]) -> tuple[Bank, Rows, npt.NDArray[Any]]:
+def _with(drawn: tuple[Bank, GnssRows], par: npt.NDArray[Any]) -> tuple[Bank, GnssRows, npt.NDArray[Any]]:
     return *drawn, par
 
 
@@ -194,7 +194,7 @@ FROM = 60  # epoch at which something begins
 
 def at_rest_scene(
     rng: np.random.Generator, *, offset_m: float = 0.0, group: tuple[int, ...] = ()
-) -> tuple[Bank, Bank, Rows]:
+) -> tuple[Bank, Bank, GnssRows]:
     """Return truth, filter and three minutes of rows of a vehicle at rest, each satellite with an error of its own."""
     at = place()
     truth = new_filter(at, offsets=(offset_m,) if group else ())
@@ -206,7 +206,7 @@ def at_rest_scene(
     return truth, copy_bank(truth), log
 
 
-def run_at_rest(bank: Bank, log: Rows, **changes: Any) -> npt.NDArray[Any]:
+def run_at_rest(bank: Bank, log: GnssRows, **changes: Any) -> npt.NDArray[Any]:
     """Run the filter; return the statuses of the pseudoranges, (epochs, satellites)."""
     imu = at_rest(place(), bank.state[0].C_eb, EPOCHS + 1.0, 20.0)
     result = run(bank, log, imu, numbers(**changes))
@@ -272,7 +272,7 @@ def test_position_found_from_far_off_is_not_drift(rng: np.random.Generator) -> N
 # ------------------------------------------------------------------------------------------------ reflections
 
 
-def street(rng: np.random.Generator, *, weaker_db: float, longer_m: float) -> tuple[Bank, Rows]:
+def street(rng: np.random.Generator, *, weaker_db: float, longer_m: float) -> tuple[Bank, GnssRows]:
     """Return a settled filter under a known sky, one satellite of which is weaker and longer than it should be."""
     bank, log = epoch(rng, {DR: 1e-3, CLOCK: 1e-3})
     bank.state["cn0_level"], bank.state["cn0_level_ns"] = 50.0, START_NS - NS_PER_S

@@ -10,12 +10,12 @@ from filterpy.common import van_loan_discretization
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.loop import Imu, carry_bank, run_epochs
+from insgnss.filter.loop import ImuSamples, carry_bank, run_epochs
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.prediction import new_scratch, predict_covariance
 from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.epoch_space import new_workspace
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.status import USED
 from insgnss.tables import Float64
 from tests.filter.dense_filter import (
@@ -55,11 +55,11 @@ class Log(NamedTuple):
     """A flight: the true start, samples and rows with their errors in them."""
 
     truth: Bank
-    imu: Imu
-    rows: Rows
+    imu: ImuSamples
+    rows: GnssRows
 
 
-def swaying_imu(rng: np.random.Generator, f_b: Float64, seconds: float, *, errors: bool) -> Imu:
+def swaying_imu(rng: np.random.Generator, f_b: Float64, seconds: float, *, errors: bool) -> ImuSamples:
     """Return 100 Hz samples of a vehicle that sways in all axes, unevenly timed."""
     n = round(100 * seconds)
     t_ns = START_NS + np.arange(n + 1) * 10_000_000 + rng.integers(-1_000_000, 1_000_000, n + 1)
@@ -70,7 +70,7 @@ def swaying_imu(rng: np.random.Generator, f_b: Float64, seconds: float, *, error
     if errors:
         w = w + [4e-6, -3e-6, 2e-6] + 3e-4 * rng.normal(size=w.shape)
         f = f + [8e-3, -6e-3, 5e-3] + 1e-2 * rng.normal(size=f.shape)
-    return Imu(t_ns, w, f)
+    return ImuSamples(t_ns, w, f)
 
 
 def make_log(rng: np.random.Generator, noise: float) -> Log:

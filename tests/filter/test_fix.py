@@ -9,7 +9,7 @@ from insgnss.config.library import filter_config
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import fix_epoch
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.log.flight import Flight
 from insgnss.runs.point import read_logs, solve_rows
 from insgnss.runs.setup import setup_filter
@@ -20,7 +20,7 @@ EPOCH, MAX_GDOP = 40, 12.0
 
 
 @pytest.fixture(scope="module")
-def sample() -> tuple[FilterSetup, Rows, Parameters]:
+def sample() -> tuple[FilterSetup, GnssRows, Parameters]:
     """Return setup, rows and parameters of the sample flight."""
     flight = Flight.load(REPOSITORY / "data" / "sample_flight" / "flight.toml")
     logs = read_logs(flight)
@@ -28,7 +28,7 @@ def sample() -> tuple[FilterSetup, Rows, Parameters]:
     return setup, setup.rows(logs.gnss, setup.navigation), setup.parameters()[0]
 
 
-def changed(rows: Rows, kind: int, at: int, by: float) -> Rows:
+def changed(rows: GnssRows, kind: int, at: int, by: float) -> GnssRows:
     """Return rows with one value of an epoch's usable ones off."""
     observation = rows.observation.copy()
     usable = rows.first[EPOCH] + np.flatnonzero(
@@ -38,7 +38,7 @@ def changed(rows: Rows, kind: int, at: int, by: float) -> Rows:
     return rows._replace(observation=observation)
 
 
-def test_fix_is_the_point_solution_of_the_epoch(sample: tuple[FilterSetup, Rows, Parameters]) -> None:
+def test_fix_is_the_point_solution_of_the_epoch(sample: tuple[FilterSetup, GnssRows, Parameters]) -> None:
     setup, rows, par = sample
     _, _, out = solve_rows(setup, rows)
     for epoch in range(0, 200, 20):
@@ -56,7 +56,7 @@ def test_fix_is_the_point_solution_of_the_epoch(sample: tuple[FilterSetup, Rows,
 
 
 def test_scatter_that_passes_the_test_widens_the_covariance(
-    sample: tuple[FilterSetup, Rows, Parameters],
+    sample: tuple[FilterSetup, GnssRows, Parameters],
 ) -> None:
     setup, rows, par = sample
     good = fix_epoch(rows, EPOCH, par, setup.ties, MAX_GDOP)
@@ -72,7 +72,7 @@ def test_scatter_that_passes_the_test_widens_the_covariance(
 
 @pytest.mark.parametrize(("kind", "by"), [(PSEUDORANGE, 900.0), (PSEUDORANGE, -5e4), (RANGE_RATE, 30.0)])
 def test_false_row_is_left_out_of_the_fix(
-    sample: tuple[FilterSetup, Rows, Parameters], kind: int, by: float
+    sample: tuple[FilterSetup, GnssRows, Parameters], kind: int, by: float
 ) -> None:
     setup, rows, par = sample
     good = fix_epoch(rows, EPOCH, par, setup.ties, MAX_GDOP)
@@ -83,7 +83,7 @@ def test_false_row_is_left_out_of_the_fix(
     assert np.linalg.norm(fix.r_a - good.r_a) < 10.0
 
 
-def test_dilution_beyond_the_limit_gives_no_fix(sample: tuple[FilterSetup, Rows, Parameters]) -> None:
+def test_dilution_beyond_the_limit_gives_no_fix(sample: tuple[FilterSetup, GnssRows, Parameters]) -> None:
     setup, rows, par = sample
     _, _, out = solve_rows(setup, rows)
     gdop = float(out.dop[EPOCH, 0])

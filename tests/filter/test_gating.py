@@ -11,7 +11,7 @@ from insgnss.constants import C_MPS, NS_PER_S
 from insgnss.filter.loop import DONE
 from insgnss.filter.output.writing import CLOCK_STEP, DRIFT_STEP
 from insgnss.filter.state import CLOCK, DRIFT, Bank, copy_bank
-from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 from tests.filter.scene import (
@@ -42,7 +42,7 @@ class Scene(NamedTuple):
 
     truth: Bank
     bank: Bank
-    log: Rows
+    log: GnssRows
 
 
 def scene(rng: np.random.Generator, n_satellites: int, *, offsets: tuple[float, ...] = ()) -> Scene:
@@ -59,7 +59,7 @@ def scene(rng: np.random.Generator, n_satellites: int, *, offsets: tuple[float, 
     return Scene(truth, copy_bank(truth), log)
 
 
-def by_epoch(log: Rows) -> Float64:
+def by_epoch(log: GnssRows) -> Float64:
     """Return a view of the values, (epoch, satellite, kind)."""
     values: Float64 = log.observation["value"].reshape(EPOCHS, -1, 2)
     return values

@@ -13,7 +13,7 @@ from insgnss.filter.layout import Layout
 from insgnss.filter.output.gps_time import covariance_at_gps_time, place_at_gps_time
 from insgnss.filter.state import DR, DV, N_CLONE, OFFSETS, PSI, Bank, StateRecord, new_bank
 from insgnss.filter.states.imu_time import IMU_TIME, imu_time, to_imu_time
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe, place_antenna
@@ -158,9 +158,9 @@ def test_state_set_by_a_fix_is_carried_to_the_imus_time_and_back() -> None:
     )
 
 
-def settings(sigma_s: float) -> StatesWanted:
+def settings(sigma_s: float) -> StateInputs:
     config = filter_config("tight", {"process.imu_time_sigma_s": sigma_s})
-    return StatesWanted(config, ("G",), True, imu_grade("tactical"))
+    return StateInputs(config, ("G",), True, imu_grade("tactical"))
 
 
 def test_no_state_without_a_doubt() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.config.library import filter_config, imu_grade
-from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream, Screened, screened
+from insgnss.filter.imu.inertial_stream import Cut, Sample, SampleStream, ScreenedLog, screened
 from insgnss.filter.imu.tag_guard import TagGuard
 from insgnss.filter.setup import FilterSetup
 from insgnss.tables import Event, ImuTable
@@ -44,7 +44,7 @@ def log(rng: np.random.Generator, t_ns: np.ndarray, sway: float = 0.2) -> ImuTab
     return ImuTable(t_ns, w, f)
 
 
-def kinds(found: Screened) -> list[str]:
+def kinds(found: ScreenedLog) -> list[str]:
     """Return the kinds of the events."""
     return [event.kind for event in found.events]
 

@@ -12,7 +12,7 @@ from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
 from insgnss.filter.layout import Layout
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, Bank
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, USED
 from tests.filter.scene import (
@@ -36,7 +36,7 @@ EPOCHS = 90
 SETTLED = {DR: 1.0, DV: 0.05, CLOCK: 1.0}
 
 
-def scene(rng: np.random.Generator) -> tuple[Bank, Rows]:
+def scene(rng: np.random.Generator) -> tuple[Bank, GnssRows]:
     """Return a filter at rest on the truth and its rows with their noise."""
     at = place()
     bank = new_filter(at, sigmas=SETTLED)
@@ -48,7 +48,7 @@ def scene(rng: np.random.Generator) -> tuple[Bank, Rows]:
     return bank, log
 
 
-def factors(bank: Bank, log: Rows) -> np.ndarray:
+def factors(bank: Bank, log: GnssRows) -> np.ndarray:
     """Run the filter with adaptation; return the factors of ranges and range rates."""
     imu = at_rest(place(), bank.state[0].C_eb, EPOCHS + 1.0, 20.0)
     changes = {

@@ -15,10 +15,10 @@ from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter.diagnosis.resetting import reset_kinematics
 from insgnss.filter.headings.heading_bank import turn_member
 from insgnss.filter.layout import Layout, StateBlock
-from insgnss.filter.start.start import Attitude, open_bank
+from insgnss.filter.start.start import StartAttitude, open_bank
 from insgnss.filter.state import BG, CLOCK, DR, DV, N_CLONE, OFFSETS, PSI, Bank, new_bank
 from insgnss.filter.states.lever_arm import LEVER_ARM, lever_arm
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.epoch_space import new_epoch
@@ -149,7 +149,7 @@ def test_clone_shares_the_lever_arms_error() -> None:
 
 def test_start_knows_the_antenna_as_well_as_the_fix_does_however_long_the_lever_arm() -> None:
     layout, par = Layout((BLOCK,)), numbers()[0]
-    how = Attitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.zeros(3), None, False)
+    how = StartAttitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.zeros(3), None, False)
     P_r, P_v, rate = np.diag([4.0, 9.0, 1.0]), np.diag([0.1, 0.2, 0.3]), np.array([0.2, -0.1, 0.4])
     kin = replace(kinematics(P_r, P_v), offsets=np.zeros(0))
     grade = imu_grade("tactical")
@@ -207,7 +207,7 @@ def test_split_heading_keeps_the_antenna_and_what_is_known_of_it() -> None:
 def test_states_are_there_where_the_settings_doubt_the_lever_arm() -> None:
     for sigma in (0.0, 0.2):
         config = filter_config("tight", {"process.lever_arm_sigma_m": sigma})
-        block = lever_arm(StatesWanted(config, ("G",), True, imu_grade("tactical")))
+        block = lever_arm(StateInputs(config, ("G",), True, imu_grade("tactical")))
         assert (
             (block is None) if sigma == 0.0 else (block is not None and block.variance == pytest.approx(0.04))
         )

@@ -11,7 +11,7 @@ import pytest
 from insgnss.constants import C_MPS
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.geodesy.rotations import matrix_to_quaternion, turn_left
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Float64
 from tests.filter.scene import (
     START_NS,
@@ -37,7 +37,7 @@ class Case(NamedTuple):
 
     bank: Bank
     par: npt.NDArray[Any]
-    log: Rows
+    log: GnssRows
     w_ib_b: Float64
 
 

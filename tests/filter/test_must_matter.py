@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from insgnss.constants import C_MPS, GPS_MU_M3PS2, WGS84_OMEGA_RADPS
-from insgnss.filter.loop import Imu, carry_bank
+from insgnss.filter.loop import ImuSamples, carry_bank
 from insgnss.filter.prediction import new_scratch
 from insgnss.filter.state import OFFSETS, Bank, copy_bank
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows, prepare_rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows, prepare_rows
 from insgnss.inertial.mechanization import mechanize
 from insgnss.tables import EphemerisTable, Float64
 from tests.filter.scene import (
@@ -37,7 +37,7 @@ from tests.gnss.broadcast_sample import TOE_NS, copies, navigation_table, observ
 
 
 def innovations(
-    bank: Bank, log: Rows, par: npt.NDArray[Any] | None = None, w_ib_b: Float64 | None = None
+    bank: Bank, log: GnssRows, par: npt.NDArray[Any] | None = None, w_ib_b: Float64 | None = None
 ) -> Float64:
     """Return (k, 2) innovations of the first epoch."""
     numbers = parameters() if par is None else par
@@ -86,7 +86,7 @@ def broadcast(tmp_path: Path) -> Broadcast:
     )
 
 
-def rows_with(table: EphemerisTable, pseudorange_m: float) -> Rows:
+def rows_with(table: EphemerisTable, pseudorange_m: float) -> GnssRows:
     """Return one row of G04 with its state by the message, at the time of transmission."""
     tag = TOE_NS + 1_800_000_000_000
     log = replace(observations(("G04",), [tag], [pseudorange_m]), range_rate_mps=np.zeros(1))
@@ -220,7 +220,7 @@ def test_clock_of_a_millisecond_takes_the_velocity_of_an_accelerating_antenna_ba
     assert np.max(np.abs(moved - steady)) > 0.025
 
 
-def carried(bank: Bank, imu: Imu) -> Bank:
+def carried(bank: Bank, imu: ImuSamples) -> Bank:
     """Return the filter after all samples, without GNSS."""
     moving = copy_bank(bank)
     carry_bank(moving, int(imu.t_ns[-1]), imu, parameters()[0], new_scratch(OFFSETS))
@@ -264,7 +264,9 @@ def test_coning_terms_keep_an_attitude_that_increments_alone_lose() -> None:
         one_period = one_period * Rotation.from_rotvec(rate * dt / fine)
     earth, start = Rotation.from_rotvec(-W_IE_E * seconds), Rotation.from_matrix(bank.state[0].C_eb)
     truth = earth * start * one_period ** round(seconds / period)
-    imu = Imu(START_NS + np.arange(n + 1) * 10_000_000, np.concatenate([w[-1:], w]), np.zeros((n + 1, 3)))
+    imu = ImuSamples(
+        START_NS + np.arange(n + 1) * 10_000_000, np.concatenate([w[-1:], w]), np.zeros((n + 1, 3))
+    )
     plain = [bank.state[name][0].copy() for name in ("q_eb", "C_eb", "r_e", "v_e")]
     for k in range(1, n + 1):
         mechanize(*plain, imu.w_ib_b[k], imu.f_b[k], dt, np.zeros(3))

@@ -8,7 +8,7 @@ import pytest
 from insgnss.filter.state import OFFSETS, Bank
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe
-from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, GnssRows
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky, steady_force
 from tests.jacobian import finite_difference_jacobian
@@ -26,7 +26,7 @@ def numbers(**changes: float) -> np.ndarray:
     )
 
 
-def scene() -> tuple[Bank, Rows]:
+def scene() -> tuple[Bank, GnssRows]:
     """Return a filter with all three states and rows of two constellations, some of them on GLONASS channels."""
     bank = new_filter(place(), offsets=(25.0, 0.4, 0.1))
     log = perfect_rows(bank, parameters(), [START_NS], sky(place()), group=GROUP)
@@ -34,7 +34,7 @@ def scene() -> tuple[Bank, Rows]:
     return bank, log
 
 
-def lines_of(bank: Bank, log: Rows, par: np.ndarray) -> np.ndarray:
+def lines_of(bank: Bank, log: GnssRows, par: np.ndarray) -> np.ndarray:
     work = new_epoch(12, N)
     observe(bank.state[0], bank.P[0], par[0], log, 0, np.zeros(3), steady_force(bank.state[0]), work)
     return work.lines

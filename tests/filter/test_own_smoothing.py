@@ -13,7 +13,7 @@ import insgnss
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.own_rows.rows import own_measurements
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.smoother import Smoother
 from insgnss.filter.state import OFFSETS
@@ -79,7 +79,7 @@ def flown(
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64))
     navigator = Navigator(filter_setup)
     navigator.bank, navigator.started_ns = bank, int(log.at_gnss.t_ns[0])
-    smoother = Smoother(navigator, Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
+    smoother = Smoother(navigator, ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
     smoother.forward(rows, 1, len(rows.epoch_ns), out)
     return log, smoother, out
 
@@ -158,7 +158,7 @@ def test_smoothed_row_at_the_time_of_own_rows_is_that_between_its_neighbours() -
         opened(log, navigator.setup, np.random.default_rng(3)),
         navigator.started_ns,
     )
-    redone = Smoother(again, Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
+    redone = Smoother(again, ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
     redone.forward(rows, 1, len(rows.epoch_ns), out)
     filtered = out.nav["value"].copy()
     redone.finish(out)

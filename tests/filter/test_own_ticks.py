@@ -17,7 +17,7 @@ from insgnss.filter.own_rows.ledger import OwnEntry, complete_ledger
 from insgnss.filter.own_rows.rows import own_measurements
 from insgnss.filter.own_rows.state_estimate import LONGEST_WINDOW_S, state_estimate
 from insgnss.filter.own_update import use_own_rows
-from insgnss.filter.prediction import Imu, new_scratch
+from insgnss.filter.prediction import ImuSamples, new_scratch
 from insgnss.filter.state import MAX_WATCHED, OFFSETS, joined_banks
 from insgnss.status import USED
 from tests.filter.scene import START_NS, attitude, new_filter, place
@@ -58,7 +58,7 @@ def test_impossible_period_is_refused(period: Any) -> None:
 
 def test_recent_samples_are_those_up_to_the_time_and_read_only() -> None:
     t_ns = START_NS + np.arange(-100, 5) * 10_000_000
-    imu = Imu(t_ns, np.arange(315.0).reshape(105, 3), np.zeros((105, 3)))
+    imu = ImuSamples(t_ns, np.arange(315.0).reshape(105, 3), np.zeros((105, 3)))
     bank = new_filter(place())
     state = state_estimate(bank.state[0], START_NS, imu.w_ib_b[0], imu.f_b[0], StateLayout({}), imu)
     found = state.recent(0.25)

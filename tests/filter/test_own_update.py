@@ -20,7 +20,7 @@ from insgnss.filter.own_rows.checked_rows import checked_rows
 from insgnss.filter.own_rows.rows import BUILT_IN, Measurement, own_measurements
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
 from insgnss.filter.own_update import OwnUpdate, use_own_rows
-from insgnss.filter.prediction import Imu, new_scratch
+from insgnss.filter.prediction import ImuSamples, new_scratch
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import OFFSETS, Bank, copy_bank, joined_banks
 from insgnss.runs.multi_antenna import KIND
@@ -33,7 +33,9 @@ from tests.runs.own_kinds import Beacon, Compass, MapHeight, ZeroVelocity
 
 AT = place()
 ONE = np.array([START_NS], np.int64)
-IMU = Imu(START_NS + np.arange(3) * 10_000_000, np.full((3, 3), 0.02), np.tile([0.1, 0.2, -9.8], (3, 1)))
+IMU = ImuSamples(
+    START_NS + np.arange(3) * 10_000_000, np.full((3, 3), 0.02), np.tile([0.1, 0.2, -9.8], (3, 1))
+)
 BEACON = Beacon(ONE, np.array([5000.0]), 0.5, AT.r_e + AT.C_ne.T @ [3000.0, 4000.0, 50.0], (1.5, -0.5, 0.3))
 
 

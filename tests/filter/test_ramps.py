@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insgnss.filter.diagnosis.ramps import Ramp, ramp_evidence, ramps
-from insgnss.filter.diagnosis.witnesses import Written
+from insgnss.filter.diagnosis.witnesses import EpochLog
 from insgnss.filter.output.writing import CARRIER_LEDGER_DTYPE, LEDGER_DTYPE
 from insgnss.filter.parameters import PARAMETERS_DTYPE
 from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE
@@ -18,7 +18,7 @@ SIGMA = (2.0, 0.1)
 EPOCHS = 30
 
 
-def written(rng: np.random.Generator, rate_mps: float, noise: float, moved: Float64) -> list[Written]:
+def written(rng: np.random.Generator, rate_mps: float, noise: float, moved: Float64) -> list[EpochLog]:
     """Return what a filter wrote whose velocity and drift are off by ``moved`` (4,), one satellite running away."""
     azimuth, elevation = (
         2.0 * np.pi * np.arange(SATELLITES) / SATELLITES,
@@ -41,7 +41,7 @@ def written(rng: np.random.Generator, rate_mps: float, noise: float, moved: Floa
             ledger["variance"][:, kind] = 1.01 * SIGMA[kind] ** 2
             ledger["predicted"][:, kind] = 0.01 * SIGMA[kind] ** 2
         slot = np.arange(SATELLITES) * N_BANDS
-        epochs.append(Written(k * 1_000_000_000, slot, ledger, np.zeros(0, CARRIER_LEDGER_DTYPE)))
+        epochs.append(EpochLog(k * 1_000_000_000, slot, ledger, np.zeros(0, CARRIER_LEDGER_DTYPE)))
     return epochs
 
 

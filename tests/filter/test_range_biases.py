@@ -22,7 +22,7 @@ from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.range_biases import place_range_biases
 from insgnss.filter.whole_log import run_blocks
-from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import N_BANDS, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.tables import ImuTable
 from tests.filter.scene import START_NS, new_filter, parameters, perfect_rows, place, sky
 
@@ -44,7 +44,7 @@ def empty(k: int = K, members: int = 1) -> Bank:
     return bank
 
 
-def epochs(*satellites: tuple[int, ...]) -> Rows:
+def epochs(*satellites: tuple[int, ...]) -> GnssRows:
     """Return a log whose epochs, a second apart, have these satellites."""
     at = place()
     most = max(len(each) for each in satellites)
@@ -56,7 +56,7 @@ def epochs(*satellites: tuple[int, ...]) -> Rows:
     return log
 
 
-def places(bank: Bank, log: Rows, epoch: int) -> list[int]:
+def places(bank: Bank, log: GnssRows, epoch: int) -> list[int]:
     """Return the state of each row of an epoch, -1 for none."""
     lines = new_epoch(12, OFFSETS + K).lines
     lines["bias"] = 99

@@ -15,7 +15,7 @@ from insgnss.filter.prediction import new_scratch
 from insgnss.filter.state import CLOCK, DR, DRIFT, DV, OFFSETS, Bank, copy_bank
 from insgnss.filter.update.predictions import RANGE_COLUMNS, RATE_COLUMNS
 from insgnss.filter.update.scalar_update import scalar_update
-from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, RANGE_RATE, Rows, prepare_rows
+from insgnss.gnss.observation_rows import ABSENT, PSEUDORANGE, RANGE_RATE, GnssRows, prepare_rows
 from insgnss.inertial.increments import effective_rates
 from insgnss.inertial.mechanization import mechanize
 from insgnss.status import SWITCHED_OFF
@@ -44,7 +44,7 @@ W_IB_B = np.array([0.3, -0.2, 0.5])
 
 def noisy_rows(
     bank: Bank, par: npt.NDArray[Any], epochs: int, rng: np.random.Generator, n_satellites: int = 12
-) -> Rows:
+) -> GnssRows:
     """Return rows at 1 Hz about the filter's own start, at rest."""
     epoch_ns = START_NS + np.arange(1, epochs + 1) * NS_PER_S
     log = perfect_rows(bank, par, epoch_ns, sky(place())[:n_satellites])
@@ -165,7 +165,7 @@ def test_filter_without_gnss_is_the_mechanization_alone(rng: np.random.Generator
     assert [int(e["kind"]) for e in result.out.events[: result.out.counts[0].events]] == [NO_MEASUREMENTS]
 
 
-def gnss_table(log: Rows, values: Float64) -> GnssTable:
+def gnss_table(log: GnssRows, values: Float64) -> GnssTable:
     """Return a log of GPS satellites with these values (n, 2)."""
     n, k = len(log.sat), int(log.first[1])
     return GnssTable(

@@ -25,9 +25,9 @@ from insgnss.filter.sensor_errors import (
     whole_error_rows,
     whole_errors,
 )
-from insgnss.filter.start.start import LEVEL_FLOOR_RAD, Attitude, open_bank
+from insgnss.filter.start.start import LEVEL_FLOOR_RAD, StartAttitude, open_bank
 from insgnss.filter.state import BA, BG, DV, OFFSETS, PSI, Bank, new_bank
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.inertial.sensor_model import UNIT_OF_ERROR, sensor_model
 from tests.filter.scene import START_NS, parameters, place
 from tests.filter.test_start_covariance import T_NS, kinematics
@@ -37,7 +37,7 @@ FORCE, RATE = np.array([1.0, -2.0, -9.0]), np.array([0.1, -0.2, 0.3])
 
 def full_layout(grade: ImuGrade | None = None) -> Layout:
     """Return the layout with every error of a sensor as a state, behind one clock offset."""
-    wanted = StatesWanted(filter_config("tight"), ("G", "E"), False, grade or imu_grade("industrial"))
+    wanted = StateInputs(filter_config("tight"), ("G", "E"), False, grade or imu_grade("industrial"))
     return layout_of(wanted)
 
 
@@ -87,7 +87,7 @@ def test_states_are_those_that_the_grade_has_and_the_settings_want() -> None:
     layout = full_layout(grade)
     assert layout.names[1:] == [name for name in UNIT_OF_ERROR if name != "gyro_misalignment"]
     config = filter_config("tight", {"process.sensor_error_states": ["accel_scale_factor"]})
-    layout = layout_of(StatesWanted(config, ("G",), False, imu_grade("industrial")))
+    layout = layout_of(StateInputs(config, ("G",), False, imu_grade("industrial")))
     assert layout.names == ["accel_scale_factor"]
     left = sensor_model(imu_grade("industrial"), layout.names)
     assert left.accel_scale == pytest.approx(1e-3) and left.accel_scale_factor == 0.0
@@ -125,7 +125,7 @@ def opened(grade: ImuGrade | None = None, **changes: Any) -> tuple[Bank, Layout]
     """Return the bank of one attitude at rest, with an industrial sensor unless another is given."""
     grade = grade or imu_grade("industrial")
     layout, par = full_layout(grade), parameters([2.0, -1.5, -3.0])[0]
-    how = Attitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.array([1e-3, 0.0, -2e-3]), 1e-4, True)
+    how = StartAttitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.array([1e-3, 0.0, -2e-3]), 1e-4, True)
     kin = replace(kinematics(np.eye(3), np.eye(3)), offsets=np.zeros(1))
     config = filter_config("tight17")
     bank = open_bank(kin, [replace(how, **changes)], np.zeros(3), par, config, grade, T_NS, layout)

@@ -10,7 +10,7 @@ import pytest
 
 from insgnss.filter.loop import DONE
 from insgnss.filter.state import OFFSETS, Bank, copy_bank
-from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.gnss.observation_rows import ABSENT, GnssRows
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 from tests.filter.scene import (
@@ -46,7 +46,7 @@ def prior(rng: np.random.Generator) -> Bank:
     return bank
 
 
-def log_of(bank: Bank, rng: np.random.Generator, n_satellites: int = 12) -> Rows:
+def log_of(bank: Bank, rng: np.random.Generator, n_satellites: int = 12) -> GnssRows:
     """Return one epoch of rows about a truth beside the filter."""
     at, truth = place(), copy_bank(bank)
     truth.state["r_e"] += rng.normal(size=3)
@@ -58,7 +58,7 @@ def log_of(bank: Bank, rng: np.random.Generator, n_satellites: int = 12) -> Rows
     return log
 
 
-def batch(bank: Bank, par: npt.NDArray[Any], log: Rows) -> tuple[Float64, Float64]:
+def batch(bank: Bank, par: npt.NDArray[Any], log: GnssRows) -> tuple[Float64, Float64]:
     """Return correction and covariance of the textbook update with all rows at once.
 
     Equation: K = P H^T (H P H^T + R)^-1, x = K y, P = (I - K H) P (I - K H)^T + K R K^T      [Groves 2013, 3.2]

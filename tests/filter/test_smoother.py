@@ -9,11 +9,11 @@ import pytest
 
 import insgnss
 from insgnss.errors import ConfigError
-from insgnss.filter.loop import Imu
+from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.smoothing.smoother import Kept, Smoother
+from insgnss.filter.smoothing.smoother import FilteredEpoch, Smoother
 from insgnss.filter.state import OFFSETS
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
@@ -37,12 +37,12 @@ def flown(
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64))
     navigator = Navigator(filter_setup)
     navigator.bank, navigator.started_ns = opened(log, filter_setup, rng), int(log.at_gnss.t_ns[0])
-    smoother = Smoother(navigator, Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
+    smoother = Smoother(navigator, ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b))
     smoother.forward(rows, 1, len(rows.epoch_ns), out)
     return log, smoother, out
 
 
-def error_of(kept: Kept, e: Float64, log: SimulatedLog, epoch: int) -> Float64:
+def error_of(kept: FilteredEpoch, e: Float64, log: SimulatedLog, epoch: int) -> Float64:
     state = kept.bank.state.copy()
     close_loop(state[0], e, len(e))
     return error_state(state[0], log, epoch)

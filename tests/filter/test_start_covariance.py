@@ -10,7 +10,7 @@ import pytest
 from insgnss.config.flight import GivenStart, ImuGrade
 from insgnss.config.library import filter_config
 from insgnss.constants import STANDARD_GRAVITY_MPS2, WGS84_OMEGA_RADPS
-from insgnss.filter.start.start import Attitude, Kinematics, given_attitudes, given_kinematics, open_bank
+from insgnss.filter.start.start import Kinematics, StartAttitude, given_attitudes, given_kinematics, open_bank
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.tables import Float64
@@ -32,14 +32,14 @@ def kinematics(P_r: Float64, P_v: Float64) -> Kinematics:
     return Kinematics(START_NS, at.r_e, np.zeros(3), P_r, P_v, 0.0, 0.0, 10.0, 1.0, np.zeros(0))
 
 
-def opened(kin: Kinematics, how: Attitude, grade: ImuGrade = TACTICAL) -> Bank:
+def opened(kin: Kinematics, how: StartAttitude, grade: ImuGrade = TACTICAL) -> Bank:
     """Return the bank of one attitude, 2 to 3 m below the antenna, turning at 34 deg/s."""
     par = parameters(LEVER_B)[0]
     return open_bank(kin, [how], RATE, par, filter_config("tight17"), grade, T_NS, layout_with())
 
 
-def one_attitude(**changes: float) -> Attitude:
-    base = Attitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.array([1e-3, 0.0, -2e-3]), 1e-4, False)
+def one_attitude(**changes: float) -> StartAttitude:
+    base = StartAttitude(0.1, -0.2, 1.0, 0.02, 0.26, 1.0, np.array([1e-3, 0.0, -2e-3]), 1e-4, False)
     return replace(base, **changes)
 
 

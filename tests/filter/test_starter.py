@@ -13,13 +13,13 @@ from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.start import open_headings
 from insgnss.filter.start.starter import Starter
-from insgnss.inertial.alignment import Window
+from insgnss.inertial.alignment import AlignmentWindow
 from tests.filter.scene import TACTICAL, TCXO
 
 NOWHERE = np.zeros(0, np.int64)
 UNUSED = np.zeros((2, 0), np.bool_)
 CONFIG = filter_config("tight17")
-STILL = Window(1.0, np.array([0.0, 0.0, -9.8]), np.zeros(3), 0.02, 1e-4)
+STILL = AlignmentWindow(1.0, np.array([0.0, 0.0, -9.8]), np.zeros(3), 0.02, 1e-4)
 PLACE_E = np.array([6_378_137.0, 0.0, 0.0])  # at longitude 0 on the equator north is z, east is y
 
 

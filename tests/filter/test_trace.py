@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from insgnss.aiding.trace import Samples, Traced, traced
+from insgnss.aiding.trace import FilterTrace, TraceSamples, traced
 from insgnss.config.library import filter_config
 from insgnss.filter.output.trace_rows import output_samples
 from insgnss.filter.output.writing import NAV_COLUMNS, Output
 from insgnss.filter.state import BA, BG, CLOCK, DRIFT
-from insgnss.filter.whole_log import TraceWanted, run_filter
+from insgnss.filter.whole_log import TraceIntervals, run_filter
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.oscillator import MILLISECOND_M
 from tests.runs.scenes import (
@@ -40,7 +40,7 @@ def flown() -> FlightInMemory:
 
 def filtered(
     of: FlightInMemory,
-    trace: TraceWanted | None,
+    trace: TraceIntervals | None,
     output: Any = "gnss",
     settings: dict[str, Any] | None = None,
 ) -> tuple[Output, list[Any]]:
@@ -50,9 +50,9 @@ def filtered(
     return run_filter(setup, of.logs.imu, rows, output, trace=trace)
 
 
-def trace_of(out: Output, of: FlightInMemory) -> Traced:
+def trace_of(out: Output, of: FlightInMemory) -> FilterTrace:
     """Return what the loop left behind."""
-    return traced(out.trace, Samples(of.logs.imu.t_ns, of.logs.imu.w_ib_b, of.logs.imu.f_b))
+    return traced(out.trace, TraceSamples(of.logs.imu.t_ns, of.logs.imu.w_ib_b, of.logs.imu.f_b))
 
 
 @pytest.mark.parametrize("output", ["gnss", "imu", 7.3])
@@ -60,7 +60,7 @@ def trace_of(out: Output, of: FlightInMemory) -> Traced:
 def test_trace_changes_no_bit_of_what_the_filter_gives(output: Any, between: bool) -> None:
     of = flight(turns(SECONDS, 1.003)) if between else flown()
     plain, plain_events = filtered(of, None, output)
-    beside, events = filtered(of, TraceWanted(37.0, 0.1), output)
+    beside, events = filtered(of, TraceIntervals(37.0, 0.1), output)
 
     assert len(trace_of(beside, of).trace.t_ns) > 1500
     for name in ("nav", "optional", "ledger", "carrier"):
@@ -71,7 +71,7 @@ def test_trace_changes_no_bit_of_what_the_filter_gives(output: Any, between: boo
 def test_trace_is_the_state_at_samples_and_its_covariance_the_one_of_navigation_rows() -> None:
     """Of sensors without further errors: the trace has their whole error in the place of the bias."""
     bias_alone = {"process.sensor_error_states": []}
-    out, _ = filtered(flown(), TraceWanted(50.0, 0.25), "imu", bias_alone)
+    out, _ = filtered(flown(), TraceIntervals(50.0, 0.25), "imu", bias_alone)
     found = trace_of(out, flown())
     nav = {int(row["t_ns"]): row["value"] for row in out.nav[: out.counts[0].nav]}
     epochs = set(flown().logs.gnss.t_ns.tolist())
@@ -98,8 +98,8 @@ def test_row_at_an_epoch_is_from_before_its_update() -> None:
     cut = dataclasses.replace(
         flown(), logs=dataclasses.replace(logs, gnss=rows_where(logs.gnss, logs.gnss.t_ns < epoch_ns))
     )
-    whole = trace_of(filtered(flown(), TraceWanted(100.0, 0.25))[0], flown())
-    without = trace_of(filtered(cut, TraceWanted(100.0, 0.25))[0], cut)
+    whole = trace_of(filtered(flown(), TraceIntervals(100.0, 0.25))[0], flown())
+    without = trace_of(filtered(cut, TraceIntervals(100.0, 0.25))[0], cut)
     row = int(np.searchsorted(whole.trace.t_ns, epoch_ns))
 
     assert whole.trace.t_ns[row] == epoch_ns
@@ -109,14 +109,14 @@ def test_row_at_an_epoch_is_from_before_its_update() -> None:
 
 
 def test_covariance_comes_in_each_tick_after_slow_epochs_and_when_the_state_was_set_anew() -> None:
-    found = trace_of(filtered(flown(), TraceWanted(50.0, 0.25))[0], flown()).covariances
+    found = trace_of(filtered(flown(), TraceIntervals(50.0, 0.25))[0], flown()).covariances
     ticks = set((found.t_ns // 250_000_000).tolist())
     assert ticks == set(range(min(ticks), max(ticks) + 1))
     epoch_ns = np.unique(flown().logs.gnss.t_ns)[5:-1]
     gap_ns = found.t_ns[np.searchsorted(found.t_ns, epoch_ns, side="right")] - epoch_ns
     assert gap_ns.max() <= 20_000_000  # the very next row
     # ticks longer than the epochs' interval: only the clock's step brings one of its own
-    rare = trace_of(filtered(flown(), TraceWanted(50.0, 10.0))[0], flown()).covariances
+    rare = trace_of(filtered(flown(), TraceIntervals(50.0, 10.0))[0], flown()).covariances
     own = rare.t_ns[1:][np.diff(rare.t_ns // 10_000_000_000) == 0]
     # the first update after the start, and the step
     np.testing.assert_array_equal(own - START_NS, np.array([3_010_000_000, 44_010_000_000]))
@@ -125,7 +125,7 @@ def test_covariance_comes_in_each_tick_after_slow_epochs_and_when_the_state_was_
 def test_trace_goes_on_after_a_gap_that_ends_a_stretch() -> None:
     imu = without_samples(flown().logs.imu, 20.0, 30.0)
     of = dataclasses.replace(flown(), logs=dataclasses.replace(flown().logs, imu=imu))
-    found = trace_of(filtered(of, TraceWanted(50.0, 0.25))[0], of)
+    found = trace_of(filtered(of, TraceIntervals(50.0, 0.25))[0], of)
     since_s = (found.trace.t_ns - imu.t_ns[0]) / 1e9
 
     assert ((since_s > 3.0) & (since_s < 19.9)).any()

@@ -11,7 +11,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.state import Bank
 from insgnss.filter.update.wrong_rates import refuse_repeated
-from insgnss.gnss.observation_rows import N_BANDS, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import N_BANDS, RANGE_RATE, GnssRows
 from insgnss.status import STUCK, USED
 from insgnss.tables import Float64
 from tests.filter.scene import START_NS, new_filter, observed, parameters, place, rows_of, sky
@@ -22,7 +22,7 @@ EPOCHS = 40
 RATE_HZ = 2.0
 
 
-def log(rates: Float64) -> Rows:
+def log(rates: Float64) -> GnssRows:
     """Return a log of range rates (m, k) of satellites that accelerate away."""
     still = sky(AT)
     u = still[:, :3] - AT.r_e
@@ -35,7 +35,7 @@ def log(rates: Float64) -> Rows:
     return rows
 
 
-def statuses(rows: Rows, bank: Bank) -> list[Float64]:
+def statuses(rows: GnssRows, bank: Bank) -> list[Float64]:
     """Return the range rates' status of each epoch, told in the order of time."""
     par, found = parameters(), []
     for epoch in range(EPOCHS):

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.loop import Imu
+from insgnss.filter.loop import ImuSamples
 from insgnss.filter.state import Bank, copy_bank
 from insgnss.geodesy.rotations import matrix_to_quaternion
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from tests.filter.scene import (
     RANGE_SIGMA_M,
     RATE_SIGMA_MPS,
@@ -33,8 +33,8 @@ class Turning(NamedTuple):
     """A filter on the truth at the start, the samples and one epoch a second."""
 
     bank: Bank
-    imu: Imu
-    rows: Rows
+    imu: ImuSamples
+    rows: GnssRows
 
 
 def turning(par: npt.NDArray[Any], seconds: int, imu_hz: int, rng: np.random.Generator) -> Turning:
@@ -53,7 +53,7 @@ def turning(par: npt.NDArray[Any], seconds: int, imu_hz: int, rng: np.random.Gen
     epoch_ns = START_NS + np.arange(1, seconds + 1) * NS_PER_S
     values = np.tile(values_of_one_turn(bank, par), (turns, 1, 1))[1 : seconds + 1]
     values += rng.normal(size=values.shape) * [RANGE_SIGMA_M, RATE_SIGMA_MPS]
-    return Turning(bank, Imu(t_ns, w, f), rows_of(epoch_ns, sky(at), values))
+    return Turning(bank, ImuSamples(t_ns, w, f), rows_of(epoch_ns, sky(at), values))
 
 
 def one_turn(imu_hz: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.constants import C_MPS
 from insgnss.gnss.carrier_rows import ABSENT, carrier_rows
-from insgnss.gnss.observation_rows import CARRIER, N_KINDS, Rows, from_epoch, prepare_rows
+from insgnss.gnss.observation_rows import CARRIER, N_KINDS, GnssRows, from_epoch, prepare_rows
 from insgnss.gnss.signals import L1_HZ, L5_HZ
 from insgnss.status import (
     BAD_VALUE,
@@ -54,7 +54,7 @@ def log(seed: int = 3) -> GnssTable:
     )
 
 
-def rows_of(table: GnssTable, carrier: bool | None = True, **changes: object) -> Rows:
+def rows_of(table: GnssTable, carrier: bool | None = True, **changes: object) -> GnssRows:
     """Return the rows with both bands of GPS and Galileo in use."""
     codes = ("C1C", "C5Q")
     return prepare_rows(

@@ -21,7 +21,7 @@ from insgnss.gnss.range_model import (
     AIR_DTYPE,
     CORRECTIONS,
     AirModel,
-    Correction,
+    RangeCorrection,
     correction_lines,
     path_delay,
     place_air,
@@ -146,7 +146,7 @@ def test_list_and_proofs_name_the_same_corrections() -> None:
 
 
 @pytest.mark.parametrize("term", CORRECTIONS, ids=lambda term: term.name)
-def test_each_listed_correction_moves_the_prediction_by_its_stated_size(term: Correction) -> None:
+def test_each_listed_correction_moves_the_prediction_by_its_stated_size(term: RangeCorrection) -> None:
     moved = MOVES[term.name]()
     least, most = term.size_m
     assert np.isfinite(moved).all()

@@ -10,7 +10,7 @@ from filterpy.common import van_loan_discretization
 
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.constants import NS_PER_S, WGS84_GM_M3PS2
-from insgnss.filter.prediction import USUAL_FORCE_S, Imu, carry, new_scratch, predict_covariance
+from insgnss.filter.prediction import USUAL_FORCE_S, ImuSamples, carry, new_scratch, predict_covariance
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Bank
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
@@ -159,7 +159,7 @@ def carried(log: tuple[np.ndarray, ...], covariance_step_s: float) -> Bank:
     bank = bank_at(C_eb, r_e, v_e, SIGMA)
     m = bank.state[0]
     m.b_a[:], m.b_g[:] = 1e-2, 5e-5
-    imu = Imu(t_ns, w + 5e-5, f + 1e-2, NOTHING_UNKNOWN)
+    imu = ImuSamples(t_ns, w + 5e-5, f + 1e-2, NOTHING_UNKNOWN)
     carry(m, bank.P[0], 0, 1, int(t_ns[-1]), imu, par, new_scratch(OFFSETS))
     return bank
 
@@ -210,7 +210,16 @@ def constant(t_ns: np.ndarray, w_b: np.ndarray, f_b: np.ndarray) -> tuple[np.nda
 def over(log: tuple[np.ndarray, ...], par: Any, bank: Bank, unknown: np.ndarray = NOTHING_UNKNOWN) -> Bank:
     """Return the filter carried over a log, sums cleared."""
     t_ns, w, f = log[:3]
-    carry(bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), Imu(t_ns, w, f, unknown), par, new_scratch(OFFSETS))
+    carry(
+        bank.state[0],
+        bank.P[0],
+        0,
+        1,
+        int(t_ns[-1]),
+        ImuSamples(t_ns, w, f, unknown),
+        par,
+        new_scratch(OFFSETS),
+    )
     predict_covariance(bank.state[0], bank.P[0], par, new_scratch(OFFSETS))
     return bank
 

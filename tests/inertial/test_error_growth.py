@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S
-from insgnss.filter.prediction import Imu, carry, new_scratch
+from insgnss.filter.prediction import ImuSamples, carry, new_scratch
 from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, PSI
 from insgnss.simulation import journeys
 from insgnss.simulation.imu import gauss_markov
@@ -118,7 +118,7 @@ def predicted(flight: Nominal, count: int, par: Any) -> np.ndarray:
     bank = bank_at(flight.C_eb, flight.r_e, flight.v_e, stationary_sigma(par))
     t_ns = np.arange(count + 1) * round(DT * NS_PER_S)
     w, f = (np.concatenate([x[:1], x[:count]]) for x in (flight.w, flight.f))
-    imu = Imu(t_ns, w, f, NOTHING_UNKNOWN)
+    imu = ImuSamples(t_ns, w, f, NOTHING_UNKNOWN)
     carry(bank.state[0], bank.P[0], 0, 1, int(t_ns[-1]), imu, par, new_scratch(OFFSETS))
     return np.asarray(bank.P[0, :CLOCK, :CLOCK])
 

@@ -22,7 +22,7 @@ from insgnss.interference.margin import db
 from insgnss.interference.optimal_loop import error_variance, gains, threshold_noise
 from insgnss.interference.third_order import third_order_gains, third_order_threshold_noise
 from insgnss.tables import Float64
-from insgnss.tracking.channels import ChannelDesign, Simulation, scene
+from insgnss.tracking.channels import ChannelDesign, ChannelSimulation, scene
 from insgnss.tracking.lock_detectors import slip_time_s
 from insgnss.tracking.loop_filters import LoopFilter, digital_filter, filter_from_continuous
 from insgnss.tracking.phase_motion import wandering_phase
@@ -121,7 +121,7 @@ def lasting_phase(
 def share_that_slips(loop: LoopFilter, phase: Float64, cn0_dbhz: float) -> float:
     """Return the share of simulated channels whose phase error passes the aperture."""
     design = ChannelDesign(loop, digital_filter(1, 1.0, loop.step_s), cn0_dbhz, "iq")
-    history = Simulation(design, scene(phase, cn0_dbhz)).run(seed=3)
+    history = ChannelSimulation(design, scene(phase, cn0_dbhz)).run(seed=3)
     return float(np.isfinite(slip_time_s(history.phase_error_rad, loop.step_s, math.pi)).mean())
 
 

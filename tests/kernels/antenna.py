@@ -10,7 +10,7 @@ from insgnss.antenna.gain_pattern import GainTable, gain_at, pattern_of
 from insgnss.antenna.installation import Installation, clearance_at
 from insgnss.antenna.visibility import (
     HIDE,
-    Limits,
+    VisibilityLimits,
     attitude_covariance,
     look_at_all,
     new_looks,
@@ -72,7 +72,7 @@ def decisions() -> list[np.ndarray]:
     P_b[0] *= 1e4
     u_n = np.array([[0.6, 0.0, -0.8], [-0.96, 0.0, -0.28], [0.0, 0.8, -0.6], [np.nan] * 3])
     out = new_looks(n, 4)
-    limits = Limits(-2.0, 1.0, 3.0, 0.01)
+    limits = VisibilityLimits(-2.0, 1.0, 3.0, 0.01)
     look_at_all(C_nb, P_b, np.repeat(u_n[None], n, axis=0), installation(), limits, out)
     hide = new_looks(n, 4, with_doubt=True)
     look_at_all(

@@ -19,7 +19,7 @@ from insgnss.filter.headings.sideslip import note_sideslip
 from insgnss.filter.imu.screen_state import EDIT_DTYPE, new_screen
 from insgnss.filter.imu.screening import screen
 from insgnss.filter.layout import Coupling, GaussMarkov, Layout, StateBlock, diagonal
-from insgnss.filter.loop import DONE, Imu, run_epochs, run_to
+from insgnss.filter.loop import DONE, ImuSamples, run_epochs, run_to
 from insgnss.filter.output.trace_rows import new_trace_room
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.parameters import resolve_parameters
@@ -41,7 +41,7 @@ from insgnss.filter.states.range_biases import RANGE_BIASES
 from insgnss.filter.update.adaptation import adapt_noise
 from insgnss.filter.update.creeping import follow_satellites
 from insgnss.filter.update.epoch_space import new_epoch, new_workspace
-from insgnss.filter.update.epoch_update import Outcome, counted_again
+from insgnss.filter.update.epoch_update import UpdateOutcome, counted_again
 from insgnss.filter.update.integrity import follow_explained
 from insgnss.filter.update.masking import MASK, OFF, deweight
 from insgnss.filter.update.wrong_rates import refuse_repeated
@@ -50,7 +50,7 @@ from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, prepare_rows
+from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, GnssRows, prepare_rows
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64, GnssTable
 from tests.filter.scene import new_filter, perfect_rows, place, update
@@ -164,7 +164,7 @@ def parameters(layout: Layout) -> npt.NDArray[Any]:
     )
 
 
-def rows(layout: Layout) -> Rows:
+def rows(layout: Layout) -> GnssRows:
     """Return the log as the filter reads it."""
     klobuchar = np.array([1.2e-8, 7.5e-9, -6e-8, -6e-8, 9e4, 3.3e4, -2e5, -6.5e4])
     return prepare_rows(
@@ -178,14 +178,14 @@ def rows(layout: Layout) -> Rows:
     )
 
 
-def imu() -> Imu:
+def imu() -> ImuSamples:
     """Return 1.2 s of a sensor at rest at 100 Hz, with uneven steps and one gap."""
     _, C_ne, f_n = level_state()
     t_ns = START_NS + np.arange(0, 1_200_000_000, 10_000_000) + np.arange(120) % 3 * 1_000_000
     keep = np.abs(np.arange(120) - 70) > 4
     w_b = C_ne @ np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
     ripple = 1e-3 * np.sin(np.arange(120))[:, None]
-    return Imu(t_ns[keep], (w_b + ripple)[keep], (f_n + ripple)[keep])
+    return ImuSamples(t_ns[keep], (w_b + ripple)[keep], (f_n + ripple)[keep])
 
 
 # errors of the sensors that are no biases, one of which returns to zero
@@ -352,7 +352,7 @@ def crowd(noise: float) -> list[Any]:
         follow_satellites(m, made.memory[0], lines, observation, t_ns, fit, par)
         adapt_noise(m, P, P, par, work, len(lines), t_ns, 1.0)
         follow_explained(m, P, par, lines, fit, t_ns)
-        again = counted_again(Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0), lines, par)
+        again = counted_again(UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0), lines, par)
         found += [lines["status"].copy(), np.array(again)]
     return [*found, m["noise_factor"], m["explained"], made.memory[0, observation["slot"]]]
 

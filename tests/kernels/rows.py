@@ -8,8 +8,8 @@ import numpy as np
 
 from insgnss.filter.layout import GaussMarkov, Layout, StateBlock
 from insgnss.filter.output.writing import N_NAV, NAV_DTYPE
-from insgnss.filter.smoothing.between import Onward, filtered, smoothed, write_smoothed
-from insgnss.filter.smoothing.body_points import Wanted, further_values
+from insgnss.filter.smoothing.between import NextEpoch, filtered, smoothed, write_smoothed
+from insgnss.filter.smoothing.body_points import PointColumns, further_values
 from insgnss.filter.state import BG, OFFSETS, select_members
 from insgnss.filter.states.imu_time import IMU_TIME
 from insgnss.filter.states.lever_arm import LEVER_ARM
@@ -55,7 +55,7 @@ def between_epochs() -> list[Any]:
     n, end_ns = OFFSETS + 1, START_NS + 1_100_000_000
     ((_, prior),) = filtered(made, np.array([end_ns]), imu(), par)
     step = np.sqrt(np.diagonal(prior[0])) * np.cos(np.arange(n))
-    onward = Onward(end_ns, prior[0], step, -0.9 * prior[0], imu())
+    onward = NextEpoch(end_ns, prior[0], step, -0.9 * prior[0], imu())
     nav, optional = np.zeros(len(times_ns), NAV_DTYPE), np.zeros((len(times_ns), 1))
     for part in smoothed(made, times_ns, onward, par, n):
         write_smoothed(nav, optional, part.rows.start, part, par)
@@ -69,7 +69,7 @@ def point_of_the_body() -> list[Any]:
     value[1, 1] = -75.0
     P = np.diag(np.repeat([4.0, 0.01, 1e-6, 1e-4, 1e-10], 3))
     P[:3, 6:9] = P[6:9, :3] = 1e-4
-    wanted = Wanted((1.0, -2.0, 3.0), quaternion=True, covariance=True)
+    wanted = PointColumns((1.0, -2.0, 3.0), quaternion=True, covariance=True)
     rates = np.array([[0.1, 0.2, 0.3], [0.0, 0.0, 0.0]])
     return [
         further_values(wanted, value, np.stack([P, 2.0 * P])[:, : BG + 3, : BG + 3], rates, np.full(2, 1e-7))

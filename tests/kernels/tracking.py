@@ -5,14 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.tables import Float64
-from insgnss.tracking.channels import ChannelDesign, Simulation, Start, scene
+from insgnss.tracking.channels import ChannelDesign, ChannelSimulation, InitialLoopErrors, scene
 from insgnss.tracking.codes import glonass_st, gps_ca
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, FREQUENCY_KINDS, PHASE_KINDS, outputs
 from insgnss.tracking.loop_filters import assisted_filter, digital_filter
 from insgnss.tracking.phase_extrapolation import RULES, accumulated_ranges
 from insgnss.tracking.sample_channel import LoopAiding, SampleChannels
 from insgnss.tracking.sample_kernels import add_signal
-from insgnss.tracking.signal import CarrierAndCode, Received, Samples, Sampling, correlate, receive
+from insgnss.tracking.signal import (
+    CarrierAndCode,
+    ReceivedSignal,
+    Sampling,
+    SignalSamples,
+    correlate,
+    receive,
+)
 from tests.kernels import KernelCase
 
 
@@ -31,7 +38,7 @@ def sampled_correlators() -> list[np.ndarray]:
     found = []
     for sampling in (Sampling(11.3e6, 3.07e6), Sampling(5.3e6, 0.2e6, is_complex=True)):
         signs = np.array([1, -1], np.int8)
-        signal = Received(glonass_st(), 45.0, CarrierAndCode(510.4, 812.0, 0.6), signs)
+        signal = ReceivedSignal(glonass_st(), 45.0, CarrierAndCode(510.4, 812.0, 0.6), signs)
         samples = receive([signal], sampling, 600, None)
         Z = correlate(samples, glonass_st(), CarrierAndCode(510.1, 655.0), 45.0, 0.37)
         found += [samples.in_phase, samples.quadrature, Z.real, Z.imag]
@@ -45,7 +52,9 @@ def channels() -> list[np.ndarray]:
     design = ChannelDesign(
         assisted_filter(3, 15.0, 5.0, step), digital_filter(2, 1.0, step), 45.0, "atan", "atan", "tanh"
     )
-    history = Simulation(design, scene(phase, 45.0, -1e-4), start=Start(0.2, 5.0, 0.1)).run(3)
+    history = ChannelSimulation(
+        design, scene(phase, 45.0, -1e-4), start=InitialLoopErrors(0.2, 5.0, 0.1)
+    ).run(3)
     return [history.phase_error_rad, history.rate_error_radps, history.delay_error_chips, history.prompt.real]
 
 
@@ -58,12 +67,12 @@ def extrapolated_ranges() -> list[Float64]:
     return [accumulated_ranges(u, v_sat, v, a, 0.02, np.arange(6.0), rule) for rule in RULES]
 
 
-def _folded(signal: Received, sampling: Sampling, count: int) -> Samples:
+def _folded(signal: ReceivedSignal, sampling: Sampling, count: int) -> SignalSamples:
     """Return samples too few for the code: a folded signal is good enough for numbers to compare."""
     in_phase, quadrature = np.zeros(count), np.zeros(count if sampling.is_complex else 0)
     steps = signal.state.steps(signal.code, sampling)
     add_signal(0.5, signal.code.chips, signal.signs, steps, in_phase, quadrature)
-    return Samples(sampling, in_phase, quadrature)
+    return SignalSamples(sampling, in_phase, quadrature)
 
 
 def sampled_channels() -> list[np.ndarray]:
@@ -80,7 +89,7 @@ def sampled_channels() -> list[np.ndarray]:
         -1e-4,
     )
     for sampling in (Sampling(0.3e6, 0.07e6), Sampling(0.2e6, 0.01e6, is_complex=True)):
-        signal = Received(gps_ca(5), 50.0, CarrierAndCode(300.0, 20.0, 0.3))
+        signal = ReceivedSignal(gps_ca(5), 50.0, CarrierAndCode(300.0, 20.0, 0.3))
         samples = _folded(signal, sampling, round(0.02 * sampling.rate_hz))
         channels = SampleChannels(sampling, [gps_ca(5), gps_ca(6)], design, 1.0, 30)
         for c, sample in enumerate((100, 4)):

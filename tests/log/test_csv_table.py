@@ -13,11 +13,11 @@ import pytest
 from insgnss.errors import ColumnError, InputError, MissingFileError
 from insgnss.log.csv import fast as csv_fast
 from insgnss.log.csv.cells import integers
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from tests.log.writing import write_lines
 
-WANTED = Wanted(numeric=("time_s", "x"), optional=("y",), text=("name",))
+WANTED = ColumnSelection(numeric=("time_s", "x"), optional=("y",), text=("name",))
 HEADER = "time_s,x,y,name"
 ROWS = [f"{k}.5,{k * 0.25},{-k},n{k % 3}" for k in range(100)]
 
@@ -88,7 +88,7 @@ def test_quoted_names_that_hold_the_delimiter_are_found(tmp_path: Path, delimite
     )
     header = delimiter.join(f'"{name}"' for name in (*names, 'the ""last"" one'))
     rows = [row.replace(",", delimiter) for row in ROWS]
-    wanted = Wanted(numeric=names[:2], optional=names[2:], text=('the "last" one',))
+    wanted = ColumnSelection(numeric=names[:2], optional=names[2:], text=('the "last" one',))
     table = read_csv_table(write_lines(tmp_path / "log.csv", [header, *rows]), wanted)
     assert table.n == 100 and np.array_equal(table.columns[names[1]], np.arange(100) * 0.25)
     assert [event.kind for event in table.events] == (["csv_delimiter"] if delimiter != "," else [])
@@ -101,7 +101,7 @@ def test_degree_signs_and_powers_in_names_are_found(tmp_path: Path, encoding: st
     path = tmp_path / "log.csv"
     rows = [*ROWS[:50], "x,1,1,Ü", *ROWS[50:]] if bad_row else ROWS
     path.write_bytes("\n".join([",".join((*names, "name")), *rows, ""]).encode(encoding))
-    table = read_csv_table(path, Wanted(numeric=names, optional_text=("name",)))
+    table = read_csv_table(path, ColumnSelection(numeric=names, optional_text=("name",)))
     assert table.n == 100 and np.array_equal(table.columns["gyro_x [°/s]"], np.arange(100) * 0.25)
     assert (table.lines is not None) == bad_row
     told = [event for event in table.events if event.kind == "csv_encoding"]
@@ -113,7 +113,7 @@ def test_missing_column_of_a_header_in_cp1252_is_named_with_the_nearest(tmp_path
     path = tmp_path / "log.csv"
     path.write_bytes("\n".join(["time_s,gyro_x [°/s]", "1,2", "2,3", ""]).encode("cp1252"))
     with pytest.raises(ColumnError, match=r"nearest: 'gyro_x \[°/s\]'"):
-        read_csv_table(path, Wanted(numeric=("time_s", "gyro_x [deg/s]")))
+        read_csv_table(path, ColumnSelection(numeric=("time_s", "gyro_x [deg/s]")))
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
@@ -179,19 +179,19 @@ def test_last_cell_without_a_line_end_is_held_against_those_before(
     rows = [("t", "x"), *((f"{k}.5", usual) for k in range(99)), ("99.5000000000", last)]
     text = "\n".join(delimiter.join(row) for row in rows)
     path.write_text(text)
-    table = read_csv_table(path, Wanted(numeric=("t", "x")))
+    table = read_csv_table(path, ColumnSelection(numeric=("t", "x")))
     assert table.n == kept
     refused = [event.detail for event in table.events if event.kind == "bad_row"]
     assert len(refused) == 100 - kept and all("ends in the middle" in detail for detail in refused)
     path.write_text(text + "\n")
-    assert read_csv_table(path, Wanted(numeric=("t", "x"))).n == 100
+    assert read_csv_table(path, ColumnSelection(numeric=("t", "x"))).n == 100
 
 
 @pytest.mark.parametrize(("end", "kept"), [("", 99), ("\n", 100)])
 def test_last_number_that_may_be_cut_is_refused(tmp_path: Path, end: str, kept: int) -> None:
     path = tmp_path / "log.csv"
     path.write_text("\n".join(["t,x", *(f"{k}.5,{k + 1000}.25" for k in range(99)), "99.5,1"]) + end)
-    table = read_csv_table(path, Wanted(numeric=("t", "x")))
+    table = read_csv_table(path, ColumnSelection(numeric=("t", "x")))
     assert table.n == kept
     assert [event.kind for event in table.events] == ["bad_row"] * (100 - kept)
 
@@ -330,7 +330,7 @@ def test_missing_file_names_the_nearest(tmp_path: Path) -> None:
 
 
 def test_exact_column_keeps_each_nanosecond_on_both_paths(tmp_path: Path) -> None:
-    wanted = Wanted(numeric=("x",), exact={"t": 9})
+    wanted = ColumnSelection(numeric=("x",), exact={"t": 9})
     rows = [f"1700000000.{k:09d},1" for k in range(1, 200)]
     expected = 1_700_000_000 * 10**9 + np.arange(1, 200)
     path = write_lines(tmp_path / "a.csv", ["t,x", *rows])
@@ -393,7 +393,9 @@ def test_word_that_first_appears_in_a_late_piece_keeps_its_name(tmp_path: Path) 
 @pytest.mark.usefixtures("small_pieces")
 def test_columns_wanted_together_lie_in_one_array(tmp_path: Path) -> None:
     path = write_lines(tmp_path / "log.csv", [HEADER, *ROWS], "\n")
-    table = read_csv_table(path, Wanted(numeric=("time_s",), optional=("x", "y"), together=("y", "x")))
+    table = read_csv_table(
+        path, ColumnSelection(numeric=("time_s",), optional=("x", "y"), together=("y", "x"))
+    )
 
     assert table.block is not None
     assert np.array_equal(table.block, np.column_stack([table.columns["y"], table.columns["x"]]))
@@ -402,7 +404,9 @@ def test_columns_wanted_together_lie_in_one_array(tmp_path: Path) -> None:
 
 def test_columns_wanted_together_are_single_where_one_is_missing(tmp_path: Path) -> None:
     path = write_lines(tmp_path / "log.csv", [HEADER, *ROWS], "\n")
-    table = read_csv_table(path, Wanted(numeric=("time_s",), optional=("x", "z"), together=("x", "z")))
+    table = read_csv_table(
+        path, ColumnSelection(numeric=("time_s",), optional=("x", "z"), together=("x", "z"))
+    )
 
     assert table.block is None
     assert np.array_equal(table.columns["x"], np.arange(100) * 0.25)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from insgnss.config.flight import FlightConfig
 from insgnss.config.strict import load_toml
 from insgnss.errors import InsGnssError
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import read_csv_table
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.imu.csv_log import read_imu
@@ -163,7 +163,7 @@ def test_flight_file(path: Path, damages: list[tuple[str, float, bytes]]) -> Non
 def test_any_bytes(path: Path, data: bytes) -> None:
     path.write_bytes(b"a,b,c\n" + data)
     try:
-        table = read_csv_table(path, Wanted(numeric=("a",), optional=("b",), text=("c",), exact={}))
+        table = read_csv_table(path, ColumnSelection(numeric=("a",), optional=("b",), text=("c",), exact={}))
     except InsGnssError:
         return
     assert np.isfinite(table.columns["a"]).all() and len(table.line) == table.n
@@ -173,7 +173,7 @@ def test_any_bytes(path: Path, data: bytes) -> None:
 @given(cells=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=50))
 def test_every_float_comes_back_as_written(path: Path, cells: list[float]) -> None:
     path.write_text("a\n" + "".join(f"{cell!r}\n" for cell in cells))
-    assert read_csv_table(path, Wanted(numeric=("a",))).columns["a"].tolist() == cells
+    assert read_csv_table(path, ColumnSelection(numeric=("a",))).columns["a"].tolist() == cells
 
 
 @settings(max_examples=200)
@@ -185,7 +185,7 @@ def test_every_float_comes_back_as_written(path: Path, cells: list[float]) -> No
 def test_every_row_is_in_the_table_or_in_an_event(path: Path, rows: list[str]) -> None:
     good = [f"{k},0" for k in range(2000)]
     path.write_text("\n".join(["a,b", *good, *rows]) + "\n")
-    table = read_csv_table(path, Wanted(numeric=("a",), optional=("b",)))
+    table = read_csv_table(path, ColumnSelection(numeric=("a",), optional=("b",)))
     refused = sum(row in ("x,2", ",2", "1,2,3", "1", "nan,1") for row in rows)
     kept = sum(row in ("1,2", "2,", "5,inf") for row in rows)
     told = [event for event in table.events if event.kind == "bad_row"]

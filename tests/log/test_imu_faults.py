@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.log.imu.faults import Axes, fault_events
+from insgnss.log.imu.faults import SensorTriad, fault_events
 from tests.log.writing import Float64
 
 NAMES = ("a", "b", "c")
@@ -13,7 +13,7 @@ T_NS = np.arange(2000, dtype=np.int64) * 10_000_000
 
 
 def kinds(columns: Float64, kind: str = "gyro", range_si: float | None = None) -> list[str]:
-    axes = Axes(kind, [column.copy() for column in columns.T], NAMES, 1.0, range_si)
+    axes = SensorTriad(kind, [column.copy() for column in columns.T], NAMES, 1.0, range_si)
     events = fault_events(T_NS, axes, "imu.csv")
     return [event.kind + ":" + event.detail.split("'")[1] for event in events]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insgnss.log.imu.faults import Axes
+from insgnss.log.imu.faults import SensorTriad
 from insgnss.log.imu.frozen import frozen_events
 from insgnss.tables import Event
 from tests.log.writing import Float64
@@ -18,8 +18,8 @@ GYROS, ACCELS = slice(0, 3), slice(3, 6)
 
 def events(columns: Float64) -> list[Event]:
     sensors = (
-        Axes("gyro", list(columns[:, GYROS].T.copy()), ("a", "b", "c"), 1.0, None),
-        Axes("accel", list(columns[:, ACCELS].T.copy()), ("d", "e", "f"), 1.0, None),
+        SensorTriad("gyro", list(columns[:, GYROS].T.copy()), ("a", "b", "c"), 1.0, None),
+        SensorTriad("accel", list(columns[:, ACCELS].T.copy()), ("d", "e", "f"), 1.0, None),
     )
     return frozen_events(T_NS, sensors, "imu.csv")
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insgnss.config.flight import Imu
+from insgnss.config.flight import ImuConfig
 from insgnss.errors import UnitsError
 from insgnss.log.imu.units import check_units
 from insgnss.tables import Event, ImuTable
@@ -144,7 +144,7 @@ MOTIONS: list[Motion] = [
 ]
 
 
-def check(w: Float64, f: Float64, config: Imu, range_deg_per_s: float | None = None) -> list[Event]:
+def check(w: Float64, f: Float64, config: ImuConfig, range_deg_per_s: float | None = None) -> list[Event]:
     t_ns = np.arange(len(w), dtype=np.int64) * round(1e9 / RATE_HZ)
     grade = GRADE.model_copy(update={"gyro_range_deg_per_s": range_deg_per_s})
     return check_units(ImuTable(t_ns, w, f), config, grade, 1e9 / RATE_HZ, "imu.csv")

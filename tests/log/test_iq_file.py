@@ -10,14 +10,14 @@ import pytest
 from insgnss.errors import ConfigError, InputError, MissingFileError, ResultError
 from insgnss.log.iq_file import NOISE_LSB, IqFile, rounded, write_iq
 from insgnss.results.saving import overwriting
-from insgnss.tracking.signal import Samples, Sampling
+from insgnss.tracking.signal import Sampling, SignalSamples
 
 COMPLEX, REAL = Sampling(4e6, is_complex=True), Sampling(8e6, 2.1e6)
 
 
-def noise(sampling: Sampling, count: int, rng: np.random.Generator) -> Samples:
+def noise(sampling: Sampling, count: int, rng: np.random.Generator) -> SignalSamples:
     quadrature = rng.standard_normal(count) if sampling.is_complex else np.zeros(0)
-    return Samples(sampling, rng.standard_normal(count), quadrature)
+    return SignalSamples(sampling, rng.standard_normal(count), quadrature)
 
 
 @pytest.mark.parametrize("sample_type", ["int8", "int16"])
@@ -39,7 +39,7 @@ def test_recording_comes_back_as_the_rounded_samples(
 
 
 def test_numbers_stand_in_the_file_as_every_reader_expects(tmp_path: Path) -> None:
-    block = Samples(COMPLEX, np.array([1.0, -2.0]), np.array([0.5, 100.0]))
+    block = SignalSamples(COMPLEX, np.array([1.0, -2.0]), np.array([0.5, 100.0]))
     assert write_iq(tmp_path / "a.bin", [block]) == 1
     assert np.fromfile(tmp_path / "a.bin", np.int8).tolist() == [16, 8, -32, 127]
     write_iq(tmp_path / "b.bin", [block], "int16", "qi")

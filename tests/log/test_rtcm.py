@@ -16,7 +16,7 @@ from insgnss.cli.main import app
 from insgnss.errors import InputError, InsGnssError, TimeError
 from insgnss.gpstime import datetime_to_ns
 from insgnss.log.convert import convert
-from insgnss.log.declared import Declared
+from insgnss.log.declared import LogDeclarations
 from insgnss.log.detect import detect_format
 from insgnss.log.flight import Flight
 from insgnss.log.receiver import ReceiverLog
@@ -249,7 +249,7 @@ def test_converted_stream_reads_again_the_same(tmp_path: Path) -> None:
     path = tmp_path / "base.bin"
     path.write_bytes(b"$GNGGA,1*00\r\n" + STREAM)
     assert detect_format(path) == "rtcm"
-    done = convert([path], tmp_path / "out", Declared(date=dt.date(2025, 11, 13)))
+    done = convert([path], tmp_path / "out", LogDeclarations(date=dt.date(2025, 11, 13)))
     assert [p.name for p in done.written] == ["gnss_obs.csv", "navigation.rnx", "flight.toml"]
     flight, table = read_again(tmp_path / "out")
     same(done.log.gnss, table)

@@ -13,7 +13,7 @@ import pytest
 from insgnss.config.flight import Base, FlightConfig, Reference
 from insgnss.config.strict import load_toml
 from insgnss.errors import ColumnError, ConfigError, InputError, TimeError
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import read_csv_table
 from insgnss.log.gnss_csv import read_gnss
 from insgnss.log.gnss_log import read_base
@@ -202,7 +202,7 @@ def test_decimal_points_in_a_file_declared_with_commas_are_an_error(
 
 def test_quoted_decimal_commas_between_commas_are_read(tmp_path: Path) -> None:
     path = write_lines(tmp_path / "log.csv", ['"t","x"', '"1,5","-2,25"', '"2,5","+1,0e1"'])
-    table = read_csv_table(path, Wanted(numeric=("t", "x"), decimal=","))
+    table = read_csv_table(path, ColumnSelection(numeric=("t", "x"), decimal=","))
     assert table.columns["t"].tolist() == [1.5, 2.5] and table.columns["x"].tolist() == [-2.25, 10.0]
 
 
@@ -210,7 +210,7 @@ def test_quoted_decimal_commas_between_commas_are_read(tmp_path: Path) -> None:
 def test_exact_times_keep_each_nanosecond_behind_a_decimal_comma(tmp_path: Path, bad_row: list[str]) -> None:
     rows = [f"1700000000,{k:09d};1" for k in range(1, 100)]
     path = write_lines(tmp_path / "log.csv", ["t;x", *rows, *bad_row])
-    table = read_csv_table(path, Wanted(numeric=("x",), exact={"t": 9}, decimal=","))
+    table = read_csv_table(path, ColumnSelection(numeric=("x",), exact={"t": 9}, decimal=","))
     assert np.array_equal(table.exact["t"], 1_700_000_000 * 10**9 + np.arange(1, 100))
 
 
@@ -220,7 +220,7 @@ def test_number_beyond_all_dates_does_not_wrap_into_one(
     tmp_path: Path, cell: str, bad_row: list[str]
 ) -> None:
     path = write_lines(tmp_path / "log.csv", ["t,x", *[f"{cell},1"] * 50, *bad_row])
-    table = read_csv_table(path, Wanted(numeric=("x",), exact={"t": 9}))
+    table = read_csv_table(path, ColumnSelection(numeric=("x",), exact={"t": 9}))
     assert (np.abs(table.exact["t"]) == 2**63 - 1).all()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.flight import Gnss, Imu, ImuGrade
+from insgnss.config.flight import Gnss, ImuConfig, ImuGrade
 
 Float64 = npt.NDArray[np.float64]
 
@@ -54,9 +54,9 @@ def write_imu(path: Path, rows: Float64) -> Path:
     return write_lines(path, [IMU_HEADER, *lines_of(rows)])
 
 
-def imu_config(*files: Path, **settings: object) -> Imu:
+def imu_config(*files: Path, **settings: object) -> ImuConfig:
     """Return the settings of an inertial log with the default columns."""
-    return Imu.model_validate({"files": files, "grade": GRADE, **settings})
+    return ImuConfig.model_validate({"files": files, "grade": GRADE, **settings})
 
 
 def gnss_config(*files: Path, **settings: object) -> Gnss:

@@ -8,7 +8,7 @@ import numpy as np
 
 from insgnss.aiding.satellite_arcs import SatelliteArcs, broadcast_arcs
 from insgnss.aiding.table import AidingSetup
-from insgnss.aiding.trace import Covariances, Samples, Trace, Traced
+from insgnss.aiding.trace import Covariances, FilterTrace, Trace, TraceSamples
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.filter import Visibility
 from insgnss.config.search import Search
@@ -57,7 +57,7 @@ def is_banked(t_ns: Int64) -> np.ndarray:
     return (t_s >= BANK_S[0]) & (t_s < BANK_S[1])
 
 
-def banking_run(P: Float64 | None = None) -> Traced:
+def banking_run(P: Float64 | None = None) -> FilterTrace:
     """Return the run; ``P`` (n, 17, 17) are the covariances at its times, constant ones when None."""
     t_ns = times_ns()
     n = len(t_ns)
@@ -72,9 +72,9 @@ def banking_run(P: Float64 | None = None) -> Traced:
     C_eb = np.ascontiguousarray((C_ne.T @ C_nb)[is_banked(t_ns).astype(int)])
     clock = np.column_stack([30.0 + 5.0 * (t_ns - START_NS) / NS_PER_S, np.full(n, 5.0)])
     trace = Trace(t_ns, np.arange(n), np.tile(r_e, (n, 1)), zero, C_eb, zero, zero, clock, np.zeros((n, 0)))
-    samples = Samples(t_ns, EARTH_RATE_E @ C_eb, -gravity @ C_eb)
+    samples = TraceSamples(t_ns, EARTH_RATE_E @ C_eb, -gravity @ C_eb)
     given = np.tile(usual_covariance(), (n, 1, 1)) if P is None else P
-    return Traced(trace, Covariances(t_ns, given), samples)
+    return FilterTrace(trace, Covariances(t_ns, given), samples)
 
 
 def usual_covariance() -> Float64:

@@ -9,7 +9,7 @@ import numpy as np
 import pymap3d
 import pytest
 
-from insgnss.aiding.trace import Covariances, Samples, Traced, trace_rows
+from insgnss.aiding.trace import Covariances, FilterTrace, TraceSamples, trace_rows
 from insgnss.antenna.visibility import HIDDEN, IS_UNCERTAIN, IS_VISIBLE
 from insgnss.config.search import Search
 from insgnss.constants import C_MPS, NS_PER_S
@@ -243,7 +243,7 @@ def test_gap_in_the_trace_ends_the_predictions_and_begins_them_anew() -> None:
     whole = banking_run()
     kept = np.r_[0:200, 300:400]
     trace = type(whole.trace)(*(np.ascontiguousarray(column[kept]) for column in whole.trace))
-    view = outlook(supervision_setup(None), sky(), Traced(trace, whole.covariances, whole.samples))
+    view = outlook(supervision_setup(None), sky(), FilterTrace(trace, whole.covariances, whole.samples))
     result = supervise_run(view, None, Search(), WEEK)
 
     assert len(result.supervision) == 11 * 300
@@ -259,7 +259,7 @@ def test_gap_in_the_trace_ends_the_predictions_and_begins_them_anew() -> None:
 def test_trace_before_its_first_covariance_predicts_nothing() -> None:
     whole = banking_run()
     late = Covariances(whole.covariances.t_ns[50:], whole.covariances.P[50:])
-    view = outlook(supervision_setup(), sky(), Traced(whole.trace, late, whole.samples))
+    view = outlook(supervision_setup(), sky(), FilterTrace(whole.trace, late, whole.samples))
     result = supervise_run(view, None, Search(), WEEK)
 
     assert result.supervision["time_s"].min() == START_S + 5.0
@@ -268,7 +268,9 @@ def test_trace_before_its_first_covariance_predicts_nothing() -> None:
 
 def test_empty_trace_gives_empty_tables() -> None:
     whole = banking_run()
-    nothing = Traced(trace_rows(whole.trace, slice(0, 0)), whole.covariances, Samples(*whole.samples))
+    nothing = FilterTrace(
+        trace_rows(whole.trace, slice(0, 0)), whole.covariances, TraceSamples(*whole.samples)
+    )
     result = supervise_run(outlook(supervision_setup(), sky(), nothing), None, Search(), WEEK)
 
     assert (len(result.supervision), len(result.transitions), len(result.search_times)) == (0, 0, 0)

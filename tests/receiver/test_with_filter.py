@@ -10,10 +10,10 @@ import pytest
 
 from insgnss.aiding.satellite_arcs import broadcast_arcs
 from insgnss.aiding.table import AidingSetup
-from insgnss.aiding.trace import Samples, Traced, traced
+from insgnss.aiding.trace import FilterTrace, TraceSamples, traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.filter.loop import Imu
+from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.trace_rows import new_trace_room
 from insgnss.filter.output.writing import Output, new_output
@@ -45,7 +45,7 @@ OMEGA_E = np.array([0.0, 0.0, WGS84_OMEGA_RADPS])
 class FilterRun:
     log: SimulatedLog
     out: Output
-    found: Traced
+    found: FilterTrace
     epoch_ns: Int64
     view: Outlook
 
@@ -60,12 +60,12 @@ def filter_run() -> FilterRun:
     samples_ns, epoch_ns = epoch_samples(log.imu.t_ns, rows.epoch_ns[1:LAST_EPOCH])
     room = new_trace_room(samples_ns, 10.0, LAST_EPOCH, 0, samples_ns)
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64), 0, room)
-    imu = Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)
+    imu = ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)
     navigator = Navigator(setup)
     navigator.bank = opened_bank(log, rng)
     navigator.started_ns = int(log.at_gnss.t_ns[0])
     navigator.run(imu, rows, 1, LAST_EPOCH, out)
-    found = traced(out.trace, Samples(*imu[:3]))
+    found = traced(out.trace, TraceSamples(*imu[:3]))
     config = AidingConfig(signals={"G": "C1C"}, slope_samples=1)
     aiding = AidingSetup(config, sensor_model(GRADE), clock_model(CLOCK_TYPE), LEVER_ARM_B, troposphere=False)
     satellites = broadcast_arcs(

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from insgnss.config.filter import Adaptation, FilterConfig, Health, Measurements, Noise
+from insgnss.config.filter import Adaptation, FilterConfig, HealthConfig, Measurements, NoiseConfig
 from insgnss.config.flight import ImuGrade, Oscillator
-from insgnss.filter.loop import Imu
+from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output, new_output
 from insgnss.filter.setup import FilterSetup
@@ -22,10 +22,10 @@ from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, PSI, STATE_NAMES,
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_quaternion
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows, prepare_rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows, prepare_rows
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.simulation.journeys import airborne_turns
-from insgnss.simulation.observations import NoiseTerms, Receiver
+from insgnss.simulation.observations import NoiseTerms, SimulatedReceiver
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.status import USED
 from insgnss.studies.matched_flight import error_state as error_state
@@ -64,7 +64,7 @@ SD_CLOCK_M, SD_DRIFT_MPS = 10.0, 1.0
 
 def matched_simulator() -> Simulator:
     """Return the scenario with its truth computed."""
-    receiver = Receiver(
+    receiver = SimulatedReceiver(
         LEVER_ARM_B, first_tag_s=1.0, pseudorange_noise=RANGE_NOISE, range_rate_noise=RATE_NOISE
     )
     clock = ClockStart(bias_m=30.0, drift_mps=5.0)
@@ -81,13 +81,15 @@ def matched_setup() -> FilterSetup:
         pseudorange_noise_m=_noise(RANGE_NOISE),
         range_rate_noise_mps=_noise(RATE_NOISE),
         adaptation=Adaptation(on=False),
-        health=Health(suspicion_sigma=0.0),  # of a filter that believes too much every satellite is a suspect
+        health=HealthConfig(
+            suspicion_sigma=0.0
+        ),  # of a filter that believes too much every satellite is a suspect
     )
     return FilterSetup(config, GRADE, CLOCK_TYPE, LEVER_ARM_B, navigation=paper_sky())
 
 
-def _noise(terms: NoiseTerms) -> Noise:
-    return Noise(floor=terms.floor, elevation=terms.elevation, cn0_at_45_dbhz=terms.cn0)
+def _noise(terms: NoiseTerms) -> NoiseConfig:
+    return NoiseConfig(floor=terms.floor, elevation=terms.elevation, cn0_at_45_dbhz=terms.cn0)
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def matched_run(
         log.gnss, setup.navigation, None, clock_groups=setup.clock_groups, signals=dict(use.signals)
     )
     out = new_output(rows, len(rows.epoch_ns), 64, np.zeros(0, np.int64))
-    imu = Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)
+    imu = ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b)
     navigator = Navigator(setup)
     navigator.bank = opened_bank(log, rng)
     navigator.started_ns = int(log.at_gnss.t_ns[0])
@@ -126,7 +128,7 @@ def matched_run(
     return MatchedRun(np.array(errors[kept]), np.array(covariances[kept]), *innovations(rows, out))
 
 
-def innovations(rows: Rows, out: Output) -> tuple[Float64, Float64]:
+def innovations(rows: GnssRows, out: Output) -> tuple[Float64, Float64]:
     """Return the used innovations over their sigma and the predicted share of their variance, both (2, m, n)."""
     seen = slice(rows.first[1], None)  # the first epoch went into the opening
     ledger = out.ledger[seen]

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from insgnss.config.flight import FlightConfig, GivenStart, Gnss, Imu, ImuGrade, Oscillator
+from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuConfig, ImuGrade, Oscillator
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.runs.result import Run
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.journeys import AIRFIELD, airborne_turns
-from insgnss.simulation.observations import Fault, NoiseTerms, Receiver
+from insgnss.simulation.observations import Fault, NoiseTerms, SimulatedReceiver
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.simulated_log import ClockStart, Scenario, SimulatedLog, Simulator
 from insgnss.simulation.sky import PAPER_SKY, constellation_over, nominal_constellation
@@ -57,9 +57,11 @@ def even_sky(toe_ns: int = TOE_NS) -> NavigationData:
     return nominal_constellation(toe_ns)
 
 
-def receiver(navigation: NavigationData, *, first_tag_s: float = 1.0, rate_hz: float = 1.0) -> Receiver:
+def receiver(
+    navigation: NavigationData, *, first_tag_s: float = 1.0, rate_hz: float = 1.0
+) -> SimulatedReceiver:
     """Return the sample flight's receiver: noise as the filter has it, the atmosphere of the broadcast models."""
-    return Receiver(
+    return SimulatedReceiver(
         LEVER_ARM_B,
         rate_hz=rate_hz,
         first_tag_s=first_tag_s,
@@ -128,7 +130,7 @@ def flight(
     config = FlightConfig(
         name="simulated",
         gps_week=WEEK,
-        imu=Imu(files=(Path("imu.csv"),), grade=grade),
+        imu=ImuConfig(files=(Path("imu.csv"),), grade=grade),
         gnss=Gnss(files=(Path("gnss.csv"),), lever_arm_m=LEVER_ARM_B, oscillator=scenario.oscillator),
         start=start or "automatic",
     )

@@ -11,7 +11,7 @@ import insgnss
 from insgnss.log.flight import Flight
 from insgnss.runs.result import Run
 from insgnss.studies.outage.replays import flight_without
-from insgnss.studies.outage.windows import Removal, Window
+from insgnss.studies.outage.windows import OutageWindow, Removal
 from tests.attitude.several_flights import SLALOM, events, normalised, scenario_text, write_flight
 from tests.statistics_bounds import CONFIDENCE, mean_chi_square_bounds
 
@@ -108,7 +108,7 @@ def test_smoothed_attitude_in_an_outage_of_all_antennas_is_far_better_than_the_f
     tmp_path: Path,
 ) -> None:
     """Twenty seconds in turns without a measurement: the differences on both sides hold the attitude between them."""
-    gone = Window(150_025.0, 150_045.0)
+    gone = OutageWindow(150_025.0, 150_045.0)
     errors_in, squares = [], []
     for seed in range(4):
         path = write_flight(tmp_path, scenario_text(manoeuvres=SLALOM, speed_mps=60.0), seed=seed)

@@ -10,11 +10,11 @@ import pytest
 
 import insgnss
 from insgnss.errors import ResultError
-from insgnss.runs.between_rows import Limits, rows_at
+from insgnss.runs.between_rows import InterpolationLimits, rows_at
 from insgnss.runs.result import Run
 from tests.runs.scenes import LEVER_ARM_B, START_S, flight, turns
 
-ANY = Limits(1e9, 1e9, 1e9)
+ANY = InterpolationLimits(1e9, 1e9, 1e9)
 FROM_S, TO_S = 60.0, 110.0  # the heading is known
 
 
@@ -42,7 +42,7 @@ def off_deg(found: pd.DataFrame, expected: pd.DataFrame, name: str) -> pd.Series
 def test_rows_at_ten_a_second_give_those_between_them() -> None:
     nav, between = every(10)
 
-    found = rows_at(nav, between["time_s"], Limits(0.2, 0.2, 0.5))
+    found = rows_at(nav, between["time_s"], InterpolationLimits(0.2, 0.2, 0.5))
 
     for name in ("roll_deg", "pitch_deg", "yaw_deg"):
         assert np.abs(off_deg(found, between, name)).max() < 0.04
@@ -75,7 +75,7 @@ def test_rows_a_second_apart_are_too_few_for_a_turn() -> None:
     with pytest.raises(
         ResultError, match=r"rows 1 s apart are too far for the motion at .*attitude may be"
     ) as error:
-        rows_at(nav, between["time_s"], Limits(0.2, 0.2, 0.5))
+        rows_at(nav, between["time_s"], InterpolationLimits(0.2, 0.2, 0.5))
 
     assert "replay(..., output=times)" in error.value.advice
     worst = np.abs(off_deg(rows_at(nav, between["time_s"], ANY), between, "roll_deg")).max()

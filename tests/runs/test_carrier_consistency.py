@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from insgnss.config.filter import Noise
+from insgnss.config.filter import NoiseConfig
 from insgnss.config.flight import ImuGrade
-from insgnss.filter.loop import Imu
+from insgnss.filter.loop import ImuSamples
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.setup import FilterSetup
@@ -96,7 +96,7 @@ def setup(grade: ImuGrade = GRADE, *, carrier: bool = True, believed: float = 1.
     """Return the filter that knows what was simulated; ``believed`` is on the sigma of a difference."""
     matched = matched_setup()
     of_difference = believed * np.sqrt(2.0)
-    noise = Noise(
+    noise = NoiseConfig(
         floor=of_difference * PHASE_NOISE.floor,
         elevation=of_difference * PHASE_NOISE.elevation,
         cn0_at_45_dbhz=of_difference * PHASE_NOISE.cn0,
@@ -131,7 +131,7 @@ def runs_of(
         navigator.bank, navigator.started_ns = opened(log, filter_setup, rng), int(log.at_gnss.t_ns[0])
         done = 1
         for epoch in epochs:
-            navigator.run(Imu(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b), rows, done, epoch + 1, out)
+            navigator.run(ImuSamples(log.imu.t_ns, log.imu.w_ib_b, log.imu.f_b), rows, done, epoch + 1, out)
             done = epoch + 1
             errors.append(error_state(navigator.bank.state[0], log, epoch))
             covariances.append(navigator.bank.P[0][:OFFSETS, :OFFSETS].copy())

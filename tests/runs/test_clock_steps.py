@@ -12,7 +12,7 @@ import pytest
 
 import insgnss
 from insgnss.config.library import filter_config
-from insgnss.filter.engine import Engine
+from insgnss.filter.engine import FilterEngine
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage, range_step
@@ -130,7 +130,7 @@ def test_two_satellites_that_contradict_each_other_are_told_and_change_nothing()
 
 def test_engine_gives_the_bits_of_replay_through_a_step_under_two_satellites() -> None:
     flown = few(2, 80.0)
-    engine = Engine(setup_filter(flown, flown.logs, filter_config("tight17")))
+    engine = FilterEngine(setup_filter(flown, flown.logs, filter_config("tight17")))
     stream(engine, flown.logs, no_delay())
     assert_same_bits(engine.take_results(all_of_them=True), flown.logs, flown)
     assert [event.kind for event in engine.events].count("clock_jump") == 1

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from insgnss.config.filter import Noise
+from insgnss.config.filter import NoiseConfig
 from insgnss.config.flight import ImuGrade, Oscillator
 from insgnss.filter.setup import FilterSetup
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE
@@ -86,7 +86,7 @@ def worse(grade: ImuGrade = GRADE, clock: Oscillator = CLOCK_TYPE, noise: float 
     return dataclasses.replace(setup, config=config, grade=grade, oscillator=clock)
 
 
-def scaled(noise: Noise, factor: float) -> Noise:
+def scaled(noise: NoiseConfig, factor: float) -> NoiseConfig:
     names = ("floor", "elevation", "cn0_at_45_dbhz")
     return noise.model_copy(update={name: getattr(noise, name) * factor for name in names})
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import insgnss
 from insgnss.config.library import imu_grade
 from insgnss.runs.result import Run
-from insgnss.simulation.course import Course, smoothstep
+from insgnss.simulation.course import ManoeuvreSequence, smoothstep
 from insgnss.simulation.journeys import AIRFIELD, car
 from insgnss.simulation.simulated_log import SimulatedLog, Simulator
 from insgnss.simulation.trajectory import Trajectory
@@ -258,7 +258,7 @@ def test_sensor_out_for_a_minute_is_told_and_leaves_an_honest_sigma(
 @cache
 def launch() -> Simulator:
     """Return 10 s of straight flight, then 1850 m/s more within 3.5 s, and a turn at the end."""
-    course = Course(50.0).hold(10.0).change_speed(1900.0, 3.5).hold(5.0).change_speed(400.0, 10.0)
+    course = ManoeuvreSequence(50.0).hold(10.0).change_speed(1900.0, 3.5).hold(5.0).change_speed(400.0, 10.0)
     course.hold(20.0).turn(60.0, 45.0).hold(10.0)
     return simulator(course.lay(*AIRFIELD, 10.0, knot_s=0.02), course.clock_s, imu_rate_hz=200.0)
 
@@ -286,7 +286,7 @@ def test_launch_of_100_g_with_an_open_heading_is_not_taken_for_a_step_of_the_clo
 
 def spinning(rate_degps: float, duration_s: float) -> Trajectory:
     """Return a straight flight that begins to roll at 20 s and rolls at the full rate from 30 s on."""
-    straight = Course(200.0).hold(duration_s).lay(*AIRFIELD, 10.0, knot_s=0.1)
+    straight = ManoeuvreSequence(200.0).hold(duration_s).lay(*AIRFIELD, 10.0, knot_s=0.1)
     t = np.arange(straight.first_s, straight.last_s, 0.005)
     rate = np.radians(rate_degps) * smoothstep((t - 20.0) / 10.0)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import sidereon
 
-from insgnss.config.filter import FilterConfig, Noise
+from insgnss.config.filter import FilterConfig, NoiseConfig
 from insgnss.config.library import filter_config
 from insgnss.constants import C_MPS
 from insgnss.gnss.point.rows import PointLog, PointRows
@@ -83,8 +83,8 @@ def settings(
     return config.model_copy(
         update={
             "measurements": use,
-            "pseudorange_noise_m": Noise(floor=1e-3, elevation=0.0, cn0_at_45_dbhz=0.0),
-            "range_rate_noise_mps": Noise(floor=0.2, elevation=0.0, cn0_at_45_dbhz=0.0),
+            "pseudorange_noise_m": NoiseConfig(floor=1e-3, elevation=0.0, cn0_at_45_dbhz=0.0),
+            "range_rate_noise_mps": NoiseConfig(floor=0.2, elevation=0.0, cn0_at_45_dbhz=0.0),
         }
     )
 

@@ -17,7 +17,7 @@ from insgnss.config.library import imu_grade
 from insgnss.errors import ConfigError
 from insgnss.filter.smoothing.body_points import local_levels_of
 from insgnss.runs.result import Run
-from insgnss.simulation.course import Course
+from insgnss.simulation.course import ManoeuvreSequence
 from insgnss.simulation.journeys import AIRFIELD, KNOT_S, airborne_turns
 from insgnss.simulation.simulated_log import Simulator
 from tests.runs.scenes import (
@@ -116,7 +116,7 @@ def test_smoothed_run_knows_the_heading_before_the_filter_did() -> None:
 
 def test_smoother_goes_through_a_heading_that_was_lost_and_found() -> None:
     """A consumer's gyros lose the heading at rest: the filter opens it, the next corner finds it again."""
-    course = Course().hold(5.0).change_speed(14.0, 8.0).hold(12.0).steer(90.0, 5.0).hold(10.0)
+    course = ManoeuvreSequence().hold(5.0).change_speed(14.0, 8.0).hold(12.0).steer(90.0, 5.0).hold(10.0)
     course.change_speed(0.0, 5.0).hold(400.0).change_speed(14.0, 8.0).hold(12.0).steer(-90.0, 5.0).hold(15.0)
     drive = course.lay(*AIRFIELD, 80.0, knot_s=KNOT_S)
     base = simulator(drive, course.clock_s - 1.0, grade=imu_grade("mems_consumer"), navigation=even_sky())

@@ -12,13 +12,13 @@ import insgnss
 from insgnss.config.flight import GivenStart
 from insgnss.config.library import filter_config, imu_grade
 from insgnss.filter import navigator
-from insgnss.filter.engine import Engine
-from insgnss.filter.start.trial import Trial
+from insgnss.filter.engine import FilterEngine
+from insgnss.filter.start.trial import StartValidation
 from insgnss.filter.whole_log import run_filter
-from insgnss.gnss.observation_rows import Rows, one_epoch
+from insgnss.gnss.observation_rows import GnssRows, one_epoch
 from insgnss.runs.result import Run
 from insgnss.runs.setup import setup_filter
-from insgnss.simulation.course import Course
+from insgnss.simulation.course import ManoeuvreSequence
 from insgnss.simulation.journeys import AIRFIELD, car, static
 from insgnss.simulation.simulated_log import Simulator
 from tests.filter.test_engine_arrivals import epochs, feed, with_latency
@@ -53,7 +53,7 @@ def drive() -> Simulator:
 @cache
 def late_drive() -> Simulator:
     """90 s at rest, longer than a trial waits, then two corners."""
-    course = Course().hold(90.0).change_speed(14.0, 8.0).hold(12.0)
+    course = ManoeuvreSequence().hold(90.0).change_speed(14.0, 8.0).hold(12.0)
     course.change_speed(6.0, 5.0).steer(90.0, 5.0).change_speed(14.0, 8.0).hold(12.0).steer(90.0, 5.0).hold(
         25.0
     )
@@ -145,7 +145,7 @@ def test_wrong_position_is_no_contradiction_of_the_attitude() -> None:
 def test_right_start_is_left_alone_to_the_bit(base: object, monkeypatch: pytest.MonkeyPatch) -> None:
     flown = given(base(), AT_S, roll=2.0, yaw=-10.0)  # type: ignore[operator]
     with_trial = replayed(flown)
-    monkeypatch.setattr(navigator, "Trial", lambda setup: None)
+    monkeypatch.setattr(navigator, "StartValidation", lambda setup: None)
     alone = replayed(flown)
     assert with_trial.nav.equals(alone.nav)
     assert with_trial.measurements.equals(alone.measurements)
@@ -157,13 +157,13 @@ def test_trial_of_a_right_start_costs_little_at_rest_and_ends_in_motion(
 ) -> None:
     """Rivals cost as much as the filter each: an epoch a second for a minute, then one in ten, until a corner."""
     taken: list[float] = []
-    update = Trial._update
+    update = StartValidation._update
 
-    def noted(self: Trial, imu: object, rows: Rows, epoch: int, *others: object) -> None:
+    def noted(self: StartValidation, imu: object, rows: GnssRows, epoch: int, *others: object) -> None:
         taken.append(float(rows.epoch_ns[epoch] - START_NS) / 1e9)
         update(self, imu, rows, epoch, *others)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Trial, "_update", noted)
+    monkeypatch.setattr(StartValidation, "_update", noted)
     replayed(given(late_drive(), AT_S))
     seconds = np.round(taken)
     assert (
@@ -184,7 +184,7 @@ def test_engine_gives_the_bits_of_replay_through_a_trial(base: object) -> None:
     setup = with_latency(flown, logs)
     rows = setup.rows(logs.gnss, setup.navigation)
     out, events = run_filter(setup, logs.imu, rows, "gnss")
-    engine = Engine(setup)
+    engine = FilterEngine(setup)
     late_ns = (0, 1_700_000_000)  # every other epoch comes after the one that follows it
     arrivals = [(int(e.t_ns[0]) + late_ns[i % 2], e) for i, e in enumerate(epochs(logs.gnss))]
     feed(engine, logs.imu, arrivals)

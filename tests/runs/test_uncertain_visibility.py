@@ -11,7 +11,7 @@ from scipy import stats
 
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import scenario_config
-from insgnss.filter.engine import Engine
+from insgnss.filter.engine import FilterEngine
 from insgnss.filter.whole_log import run_filter
 from insgnss.log.flight import FlightInMemory
 from insgnss.runs.replay import replay
@@ -124,7 +124,7 @@ def test_noise_levels_are_not_adapted_to_what_was_made_larger() -> None:
 def test_stream_gives_the_bits_and_the_events_of_replay(uncertain: str) -> None:
     own = flight()
     setup = setup_filter(own, own.logs, settings(uncertain))
-    engine = Engine(setup)
+    engine = FilterEngine(setup)
     stream(engine, own.logs, no_delay())
     results = engine.take_results(all_of_them=True)
     whole = setup.rows(own.logs.gnss, setup.navigation)

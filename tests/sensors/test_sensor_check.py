@@ -12,7 +12,7 @@ import insgnss
 from insgnss.config.library import find
 from insgnss.log.checks.report import Finding
 from insgnss.log.checks.sensor_findings import sensor_findings
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight, FlightLogs
 from insgnss.runs.gnss_track import solve_track
 from insgnss.runs.simulate import Simulation, simulate
@@ -46,7 +46,7 @@ to_s = 12.0
 
 
 @pytest.fixture(scope="module")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Simulation, FlightLogs, Track]:
+def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Simulation, FlightLogs, GnssTrack]:
     """The first 100 s of the library's car with a sensor of every kind, its logs and the track by GNSS."""
     folder = tmp_path_factory.mktemp("sensors")
     scenario = folder / "scenario.toml"
@@ -61,7 +61,7 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Simulation, F
 
 
 def test_simulated_readings_come_back_from_their_files(
-    saved: tuple[Path, Simulation, FlightLogs, Track],
+    saved: tuple[Path, Simulation, FlightLogs, GnssTrack],
 ) -> None:
     folder, made, logs, _ = saved
     tolerance = {"odometer": 1e-4, "barometer": 1e-3, "magnetometer": 1e-3, "position": 1e-3}
@@ -74,7 +74,7 @@ def test_simulated_readings_come_back_from_their_files(
     assert kinds.count("sensor_bad_values") == 1
 
 
-def checked(folder: Path, track: Track, change: tuple[str, str], to: Path) -> dict[str, list[Finding]]:
+def checked(folder: Path, track: GnssTrack, change: tuple[str, str], to: Path) -> dict[str, list[Finding]]:
     """Return the findings of each sensor, one thing of the flight file changed."""
     shutil.copytree(folder, to)
     path = to / "flight.toml"
@@ -89,7 +89,7 @@ def checked(folder: Path, track: Track, change: tuple[str, str], to: Path) -> di
 
 
 def test_sensors_in_order_raise_no_warning(
-    saved: tuple[Path, Simulation, FlightLogs, Track], tmp_path: Path
+    saved: tuple[Path, Simulation, FlightLogs, GnssTrack], tmp_path: Path
 ) -> None:
     folder, _, _, track = saved
     found = checked(folder, track, ("[imu]", "[imu]"), tmp_path / "f")
@@ -126,7 +126,7 @@ def test_sensors_in_order_raise_no_warning(
     ],
 )
 def test_wrong_declaration_is_found(
-    saved: tuple[Path, Simulation, FlightLogs, Track],
+    saved: tuple[Path, Simulation, FlightLogs, GnssTrack],
     tmp_path: Path,
     name: str,
     change: tuple[str, str],
@@ -138,6 +138,8 @@ def test_wrong_declaration_is_found(
     assert advice in told
 
 
-def test_check_of_a_flight_looks_at_its_sensors(saved: tuple[Path, Simulation, FlightLogs, Track]) -> None:
+def test_check_of_a_flight_looks_at_its_sensors(
+    saved: tuple[Path, Simulation, FlightLogs, GnssTrack],
+) -> None:
     report = insgnss.check_flight(Flight.load(saved[0] / "flight.toml"))
     assert {"odometer", "velocity"} <= {finding.topic for finding in report.findings}

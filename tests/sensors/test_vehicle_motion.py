@@ -16,7 +16,7 @@ from insgnss.filter.layout_names import state_layout
 from insgnss.filter.own_rows.checked_rows import CheckedRow, checked_rows
 from insgnss.filter.own_rows.rows import own_measurements
 from insgnss.filter.own_rows.state_estimate import StateEstimate, state_estimate
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import BG, OFFSETS, PSI, Bank, new_bank
 from insgnss.sensors.ticking import correlated
 from insgnss.sensors.vehicle_motion import vehicle_axes
@@ -28,7 +28,7 @@ from tests.jacobian import finite_difference_jacobian
 AT = place()
 AXLE_M = (-1.4, 0.3, 0.6)
 RATE = np.array([0.05, -0.03, 0.3])
-IMU = Imu(
+IMU = ImuSamples(
     START_NS + np.arange(-200, 1) * 10_000_000, np.tile(RATE, (201, 1)), np.tile([0.1, 0.2, -9.8], (201, 1))
 )
 
@@ -85,7 +85,7 @@ def test_partials_are_those_of_the_prediction(which: VehicleRows) -> None:
     np.testing.assert_allclose(found[:, :3], 0.0, atol=2e-6)  # the vertical turns by 1.6e-7 rad/m
 
 
-def at_rest(blocks: tuple[StateBlock, ...]) -> tuple[Bank, Layout, Imu]:
+def at_rest(blocks: tuple[StateBlock, ...]) -> tuple[Bank, Layout, ImuSamples]:
     """Return a car that stands on a slope, the errors of its sensors as states, and samples with noise and turn."""
     layout, rng = Layout(blocks), np.random.default_rng(7)
     plain = new_filter(AT, v_n=(0.0, 0.0, 0.0), C_eb=attitude(AT, 5.0, 10.0, 60.0))
@@ -93,13 +93,13 @@ def at_rest(blocks: tuple[StateBlock, ...]) -> tuple[Bank, Layout, Imu]:
     bank.state[:] = plain.state
     bank.state[0].optional[: layout.n_values] = 1e-4
     noise = rng.standard_normal((len(IMU.t_ns), 6)) * 1e-3
-    imu = Imu(
+    imu = ImuSamples(
         IMU.t_ns, np.array([2e-3, -1e-3, 3e-3]) + noise[:, :3], np.array([1.7, 0.8, -9.6]) + noise[:, 3:]
     )
     return bank, layout, imu
 
 
-def zero_rates(bank: Bank, layout: Layout, imu: Imu) -> list[CheckedRow]:
+def zero_rates(bank: Bank, layout: Layout, imu: ImuSamples) -> list[CheckedRow]:
     kind = next(k for k in vehicle_measurements(vehicle("car")) if k.name == "zero_rate")
     own = own_measurements([kind])
     assert own is not None
@@ -191,7 +191,7 @@ def test_slow_or_steep_ship_has_no_course_row() -> None:
 
 
 def test_variance_grows_with_speed_corner_and_an_axle_that_is_not_known() -> None:
-    straight = Imu(IMU.t_ns, np.zeros_like(IMU.w_ib_b), IMU.f_b)
+    straight = ImuSamples(IMU.t_ns, np.zeros_like(IMU.w_ib_b), IMU.f_b)
     own = own_measurements(vehicle_measurements(vehicle("car")))
     assert own is not None
     found = {}

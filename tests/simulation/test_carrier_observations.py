@@ -21,8 +21,8 @@ from insgnss.simulation.log_files import write_gnss
 from insgnss.simulation.observations import (
     Fault,
     NoiseTerms,
-    Observations,
-    Receiver,
+    SignalObservations,
+    SimulatedReceiver,
     antenna_motion,
     observe,
     signal_paths,
@@ -45,7 +45,7 @@ CLOCK = ClockTruth(TAGS, 9.0e4 + 50.0 * TAGS, np.full_like(TAGS, 50.0))
 BOTH = ("C1C", "C5Q")
 WAVELENGTH_M = np.repeat([C_MPS / L1_HZ, C_MPS / L5_HZ], N)
 NOISE = NoiseTerms(0.0015, 0.0007, 0.0015)
-WITH_CARRIER = Receiver(signals=BOTH, carrier_noise=NOISE)
+WITH_CARRIER = SimulatedReceiver(signals=BOTH, carrier_noise=NOISE)
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +54,13 @@ def flight() -> Trajectory:
 
 
 def observed(
-    flight: Trajectory, receiver: Receiver = WITH_CARRIER, *faults: Fault, seed: int | None = None
-) -> Observations:
+    flight: Trajectory, receiver: SimulatedReceiver = WITH_CARRIER, *faults: Fault, seed: int | None = None
+) -> SignalObservations:
     rng = None if seed is None else np.random.default_rng(seed)
     return observe(flight, EPH, START_NS, CLOCK, receiver, rng, faults)
 
 
-def phase_m(seen: Observations) -> np.ndarray:
+def phase_m(seen: SignalObservations) -> np.ndarray:
     assert seen.carrier_cycles is not None
     return np.asarray(seen.carrier_cycles * WAVELENGTH_M)
 
@@ -101,7 +101,7 @@ def test_carriers_noise_has_the_stated_sigma_and_its_ambiguities_are_whole(fligh
 def test_carrier_does_not_change_a_bit_of_the_other_observations(flight: Trajectory) -> None:
     """So what was simulated before carriers were is still what is simulated without them."""
     with_carrier = observed(flight, replace(WITH_CARRIER, signals=("C1C",)), seed=5)
-    without = observed(flight, Receiver(), seed=5)
+    without = observed(flight, SimulatedReceiver(), seed=5)
     assert without.carrier_cycles is None and to_table(without, START_NS).carrier_cycles is None
     for name in ("pseudorange_m", "range_rate_mps", "cn0_dbhz"):
         assert np.array_equal(getattr(with_carrier, name), getattr(without, name))
@@ -158,7 +158,7 @@ def test_carrier_alone_leaves_the_other_cells_of_its_row_empty(flight: Trajector
 
 def test_fault_of_the_carrier_without_a_carrier_is_told(flight: Trajectory) -> None:
     with pytest.raises(ConfigError, match="logs it"):
-        observed(flight, Receiver(), cycle_slip(["G04"], 1.0, 40.0))
+        observed(flight, SimulatedReceiver(), cycle_slip(["G04"], 1.0, 40.0))
 
 
 def test_carriers_are_read_back_from_the_file(flight: Trajectory, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pymap3d.vincenty import vreckon
 
 from insgnss.errors import ConfigError
 from insgnss.simulation import journeys
-from insgnss.simulation.course import Course, smoothstep
+from insgnss.simulation.course import ManoeuvreSequence, smoothstep
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.trajectory import Trajectory
 from insgnss.tables import ReferenceTable
@@ -27,7 +27,7 @@ def test_smoothstep_is_twice_continuously_differentiable() -> None:
 
 @pytest.mark.parametrize(("lat", "heading"), [(59.97, 40.0), (0.0, 90.0), (-75.0, 200.0)])
 def test_a_straight_leg_is_a_geodesic(lat: float, heading: float) -> None:
-    trajectory = Course(200.0).hold(600.0).lay(lat, 20.0, 0.0, heading)
+    trajectory = ManoeuvreSequence(200.0).hold(600.0).lay(lat, 20.0, 0.0, heading)
     end = reference(trajectory, 600.0)
     wanted_lat, wanted_lon = vreckon(lat, 20.0, 120_000.0, heading)
     assert end.lat_deg[0] == pytest.approx(float(np.squeeze(wanted_lat)), abs=1e-8)  # 1 mm
@@ -37,14 +37,14 @@ def test_a_straight_leg_is_a_geodesic(lat: float, heading: float) -> None:
 
 @pytest.mark.parametrize("by_deg", [90.0, -270.0, 360.0])
 def test_a_turn_ends_on_its_heading(by_deg: float) -> None:
-    course = Course(100.0).hold(5.0).turn(by_deg, 35.0).hold(5.0)
+    course = ManoeuvreSequence(100.0).hold(5.0).turn(by_deg, 35.0).hold(5.0)
     end = reference(course.lay(0.0, 0.0, 500.0, 10.0), course.clock_s)
     off = (end.rpy_deg[0, 2] - 10.0 - by_deg + 180.0) % 360.0 - 180.0
     assert off == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_right_turn_banks_right_and_is_coordinated() -> None:
-    trajectory = Course(100.0).hold(5.0).turn(180.0, 40.0).lay(60.0, 30.0, 500.0, 0.0)
+    trajectory = ManoeuvreSequence(100.0).hold(5.0).turn(180.0, 40.0).lay(60.0, 30.0, 500.0, 0.0)
     t = np.arange(0.0, 40.0, 0.1)
     truth = reference_table(trajectory.motion(t), 0)
     assert truth.rpy_deg[:, 0].max() == pytest.approx(40.0, abs=1e-3)
@@ -54,7 +54,7 @@ def test_a_right_turn_banks_right_and_is_coordinated() -> None:
 
 
 def test_climb_and_descent_reach_their_heights_with_the_nose_along_the_way() -> None:
-    course = Course(80.0).hold(5.0).climb(500.0, 8.0).hold(10.0).climb(-200.0, 5.0).hold(5.0)
+    course = ManoeuvreSequence(80.0).hold(5.0).climb(500.0, 8.0).hold(10.0).climb(-200.0, 5.0).hold(5.0)
     trajectory = course.lay(60.0, 30.0, 100.0, 0.0)
     truth = reference(trajectory, 0.0, 40.0, 80.0, course.clock_s)
     assert truth.h_m[[0, 2, 3]] == pytest.approx([100.0, 600.0, 400.0], abs=1e-3)
@@ -86,10 +86,10 @@ def test_the_car_stops_and_stays_level() -> None:
 
 def test_impossible_manoeuvres_are_refused() -> None:
     with pytest.raises(ConfigError, match="needs speed"):
-        Course().turn(90.0, 30.0)
+        ManoeuvreSequence().turn(90.0, 30.0)
     with pytest.raises(ConfigError, match="rolling in"):
-        Course(100.0).turn(3.0, 45.0)
+        ManoeuvreSequence(100.0).turn(3.0, 45.0)
     with pytest.raises(ConfigError, match="ramp"):
-        Course(100.0).climb(10.0, 8.0)
+        ManoeuvreSequence(100.0).climb(10.0, 8.0)
     with pytest.raises(ConfigError, match="already"):
-        Course().hold(10.0).hold_until(5.0)
+        ManoeuvreSequence().hold(10.0).hold_until(5.0)

@@ -13,7 +13,7 @@ from scipy import linalg
 from insgnss.config.manoeuvres import Manoeuvre
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.gauss_markov_motion import GRID_S, GaussMarkov, GaussMarkovFigure
+from insgnss.simulation.gauss_markov_motion import GRID_S, GaussMarkovFigure, GaussMarkovProcess
 from insgnss.simulation.itinerary import ManoeuvreError, course_of, knot_s_of
 from insgnss.simulation.trajectory import Trajectory
 
@@ -31,7 +31,7 @@ def laid(*entries: dict[str, Any], speed_mps: float = 200.0) -> Trajectory:
 
 
 def test_process_has_its_sigma_and_its_correlation_time() -> None:
-    process, count = GaussMarkov(49.03, 1.0 / ALPHA), 400_000
+    process, count = GaussMarkovProcess(49.03, 1.0 / ALPHA), 400_000
     x = process.values(count, np.random.default_rng(1))
     assert np.all(x[0] == 0.0)
     x = x[2000:]
@@ -46,7 +46,7 @@ def test_process_has_its_sigma_and_its_correlation_time() -> None:
 
 
 def test_velocity_is_the_integral_of_the_acceleration() -> None:
-    process, none = GaussMarkov(30.0, 2.0), GaussMarkov(0.0, 1.0)
+    process, none = GaussMarkovProcess(30.0, 2.0), GaussMarkovProcess(0.0, 1.0)
     figure = GaussMarkovFigure(process, none, 20.0, np.random.default_rng(3))
     a = process.values(1 + math.ceil(24.0 / GRID_S), np.random.default_rng(3))
 
@@ -59,7 +59,7 @@ def test_pull_bounds_speed_as_its_equation_says() -> None:
     return_s, W = 40.0, 2.0 * math.pi / 40.0
     A = np.array([[0.0, 1.0, 0.0], [-W * W, -math.sqrt(2.0) * W, 1.0], [0.0, 0.0, -ALPHA]])
     wanted = math.sqrt(linalg.solve_continuous_lyapunov(A, np.diag([0, 0, -2 * ALPHA * 49.03**2]))[1, 1])
-    process, none = GaussMarkov(49.03, 1.0 / ALPHA), GaussMarkov(0.0, 1.0)
+    process, none = GaussMarkovProcess(49.03, 1.0 / ALPHA), GaussMarkovProcess(0.0, 1.0)
     figure = GaussMarkovFigure(process, none, 1500.0, np.random.default_rng(5), return_s)
 
     # 1400 s of three axes hold some 200 independent speeds
@@ -72,8 +72,8 @@ def test_body_turns_at_the_rates_of_its_process() -> None:
     # the processes are drawn one after the other from one generator
     rng = np.random.default_rng(1)
     count = 1 + math.ceil(64.0 / GRID_S)
-    GaussMarkov(0.0, 10.0 / 3.0).values(count, rng)
-    rates = GaussMarkov(math.radians(28.65), 1.0).values(count, rng)
+    GaussMarkovProcess(0.0, 10.0 / 3.0).values(count, rng)
+    rates = GaussMarkovProcess(math.radians(28.65), 1.0).values(count, rng)
 
     turned = trajectory.rotation_eb(t)
     found = (turned[:-1].inv() * turned[1:]).as_rotvec() / GRID_S
@@ -132,9 +132,9 @@ def test_settings_that_make_no_sense_are_refused(changed: dict[str, Any]) -> Non
 @pytest.mark.parametrize(
     ("make", "key"),
     [
-        (lambda: GaussMarkov(-1.0, 1.0), "sigma"),
-        (lambda: GaussMarkov(1.0, 0.001), "time_s"),
-        (lambda: GaussMarkov(1.0, math.nan), "time_s"),
+        (lambda: GaussMarkovProcess(-1.0, 1.0), "sigma"),
+        (lambda: GaussMarkovProcess(1.0, 0.001), "time_s"),
+        (lambda: GaussMarkovProcess(1.0, math.nan), "time_s"),
         (lambda: figure_of(math.nan, None), "duration_s"),
         (lambda: figure_of(10.0, 0.5), "return_s"),
     ],
@@ -148,5 +148,5 @@ def test_figures_that_make_no_sense_are_refused(make: Any, key: str) -> None:
 
 
 def figure_of(duration_s: float, return_s: float | None) -> GaussMarkovFigure:
-    process = GaussMarkov(1.0, 1.0)
+    process = GaussMarkovProcess(1.0, 1.0)
     return GaussMarkovFigure(process, process, duration_s, np.random.default_rng(1), return_s)

@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.config.flight import ImuGrade
 from insgnss.simulation.imu import (
-    SensorModel,
+    TriadErrorModel,
     accelerometer_model,
     gauss_markov,
     gyro_model,
@@ -33,7 +33,7 @@ GRADE = ImuGrade(
     gyro_range_deg_per_s=300.0,
     accel_range_g=10.0,
 )
-PERFECT = SensorModel(0.0, 0.0, 100.0, 0.0, 0.0, None)
+PERFECT = TriadErrorModel(0.0, 0.0, 100.0, 0.0, 0.0, None)
 
 
 def test_a_grade_is_converted_to_si() -> None:

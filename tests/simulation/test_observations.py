@@ -18,8 +18,8 @@ from insgnss.simulation.faults import outage, range_ramp, range_step, reversed_r
 from insgnss.simulation.observations import (
     WAVELENGTH_M,
     NoiseTerms,
-    Observations,
-    Receiver,
+    SignalObservations,
+    SimulatedReceiver,
     antenna_motion,
     observe,
     signal_paths,
@@ -50,8 +50,8 @@ def straight_clock(tags: np.ndarray, bias_m: float = 9.0e4, drift_mps: float = 5
     return ClockTruth(tags, bias_m + drift_mps * tags, np.full_like(tags, drift_mps))
 
 
-def observed(trajectory: Trajectory, clock: ClockTruth, **receiver: object) -> Observations:
-    return observe(trajectory, EPH, START_NS, clock, Receiver(**receiver), None)  # type: ignore[arg-type]
+def observed(trajectory: Trajectory, clock: ClockTruth, **receiver: object) -> SignalObservations:
+    return observe(trajectory, EPH, START_NS, clock, SimulatedReceiver(**receiver), None)  # type: ignore[arg-type]
 
 
 def independent_pseudorange(
@@ -191,7 +191,7 @@ def test_atmosphere_is_added_to_the_pseudorange_and_its_growth_to_the_rate(fligh
 def test_noise_has_the_stated_sigma(flight: Trajectory, rng: np.random.Generator) -> None:
     terms, rates = NoiseTerms(0.5, 0.6, 0.7), NoiseTerms(0.03, 0.02, 0.03)
     clock = straight_clock(np.arange(1.0, 119.0, 0.5))
-    receiver = Receiver(pseudorange_noise=terms, range_rate_noise=rates)
+    receiver = SimulatedReceiver(pseudorange_noise=terms, range_rate_noise=rates)
     clean = observe(flight, EPH, START_NS, clock, receiver, None)
     noisy = observe(flight, EPH, START_NS, clock, receiver, rng)
     elevation = signal_paths(
@@ -208,7 +208,7 @@ def test_faults_touch_their_satellite_and_window_only(flight: Trajectory) -> Non
     clock = straight_clock(TAGS)
     clean = observed(flight, clock)
     faults = [range_step("G04", 50.0, 40.0), range_ramp("G10", 1.0, 10.0, 60.0), outage(["G13"], 30.0, 50.0)]
-    seen = observe(flight, EPH, START_NS, clock, Receiver(), None, faults)
+    seen = observe(flight, EPH, START_NS, clock, SimulatedReceiver(), None, faults)
     added = seen.pseudorange_m - clean.pseudorange_m
     column = {name: k for k, name in enumerate(EPH.sv_names)}
     assert np.array_equal(np.rint(added[:, column["G04"]]), np.where(TAGS >= 40.0, 50.0, 0.0))
@@ -217,9 +217,9 @@ def test_faults_touch_their_satellite_and_window_only(flight: Trajectory) -> Non
     assert np.array_equal(~seen.tracked[:, column["G13"]], (TAGS >= 30.0) & (TAGS < 50.0))
     untouched = [k for name, k in column.items() if name not in ("G04", "G10")]
     assert np.all(added[:, untouched] == 0.0)
-    nothing = observe(flight, EPH, START_NS, clock, Receiver(), None, [outage(None, 0.0, 60.0)])
+    nothing = observe(flight, EPH, START_NS, clock, SimulatedReceiver(), None, [outage(None, 0.0, 60.0)])
     assert not nothing.tracked[TAGS < 60.0].any() and nothing.tracked[TAGS >= 60.0].all()
-    reversed_ = observe(flight, EPH, START_NS, clock, Receiver(), None, [reversed_range_rate()])
+    reversed_ = observe(flight, EPH, START_NS, clock, SimulatedReceiver(), None, [reversed_range_rate()])
     assert np.array_equal(reversed_.range_rate_mps, -clean.range_rate_mps)
 
 

@@ -20,7 +20,7 @@ from insgnss.config.flight import FlightConfig
 from insgnss.constants import C_MPS
 from insgnss.simulation.atmosphere import broadcast_atmosphere
 from insgnss.simulation.local_level import geodetic, ned_axes
-from insgnss.simulation.observations import Antenna, signal_paths
+from insgnss.simulation.observations import AntennaMotion, signal_paths
 from insgnss.simulation.sample_flight import (
     FILES,
     GPS_WEEK,
@@ -118,7 +118,7 @@ def test_observations_fit_the_written_truth_with_the_stated_noise() -> None:
     angles = truth[["yaw_deg", "pitch_deg", "roll_deg"]].to_numpy()
     C_eb = C_en @ Rotation.from_euler("ZYX", angles, degrees=True).as_matrix()
     antenna_e = r_e + C_eb @ np.array(LEVER_ARM_B)
-    antenna = Antenna(antenna_e, np.zeros_like(r_e), C_eb)
+    antenna = AntennaMotion(antenna_e, np.zeros_like(r_e), C_eb)
     tag_s = truth.index.to_numpy() - START_S
     eph = scenario.navigation.ephemerides
     row = np.searchsorted(tag_s, gnss["time_s"] - START_S)

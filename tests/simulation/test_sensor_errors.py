@@ -11,14 +11,14 @@ from scipy.signal import welch
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.imu import SensorModel, accelerometer_model, gyro_model, low_pass, measure
+from insgnss.simulation.imu import TriadErrorModel, accelerometer_model, gyro_model, low_pass, measure
 from insgnss.simulation.imu_record import ImuRecord
 from insgnss.simulation.vibration import VibrationSpectrum, vibration
 from insgnss.tables import ImuTable
 from tests.statistics_bounds import assert_mean_chi_square
 
 STEP_S = 0.01
-PERFECT = SensorModel(0.0, 0.0, 100.0, 0.0, 0.0, None)
+PERFECT = TriadErrorModel(0.0, 0.0, 100.0, 0.0, 0.0, None)
 NOTHING = ImuGrade(
     gyro_bias_deg_per_h=0.0,
     gyro_bias_instability_deg_per_h=0.0,

@@ -20,8 +20,8 @@ from insgnss.simulation.faults import carrier_false_lock
 from insgnss.simulation.loop_noise import CA_CHIP_M, CarrierLoopNoise, CodeLoopNoise, FrequencyLoopNoise
 from insgnss.simulation.observations import (
     NoiseTerms,
-    Observations,
-    Receiver,
+    SignalObservations,
+    SimulatedReceiver,
     antenna_motion,
     observe,
     signal_paths,
@@ -47,7 +47,7 @@ EPH = constellation_over(
 N = len(EPH.sv_names)
 TAGS = np.arange(1.0, 119.0)
 CLOCK = ClockTruth(TAGS, np.zeros_like(TAGS), np.zeros_like(TAGS))
-QUIET = Receiver(
+QUIET = SimulatedReceiver(
     signals=("C1C", "C5Q"),
     cn0_sigma_db=0.0,
     pseudorange_noise=NoiseTerms(0.0),
@@ -63,7 +63,7 @@ def flight() -> Trajectory:
     return journeys.airborne_turns(120.0)
 
 
-def observed(flight: Trajectory, receiver: Receiver, seed: int = 1) -> Observations:
+def observed(flight: Trajectory, receiver: SimulatedReceiver, seed: int = 1) -> SignalObservations:
     return observe(flight, EPH, START_NS, CLOCK, receiver, np.random.default_rng(seed))
 
 
@@ -191,10 +191,10 @@ def test_antenna_turned_upside_down_sees_what_was_below_and_the_airframe_hides(t
     assert hidden.gain_dbic(behind)[0] == HIDDEN_DBIC and hidden.gain_dbic(-behind * [1, 1, -1])[0] > -10.0
 
 
-def steady(strength: np.ndarray, rules: TrackingRules, seed: int = 1) -> Observations:
+def steady(strength: np.ndarray, rules: TrackingRules, seed: int = 1) -> SignalObservations:
     """Return what the rules make of carriers at zero with the given C/N0 (m, n), one epoch a second."""
     shape = strength.shape
-    seen = Observations(
+    seen = SignalObservations(
         sv_names=("G01",) * shape[1],
         signals=("C1C",) * shape[1],
         tag_s=np.arange(float(shape[0])),

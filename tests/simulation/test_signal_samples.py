@@ -16,7 +16,7 @@ from insgnss.runs.simulate import simulate
 from insgnss.simulation.observations import WAVELENGTH_M
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
 from insgnss.simulation.simulated_log import Scenario
-from insgnss.tracking.signal import CarrierAndCode, Samples, Sampling, correlate
+from insgnss.tracking.signal import CarrierAndCode, Sampling, SignalSamples, correlate
 
 SAMPLING = Sampling(2.5e6, 15e3, is_complex=True)
 CHIPS_PER_M = 1.023e6 / C_MPS
@@ -32,15 +32,15 @@ def sky() -> SignalSky:
     return signal_sky(scenario(), 1.2, np.random.default_rng(7))
 
 
-def clean() -> Samples:
+def clean() -> SignalSamples:
     blocks = list(sample_blocks(sky(), SAMPLING, 1, noise=False))
     assert [len(b.in_phase) for b in blocks] == [2_500_000, 500_000]
-    return Samples(
+    return SignalSamples(
         SAMPLING, *(np.concatenate([getattr(b, n) for b in blocks]) for n in ("in_phase", "quadrature"))
     )
 
 
-def at(samples: Samples, satellite: int, k: int, periods: int = 1) -> complex:
+def at(samples: SignalSamples, satellite: int, k: int, periods: int = 1) -> complex:
     """Return the prompt correlator over code periods from a satellite's k-th on, by the true values there."""
     s = sky()
     t = np.arange(len(s.pseudorange_m)) * 1e-3
@@ -53,7 +53,7 @@ def at(samples: Samples, satellite: int, k: int, periods: int = 1) -> complex:
     rate = np.interp(now + 0.0005 * periods, t[:-1] + 0.0005, np.diff(s.carrier_m[:, satellite]) / 1e-3)
     replica = CarrierAndCode(delay % 1023.0, -rate / WAVELENGTH_M, 2.0 * math.pi * (cycles % 1.0), 1575.42e6)
     span = slice(begin, begin + round(periods * 2500))
-    cut = Samples(SAMPLING, samples.in_phase[span], samples.quadrature[span])
+    cut = SignalSamples(SAMPLING, samples.in_phase[span], samples.quadrature[span])
     return complex(correlate(cut, s.codes[satellite], replica, float(s.cn0_dbhz[0, satellite]), 0.5)[1])
 
 
@@ -105,7 +105,7 @@ def test_real_samples_at_an_intermediate_frequency_hold_the_same_signal() -> Non
     rate = (s.carrier_m[k + 1, 2] - s.carrier_m[k, 2]) / 1e-3
     cycles = -s.carrier_m[k, 2] / WAVELENGTH_M + 1.5e6 * k * 1e-3
     replica = CarrierAndCode(delay % 1023.0, -rate / WAVELENGTH_M, 2.0 * math.pi * (cycles % 1.0), 1575.42e6)
-    cut = Samples(sampling, block.in_phase[k * 6500 : (k + 1) * 6500], block.quadrature)
+    cut = SignalSamples(sampling, block.in_phase[k * 6500 : (k + 1) * 6500], block.quadrature)
     a = 2.0 * 10.0 ** (0.1 * s.cn0_dbhz[0, 2]) * 1e-3
     Z = complex(correlate(cut, s.codes[2], replica, float(s.cn0_dbhz[0, 2]))[1])
     # a data bit may change inside of this millisecond

@@ -9,7 +9,7 @@ from insgnss.constants import WGS84_A_M
 from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.simulation.faults import false_lock
 from insgnss.simulation.journeys import airborne_turns
-from insgnss.simulation.observations import Receiver, antenna_motion, observe_paths, paths_to
+from insgnss.simulation.observations import SimulatedReceiver, antenna_motion, observe_paths, paths_to
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.sky import PAPER_SKY
 from insgnss.simulation.sky_law import GPS_HEIGHT_M, SkyLaw, table_with_states
@@ -51,7 +51,7 @@ def test_rows_with_states_fit_the_engines_range_and_rate() -> None:
     trajectory = airborne_turns(30.0, PLACE)
     antenna = antenna_motion(trajectory, STILL.true_s, (0.0, 0.0, 0.0))
     paths = paths_to(antenna, LAW.states, len(NAMES), STILL.true_s)
-    perfect = Receiver(horizon_mask_deg=-90.0)
+    perfect = SimulatedReceiver(horizon_mask_deg=-90.0)
     table = table_with_states(
         observe_paths(paths, NAMES, np.zeros(len(NAMES)), START_NS, STILL, perfect, None), paths, START_NS
     )
@@ -71,7 +71,7 @@ def test_false_lock_stands_in_the_log_though_the_satellite_is_hidden() -> None:
     antenna = antenna_motion(airborne_turns(30.0, PLACE), STILL.true_s, (0.0, 0.0, 0.0))
     paths = paths_to(antenna, LAW.states, len(NAMES), STILL.true_s)
     clean = observe_paths(
-        paths, NAMES, np.zeros(len(NAMES)), START_NS, STILL, Receiver(horizon_mask_deg=45.0), None
+        paths, NAMES, np.zeros(len(NAMES)), START_NS, STILL, SimulatedReceiver(horizon_mask_deg=45.0), None
     )
     # 13 deg high
     lock = false_lock("G16", 5.0, 9.0, offset_m=20.0, growth_mps=3.0, rate_error_mps=2.0, cn0_dbhz=33.0)

@@ -14,7 +14,7 @@ from insgnss.errors import ConfigError
 from insgnss.studies import MaskingStudy, masking_study
 from insgnss.studies.masking.banked_flight import BankedFlight
 from insgnss.studies.masking.cases import CASES, fly
-from insgnss.studies.masking.study import SEED
+from insgnss.studies.masking.study import STUDY_SEED
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 from tests.statistics_bounds import mean_chi_square_bounds
 
@@ -190,7 +190,8 @@ def test_error_at_the_end_of_the_outage_is_what_the_covariance_says_over_many_fl
     flight = BankedFlight.of(scenario, scenario.equipment.imu, scenario.equipment.oscillator)
     masked = [case for case in CASES if case.stage]
     flown = [
-        fly(flight, filter_of(scenario), np.random.default_rng([SEED, run]), masked) for run in range(FLIGHTS)
+        fly(flight, filter_of(scenario), np.random.default_rng([STUDY_SEED, run]), masked)
+        for run in range(FLIGHTS)
     ]
 
     rms = []

@@ -15,11 +15,11 @@ from insgnss.runs.replay import replay
 from insgnss.runs.slow_sigmas import COLUMNS
 from insgnss.studies.outage.replays import OutageLog, branch, flight_without, undisturbed
 from insgnss.studies.outage.study import OutageStudy, outage_study
-from insgnss.studies.outage.windows import Removal, Window
+from insgnss.studies.outage.windows import OutageWindow, Removal
 from tests.attitude.several_flights import AT_REST, SLALOM, scenario_text, write_flight
 
 START_S = 150_000.0
-WINDOW = Window(START_S + 25.0, START_S + 40.0)
+WINDOW = OutageWindow(START_S + 25.0, START_S + 40.0)
 AFTER_S = 15.0
 TWO = ("G01", "G12")
 

@@ -23,8 +23,8 @@ from insgnss.studies.outage.drift import back_after, percentile_table
 from insgnss.studies.outage.replays import OutageLog, branch, flight_without, undisturbed
 from insgnss.studies.outage.study import Banked, OutageStudy, Periodic, Random, outage_study
 from insgnss.studies.outage.windows import (
+    OutageWindow,
     Removal,
-    Window,
     banked_windows,
     periodic_windows,
     random_windows,
@@ -34,7 +34,7 @@ from insgnss.studies.outage.windows import (
 from tests.runs.scenes import START_S, FlightInMemory, flight, turns
 
 DURATION_S = 300.0
-WINDOW = Window(START_S + 150.0, START_S + 170.0)
+WINDOW = OutageWindow(START_S + 150.0, START_S + 170.0)
 AFTER_S = 40.0
 
 
@@ -77,7 +77,7 @@ def test_branch_gives_the_bits_of_a_whole_replay_without_the_rows(removal: Remov
 
 def test_undisturbed_pass_with_checkpoints_gives_the_bits_of_a_replay() -> None:
     log = OutageLog.of(flown(), filter_config("tight17"), 1.0)
-    windows = [Window(START_S + t, START_S + t + 10.0) for t in (100.0, 105.0, 200.25)]
+    windows = [OutageWindow(START_S + t, START_S + t + 10.0) for t in (100.0, 105.0, 200.25)]
     nav, kept, _ = undisturbed(log, windows)
 
     assert len(kept) == 3
@@ -194,9 +194,9 @@ def test_random_windows_keep_clear_of_each_other_and_repeat_with_their_seed() ->
 
 def test_periodic_windows_end_before_the_log() -> None:
     assert periodic_windows(10.0, 40.0, length_s=10.0, every_s=10.0) == [
-        Window(10.0, 20.0),
-        Window(20.0, 30.0),
-        Window(30.0, 40.0),
+        OutageWindow(10.0, 20.0),
+        OutageWindow(20.0, 30.0),
+        OutageWindow(30.0, 40.0),
     ]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insgnss.config.library import scenario_config
-from insgnss.config.scenario import FalseLock, ScenarioConfig
+from insgnss.config.scenario import FalseLockModel, ScenarioConfig
 from insgnss.studies.masking.banked_flight import Spell
 from insgnss.studies.masking.receiver_channels import (
     ChannelSpell,
@@ -24,16 +24,16 @@ SPELL = Spell("G16", 80.0, 100.0)
 DRAWS = 200
 
 
-def channels(locks: Sequence[FalseLock], count: int = DRAWS) -> list[ChannelSpell]:
+def channels(locks: Sequence[FalseLockModel], count: int = DRAWS) -> list[ChannelSpell]:
     """Return the channel of one hidden satellite with these false locks in the scenario, many times."""
     scenario: ScenarioConfig = SCENARIO.model_copy(update={"false_locks": tuple(locks)})
     return [unsupervised_channels(scenario, [SPELL], np.random.default_rng([1, k]))[0] for k in range(count)]
 
 
-def lock(**changes: object) -> FalseLock:
+def lock(**changes: object) -> FalseLockModel:
     """Return a steady false lock 30 m off, found in the search."""
     values = {"name": "steady", "offset_m": (30.0, 30.0), "cn0_dbhz": (35.0, 35.0), **changes}
-    return FalseLock.model_validate(values)
+    return FalseLockModel.model_validate(values)
 
 
 def test_channel_that_finds_nothing_searches_on_and_sees_its_satellite_within_a_sweep() -> None:

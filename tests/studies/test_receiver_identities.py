@@ -14,10 +14,10 @@ from insgnss.simulation.closed_loop_sky import told_motion
 from insgnss.simulation.oscillator import clock_densities
 from insgnss.studies.receiver.imu import UnknownMotion
 from insgnss.studies.receiver.loop import (
-    Arriving,
+    AidingInputs,
     FilterRoom,
-    Receiver,
-    Told,
+    ReceiverDesign,
+    SignalArrivals,
     lead_filter,
     run_receiver,
 )
@@ -25,7 +25,7 @@ from insgnss.studies.receiver.runs import channel_room, new_found
 from insgnss.studies.receiver.variants import (
     STARTS,
     VARIANTS,
-    Begin,
+    TrueStart,
     feeling_nothing,
     filter_room,
     oscillator_of,
@@ -60,7 +60,7 @@ def one_satellite() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return satellites, np.full((COUNT, 1), distance), np.full((COUNT, 1), rate)
 
 
-def kalman_loop(receiver: Receiver, drift_density: float) -> Receiver:
+def kalman_loop(receiver: ReceiverDesign, drift_density: float) -> ReceiverDesign:
     """Return a channel's own filter with the steps of the navigation filter.
 
     Equation: F = [1 T T^2/2; 0 1 T; 0 0 exp(-T / tau)], W = F Q/2 F^T + Q/2, Q = diag(0, S, 2 sigma^2 / tau) T
@@ -89,7 +89,7 @@ def test_one_stage_with_one_satellite_and_no_ins_is_a_scalar_kalman_loop(trackin
         channels_of(tracking, T, CARRIER_HZ, 1.022e6),
         oscillator_of(DRIFT_DENSITY, CARRIER_HZ),
     )
-    at, start = Begin(USER, np.zeros(3), np.eye(3), 0.0, 0.0, np.zeros(3)), STARTS[tracking]
+    at, start = TrueStart(USER, np.zeros(3), np.eye(3), 0.0, 0.0, np.zeros(3)), STARTS[tracking]
     f = filter_room(without_ins(UNKNOWN), oscillator, start, at, rng, False)
     density = clock_densities(oscillator)[1]
     one, alone = (
@@ -99,9 +99,9 @@ def test_one_stage_with_one_satellite_and_no_ins_is_a_scalar_kalman_loop(trackin
     rooms = [channel_room(each, ranges[0], rates[:2], start, rng, T) for each in (one, alone)]
     rooms[1].x[0], rooms[1].P[0] = along(f, satellites[0])
     level = np.full((COUNT, 1), levels_of(35.0))
-    told = Told(satellites, *vars(feeling_nothing(USER, COUNT)).values(), level, np.zeros((COUNT, 2)))
+    told = AidingInputs(satellites, *vars(feeling_nothing(USER, COUNT)).values(), level, np.zeros((COUNT, 2)))
     noise = rng.standard_normal((COUNT, 1, noise_count(channels)))
-    arriving = Arriving(ranges, rates, level, np.zeros((COUNT, 1)))
+    arriving = SignalArrivals(ranges, rates, level, np.zeros((COUNT, 1)))
     for receiver, room in zip((one, alone), rooms, strict=True):
         found = new_found(receiver, COUNT, 1, COUNT)
         run_receiver(receiver, channels, arriving, told, f, room, noise, found)
@@ -124,7 +124,7 @@ def test_one_stage_is_a_filter_that_takes_all_its_observations_at_once(tracking:
     truth, channels, step_s = of.truth, of.channels, of.truth.step_s
     assert of.inertial is not None
     motion = told_motion(of.inertial, truth, LOW, rng, 0.0)
-    begin = Begin(truth.r_e[0], truth.v_e[0], truth.C_eb[0], 3.0, -2.0, np.zeros(3))
+    begin = TrueStart(truth.r_e[0], truth.v_e[0], truth.C_eb[0], 3.0, -2.0, np.zeros(3))
     f = filter_room(LOW, oscillator_of(DRIFT_DENSITY, CARRIER_HZ), STARTS[tracking], begin, rng, True)
     bank = new_bank(1, 0)._replace(state=f.state, P=f.P[None])
     dense = copy.deepcopy(f)._replace(state=copy_bank(bank).state)
@@ -133,7 +133,7 @@ def test_one_stage_is_a_filter_that_takes_all_its_observations_at_once(tracking:
     m = ranges.shape[1]
     level = np.full((count, m), levels_of(38.0))
     exact = np.zeros((count, 6))  # replicas as the filter predicts them
-    told = Told(
+    told = AidingInputs(
         truth.satellites[:count],
         motion.rate_b[:count],
         motion.force_b[:count],
@@ -143,7 +143,7 @@ def test_one_stage_is_a_filter_that_takes_all_its_observations_at_once(tracking:
     )
     noise = rng.standard_normal((count, m, noise_count(channels)))
     room = channel_room(receiver, ranges[0], rates[:2], STARTS[tracking], rng, step_s)
-    arriving = Arriving(ranges, rates, level, np.zeros((count, m)))
+    arriving = SignalArrivals(ranges, rates, level, np.zeros((count, m)))
     run_receiver(receiver, channels, arriving, told, f, room, noise, new_found(receiver, count, m, count))
     for k in range(count):
         if k:

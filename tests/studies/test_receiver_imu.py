@@ -10,7 +10,7 @@ import pytest
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.closed_loop_sky import ToldMotion
+from insgnss.simulation.closed_loop_sky import InertialAiding
 from insgnss.studies.receiver import runs as receiver_runs
 from insgnss.studies.receiver.imu import UnknownMotion, with_gaps
 from insgnss.studies.receiver.scene import scene_of
@@ -31,7 +31,7 @@ RUNS = 4
 
 def test_gap_holds_the_newest_sample_and_says_that_motion_is_unknown() -> None:
     n = 8
-    told = ToldMotion(np.arange(3.0 * n).reshape(n, 3), -np.ones((n, 3)), np.ones((n, 6)))
+    told = InertialAiding(np.arange(3.0 * n).reshape(n, 3), -np.ones((n, 3)), np.ones((n, 6)))
     found, unknown = with_gaps(told, np.arange(n) * 1.0, LOW, ((2.0, 4.5),), UnknownMotion(10.0, 2.0))
 
     assert found.rate_b[2:5] == pytest.approx(np.tile(told.rate_b[1], (3, 1)))

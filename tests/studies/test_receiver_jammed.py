@@ -19,13 +19,13 @@ from insgnss.simulation.local_level import geodetic
 from insgnss.studies import ReceiverOptions, receiver_study
 from insgnss.studies.receiver.comparison import ReceiverStudy
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
-from insgnss.studies.receiver.scene import Scene, scene_of
+from insgnss.studies.receiver.scene import StudyScene, scene_of
 
 OPTIONS = ReceiverOptions(duration_s=170.0, settle_s=30.0, step_s=10e-3, least_cn0_dbhz=20.0)
 
 
 @cache
-def scene() -> Scene:
+def scene() -> StudyScene:
     return scene_of("jammed_approach", "noncoherent", "tactical", "tcxo", OPTIONS)
 
 

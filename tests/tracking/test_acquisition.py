@@ -13,7 +13,7 @@ from insgnss.gnss.signals import L1_HZ
 from insgnss.receiver.detection import detection_probability, threshold
 from insgnss.tracking.acquisition import SearchSpan, acquire
 from insgnss.tracking.codes import gps_ca
-from insgnss.tracking.signal import CarrierAndCode, Received, Samples, Sampling, receive
+from insgnss.tracking.signal import CarrierAndCode, ReceivedSignal, Sampling, SignalSamples, receive
 from tests.statistics_bounds import share_below_bounds
 
 COMPLEX = Sampling(2.5e6, 0.1e6, is_complex=True)
@@ -23,9 +23,9 @@ CODE = gps_ca(7)
 
 def signal(
     sampling: Sampling, cn0: float | None, ms: int, state: CarrierAndCode, rng: np.random.Generator | None
-) -> Samples:
+) -> SignalSamples:
     """Return a code in noise, or noise alone."""
-    received = [] if cn0 is None else [Received(CODE, cn0, state)]
+    received = [] if cn0 is None else [ReceivedSignal(CODE, cn0, state)]
     return receive(received, sampling, round(ms * 1e-3 * sampling.rate_hz), rng)
 
 
@@ -88,7 +88,7 @@ def test_probability_of_detection_is_that_of_the_theory(rng: np.random.Generator
 
 def test_noise_floor_is_estimated_in_coloured_noise_too(rng: np.random.Generator) -> None:
     white = signal(COMPLEX, None, 200, CarrierAndCode(), rng)
-    smooth = Samples(
+    smooth = SignalSamples(
         COMPLEX, *(np.convolve(x, [0.5, 0.5], "same") for x in (white.in_phase, white.quadrature))
     )
     found = acquire(
@@ -125,7 +125,7 @@ def test_told_doppler_rate_keeps_the_looks_together(rng: np.random.Generator) ->
     )
     turn = np.exp(1j * np.pi * 2600.0 * (t - 0.15) ** 2)  # 50 g along the line of sight
     moved = (still.in_phase + 1j * still.quadrature) * turn
-    samples = Samples(COMPLEX, moved.real + noise.in_phase, moved.imag + noise.quadrature)
+    samples = SignalSamples(COMPLEX, moved.real + noise.in_phase, moved.imag + noise.quadrature)
     span = SearchSpan(0.0, 30.0, coherent_s=0.01, looks=30, doppler_rate_hz_per_s=2600.0)
     led = acquire(samples, [CODE], span, L1_HZ)[0]
     blind = acquire(samples, [CODE], SearchSpan(0.0, 30.0, coherent_s=0.01, looks=30), L1_HZ)[0]
@@ -138,7 +138,7 @@ def test_doppler_refined_over_known_data_bits_is_better_than_over_looks(rng: np.
     for _ in range(12):
         signs = np.repeat((1 - 2 * rng.integers(0, 2, 30)).astype(np.int8), 20)
         doppler = float(rng.uniform(480.0, 520.0))
-        received = Received(
+        received = ReceivedSignal(
             CODE, 28.0, CarrierAndCode(300.0 + 7 * 1023.0 - 20460.0, doppler, 0.3, L1_HZ), signs
         )
         samples = receive([received], COMPLEX, round(0.4 * COMPLEX.rate_hz), rng)

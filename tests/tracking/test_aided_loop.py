@@ -18,7 +18,7 @@ from insgnss.tracking.aided_loop import (
     threshold_cn0_dbhz,
 )
 from insgnss.tracking.aiding_source import AidingSource, acceleration_aid, aid_from, source_from_doppler
-from insgnss.tracking.channels import ChannelDesign, ChannelHistory, Simulation, scene
+from insgnss.tracking.channels import ChannelDesign, ChannelHistory, ChannelSimulation, scene
 from insgnss.tracking.lock_detectors import slip_time_s
 from insgnss.tracking.loop_filters import continuous_gains, digital_filter, filter_from_continuous
 from insgnss.tracking.phase_motion import phase_of_range, steady_phase, wandering_phase
@@ -117,7 +117,7 @@ def closed_loops(
         aid = aid_from(inertial_sources(fine, *wide, S_ins, 2e-3, rng), n, T)
     # a code loop as slow as that keeps its delay where nothing moves, at any C/N0
     of = ChannelDesign(best.filter, digital_filter(1, 1e-3, T), cn0, kind)
-    return Simulation(of, scene(phase, cn0), aid).run(4), math.sqrt(best.predicted[0, 0])
+    return ChannelSimulation(of, scene(phase, cn0), aid).run(4), math.sqrt(best.predicted[0, 0])
 
 
 @pytest.mark.parametrize(("S_osc", "S_ins"), [(5.0, 5.0), (0.0, 50.0), (200.0, 2.0)])
@@ -192,8 +192,10 @@ def test_latency_costs_the_loop_the_error_of_its_bandwidth() -> None:
     errors = []
     for latency in (0.0, 0.05):
         aid = aid_from([[AidingSource(t, rate, None, latency)]], n, T)
-        errors.append(np.std(Simulation(of, scene(phase[:, None], 55.0), aid).run(1).phase_error_rad[2000:]))
-    alone = Simulation(of, scene(phase[:, None], 55.0)).run(1).phase_error_rad[2000:]
+        errors.append(
+            np.std(ChannelSimulation(of, scene(phase[:, None], 55.0), aid).run(1).phase_error_rad[2000:])
+        )
+    alone = ChannelSimulation(of, scene(phase[:, None], 55.0)).run(1).phase_error_rad[2000:]
     assert max(errors) < 0.1 < abs(np.mean(alone))
 
 
@@ -202,8 +204,8 @@ def test_acceleration_alone_takes_out_the_lag_of_a_second_order_loop() -> None:
     phase = steady_phase(T * np.arange(n + 1), L1_HZ, 3.0)
     of = ChannelDesign(digital_filter(2, 10.0, T), digital_filter(1, 1.0, T), 60.0, "atan")
     told = acceleration_aid(np.full(n + 1, float(phase_of_range(3.0, L1_HZ))), 1)
-    aided = Simulation(of, scene(phase[:, None], 60.0), told).run(1)
-    alone = Simulation(of, scene(phase[:, None], 60.0)).run(1)
+    aided = ChannelSimulation(of, scene(phase[:, None], 60.0), told).run(1)
+    alone = ChannelSimulation(of, scene(phase[:, None], 60.0)).run(1)
     assert abs(np.mean(aided.phase_error_rad[1500:])) < 0.01
     assert abs(np.mean(alone.phase_error_rad[1500:])) == pytest.approx(
         3.0 * abs(float(phase_of_range(1.0, L1_HZ))) / continuous_gains(2, 10.0)[1], rel=0.05
@@ -240,8 +242,8 @@ def test_planned_profile_replaces_the_inertial_system() -> None:
     # a cubic spline through points 0.1 s apart: 8 sin t h^3 / 24 of the rate, 0.3 mm/s; 33 rad/s per m/s
     assert np.max(np.abs(told - exact)[1:-1]) < 0.05
     of = ChannelDesign(digital_filter(2, 3.0, T), digital_filter(1, 1.0, T), 45.0, "iq")
-    aided = Simulation(of, scene(phase[:, None], 45.0), aid_from([[source]], n, T)).run(1)
-    alone = Simulation(of, scene(phase[:, None], 45.0)).run(1)
+    aided = ChannelSimulation(of, scene(phase[:, None], 45.0), aid_from([[source]], n, T)).run(1)
+    alone = ChannelSimulation(of, scene(phase[:, None], 45.0)).run(1)
     assert np.max(np.abs(aided.phase_error_rad)) < 0.3
     assert np.max(np.abs(alone.phase_error_rad)) > math.pi
 

@@ -14,8 +14,8 @@ from insgnss.tracking.channel_kernel import N_NOISE, N_OUT, N_STATE, PHASE_ERROR
 from insgnss.tracking.channels import (
     ChannelDesign,
     ChannelHistory,
-    Simulation,
-    Start,
+    ChannelSimulation,
+    InitialLoopErrors,
     chips_per_radian,
     data_signs,
     no_aid,
@@ -43,7 +43,7 @@ def design(phase: str = "atan", delay: str = "dot", order: int = 2, spacing: flo
 @pytest.mark.parametrize("kind", PHASE_KINDS)
 def test_phase_error_at_rest_is_that_of_the_linear_loop(kind: str) -> None:
     of = design(kind)
-    found = Simulation(of, scene(STILL, 45.0)).run(7).phase_error_rad[500:]
+    found = ChannelSimulation(of, scene(STILL, 45.0)).run(7).phase_error_rad[500:]
     expected = of.carrier.prediction_covariance(equivalent_variance(PhaseDiscriminator(kind), A_45))[0, 0]
     # 24 channels of 7.5 s, independent after 1 / (2 B) = 33 ms: 5400 values; the curve bends by 2/3 sigma^2 = 0.1 %
     assert found.var() / expected == pytest.approx(1.0, abs=4.0 * math.sqrt(2.0 / 5400))
@@ -53,7 +53,7 @@ def test_phase_error_at_rest_is_that_of_the_linear_loop(kind: str) -> None:
 @pytest.mark.parametrize("spacing", [1.0, 0.2])
 def test_delay_error_at_rest_is_that_of_the_linear_loop(kind: str, spacing: float) -> None:
     of = design("atan", kind, spacing=spacing)
-    found = Simulation(of, scene(STILL, 45.0)).run(3).delay_error_chips[1000:]
+    found = ChannelSimulation(of, scene(STILL, 45.0)).run(3).delay_error_chips[1000:]
     noise = equivalent_variance(DelayDiscriminator(kind, Correlators(spacing)), A_45)
     expected = of.code.prediction_covariance(noise)[0, 0]
     # 24 channels of 7 s, independent after 1 / (2 B) = 0.1 s: 1680 values; prompt and phase error cost 4 % at most
@@ -93,7 +93,7 @@ def test_gain_at_another_cn0_than_the_designs_is_that_of_a_held_noise_level(kind
 def test_steady_motion_leaves_the_error_of_the_loop_order(order: int, motion: tuple[float, float]) -> None:
     of = ChannelDesign(digital_filter(order, 15.0, T), digital_filter(1, 1.0, T), 70.0, "atan")
     phase = steady_phase(T * np.arange(3001), L1_HZ, *motion)
-    found = Simulation(of, scene(phase[:, None], 70.0)).run(1)
+    found = ChannelSimulation(of, scene(phase[:, None], 70.0)).run(1)
     # A^-1 of a ramp one order above: the state after the update lacks what the next step adds
     drive = float(phase_of_range(1.0, L1_HZ)) * max(motion) * T ** (order - 1)
     step = {2: np.array([0.5 * T, 1.0]), 3: np.array([T / 6.0, 0.5 / 1.0, 1.0 / T])}[order] * drive
@@ -114,23 +114,23 @@ def test_code_follows_the_carrier_without_a_lag() -> None:
         digital_filter(3, 15.0, T), digital_filter(1, 0.5, T), 60.0, "atan", chips_per_radian=ratio
     )
     phase = steady_phase(T * np.arange(6001), L1_HZ, 8.0)
-    found = Simulation(of, scene(phase[:, None], 60.0, ratio)).run(1)
+    found = ChannelSimulation(of, scene(phase[:, None], 60.0, ratio)).run(1)
     alone = ChannelDesign(of.carrier, of.code, 60.0, "atan")
-    lagging = Simulation(alone, scene(phase[:, None], 60.0, ratio)).run(1)
+    lagging = ChannelSimulation(alone, scene(phase[:, None], 60.0, ratio)).run(1)
     # 48 m/s at the end are 0.16 chips/s over K = 4 B = 2 / s, less what the acceleration lags; noise 0.5 mchip
     assert abs(lagging.delay_error_chips[-1, 0]) > 0.06
     assert abs(found.delay_error_chips[-1, 0]) < 3e-3
 
 
 def test_frequency_assistance_pulls_in_what_the_phase_loop_alone_does_not() -> None:
-    start = Start(rate_radps=2.0 * math.pi * 60.0)
+    start = InitialLoopErrors(rate_radps=2.0 * math.pi * 60.0)
     still = scene(np.zeros((301, 12)), 45.0)
     code = digital_filter(1, 1.0, T)
     rms = {}
     for assisted in (True, False):
         loop = assisted_filter(3, 15.0, 10.0 if assisted else 0.0, T)
         of = ChannelDesign(loop, code, 45.0, "atan", "atan" if assisted else "none")
-        found = Simulation(of, still, start=start).run(2)
+        found = ChannelSimulation(of, still, start=start).run(2)
         rms[assisted] = math.sqrt(np.mean(found.rate_error_radps[-50:] ** 2)) / (2.0 * math.pi)
     # after a quarter of a second: locked, or still some ten hertz off
     assert rms[True] < 2.0 and rms[False] > 10.0
@@ -140,7 +140,7 @@ def test_frequency_assistance_pulls_in_what_the_phase_loop_alone_does_not() -> N
 def test_error_of_the_assisted_loop_is_that_of_the_linear_one(kind: str) -> None:
     loop = assisted_filter(3, 15.0, 8.0, T)
     of = ChannelDesign(loop, digital_filter(1, 1.0, T), 50.0, "atan", kind)
-    found = Simulation(of, scene(STILL, 50.0)).run(5)
+    found = ChannelSimulation(of, scene(STILL, 50.0)).run(5)
     noise = equivalent_variance(PhaseDiscriminator("atan"), signal_ratio(50.0, T))
     P = loop.prediction_covariance(noise)
     if kind == "cross":
@@ -157,10 +157,10 @@ def test_error_of_the_assisted_loop_is_that_of_the_linear_one(kind: str) -> None
 def test_data_do_not_disturb_a_loop_made_for_them(rng: np.random.Generator) -> None:
     sign = data_signs(8000, 24, T, glonass_st().sign_s, rng)
     assert set(np.unique(sign)) == {-1, 1} and np.all(sign[:10] == sign[0])
-    plain = Simulation(design("atan"), scene(STILL, 45.0)).run(1)
-    with_data = Simulation(design("atan"), scene(STILL, 45.0, sign=sign)).run(1)
+    plain = ChannelSimulation(design("atan"), scene(STILL, 45.0)).run(1)
+    with_data = ChannelSimulation(design("atan"), scene(STILL, 45.0, sign=sign)).run(1)
     assert with_data.phase_error_rad.std() == pytest.approx(plain.phase_error_rad.std(), rel=0.05)
-    blind = Simulation(design("atan2"), scene(STILL, 45.0, sign=sign)).run(1)
+    blind = ChannelSimulation(design("atan2"), scene(STILL, 45.0, sign=sign)).run(1)
     assert blind.phase_error_rad.std() > 5.0 * plain.phase_error_rad.std()
 
 
@@ -172,22 +172,22 @@ def same(first: ChannelHistory, second: ChannelHistory) -> bool:
 
 def test_result_depends_on_the_seed_and_on_nothing_else() -> None:
     still = np.zeros((9001, 7))  # more than two blocks of noise
-    of = Simulation(design(), scene(still, 45.0))
+    of = ChannelSimulation(design(), scene(still, 45.0))
     first = of.run(11)
     assert same(first, of.run(11)) and same(first, of.run(11, threads=3))
     assert not same(first, of.run(12))
-    alone = Simulation(design(), scene(still[:, :3], 45.0)).run(11)
+    alone = ChannelSimulation(design(), scene(still[:, :3], 45.0)).run(11)
     assert np.array_equal(alone.prompt, first.prompt[:, :3])  # of the channels beside it neither
 
 
 def test_progress_counts_every_integration() -> None:
     done: list[int] = []
-    Simulation(design(), scene(np.zeros((9001, 4)), 45.0)).run(1, 2, done.append)
+    ChannelSimulation(design(), scene(np.zeros((9001, 4)), 45.0)).run(1, 2, done.append)
     assert sum(done) == 9000 * 4
 
 
 def test_twelve_channels_run_for_ten_seconds(benchmark: Callable[..., object]) -> None:
-    of = Simulation(design(), scene(np.zeros((10_001, 12)), 45.0))
+    of = ChannelSimulation(design(), scene(np.zeros((10_001, 12)), 45.0))
     of.run(1)  # compiled
     # at most half a second, twenty times faster than time; 0.04 s were measured
     assert benchmark(of.run, 1) is not None
@@ -209,11 +209,14 @@ def test_twelve_channels_run_for_ten_seconds(benchmark: Callable[..., object]) -
         (lambda: scene(np.zeros(5), 45.0), "no scene"),
         (lambda: scene(np.full((5, 1), np.nan), 45.0), "no scene"),
         (lambda: scene(np.zeros((5, 1)), [[45.0], [45.0], [math.nan], [45.0]]), "makes no sense"),
-        (lambda: Simulation(design(), scene(STILL, 45.0)).run(-1), "no seed"),
+        (lambda: ChannelSimulation(design(), scene(STILL, 45.0)).run(-1), "no seed"),
         (lambda: scene(np.zeros((5, 1)), 45.0, sign=np.zeros((4, 1), np.int8)), "signs do not fit"),
         (lambda: data_signs(10, 1, 3e-3, 0.02, np.random.default_rng(1)), "do not fill"),
-        (lambda: Simulation(design(), scene(STILL, 45.0), no_aid(10, 24)).run(1), "does not fit the scene"),
-        (lambda: Simulation(design(), scene(STILL, 45.0)).run(1, threads=0), "threads"),
+        (
+            lambda: ChannelSimulation(design(), scene(STILL, 45.0), no_aid(10, 24)).run(1),
+            "does not fit the scene",
+        ),
+        (lambda: ChannelSimulation(design(), scene(STILL, 45.0)).run(1, threads=0), "threads"),
     ],
 )
 def test_senseless_channels_are_refused(make: object, word: str) -> None:

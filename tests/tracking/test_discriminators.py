@@ -14,7 +14,7 @@ from insgnss.tracking.correlators import PROMPT, Correlators
 from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminator_outputs import DELAY_KINDS, FREQUENCY_KINDS, PHASE_KINDS
 from insgnss.tracking.discriminators import (
-    Discriminator,
+    DiscriminatorModel,
     equivalent_variance,
     linear_range,
     pull_in_range,
@@ -27,7 +27,7 @@ A_37 = signal_ratio(37.0, 1e-3)  # the thesis's example: 37 dBHz, 1 ms
 GLONASS_CHIP_S = 1.0 / 511e3
 GLONASS_HZ = 1.6e9  # the thesis's carrier
 
-ALL: dict[str, tuple[Discriminator, tuple[float, ...]]] = {
+ALL: dict[str, tuple[DiscriminatorModel, tuple[float, ...]]] = {
     **{f"delay-{k}": (DelayDiscriminator(k, Correlators(0.8)), (0.0, 0.2, 0.6)) for k in DELAY_KINDS},
     **{f"phase-{k}": (PhaseDiscriminator(k), (0.0, 0.3, 1.2)) for k in PHASE_KINDS},
     **{f"frequency-{k}": (FrequencyDiscriminator(k), (0.0, 300.0, 1200.0)) for k in FREQUENCY_KINDS[1:]},

@@ -12,7 +12,13 @@ from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64
 from insgnss.tracking.aiding_source import AidingSource, aid_from
-from insgnss.tracking.channels import ChannelDesign, ChannelHistory, Simulation, Start, scene
+from insgnss.tracking.channels import (
+    ChannelDesign,
+    ChannelHistory,
+    ChannelSimulation,
+    InitialLoopErrors,
+    scene,
+)
 from insgnss.tracking.frequency_loop import (
     FrequencyLoop,
     frequency_filter,
@@ -39,7 +45,9 @@ def run(
     design = ChannelDesign(loop, digital_filter(1, 1.0, loop.step_s), cn0_dbhz, frequency_kind="atan")
     aid = None if sources is None else aid_from([sources] * CHANNELS, n, loop.step_s)
     wide = np.repeat(phase_rad[:, None], CHANNELS, axis=1)
-    return Simulation(design, scene(wide, cn0_dbhz), aid, Start(rate_radps=start_radps)).run(1)
+    return ChannelSimulation(
+        design, scene(wide, cn0_dbhz), aid, InitialLoopErrors(rate_radps=start_radps)
+    ).run(1)
 
 
 @pytest.mark.parametrize(("order", "bt"), [(1, 0.01), (1, 0.2), (1, 0.45), (2, 0.01), (2, 0.3), (2, 1.5)])
@@ -143,7 +151,7 @@ def test_phase_of_a_frequency_loop_is_not_assessed() -> None:
     design = ChannelDesign(
         frequency_filter(1, 2.5, T), digital_filter(1, 1.0, T), 40.0, frequency_kind="cross"
     )
-    simulation = Simulation(design, scene(np.zeros((101, 1)), 40.0))
+    simulation = ChannelSimulation(design, scene(np.zeros((101, 1)), 40.0))
 
     with pytest.raises(ConfigError, match="no phase error"):
         assess(simulation, simulation.run(1))

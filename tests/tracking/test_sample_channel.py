@@ -32,7 +32,7 @@ from insgnss.tracking.sample_channel import (
     LoopAiding,
     SampleChannels,
 )
-from insgnss.tracking.signal import CarrierAndCode, Received, Samples, Sampling, receive
+from insgnss.tracking.signal import CarrierAndCode, ReceivedSignal, Sampling, SignalSamples, receive
 
 SAMPLING = Sampling(2.5e6, 20e3, is_complex=True)
 T = 0.005
@@ -52,7 +52,7 @@ class Tracked(NamedTuple):
     rate_radps: Float64
     delay_chips: Float64
     channels: SampleChannels
-    samples: Samples
+    samples: SignalSamples
 
 
 def design(carrier: LoopFilter, code_hz: float = 2.0) -> ChannelDesign:
@@ -75,7 +75,7 @@ def true_delay(state: CarrierAndCode, t_s: Float64) -> Float64:
 
 
 @cache
-def samples() -> Samples:
+def samples() -> SignalSamples:
     """Return five signals in noise of three times the variance that the kernels assume."""
     rng = np.random.default_rng(51)
     bits = [(1 - 2 * rng.integers(0, 2, 400)).astype(np.int8) for _ in PRNS]
@@ -83,9 +83,9 @@ def samples() -> Samples:
     for prn, state, sign in zip(PRNS, SIGNALS, bits, strict=True):
         # periods are counted from the recording's beginning; a delay of 70 periods shifts the data's by as much
         inside = CarrierAndCode(state.delay_chips % 20460 - 20460, state.doppler_hz, state.phase_rad, L1_HZ)
-        received.append(Received(gps_ca(prn), CN0, inside, np.repeat(sign, 20)))
+        received.append(ReceivedSignal(gps_ca(prn), CN0, inside, np.repeat(sign, 20)))
     made = receive(received, SAMPLING, round(SECONDS * SAMPLING.rate_hz), rng)
-    return Samples(SAMPLING, math.sqrt(3.0) * made.in_phase, math.sqrt(3.0) * made.quadrature)
+    return SignalSamples(SAMPLING, math.sqrt(3.0) * made.in_phase, math.sqrt(3.0) * made.quadrature)
 
 
 @cache
@@ -103,7 +103,7 @@ def tracked() -> Tracked:
     return errors(channels, made)
 
 
-def errors(channels: SampleChannels, made: Samples) -> Tracked:
+def errors(channels: SampleChannels, made: SignalSamples) -> Tracked:
     rows = channels.records[: channels.written.min()]
     t = rows[:, :, MIDDLE] / SAMPLING.rate_hz
     phase, rate, delay = (np.empty(t.shape) for _ in range(3))
@@ -212,7 +212,7 @@ def test_aiding_takes_an_acceleration_out_of_a_narrow_loop() -> None:
     turn = 2.0 * math.pi * 250.0  # 4.8 g along the line of sight [rad/s^2]
     n = round(1.5 * SAMPLING.rate_hz)
     t = np.arange(n) / SAMPLING.rate_hz
-    still = receive([Received(gps_ca(3), 60.0, CarrierAndCode(70_000.0 % 20460))], SAMPLING, n, None)
+    still = receive([ReceivedSignal(gps_ca(3), 60.0, CarrierAndCode(70_000.0 % 20460))], SAMPLING, n, None)
     moved = (still.in_phase + 1j * still.quadrature) * np.exp(0.5j * turn * t**2)
     left = {}
     for aided in (True, False):

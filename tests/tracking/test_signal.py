@@ -13,7 +13,7 @@ from insgnss.tracking.admissible import signal_ratio
 from insgnss.tracking.codes import correlation, glonass_st, gps_ca
 from insgnss.tracking.correlators import Correlators
 from insgnss.tracking.sample_kernels import Steps, add_signal, correlate_samples
-from insgnss.tracking.signal import CarrierAndCode, Received, Sampling, correlate, receive
+from insgnss.tracking.signal import CarrierAndCode, ReceivedSignal, Sampling, correlate, receive
 
 CODE = glonass_st()
 REAL = Sampling(11.3e6, 3.07e6)
@@ -28,7 +28,7 @@ SAMPLES = {REAL: round(REAL.rate_hz * N_MS), COMPLEX: round(COMPLEX.rate_hz * N_
 def test_mean_of_sampled_correlators_equals_that_of_drawn_ones(sampling: Sampling, spacing: float) -> None:
     received = CarrierAndCode(7.31, 812.0, 0.6)
     replica = CarrierAndCode(7.13, 655.0, 0.25)  # 0.18 chips early, 157 Hz too low
-    samples = receive([Received(CODE, CN0_DBHZ, received)], sampling, SAMPLES[sampling], None)
+    samples = receive([ReceivedSignal(CODE, CN0_DBHZ, received)], sampling, SAMPLES[sampling], None)
     found = correlate(samples, CODE, replica, CN0_DBHZ, spacing)
     a = signal_ratio(CN0_DBHZ, SAMPLES[sampling] / sampling.rate_hz)
     drawn = Correlators(spacing, lambda x: correlation(CODE, x))
@@ -46,7 +46,11 @@ def test_covariance_of_sampled_correlators_equals_that_of_drawn_ones(
     found = np.empty((looks, 3), np.complex128)
     for k in range(looks):
         found[k] = correlate(
-            receive([Received(CODE, CN0_DBHZ)], sampling, count, rng), CODE, CarrierAndCode(), CN0_DBHZ, 0.4
+            receive([ReceivedSignal(CODE, CN0_DBHZ)], sampling, count, rng),
+            CODE,
+            CarrierAndCode(),
+            CN0_DBHZ,
+            0.4,
         )
     a = signal_ratio(CN0_DBHZ, count / sampling.rate_hz)
     drawn = Correlators(0.4, lambda x: correlation(CODE, x))
@@ -76,7 +80,7 @@ def test_drawn_correlators_have_the_covariance_they_promise(rng: np.random.Gener
 def test_data_change_the_sign_of_their_period_only() -> None:
     signs = np.array([1, -1, 1], np.int8)
     count = 3 * SAMPLES[COMPLEX]
-    samples = receive([Received(CODE, CN0_DBHZ, signs=signs)], COMPLEX, count, None)
+    samples = receive([ReceivedSignal(CODE, CN0_DBHZ, signs=signs)], COMPLEX, count, None)
     a = signal_ratio(CN0_DBHZ, 3e-3)
     found = correlate(samples, CODE, CarrierAndCode(), CN0_DBHZ)[1]
     assert found.real == pytest.approx(a / 3.0, rel=0.01)  # + - +: a third is left
@@ -84,7 +88,7 @@ def test_data_change_the_sign_of_their_period_only() -> None:
 
 def test_two_signals_add_and_another_code_is_suppressed() -> None:
     sampling, count = Sampling(5.3e6, 0.0, is_complex=True), 5300
-    both = [Received(gps_ca(1), 45.0), Received(gps_ca(2), 45.0)]
+    both = [ReceivedSignal(gps_ca(1), 45.0), ReceivedSignal(gps_ca(2), 45.0)]
     a = signal_ratio(45.0, 1e-3)
     found = correlate(receive(both, sampling, count, None), gps_ca(1), CarrierAndCode(), 45.0)[1]
     assert abs(found - a) < 66.0 / 1023.0 * a + 0.012 * a  # Gold codes: 65 of 1023 at most
@@ -94,7 +98,7 @@ def test_code_doppler_moves_the_delay_with_the_carrier() -> None:
     carrier_hz, doppler, seconds = 1602e6, 4000.0, 0.2
     state = CarrierAndCode(0.0, doppler, 0.0, carrier_hz)
     count = round(COMPLEX.rate_hz * seconds)
-    samples = receive([Received(CODE, CN0_DBHZ, state)], COMPLEX, count, None)
+    samples = receive([ReceivedSignal(CODE, CN0_DBHZ, state)], COMPLEX, count, None)
     a = signal_ratio(CN0_DBHZ, seconds)
     assert abs(correlate(samples, CODE, state, CN0_DBHZ)[1]) == pytest.approx(a, rel=0.01)
     still = correlate(samples, CODE, CarrierAndCode(0.0, doppler), CN0_DBHZ)[1]
@@ -144,7 +148,7 @@ def test_carrier_at_half_the_sampling_rate_is_refused_and_the_other_program_of_t
     with pytest.raises(ConfigError, match="below Nyquist"):
         Sampling(40e6, 20e6).check(511e3)
     with pytest.raises(ConfigError, match="kills a quadrature"):
-        receive([Received(CODE, 40.0)], Sampling(20e6, 10e6, bandpass=True), 100, None)
+        receive([ReceivedSignal(CODE, 40.0)], Sampling(20e6, 10e6, bandpass=True), 100, None)
 
 
 def test_sampling_of_the_signal_chapter_is_accepted() -> None:
@@ -171,7 +175,7 @@ def test_sampling_that_folds_the_main_lobe_is_refused_with_advice(sampling: Samp
 
 def test_bandpass_sampling_in_a_higher_zone_works_when_asked_for() -> None:
     sampling = Sampling(5.7e6, 9.9e6, bandpass=True)  # 9.9 MHz lies in the fourth zone, 8.55 to 11.4 MHz
-    samples = receive([Received(CODE, CN0_DBHZ)], sampling, 5700, None)
+    samples = receive([ReceivedSignal(CODE, CN0_DBHZ)], sampling, 5700, None)
     found = correlate(samples, CODE, CarrierAndCode(phase_rad=-0.5), CN0_DBHZ)[1]
     a = signal_ratio(CN0_DBHZ, 1e-3)
     assert abs(found / a - np.exp(0.5j)) < 0.02
@@ -179,7 +183,7 @@ def test_bandpass_sampling_in_a_higher_zone_works_when_asked_for() -> None:
 
 def test_no_samples_are_refused() -> None:
     with pytest.raises(ConfigError, match="at least one"):
-        receive([Received(CODE, 40.0)], COMPLEX, 0, None)
+        receive([ReceivedSignal(CODE, 40.0)], COMPLEX, 0, None)
 
 
 @pytest.mark.parametrize("cn0", [-40.0, 10_000.0, math.nan])
@@ -191,7 +195,7 @@ def test_cn0_of_a_wrong_unit_is_refused(cn0: float) -> None:
 def test_a_million_samples_are_made_and_correlated(
     rng: np.random.Generator, benchmark: Callable[..., object]
 ) -> None:
-    signal = [Received(CODE, CN0_DBHZ)]
+    signal = [ReceivedSignal(CODE, CN0_DBHZ)]
     correlate(receive(signal, REAL, 1000, rng), CODE, CarrierAndCode(), CN0_DBHZ)  # compiled
 
     def work() -> object:

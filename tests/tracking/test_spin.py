@@ -9,7 +9,7 @@ import pytest
 
 from insgnss.errors import ConfigError
 from insgnss.tracking.aiding_source import aid_from
-from insgnss.tracking.channels import ChannelDesign, ChannelHistory, Simulation, scene
+from insgnss.tracking.channels import ChannelDesign, ChannelHistory, ChannelSimulation, scene
 from insgnss.tracking.lock_detectors import slip_time_s
 from insgnss.tracking.loop_filters import continuous_gains, digital_filter, filter_from_continuous
 from insgnss.tracking.spin import (
@@ -80,7 +80,7 @@ def loops(spin: Spin, seconds: float, sources: list | None, bandwidth: float = 2
     of = ChannelDesign(digital_filter(2, bandwidth, T), digital_filter(1, 1.0, T), 50.0, "atan")
     wide = np.repeat(phase[:, None], 8, 1)
     aid = None if sources is None else aid_from([sources] * 8, n, T)
-    return Simulation(of, scene(wide, 50.0), aid).run(2)
+    return ChannelSimulation(of, scene(wide, 50.0), aid).run(2)
 
 
 def swing_of(errors: np.ndarray, spin: Spin) -> float:

@@ -13,13 +13,13 @@ from insgnss.cli.main import app
 from insgnss.gnss.signals import L1_HZ
 from insgnss.tracking.codes import gps_ca
 from insgnss.tracking.loop_filters import digital_filter
-from insgnss.tracking.trial import Assessment, Motion, assess, design_channels, simulation_of
+from insgnss.tracking.trial import Assessment, CarrierDynamics, assess, design_channels, simulation_of
 
 T = 1e-3
 QUICK = ["track", "--time", "4"]
 
 
-def trial(cn0: float, motion: Motion, aided: bool = False, seconds: float = 6.0) -> Assessment:
+def trial(cn0: float, motion: CarrierDynamics, aided: bool = False, seconds: float = 6.0) -> Assessment:
     code = gps_ca(1)
     design = design_channels(code, L1_HZ, cn0, digital_filter(2, 12.0, T), digital_filter(1, 1.0, T))
     simulation = simulation_of(design, code, L1_HZ, motion, seconds, 12, 5, aided)
@@ -27,7 +27,7 @@ def trial(cn0: float, motion: Motion, aided: bool = False, seconds: float = 6.0)
 
 
 def test_trial_at_rest_has_the_noise_of_the_linear_loop_and_reports_its_cn0() -> None:
-    found = trial(43.0, Motion())
+    found = trial(43.0, CarrierDynamics())
     assert found.slipped == 0
     # 12 channels of 4.8 s at 12 Hz: 1400 values: 4 sigma of an rms
     assert found.phase_rms_rad == pytest.approx(found.phase_noise_rad, rel=4.0 / math.sqrt(2.0 * 1400) + 0.01)
@@ -39,15 +39,15 @@ def test_trial_at_rest_has_the_noise_of_the_linear_loop_and_reports_its_cn0() ->
 
 
 def test_motion_breaks_the_loop_that_aiding_holds() -> None:
-    lost, held = trial(43.0, Motion(200.0)), trial(43.0, Motion(200.0), aided=True)
+    lost, held = trial(43.0, CarrierDynamics(200.0)), trial(43.0, CarrierDynamics(200.0), aided=True)
     assert lost.slipped == 12 and math.isnan(lost.phase_rms_rad)
     assert held.slipped == 0 and held.phase_rms_rad < 0.1
 
 
 def test_short_trials_say_nan_instead_of_failing() -> None:
-    found = trial(43.0, Motion(), seconds=0.001)  # one integration
+    found = trial(43.0, CarrierDynamics(), seconds=0.001)  # one integration
     assert np.isnan([found.phase_lock, found.moment_dbhz, found.narrow_wide_dbhz]).all()
-    assert trial(43.0, Motion(), seconds=0.005).slipped == 0
+    assert trial(43.0, CarrierDynamics(), seconds=0.005).slipped == 0
 
 
 def test_command_prints_errors_lock_and_cn0() -> None:

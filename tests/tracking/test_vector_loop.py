@@ -22,7 +22,7 @@ from insgnss.tracking.vector_loop import (
     SEEN_POWER,
     SEEN_RANGE,
     SEEN_RATE,
-    Channels,
+    ChannelConstants,
     channels_of,
     levels_of,
     noise_count,
@@ -33,7 +33,7 @@ LOOKS = 20_000
 
 
 def seen(
-    channels: Channels,
+    channels: ChannelConstants,
     cn0_dbhz: float,
     offset: tuple[float, ...],
     seed: int,

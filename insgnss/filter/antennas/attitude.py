@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.attitude.cycle_search import DifferenceRows, Found, find_cycles
+from insgnss.attitude.cycle_search import CycleFix, DifferenceRows, find_cycles
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.antennas.data import AntennaData
 from insgnss.filter.antennas.memory import CycleMemory, Key
@@ -172,7 +172,7 @@ class AttitudeAid:
             del memory.cycles[key]
         memory.seen_ns.update(dict.fromkeys(d.keys, t_ns))
 
-    def _search(self, bank: Bank, d: Differences, l_b: Float64, t_ns: int) -> Found | None:
+    def _search(self, bank: Bank, d: Differences, l_b: Float64, t_ns: int) -> CycleFix | None:
         """Look for the whole cycles of all differences at once; return them when they are certain."""
         memory = self.memory
         priors, C_ne = priors_of(bank, anywhere=memory.is_lost)
@@ -202,7 +202,7 @@ class AttitudeAid:
         self._tell_found(found, d, t_ns)
         return found
 
-    def _tell_found(self, found: Found, d: Differences, t_ns: int) -> None:
+    def _tell_found(self, found: CycleFix, d: Differences, t_ns: int) -> None:
         yaw = math.degrees(math.atan2(found.C_nb[1, 0], found.C_nb[0, 0])) % 360.0
         satellites = len({sv for _, _, (sv, _) in d.keys})
         self._tell(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from insgnss.filter.antennas.rows import Antennas
-from insgnss.filter.antennas.visibility import Hiding
+from insgnss.filter.antennas.visibility import AntennaMasking
 
 
 @dataclass(frozen=True)
@@ -17,4 +17,4 @@ class AntennaData:
     ratio: float
     confirmations: int
     gate_sigma: float
-    hiding: Hiding | None = None  # what hides satellites from each antenna; None: nothing is masked
+    hiding: AntennaMasking | None = None  # what hides satellites from each antenna; None: nothing is masked

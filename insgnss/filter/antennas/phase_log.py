@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from insgnss.gnss.antenna_phases import AntennaPhases, antenna_phases
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.status import NO_DIFFERENCE, NOT_STARTED, USED
 from insgnss.tables import Float64, GnssTable, Int8
 
@@ -44,7 +44,7 @@ def new_ledger(phases: AntennaPhases) -> DifferenceLedger:
     return DifferenceLedger(status, np.full(n, math.nan), np.full(n, math.nan))
 
 
-def phase_log(logs: Sequence[tuple[GnssTable, Rows]], channels: Mapping[str, int]) -> PhaseLog:
+def phase_log(logs: Sequence[tuple[GnssTable, GnssRows]], channels: Mapping[str, int]) -> PhaseLog:
     """Return the phases of all antennas with a new ledger; arguments as of ``antenna_phases``."""
     phases = antenna_phases(logs, channels)
     return PhaseLog(phases, new_ledger(phases))

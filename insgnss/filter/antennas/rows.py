@@ -19,15 +19,14 @@ from insgnss.attitude.wind_up import wind_up_differences
 from insgnss.constants import C_MPS, NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.antennas.memory import Key
 from insgnss.gnss.antenna_phases import AntennaPhases, Channel
-from insgnss.gnss.noise_model import thermal_factor
+from insgnss.gnss.noise_model import LOWEST_SINE, thermal_factor
+from insgnss.gnss.observation_rows import MOST_CN0_DBHZ
 from insgnss.tables import Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
 _ASSUMED_CN0_DBHZ: Final = 42.0  # where the log gives none
-_LOWEST_SINE: Final = 0.05  # of an elevation, as for pseudoranges: ``gnss.noise_model``
 # A reflection without the direct signal has any phase: the variance of an even distribution over a cycle
 _HIDDEN_CYCLES2: Final = 1.0 / 12.0
-_MOST_CN0_DBHZ: Final = 100.0  # no antenna gives more: what lies beyond is no number to weigh by
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def form_differences(
     value = phases.phase_m[row] - phases.phase_m[other] - (antennas.delay_m[b] - antennas.delay_m[a])
     rate = np.sum(u_e * (phases.sat[row, 3:6] - v_e), axis=1)
     value = value - rate * _moments_apart(phases, row, other, a, b, antennas.separate_clocks)
-    sine = np.maximum(u_e @ (r_e / np.linalg.norm(r_e)), _LOWEST_SINE)
+    sine = np.maximum(u_e @ (r_e / np.linalg.norm(r_e)), LOWEST_SINE)
     doubts = [np.zeros(len(row))] * 2
     if doubt is not None:
         doubts = [doubt[np.searchsorted(kept, rows)] for rows in (row, other)]
@@ -189,7 +188,7 @@ def _covariances(
     white = []
     for rows, doubt in zip(pairs, doubts, strict=True):
         cn0 = phases.cn0_dbhz[rows]
-        thermal = thermal_factor(np.where(np.abs(cn0) <= _MOST_CN0_DBHZ, cn0, _ASSUMED_CN0_DBHZ))
+        thermal = thermal_factor(np.where(np.abs(cn0) <= MOST_CN0_DBHZ, cn0, _ASSUMED_CN0_DBHZ))
         hidden = _HIDDEN_CYCLES2 * phases.wavelength_m[rows] ** 2
         white.append(antennas.phase_sigma_m**2 * thermal + plain + doubt * hidden)
     slow = antennas.multipath_sigma_m**2 * (np.eye(len(sine)) + shared)

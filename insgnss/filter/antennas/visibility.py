@@ -11,22 +11,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import DEWEIGHT, Limits, look_at_all, new_looks
+from insgnss.antenna.visibility import DEWEIGHT, VisibilityLimits, look_at_all, new_looks
 from insgnss.filter.state import PSI
 from insgnss.status import USED
 from insgnss.tables import Float64, Int8
 
 
 @dataclass(frozen=True)
-class Hiding:
+class AntennaMasking:
     """The antennas, each an installation of its own, and the stage's settings."""
 
     installations: tuple[Installation, ...]
-    limits: Limits
+    limits: VisibilityLimits
 
 
 def hidden_reasons(
-    hiding: Hiding, antenna: Int8, u_n: Float64, C_nb: Float64, C_eb: Float64, P: Float64
+    hiding: AntennaMasking, antenna: Int8, u_n: Float64, C_nb: Float64, C_eb: Float64, P: Float64
 ) -> tuple[Int8, Float64]:
     """Return for each row USED, or by what its antenna does not see the satellite, and the doubt of those kept, (n,).
 

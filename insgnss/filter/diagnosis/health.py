@@ -16,8 +16,8 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.diagnosis.hindsight import NOISY
 from insgnss.filter.diagnosis.lockout import absorb, clock_steps, in_words, is_thin
-from insgnss.filter.diagnosis.past import Past
-from insgnss.filter.diagnosis.recovery import Doubt, contradicted_kind, is_lost, open_doubt
+from insgnss.filter.diagnosis.past import FilterHistory
+from insgnss.filter.diagnosis.recovery import RecoveryTest, contradicted_kind, is_lost, open_doubt
 from insgnss.filter.diagnosis.recovery import in_words as reset_in_words
 from insgnss.filter.diagnosis.supposed_faults import GNSS_TAGS, IMU_TAGS
 from insgnss.filter.diagnosis.suspects import judge, left_out, run_away
@@ -25,12 +25,12 @@ from insgnss.filter.diagnosis.verdict_words import STUCK_RATES, creeping_in_word
 from insgnss.filter.diagnosis.verdict_words import in_words as verdict_in_words
 from insgnss.filter.loop import current_sample
 from insgnss.filter.output.writing import Output
-from insgnss.filter.prediction import Imu
-from insgnss.filter.rows.lines import Epoch, Lines
+from insgnss.filter.prediction import ImuSamples
+from insgnss.filter.rows.lines import EpochWorkspace, Lines
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import fix_epoch
 from insgnss.filter.state import Bank
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import GATED, USED
 from insgnss.tables import Event
 
@@ -54,16 +54,16 @@ def _tells(lines: Lines) -> bool:
 
 
 @dataclass
-class Health:
+class FilterHealth:
     """What a filter remembers of itself, and how it is set right."""
 
     setup: FilterSetup
     resets_ns: list[int] = field(default_factory=list)
-    doubt: Doubt | None = None  # whether the filter is lost
-    past: Past = field(default_factory=Past)  # the last minute
+    doubt: RecoveryTest | None = None  # whether the filter is lost
+    past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
     told_ns: dict[str, int] = field(default_factory=dict)  # when something that lasts was told last
 
-    def copied(self) -> Health:
+    def copied(self) -> FilterHealth:
         """Return a copy that shares nothing that changes."""
         doubt = None if self.doubt is None else self.doubt.copied()
         return replace(self, resets_ns=list(self.resets_ns), doubt=doubt, told_ns=dict(self.told_ns))
@@ -73,7 +73,7 @@ class Health:
         """All that is carried along with the samples."""
         return [] if self.doubt is None else [self.doubt.bank]
 
-    def stop(self, bank: Bank, rows: Rows, epoch: int, last: int) -> int:
+    def stop(self, bank: Bank, rows: GnssRows, epoch: int, last: int) -> int:
         """Return up to which epoch the filter may run before its health is to be looked at."""
         if self.doubt is not None:
             return epoch + 1
@@ -92,7 +92,7 @@ class Health:
         """Forget what concerns a filter that is no more."""
         self.doubt, self.past, self.resets_ns = None, self.past.forgotten(), []
 
-    def suspect(self, bank: Bank, imu: Imu, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
+    def suspect(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:
         """Look whose fault it is that the satellites contradict the prediction."""
         if int(bank.state[0].stuck_since_ns) == t_ns:
             return Remedy(bank, [Event(t_ns, "kind_refused", STUCK_RATES)])
@@ -119,7 +119,13 @@ class Health:
         return Remedy(verdict.bank, [event])
 
     def recover(
-        self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any], space: Epoch
+        self,
+        bank: Bank,
+        imu: ImuSamples,
+        rows: GnssRows,
+        epoch: int,
+        parameters: npt.NDArray[Any],
+        space: EpochWorkspace,
     ) -> Remedy:
         """Put a fix of the epoch on trial, or absorb a step of the clock that the refused rows agree on.
 
@@ -167,7 +173,7 @@ class Health:
         return Remedy(bank, events)
 
     def _steps(
-        self, bank: Bank, rows: Rows, epoch: int, parameters: npt.NDArray[Any], space: Epoch
+        self, bank: Bank, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any], space: EpochWorkspace
     ) -> list[Event]:
         """Absorb the steps of the receiver clock that the refused rows agree on; return what there is to tell."""
         par, P, t_ns = parameters[0], bank.P[bank.head[0].leader], int(rows.epoch_ns[epoch])
@@ -187,10 +193,10 @@ class Health:
 
     def weigh(
         self,
-        doubt: Doubt,
+        doubt: RecoveryTest,
         bank: Bank,
-        imu: Imu,
-        rows: Rows,
+        imu: ImuSamples,
+        rows: GnssRows,
         epoch: int,
         parameters: npt.NDArray[Any],
         out: Output,
@@ -204,7 +210,7 @@ class Health:
             return Remedy(bank, [])
         return self._set_right(bank, found, doubt, t_ns)
 
-    def _set_right(self, bank: Bank, found: Bank, doubt: Doubt, t_ns: int) -> Remedy:
+    def _set_right(self, bank: Bank, found: Bank, doubt: RecoveryTest, t_ns: int) -> Remedy:
         """Put what the rows bear out in the filter's place; give it up where that does not last."""
         health = self.setup.config.health
         self.past = self.past.forgotten()

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.axes import of_axes
-from insgnss.filter.diagnosis.past import Past, Stretch, rows_at
+from insgnss.filter.diagnosis.past import EpochRanges, FilterHistory, rows_at
 from insgnss.filter.diagnosis.ramps import of_wrong_rates, ramp_evidence, ramps
 from insgnss.filter.diagnosis.supposed_faults import (
     ACCELEROMETER,
@@ -39,7 +39,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
 from insgnss.filter.diagnosis.tag_shifts import at_other_tags, earlier, later, summit
 from insgnss.filter.diagnosis.witnesses import (
     MOST_SATELLITES,
-    Written,
+    EpochLog,
     fits,
     most_satellites,
     run_away_sets,
@@ -49,7 +49,7 @@ from insgnss.filter.diagnosis.witnesses import (
 from insgnss.filter.loop import DONE
 from insgnss.filter.output.writing import new_output
 from insgnss.filter.own_update import run_beside
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank, copy_bank
 from insgnss.filter.update.creeping import (
@@ -96,7 +96,12 @@ class Hindsight:
     """The filter of a minute ago and all that it could have known."""
 
     def __init__(
-        self, past: Past, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any], span: tuple[int, int]
+        self,
+        past: FilterHistory,
+        setup: FilterSetup,
+        imu: ImuSamples,
+        parameters: npt.NDArray[Any],
+        span: tuple[int, int],
     ) -> None:
         """Run it as it was; ``span`` is where the judgement ends and the time of the last epoch."""
         self.setup, self.imu = setup, imu
@@ -109,7 +114,7 @@ class Hindsight:
         onsets_ns = [self.end_ns - int(onset_s * NS_PER_S) for onset_s in reversed(_ONSETS_S)]
         bank = self.oldest()
         self.before: list[Bank] = []
-        self.base: list[Written] = []
+        self.base: list[EpochLog] = []
         self.came_through = True
         for stop_ns in [*(t for t in onsets_ns if t > oldest_ns), self.end_ns]:
             written = self.until(bank, stop_ns)
@@ -272,9 +277,9 @@ class Hindsight:
         self,
         suspect: str,
         bank: Bank,
-        stretches: tuple[Stretch, ...],
+        stretches: EpochRanges,
         shift_ns: int = 0,
-        imu: Imu | None = None,
+        imu: ImuSamples | None = None,
     ) -> Verdict | None:
         """Return what comes of a suspicion; the rows may be those of other tags, as may the samples ``imu``."""
         written = self.until(bank, self.end_ns + shift_ns, stretches, imu)
@@ -295,7 +300,7 @@ class Hindsight:
         most = most_satellites(self.base)
         if not starts or most < 1:
             return
-        heard: dict[tuple[int, ...], tuple[Verdict, list[Written]]] = {}
+        heard: dict[tuple[int, ...], tuple[Verdict, list[EpochLog]]] = {}
 
         def hear(sets: Iterable[tuple[int, ...]]) -> None:
             for satellites in sets:
@@ -319,7 +324,7 @@ class Hindsight:
         for verdict, _ in heard.values():
             yield verdict
 
-    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[Written]] | None:
+    def leaving_out(self, start: Bank, satellites: tuple[int, ...]) -> tuple[Verdict, list[EpochLog]] | None:
         """Return what comes of leaving satellites out, their rows charged as those of ramps, and what was written."""
         bank = copy_bank(start)
         written = self.until(bank, self.end_ns, self.stretches_without(satellites))
@@ -331,19 +336,15 @@ class Hindsight:
         rates = tuple(each.rate_mps for each in found)
         return Verdict(SATELLITES, total, bank, fits(written, False), satellites, rates), written
 
-    def stretches_without(self, satellites: tuple[int, ...]) -> tuple[Stretch, ...]:
+    def stretches_without(self, satellites: tuple[int, ...]) -> EpochRanges:
         """Return the last minute's rows without those of some satellites."""
         return tuple(each._replace(rows=without(each.rows, satellites)) for each in self.stretches)
 
     def until(
-        self,
-        bank: Bank,
-        stop_ns: int,
-        stretches: tuple[Stretch, ...] | None = None,
-        imu: Imu | None = None,
-    ) -> list[Written] | None:
+        self, bank: Bank, stop_ns: int, stretches: EpochRanges | None = None, imu: ImuSamples | None = None
+    ) -> list[EpochLog] | None:
         """Carry a filter on over the epochs up to ``stop_ns``; return what it wrote, None if it came to nothing."""
-        told: list[Written] = []
+        told: list[EpochLog] = []
         for stretch in self.stretches if stretches is None else stretches:
             times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]
             now_ns = int(bank.head[0].now_ns)
@@ -357,7 +358,7 @@ class Hindsight:
                 return None
             slot = rows.observation["slot"]
             for t_ns, i, j in zip(rows.epoch_ns, rows.first[:-1], rows.first[1:], strict=True):
-                told.append(Written(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
+                told.append(EpochLog(int(t_ns), slot[i:j], out.ledger[i:j], out.carrier[i:j]))
         return told
 
     def either(self, lapse: bool) -> Verdict | None:

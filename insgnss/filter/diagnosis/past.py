@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.state import Bank, copy_bank
-from insgnss.gnss.observation_rows import Rows, some_epochs
+from insgnss.gnss.observation_rows import GnssRows, some_epochs
 
 _EVERY_NS: Final = 15 * NS_PER_S
 _KEPT: Final = 5  # so the oldest is 60 to 75 s old
@@ -21,24 +21,27 @@ _MOST_IN_VAIN: Final = 8  # a quarter of an hour
 _FORGIVEN_NS: Final = 1800 * NS_PER_S
 
 
-class Stretch(NamedTuple):
+class EpochRange(NamedTuple):
     """Epochs of a log that the filter went over."""
 
-    rows: Rows
+    rows: GnssRows
     first: int
     last: int
 
-    def alone(self) -> Stretch:
+    def alone(self) -> EpochRange:
         """Return the epochs without the rest of their log; they share their memory with it."""
-        return Stretch(some_epochs(self.rows, self.first, self.last), 0, self.last - self.first)
+        return EpochRange(some_epochs(self.rows, self.first, self.last), 0, self.last - self.first)
+
+
+EpochRanges: TypeAlias = tuple[EpochRange, ...]
 
 
 @dataclass(frozen=True)
-class Past:
+class FilterHistory:
     """The filter as it stood, and the epochs since the oldest of that. Nothing in it is ever changed."""
 
     banks: tuple[Bank, ...] = ()
-    epochs: tuple[Stretch, ...] = ()
+    epochs: EpochRanges = ()
     unclear_ns: int = 0  # since when there is a fault of which it is not clear whose it is
     opened: bool = False  # whether both sensors are suspect meanwhile
     suspected: frozenset[str | int] = frozenset()  # what was suspected at the last look
@@ -61,11 +64,11 @@ class Past:
         """When the filter is to be kept next."""
         return int(self.banks[-1].head[0].now_ns) + _EVERY_NS if self.banks else 0
 
-    def after(self, bank: Bank, rows: Rows, first: int, last: int) -> Past:
+    def after(self, bank: Bank, rows: GnssRows, first: int, last: int) -> FilterHistory:
         """Return the past after the epochs ``first`` to ``last - 1``."""
         if len(bank.state) > 1:
             return self.forgotten()
-        epochs = (*self.epochs, Stretch(rows, first, last)) if self.banks else ()
+        epochs = (*self.epochs, EpochRange(rows, first, last)) if self.banks else ()
         if int(bank.head[0].now_ns) < self.due_ns:
             return replace(self, epochs=epochs)
         banks = (*self.banks, copy_bank(bank))[-_KEPT:]
@@ -73,7 +76,7 @@ class Past:
         kept = tuple(e for e in epochs if int(e.rows.epoch_ns[e.last - 1]) > oldest_ns)
         return replace(self, banks=banks, epochs=kept)
 
-    def judged(self) -> tuple[Past, tuple[int, int] | None]:
+    def judged(self) -> tuple[FilterHistory, tuple[int, int] | None]:
         """Return the past as it is looked at now, where the judgement ends and the last epoch; None if it is too short.
 
         The judgement ends a little before the last epoch, so that other time tags can be tried.
@@ -95,33 +98,33 @@ class Past:
         """Return whether time tags were found to be off of late."""
         return self.tags_off_ns > 0 and self.judged_ns - self.tags_off_ns < within_ns
 
-    def of_late(self, since_ns: int) -> Past:
+    def of_late(self, since_ns: int) -> FilterHistory:
         """Return the past from the youngest filter on that is ``since_ns`` old, from the oldest where none is."""
         old = [b for b in self.banks if self.judged_ns - int(b.head[0].now_ns) >= since_ns]
         return replace(self, banks=tuple(old[-1:]) or self.banks[:1])
 
-    def suspecting(self, suspected: frozenset[str | int]) -> Past:
+    def suspecting(self, suspected: frozenset[str | int]) -> FilterHistory:
         """Return the past once it is known what is suspected, if anything is."""
         if not suspected:
             return replace(self, suspected=suspected, unclear_ns=0, opened=False, in_vain=self.in_vain + 1)
         return replace(self, suspected=suspected, unclear_ns=self.unclear_ns or self.judged_ns)
 
-    def after_verdict(self, renewed: bool) -> Past:
+    def after_verdict(self, renewed: bool) -> FilterHistory:
         """Return the past once something has been found; what was before a new filter is of no use to it.
 
         Time tags leave the filter as it is.
         """
         if renewed:
-            return Past(judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns)
+            return FilterHistory(judged_ns=self.judged_ns, tags_off_ns=self.tags_off_ns)
         return replace(self, unclear_ns=0, opened=False, tags_off_ns=self.judged_ns, in_vain=self.in_vain + 1)
 
-    def forgotten(self) -> Past:
+    def forgotten(self) -> FilterHistory:
         """Return an empty past."""
         empty = self.after_verdict(True)
         return replace(empty, in_vain=self.in_vain)
 
 
-def rows_at(stretches: tuple[Stretch, ...], t_ns: int) -> Rows:
+def rows_at(stretches: EpochRanges, t_ns: int) -> GnssRows:
     """Return the rows of one epoch of the past."""
     for stretch in stretches:
         times_ns = stretch.rows.epoch_ns[stretch.first : stretch.last]

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.filter.diagnosis.witnesses import OfKind, Written, used_and_refused
+from insgnss.filter.diagnosis.witnesses import EpochLog, KindColumns, used_and_refused
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.update.epoch_update import charge
 from insgnss.gnss.observation_rows import CARRIER, N_BANDS, N_KINDS, PSEUDORANGE, RANGE_RATE
@@ -31,7 +31,7 @@ _RIDGE: Final = 1e-6
 _PRECISION: Final = float(np.finfo(np.float32).eps)
 
 
-class _Shown(NamedTuple):
+class _SatelliteInnovations(NamedTuple):
     """The rows of one kind of a satellite: what they would have shown, and when."""
 
     kind: int
@@ -55,7 +55,7 @@ class Ramp(NamedTuple):
 
 
 def ramps(
-    base: list[Written], without: list[Written], satellites: tuple[int, ...], par: Parameters
+    base: list[EpochLog], without: list[EpochLog], satellites: tuple[int, ...], par: Parameters
 ) -> tuple[Ramp, ...]:
     """Return the ramp of each of ``satellites``.
 
@@ -66,7 +66,7 @@ def ramps(
     return tuple(_ramp(_shown(base, without, satellites, each, par), base, par) for each in satellites)
 
 
-def ramp_evidence(written: list[Written], satellite: int, par: Parameters) -> float:
+def ramp_evidence(written: list[EpochLog], satellite: int, par: Parameters) -> float:
     """Return how much better a satellite's rows fit a ramp than none, as they stand in what the filter wrote."""
     shown = _shown(written, written, (), satellite, par)
     if not shown:
@@ -75,7 +75,7 @@ def ramp_evidence(written: list[Written], satellite: int, par: Parameters) -> fl
     return max(_of_one(shown, carrier_too, par).log_likelihood for carrier_too in (True, False)) - none
 
 
-def of_wrong_rates(written: list[Written], par: Parameters) -> float:
+def of_wrong_rates(written: list[EpochLog], par: Parameters) -> float:
     """Return the log-likelihood of range rates that are all wrong, in a filter that leaves them out.
 
     Their errors e begin at once and wander on, as those of a Doppler that is held or of another motion do. Equation:
@@ -105,14 +105,14 @@ def of_wrong_rates(written: list[Written], par: Parameters) -> float:
     return float(np.logaddexp.reduce(found)) - math.log(len(_WRONG_MPS))
 
 
-def _cost(shown: _Shown, rest: Float64, par: Parameters) -> Float64:
+def _cost(shown: _SatelliteInnovations, rest: Float64, par: Parameters) -> Float64:
     """Return what the filter charges for rows of which so much is left (``use_rows``), and the gate for the refused."""
     gate2 = par.kind[shown.kind].gate2
     cost = charge(rest**2 / shown.widened, shown.widened, shown.noise, shown.spread)
     return np.where(rest**2 > gate2 * shown.variance, (gate2 + np.log(shown.variance)) / shown.spread, cost)
 
 
-def _steps_s(epochs: list[Written]) -> Float64:
+def _steps_s(epochs: list[EpochLog]) -> Float64:
     """Return the time from each epoch's predecessor; the first has the median's."""
     steps_s = np.diff([epoch.t_ns for epoch in epochs]) / NS_PER_S
     return np.append(np.median(steps_s) if len(steps_s) else 1.0, steps_s)
@@ -123,13 +123,13 @@ def _spreads(par: Parameters, kind: int, since_s: Float64) -> Float64:
     return np.asarray(np.maximum(1.0, float(par.kind[kind].correlation) / since_s))
 
 
-def _own_noise(rows: OfKind) -> Float64:
+def _own_noise(rows: KindColumns) -> Float64:
     """Return the variance of rows without the state's share; the ledger's single precision may leave nothing of it."""
     S = rows.variance.astype(float)
     return np.asarray(np.maximum(S - rows.predicted, _PRECISION * S))
 
 
-def _ramp(shown: list[_Shown], base: list[Written], par: Parameters) -> Ramp:
+def _ramp(shown: list[_SatelliteInnovations], base: list[EpochLog], par: Parameters) -> Ramp:
     """Return the ramp of a satellite; the carrier runs away, too, or it does not."""
     in_view = len({int(k) for k in base[-1].slot // N_BANDS})
     found = [_of_one(shown, carrier_too, par) for carrier_too in (True, False)] if shown else [Ramp(0.0, 0.0)]
@@ -138,7 +138,7 @@ def _ramp(shown: list[_Shown], base: list[Written], par: Parameters) -> Ramp:
     return Ramp(every - math.log(max(in_view, 1)), rate)  # it could have been any of them
 
 
-def _of_one(shown: list[_Shown], carrier_too: bool, par: Parameters) -> Ramp:
+def _of_one(shown: list[_SatelliteInnovations], carrier_too: bool, par: Parameters) -> Ramp:
     """Return the ramp that a satellite's rows show.
 
     Equation: L = sum_j L_j / n over the onsets, L_j = exp(-sum c / 2 - b^2 / (2 s^2)) / sqrt(1 + a s^2) with
@@ -157,7 +157,7 @@ def _of_one(shown: list[_Shown], carrier_too: bool, par: Parameters) -> Ramp:
     return Ramp(every, float(rate[np.argmax(found)]))
 
 
-def _response(shown: _Shown, onset_s: Float64, carrier_too: bool) -> Float64:
+def _response(shown: _SatelliteInnovations, onset_s: Float64, carrier_too: bool) -> Float64:
     """Return by how much a ramp of 1 m/s moves each row (onsets, rows)."""
     if shown.kind == RANGE_RATE:
         return np.asarray(shown.t_s > onset_s, np.float64)
@@ -168,8 +168,12 @@ def _response(shown: _Shown, onset_s: Float64, carrier_too: bool) -> Float64:
 
 
 def _shown(
-    base: list[Written], without: list[Written], satellites: tuple[int, ...], satellite: int, par: Parameters
-) -> list[_Shown]:
+    base: list[EpochLog],
+    without: list[EpochLog],
+    satellites: tuple[int, ...],
+    satellite: int,
+    par: Parameters,
+) -> list[_SatelliteInnovations]:
     """Return what a satellite's rows of each kind would have shown the filter that runs without it.
 
     Equation: y' = y + g dx, dx the least-squares change of antenna and clock that the other rows' innovations show
@@ -184,7 +188,7 @@ def _shown(
     step_s = np.repeat(_steps_s(base)[told], sizes)
     shown = []
     for kind in range(N_KINDS if len(base[-1].carrier) else CARRIER):
-        before = OfKind(*map(np.concatenate, zip(*(base[k].of_kind(kind) for k in told), strict=True)))
+        before = KindColumns(*map(np.concatenate, zip(*(base[k].of_kind(kind) for k in told), strict=True)))
         after = np.concatenate([without[k].of_kind(kind).innovation for k in told])
         own = (satellite_of == satellite) & np.any(used_and_refused(before.status), axis=0)
         if not own.any():
@@ -194,7 +198,7 @@ def _shown(
         y = before.innovation + np.sum(G * np.repeat(dx, sizes, axis=0), axis=1)
         S, spread = before.variance.astype(float), _spreads(par, kind, step_s)
         columns = (t_s, since_s, y, S, _own_noise(before), spread)
-        shown.append(_Shown(kind, *(column[own] for column in columns)))
+        shown.append(_SatelliteInnovations(kind, *(column[own] for column in columns)))
     return shown
 
 

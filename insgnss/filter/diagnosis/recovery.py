@@ -19,26 +19,27 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
-from insgnss.filter.diagnosis.witnesses import judged
+from insgnss.filter.diagnosis.witnesses import FEW, judged
 from insgnss.filter.output.writing import Output
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.rows.tied_offsets import tie_offsets
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import DR, Bank, copy_bank, joined_banks, select_members
-from insgnss.filter.update.epoch_space import Workspace
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows, one_epoch
+from insgnss.filter.update.epoch_space import FilterWorkspace
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows, one_epoch
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import USED
 from insgnss.tables import Event, Float64, Int64
 
 _GROUPS: Final = 3
-_SURE: Final = 20.0  # logarithm of the likelihood ratio, prior weights included, at which a copy is taken
+# Logarithm of the likelihood ratio, prior weights included, at which a copy is taken
+_SURE_LOG_RATIO: Final = 20.0
 _LOG_PRIOR: Final = -10.0
 _LEAST_S: Final = 3.0  # what a copy still has to find out counts for nobody
-_LONGEST_S: Final = 45.0
+_LONGEST_TEST_S: Final = 45.0
 _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
 _CONTRADICTS2: Final = 16.0  # four sigmas of both
@@ -50,13 +51,12 @@ _WITNESSES: Final = 6  # pseudoranges, below which their noise says little
 _ENOUGH_RANGES: Final = 7  # that fit the copy instead: a street has no so many reflections that agree
 _LOST_RANGES_S: Final = 10.0
 _FITS: Final = 0.75  # share of the rows of each kind that must fit a copy
-_FEW: Final = 3  # rows, below which nothing is said
 _MOST: Final = 2.0 / 3.0
 _LEAST_ROWS: Final = 4
 
 
 @dataclass
-class Doubt:
+class RecoveryTest:
     """The copies of a filter that were set to a fix, and what the rows say of them."""
 
     setup: FilterSetup
@@ -71,14 +71,14 @@ class Doubt:
     # the share that fits a leader, and how many
     ranges: dict[int, tuple[float, int]] = field(default_factory=dict)
     fits: dict[int, list[bool]] = field(default_factory=dict)  # whether most rows fit a member that leads
-    _work: Workspace | None = None
+    _work: FilterWorkspace | None = None
 
     @property
     def n(self) -> int:
         """Number of the filter's own hypotheses."""
         return len(self.bank.state) // _GROUPS
 
-    def copied(self) -> Doubt:
+    def copied(self) -> RecoveryTest:
         """Return a copy that shares nothing that changes."""
         twin = copy.copy(self)
         twin.bank = copy_bank(self.bank)
@@ -87,7 +87,13 @@ class Doubt:
         return twin
 
     def take(
-        self, filter_bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: Float64, written: Output
+        self,
+        filter_bank: Bank,
+        imu: ImuSamples,
+        rows: GnssRows,
+        epoch: int,
+        parameters: Float64,
+        written: Output,
     ) -> Bank | None:
         """Take in an epoch after the filter did; return the bank that is to take its place, if any."""
         if len(filter_bank.state) != self.n:
@@ -108,7 +114,7 @@ class Doubt:
         self.fits.setdefault(leader, []).append(_fit(out.ledger["status"]))
         return self._verdict(t_ns, filter_bank)
 
-    def _update(self, alone: Rows, imu: Imu, parameters: Float64) -> Output:
+    def _update(self, alone: GnssRows, imu: ImuSamples, parameters: Float64) -> Output:
         """Carry all of them to an epoch and update them with it; return what they would have written."""
         setup = self.setup
         self._work = roomy(self._work, alone, setup.layout, setup.installation, setup.visibility_limits)
@@ -127,9 +133,9 @@ class Doubt:
         weight = self._weights()
         best = int(np.argmax(weight[1:]))
         gain = float(weight[1 + best] - weight[0])
-        self.over = elapsed_s > _LONGEST_S or (elapsed_s > _LEAST_S and gain < -_HOPELESS)
+        self.over = elapsed_s > _LONGEST_TEST_S or (elapsed_s > _LEAST_S and gain < -_HOPELESS)
         members = np.arange(self.n, dtype=np.int64) + (1 + best) * self.n
-        if gain < _SURE or elapsed_s < _LEAST_S:
+        if gain < _SURE_LOG_RATIO or elapsed_s < _LEAST_S:
             return None
         # of a filter that is lost a copy is better even where it does not fit: the sensors may still fail
         lost = max(share for share, _ in self.filter_fits[-_LATE:]) < _LOST
@@ -198,7 +204,7 @@ class Doubt:
 
 def open_doubt(
     setup: FilterSetup, filter_bank: Bank, fix: Fix, w_ib_b: Float64, t_ns: int, reason: str
-) -> Doubt:
+) -> RecoveryTest:
     """Return a fix on trial: copies of the filter with its attitude, and with attitude and biases in doubt.
 
     Parameters
@@ -221,7 +227,7 @@ def open_doubt(
         bank = joined_banks(bank, found)
     bank.head["more_than_headings"] = 1
     clear_failures(bank)
-    return Doubt(setup, bank, t_ns, fix, reason)
+    return RecoveryTest(setup, bank, t_ns, fix, reason)
 
 
 def is_lost(lines: Lines, fix: Fix) -> bool:
@@ -241,7 +247,7 @@ def contradiction2(one: Bank, i: int, other: Bank, j: int) -> float:
 def _share(status: Int64) -> float:
     """Return the share of the rows that fit, of those that were judged; 1 where none was."""
     used, refused = judged(status)
-    return used / (used + refused) if used + refused >= _FEW else 1.0
+    return used / (used + refused) if used + refused >= FEW else 1.0
 
 
 def _fit(status: Int64) -> bool:
@@ -267,7 +273,7 @@ def _refused(lines: Lines, kind: int) -> float:
     return refused / (refused + used) if refused + used >= _LEAST_ROWS else -1.0
 
 
-def in_words(t_ns: int, was: Bank, now: Bank, doubt: Doubt) -> Event:
+def in_words(t_ns: int, was: Bank, now: Bank, doubt: RecoveryTest) -> Event:
     """Return the event of a filter that was set to a fix."""
     before, after = was.state[was.head[0].leader], now.state[now.head[0].leader]
     velocity = (

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import BA, BG, DR, DV, PSI, Bank, copy_bank
-from insgnss.gnss.observation_rows import CARRIER, N_BANDS, Rows
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, GnssRows
 from insgnss.inertial.sensor_model import BiasModel, sensor_model
 from insgnss.status import DRIFTING, USED
 
@@ -82,7 +82,7 @@ def quiet(parameters: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return calm
 
 
-def without(rows: Rows, satellites: tuple[int, ...]) -> Rows:
+def without(rows: GnssRows, satellites: tuple[int, ...]) -> GnssRows:
     """Return rows without those of some satellites."""
     if not satellites:
         return rows

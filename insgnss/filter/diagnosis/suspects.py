@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.hindsight import WITHOUT_S, Hindsight, Verdict
-from insgnss.filter.diagnosis.past import Past
+from insgnss.filter.diagnosis.past import FilterHistory
 from insgnss.filter.diagnosis.supposed_faults import (
     GNSS_TAGS,
     IMU_TAGS,
@@ -38,7 +38,7 @@ from insgnss.filter.diagnosis.supposed_faults import (
     SENSORS,
 )
 from insgnss.filter.diagnosis.witnesses import MOST_SATELLITES
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank
 from insgnss.filter.update.creeping import LEFT_OUT_S
@@ -111,8 +111,8 @@ def log_odds(of: list[Explanation], against: list[Explanation]) -> float:
 
 
 def run_away(
-    past: Past, bank: Bank, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
-) -> tuple[Verdict | None, Past]:
+    past: FilterHistory, bank: Bank, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
+) -> tuple[Verdict | None, FilterHistory]:
     """Return the filter that has left out from the start the satellites which ``bank`` has just found to creep."""
     past, span = past.judged()
     if span is None:
@@ -142,8 +142,8 @@ def left_out(bank: Bank, t_ns: int) -> tuple[int, ...]:
 
 
 def judge(
-    past: Past, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
-) -> tuple[Verdict | None, Past]:
+    past: FilterHistory, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
+) -> tuple[Verdict | None, FilterHistory]:
     """Return what has failed, if that is clear, and the past with what is not."""
     past, span = past.judged()
     if span is None:
@@ -186,7 +186,7 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
     return frozenset(("sensors" if explanation.suspect in SENSORS else explanation.suspect,))
 
 
-def _is_excused(told: list[Explanation], past: Past, again: Hindsight) -> bool:
+def _is_excused(told: list[Explanation], past: FilterHistory, again: Hindsight) -> bool:
     """Return whether what explains most is not to be believed.
 
     Rows that contradict each other are no sensor's fault, and no fault of the range rates alone where the pseudoranges

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import Bank
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 
 
 def at_other_tags(bank: Bank, late_ns: int) -> Bank:
@@ -29,7 +29,7 @@ def at_other_tags(bank: Bank, late_ns: int) -> Bank:
     return bank
 
 
-def earlier(imu: Imu, late_ns: int) -> Imu:
+def earlier(imu: ImuSamples, late_ns: int) -> ImuSamples:
     """Return samples with the tags that they should have had."""
     return imu._replace(t_ns=imu.t_ns - late_ns)
 
@@ -45,7 +45,7 @@ def summit(found: dict[float, float]) -> float:
     return float(-0.5 * first / second) if second < 0.0 else 0.0
 
 
-def later(rows: Rows, shift_ns: int) -> Rows:
+def later(rows: GnssRows, shift_ns: int) -> GnssRows:
     """Return rows with other time tags, the satellites carried on by as much."""
     sat = rows.sat.copy()
     sat[:, :3] += shift_ns / NS_PER_S * sat[:, 3:6]

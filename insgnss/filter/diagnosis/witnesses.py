@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.output.writing import Table
-from insgnss.filter.update.creeping import RATE_FLOOR2
-from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, Rows
+from insgnss.filter.update.creeping import LEAST_AGREEING, RATE_FLOOR2
+from insgnss.gnss.observation_rows import CARRIER, N_BANDS, RANGE_RATE, GnssRows
 from insgnss.status import GATED, INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
@@ -21,14 +21,13 @@ _TELLING_S: Final = 5.0  # over which the means of the range rates say which sat
 _COUNTING_S: Final = 12.0
 _FAR2: Final = 2.5**2
 _MOST_CANDIDATES: Final = 9
-_LEAST_AGREEING: Final = 5
-_FEW: Final = 3
+FEW: Final = 3  # rows, below which nothing is said
 _FITS: Final = (0.75, 0.85)  # share of the rows of each kind that must fit what is believed
 _FITTING_EPOCHS: Final = 5
 _LARGEST_NIS: Final = (2.5, 1.7)  # in the mean of the rows that fit
 
 
-class OfKind(NamedTuple):
+class KindColumns(NamedTuple):
     """The ledger's columns of one kind."""
 
     innovation: Float64
@@ -37,7 +36,7 @@ class OfKind(NamedTuple):
     status: Int64
 
 
-class Written(NamedTuple):
+class EpochLog(NamedTuple):
     """What the filter wrote of an epoch."""
 
     t_ns: int
@@ -45,11 +44,11 @@ class Written(NamedTuple):
     ledger: Table
     carrier: Table  # (0,) where no carrier is used
 
-    def of_kind(self, kind: int) -> OfKind:
+    def of_kind(self, kind: int) -> KindColumns:
         """Return what it wrote of the rows of one kind."""
         if kind == CARRIER:
-            return OfKind(*(self.carrier[name] for name in OfKind._fields))
-        return OfKind(*(self.ledger[name][:, kind] for name in OfKind._fields))
+            return KindColumns(*(self.carrier[name] for name in KindColumns._fields))
+        return KindColumns(*(self.ledger[name][:, kind] for name in KindColumns._fields))
 
 
 def used_and_refused(status: Int64) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
@@ -63,7 +62,7 @@ def judged(status: Int64) -> tuple[int, int]:
     return int(np.sum(used)), int(np.sum(refused))
 
 
-def fits(written: list[Written], strict: bool) -> bool:
+def fits(written: list[EpochLog], strict: bool) -> bool:
     """Return whether most rows of each kind fit in the last epochs, and in the mean as well as they should.
 
     ``strict`` is for what explains much in any case: sensors whose errors are unknown.
@@ -74,7 +73,7 @@ def fits(written: list[Written], strict: bool) -> bool:
     for kind in range(2):
         status = ledger["status"][:, kind]
         used, refused = judged(status)
-        if used + refused < _FEW:
+        if used + refused < FEW:
             continue
         if used < _FITS[strict] * (used + refused):
             return False
@@ -85,20 +84,20 @@ def fits(written: list[Written], strict: bool) -> bool:
     return True
 
 
-def singles(written: list[Written], since_ns: int) -> list[tuple[int, ...]]:
+def singles(written: list[EpochLog], since_ns: int) -> list[tuple[int, ...]]:
     """Return each satellite of the epochs after ``since_ns`` as a set of its own, also one that has set meanwhile."""
     slots = [w.slot for w in written if w.t_ns > since_ns]
     return [(int(name),) for name in np.unique(np.concatenate(slots) // N_BANDS)] if slots else []
 
 
-def most_satellites(written: list[Written]) -> int:
+def most_satellites(written: list[EpochLog]) -> int:
     """Return how many satellites may be left out: five must be left that agree, or they agree on anything."""
     told = [w.slot[np.any(used_and_refused(w.ledger["status"]), axis=(0, 2))] for w in written[-1:]]
     in_view = len({int(slot) // N_BANDS for slots in told for slot in slots})
-    return min(MOST_SATELLITES, in_view - _LEAST_AGREEING)
+    return min(MOST_SATELLITES, in_view - LEAST_AGREEING)
 
 
-def run_away_sets(written: list[Written], end_ns: int) -> list[tuple[int, ...]]:
+def run_away_sets(written: list[EpochLog], end_ns: int) -> list[tuple[int, ...]]:
     """Return sets of one, two and three satellites that may run away, by two witnesses.
 
     The means of the last seconds' range rates tell by what the satellites show against each other, whatever the filter
@@ -110,7 +109,7 @@ def run_away_sets(written: list[Written], end_ns: int) -> list[tuple[int, ...]]:
     return list(dict.fromkeys(tuple(sorted(chosen)) for chosen in (*by_means, *by_count)))
 
 
-def _often_far_off(written: list[Written]) -> list[tuple[int, ...]]:
+def _often_far_off(written: list[EpochLog]) -> list[tuple[int, ...]]:
     """Return the one, two and three satellites whose range rates were far from the prediction most often."""
     often: Counter[int] = Counter()
     for epoch in written:
@@ -119,11 +118,11 @@ def _often_far_off(written: list[Written]) -> list[tuple[int, ...]]:
         ledger, slot = epoch.ledger[told], epoch.slot[told]
         far = ledger["innovation"][:, RANGE_RATE] ** 2 > _FAR2 * ledger["variance"][:, RANGE_RATE]
         often.update(int(number) for number in np.unique(slot[far] // N_BANDS))
-    names = [number for number, count in often.most_common(MOST_SATELLITES) if count >= _FEW]
+    names = [number for number, count in often.most_common(MOST_SATELLITES) if count >= FEW]
     return [tuple(names[: i + 1]) for i in range(len(names))]
 
 
-def _apart_from_the_others(written: list[Written]) -> list[tuple[int, ...]]:
+def _apart_from_the_others(written: list[EpochLog]) -> list[tuple[int, ...]]:
     """Return the one, two and three satellites without which the means of the range rates agree best.
 
     Equation: the set without which the weighted sum of squares of the means' parity part is least, see ``integrity``
@@ -137,8 +136,8 @@ def _apart_from_the_others(written: list[Written]) -> list[tuple[int, ...]]:
             row = np.array([1.0, entry.innovation[RANGE_RATE], r, *(-entry.u_n), 1.0])
             total = sums.setdefault(int(epoch.slot[k]) // N_BANDS, np.zeros(7))
             total += row
-    names = [number for number, total in sums.items() if total[0] >= _FEW]
-    if len(names) <= _LEAST_AGREEING:
+    names = [number for number, total in sums.items() if total[0] >= FEW]
+    if len(names) <= LEAST_AGREEING:
         return []
     table = np.array([sums[number] / sums[number][0] for number in names])
     count = np.array([sums[number][0] for number in names])
@@ -151,12 +150,12 @@ def _apart_from_the_others(written: list[Written]) -> list[tuple[int, ...]]:
         return float(np.sum((y[keep] - G[keep] @ x) ** 2))
 
     likely = sorted(range(len(names)), key=lambda i: left((i,)))[:_MOST_CANDIDATES]
-    sizes = range(1, min(MOST_SATELLITES, len(names) - _LEAST_AGREEING) + 1)
+    sizes = range(1, min(MOST_SATELLITES, len(names) - LEAST_AGREEING) + 1)
     best = [min(itertools.combinations(likely, size), key=left) for size in sizes]
     return [tuple(names[i] for i in chosen) for chosen in best]
 
 
-def tag_error_s(epochs: tuple[tuple[Written, Rows], ...]) -> float:
+def tag_error_s(epochs: tuple[tuple[EpochLog, GnssRows], ...]) -> float:
     """Return by how much the GNSS tags seem to be late: their error moves each satellite by its own range rate.
 
     Equation: y = -dt (rate - mean rate) + common, by least squares over the last epochs
@@ -168,7 +167,7 @@ def tag_error_s(epochs: tuple[tuple[Written, Rows], ...]) -> float:
         rate = (rows.observation["value"][:, RANGE_RATE] + rows.sat[:, 7])[told]
         y = written.ledger["innovation"][told, 0]
         told = np.isfinite(rate) & np.isfinite(y)
-        if np.sum(told) > _LEAST_AGREEING:
+        if np.sum(told) > LEAST_AGREEING:
             apart = rate[told] - rate[told].mean()
             above -= float(apart @ y[told])
             below += float(apart @ apart)

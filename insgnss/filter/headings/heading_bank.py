@@ -168,7 +168,7 @@ def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: La
         weight += bank.state[i].log_weight - np.logaddexp.reduce(weight)
         gain, left = sigma[i] ** 2 / both, sigma[i] * 0.5 * spacing / math.sqrt(both)
         made += [
-            _Part(i, int(k), gain * float(away[k]), left, float(weight[k]))
+            _WindowShare(i, int(k), gain * float(away[k]), left, float(weight[k]))
             for k in np.flatnonzero(weight > drop)
         ]
     kept = np.flatnonzero(sigma <= _WIDE * 0.5 * spacing)
@@ -180,7 +180,7 @@ def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: La
     return _merged_by_window(found, len(kept), [part.window for part in made], layout)
 
 
-class _Part(NamedTuple):
+class _WindowShare(NamedTuple):
     """What a wide member has in a window."""
 
     member: int

@@ -19,7 +19,7 @@ from insgnss.tables import Float64
 _SAME_HEADING: Final = 0.5  # sigmas of the lighter one
 # and no farther: together they are as linear as each of them was
 _SAME_HEADING_RAD: Final = math.radians(5.0)
-_SMALLEST_DIFFERENCE_RAD: Final = 0.02
+SMALLEST_DIFFERENCE_RAD: Final = 0.02
 
 
 @kernel
@@ -68,7 +68,7 @@ def same_heading(bank: Bank, i: int) -> int:
     """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 where there is none."""
     state = bank.state
     own = math.sqrt(max(yaw_variance(state[i], bank.P[i]), 0.0))
-    nearest = max(_SMALLEST_DIFFERENCE_RAD, min(_SAME_HEADING * own, _SAME_HEADING_RAD))
+    nearest = max(SMALLEST_DIFFERENCE_RAD, min(_SAME_HEADING * own, _SAME_HEADING_RAD))
     for j in range(state.shape[0]):
         heavier = state[j].log_weight > state[i].log_weight or (
             state[j].log_weight == state[i].log_weight and j < i

@@ -10,7 +10,7 @@ from typing import Final
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.sensor_errors import accel_error_covariance, gyro_error_variance
 from insgnss.filter.state import BA, DR, DV, PSI, StateRecord
 from insgnss.geodesy.vectors import Vector
@@ -118,7 +118,7 @@ def move_response(m: StateRecord, x: float, y: float, z: float) -> None:
 
 
 @kernel(inline=True)
-def place_turning(m: StateRecord, P: Float64, par: Parameters, a: Antenna, interval: float) -> None:
+def place_turning(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, interval: float) -> None:
     """Write the antenna's velocity about the IMU, and its way since the last epoch, that may tell of the attitude.
 
     The gyros' noise on the lever arm turns with the attitude's errors as the accelerometers' does: what a vehicle at

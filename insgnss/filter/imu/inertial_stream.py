@@ -28,7 +28,7 @@ from insgnss.filter.imu.screen_state import (
     new_screen,
 )
 from insgnss.filter.imu.screening import ROOM, screen
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
@@ -52,12 +52,12 @@ class Sample(NamedTuple):
     t_ns: int
     w_ib_b: Float64
     f_b: Float64
-    unknown: Float64  # (2,) as in ``Imu``
+    unknown: Float64  # (2,) as in ``ImuSamples``
     logged: bool  # whether it stands in the log; else it bridges a gap
 
 
 @dataclass
-class Teller:
+class ScreeningReporter:
     """Puts the verdicts into words."""
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -113,15 +113,15 @@ def restart_event(last_ns: int, next_ns: int) -> Event:
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedLog:
     """A log as the filter takes it."""
 
-    imu: Imu  # all samples, those that bridge gaps among them
+    imu: ImuSamples  # all samples, those that bridge gaps among them
     logged_ns: Int64  # times of the log's own
     cuts: list[tuple[int, Cut]]  # each with the index of the first sample after it
     events: list[Event]
 
-    def stretches(self) -> list[tuple[Imu, Cut | None]]:
+    def stretches(self) -> list[tuple[ImuSamples, Cut | None]]:
         """Return the unbroken stretches, each with the cut before it; of a single sample the filter makes nothing."""
         edges = [0, *(first for first, _ in self.cuts), len(self.imu.t_ns)]
         cuts = [None, *(cut for _, cut in self.cuts)]
@@ -133,7 +133,7 @@ def _new(setup: FilterSetup) -> npt.NDArray[Any]:
     return new_screen(setup.config, setup.grade, setup.lever_arm_m)
 
 
-def screened(table: ImuTable, setup: FilterSetup) -> Screened:
+def screened(table: ImuTable, setup: FilterSetup) -> ScreenedLog:
     """Return a whole log screened."""
     w, f = np.ascontiguousarray(table.w_ib_b), np.ascontiguousarray(table.f_b)
     state, edits, count = _new(setup), np.zeros(_FIRST_ROOM, EDIT_DTYPE), np.zeros(1, np.int64)
@@ -144,14 +144,14 @@ def screened(table: ImuTable, setup: FilterSetup) -> Screened:
             break
         edits = np.concatenate([edits, np.zeros(len(edits), EDIT_DTYPE)])
     edits = edits[: count[0]]
-    events = Teller().events(edits)
-    whole = Imu(table.t_ns[:decided], w[:decided], f[:decided])
+    events = ScreeningReporter().events(edits)
+    whole = ImuSamples(table.t_ns[:decided], w[:decided], f[:decided])
     if not len(edits):
-        return Screened(whole, whole.t_ns, [], events)
+        return ScreenedLog(whole, whole.t_ns, [], events)
     return _edited(whole, edits, events)
 
 
-def _edited(imu: Imu, edits: Edits, events: list[Event]) -> Screened:
+def _edited(imu: ImuSamples, edits: Edits, events: list[Event]) -> ScreenedLog:
     """Return a log with its verdicts carried out."""
     at, kind = edits["sample"], edits["kind"]
     kept = np.ones(len(imu.t_ns), np.bool_)
@@ -168,14 +168,16 @@ def _edited(imu: Imu, edits: Edits, events: list[Event]) -> Screened:
     def bridged(own: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
         return np.ascontiguousarray(np.insert(own[kept], before, bridge[name], axis=0))
 
-    made = Imu(bridged(imu.t_ns, "t_ns"), bridged(w, "w"), bridged(f, "f"), bridged(unknown, "unknown"))
+    made = ImuSamples(
+        bridged(imu.t_ns, "t_ns"), bridged(w, "w"), bridged(f, "f"), bridged(unknown, "unknown")
+    )
     cuts = []
     for edit in edits[kind == CUT]:
         first = int(place[edit["sample"]])
         first += int(np.searchsorted(bridge["sample"], edit["sample"], side="right"))
         last_ns = int(logged_ns[max(place[edit["sample"]] - 1, 0)])
         cuts.append((first, Cut(last_ns, int(edit["t_ns"]), float(edit["unknown"][0]))))
-    return Screened(made, logged_ns, cuts, events)
+    return ScreenedLog(made, logged_ns, cuts, events)
 
 
 class SampleStream:
@@ -183,7 +185,7 @@ class SampleStream:
 
     def __init__(self, setup: FilterSetup) -> None:
         """Begin without a sample."""
-        self.teller = Teller()
+        self.teller = ScreeningReporter()
         self._state = _new(setup)
         self._edits = np.zeros(4 * ROOM, EDIT_DTYPE)
         self._scratch = np.zeros(6)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.tables import Float64
 
 _FIRST_ROOM = 4096
 
 
-class SampleBuffer:
+class ImuBuffer:
     """Inertial samples in three arrays with room to grow; ``view`` gives the part in use without a copy."""
 
     def __init__(self) -> None:
@@ -57,10 +57,10 @@ class SampleBuffer:
             setattr(self, name, new)
         self._first, self._end = 0, n
 
-    def view(self) -> Imu:
+    def view(self) -> ImuSamples:
         """Return the samples as the compiled loop reads them."""
         used = slice(self._first, self._end)
-        return Imu(self._t_ns[used], self._w[used], self._f[used], self._unknown[used])
+        return ImuSamples(self._t_ns[used], self._w[used], self._f[used], self._unknown[used])
 
     def last_before(self, t_ns: int) -> int:
         """Return the time of the newest sample at or before ``t_ns``."""

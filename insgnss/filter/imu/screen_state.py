@@ -11,7 +11,7 @@ import numpy.typing as npt
 from insgnss.config.filter import FilterConfig
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
-from insgnss.inertial.sensor_model import sensor_model
+from insgnss.inertial.sensor_model import OVER_RANGE, sensor_model
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.tables import Float64, Int64
 from insgnss.units import RAD_PER_DEG
@@ -19,7 +19,6 @@ from insgnss.units import RAD_PER_DEG
 # Beyond these no sensor measures: shells spin at 300 revolutions a second (1900 rad/s) and leave the gun at 20 000 g
 LARGEST_RATE_RADPS: Final = 1e4
 LARGEST_FORCE_MPS2: Final = 5e5
-OVER_RANGE: Final = 2.0  # no sensor shows twice its declared range, as in ``log.imu.units``
 
 # verdicts; a sample without an entry is good as it is
 BAD_SAMPLE: Final = 1  # left out: a value that no sensor gives; ``amount`` is 1 at the first of a run

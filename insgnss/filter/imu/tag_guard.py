@@ -13,7 +13,7 @@ SET_BACK_NS: Final = NS_PER_S  # for so long tags must go on behind the newest o
 Tagged = tuple[int, Float64, Float64]  # tag, rate, specific force
 
 
-class Passed(NamedTuple):
+class ReleasedSamples(NamedTuple):
     """What a sample lets through."""
 
     samples: list[Tagged]
@@ -33,7 +33,7 @@ class TagGuard:
     _leapt: Tagged | None = None
     _behind: list[Tagged] = field(default_factory=list)
 
-    def take(self, t_ns: int, w_ib_b: Float64, f_b: Float64) -> Passed:
+    def take(self, t_ns: int, w_ib_b: Float64, f_b: Float64) -> ReleasedSamples:
         """Take a sample; return what goes on."""
         new = (t_ns, w_ib_b, f_b)
         if self.last_ns is not None and t_ns <= self.last_ns:
@@ -42,26 +42,26 @@ class TagGuard:
         if self._leapt is None:
             if self.last_ns is not None and t_ns - self.last_ns > LEAP_NS:
                 self._leapt = new
-                return Passed([], [])
+                return ReleasedSamples([], [])
             return self._passed([new], [])
         leapt, self._leapt = self._leapt, None
         if t_ns > leapt[0]:  # which was a gap
             before = self._passed([leapt], [])
             after = self.take(*new)
-            return Passed(before.samples + after.samples, after.events)
+            return ReleasedSamples(before.samples + after.samples, after.events)
         if t_ns == leapt[0]:
             self._leapt = leapt
-            return Passed([], [_refused(t_ns, "the time tag of an inertial sample is repeated")])
+            return ReleasedSamples([], [_refused(t_ns, "the time tag of an inertial sample is repeated")])
         ahead = (leapt[0] - t_ns) / NS_PER_S
         event = _refused(leapt[0], f"an inertial sample {ahead:.6g} s ahead of the next one")
         after = self.take(*new)
-        return Passed(after.samples, [event, *after.events])
+        return ReleasedSamples(after.samples, [event, *after.events])
 
-    def _passed(self, samples: list[Tagged], events: list[Event]) -> Passed:
+    def _passed(self, samples: list[Tagged], events: list[Event]) -> ReleasedSamples:
         self.last_ns = samples[-1][0]
-        return Passed(samples, events)
+        return ReleasedSamples(samples, events)
 
-    def _fallen_back(self, new: Tagged) -> Passed:
+    def _fallen_back(self, new: Tagged) -> ReleasedSamples:
         """Refuse a sample that is not later than the newest; begin anew where such samples go on for long."""
         assert self.last_ns is not None
         follows = bool(self._behind) and 0 < new[0] - self._behind[-1][0] <= LEAP_NS
@@ -73,11 +73,13 @@ class TagGuard:
             detail = (
                 f"the inertial samples go on {back:.6g} s behind: the tags before were wrong, all starts anew"
             )
-            return Passed(samples, [Event(samples[0][0], "restart", detail)], set_back=True)
+            return ReleasedSamples(samples, [Event(samples[0][0], "restart", detail)], set_back=True)
         if follows:
-            return Passed([], [])  # told with the first of them
+            return ReleasedSamples([], [])  # told with the first of them
         behind = (self.last_ns - new[0]) / NS_PER_S
-        return Passed([], [_refused(new[0], f"an inertial sample {behind:.6f} s behind the one before it")])
+        return ReleasedSamples(
+            [], [_refused(new[0], f"an inertial sample {behind:.6f} s behind the one before it")]
+        )
 
 
 def _refused(t_ns: int, detail: str) -> Event:

@@ -23,12 +23,12 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.imu_time_columns import imu_time_range_column
 from insgnss.filter.rows.lever_columns import lever_range_columns
-from insgnss.filter.rows.lines import Epoch, Line
+from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import model_variance
 from insgnss.filter.state import N_CLONE, OFFSETS, StateRecord
 from insgnss.geodesy.vectors import place
 from insgnss.gnss.line_of_sight import line_of_sight_range
-from insgnss.gnss.observation_rows import CARRIER, Rows
+from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.jit import kernel
 
 # the clone's entries stand behind those of a range, its clock last
@@ -39,7 +39,7 @@ _CLOCK_THEN: Final = N_COLUMNS - 1
 
 @kernel(inline=True)
 def carrier_difference(
-    m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
+    m: StateRecord, par: Parameters, rows: GnssRows, i: int, s: EpochWorkspace, line: Line
 ) -> tuple[float, float]:
     """Write the row of H; return innovation [m] and variance [m^2].
 

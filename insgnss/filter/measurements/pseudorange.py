@@ -15,11 +15,11 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.imu_time_columns import imu_time_range_column
 from insgnss.filter.rows.lever_columns import lever_range_columns
-from insgnss.filter.rows.lines import Epoch, Line
+from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import CLOCK, DR, OFFSETS, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative
-from insgnss.gnss.observation_rows import PSEUDORANGE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -29,7 +29,7 @@ _POSITION, _ATTITUDE, _CLOCK = (COLUMNS.index(state) for state in (DR, PSI, CLOC
 
 @kernel(inline=True)
 def pseudorange(
-    m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
+    m: StateRecord, par: Parameters, rows: GnssRows, i: int, s: EpochWorkspace, line: Line
 ) -> tuple[float, float]:
     """Write the row of H; return innovation [m] and variance [m^2]."""
     a, row, of = s.antenna[0], rows.observation[i], par.kind[PSEUDORANGE]

@@ -19,11 +19,11 @@ from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import zenith_columns
 from insgnss.filter.rows.imu_time_columns import imu_time_rate_column
 from insgnss.filter.rows.lever_columns import lever_rate_columns
-from insgnss.filter.rows.lines import Antenna, Epoch, Line
+from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.rows.row_noise import row_variance
 from insgnss.filter.state import BG, DR, DRIFT, DV, PSI, StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
-from insgnss.gnss.observation_rows import RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
@@ -38,7 +38,7 @@ _POSITION, _VELOCITY, _ATTITUDE, _GYRO_BIAS, _DRIFT = (
 
 @kernel(inline=True)
 def range_rate(
-    m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
+    m: StateRecord, par: Parameters, rows: GnssRows, i: int, s: EpochWorkspace, line: Line
 ) -> tuple[float, float]:
     """Write the row of H; return innovation [m/s] and variance [m^2/s^2]."""
     a, row, of = s.antenna[0], rows.observation[i], par.kind[RANGE_RATE]
@@ -56,7 +56,7 @@ def range_rate(
 
 
 @kernel(inline=True)
-def rate_row(m: StateRecord, a: Antenna, h: Float64) -> None:
+def rate_row(m: StateRecord, a: AntennaState, h: Float64) -> None:
     """Write the row of H of a range rate."""
     u_w = cross(a.u, (0.0, 0.0, WGS84_OMEGA_RADPS))
     place(h, _POSITION, a.dr)

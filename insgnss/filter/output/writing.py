@@ -24,7 +24,7 @@ from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, Ban
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.rotations import matrix_to_euler
-from insgnss.gnss.observation_rows import CARRIER, Rows
+from insgnss.gnss.observation_rows import CARRIER, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.kernels.records import Record, dtype_of
 from insgnss.status import NO_IMU, USED
@@ -54,7 +54,7 @@ NAV_COLUMNS: Final = (
 N_NAV: Final = len(NAV_COLUMNS)
 N_USED: Final = NAV_COLUMNS.index("n_used")
 
-_LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
+LEAST_VARIANCE, LARGEST_VARIANCE = 1e-36, 1e36  # what single precision holds, and its inverse
 
 
 # kinds of event the compiled loop writes; the numbers a, b behind each
@@ -134,7 +134,7 @@ class Output(NamedTuple):
 
 
 def new_output(
-    rows: Rows,
+    rows: GnssRows,
     n_nav: int,
     n_events: int,
     times_ns: Int64,
@@ -159,7 +159,7 @@ def new_output(
     )
 
 
-def new_ledger(rows: Rows) -> tuple[Table, Table]:
+def new_ledger(rows: GnssRows) -> tuple[Table, Table]:
     """Return the entries of rows, and those of their carriers, as they are known before the filter."""
     ledger = np.zeros(len(rows.observation), LEDGER_DTYPE)
     ledger["status"] = rows.observation["status"]
@@ -247,7 +247,7 @@ def write_ledger(ledger: Table, carriers: Table, first: int, lines: Lines) -> No
 def is_entry(line: Line, kind: int) -> bool:
     """Return whether innovation and variances of one kind are numbers that the ledger's single precision holds."""
     variance = line.predicted[kind] + line.variance[kind]
-    return math.isfinite(line.innovation[kind]) and _LEAST_VARIANCE < variance < _LARGEST_VARIANCE
+    return math.isfinite(line.innovation[kind]) and LEAST_VARIANCE < variance < LARGEST_VARIANCE
 
 
 @kernel(inline=True)

@@ -14,12 +14,12 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import MeasurementError
 from insgnss.filter.layout_names import StateLayout, StatePlace
+from insgnss.filter.output.writing import LARGEST_VARIANCE, LEAST_VARIANCE
 from insgnss.filter.own_rows.rows import Kind
 from insgnss.filter.own_rows.state_estimate import StateEstimate
 from insgnss.tables import Float64, Int64
 
 _LARGEST_VALUE: Final = 1e18  # in any unit; its square is a number that every table holds
-_LEAST_VARIANCE, _LARGEST_VARIANCE = 1e-36, 1e36
 
 
 class SecondOrder(NamedTuple):
@@ -127,7 +127,7 @@ def _second(
 
 def _variance(kind: Kind, t_ns: int, given: Any) -> float:
     variance = _number(kind, t_ns, "variance", given)
-    if not _LEAST_VARIANCE < variance < _LARGEST_VARIANCE:
+    if not LEAST_VARIANCE < variance < LARGEST_VARIANCE:
         message = _at(kind, t_ns, f"the variance is {variance:g}")
         raise MeasurementError(
             message, advice="give a positive number, the square of the measurement's sigma"

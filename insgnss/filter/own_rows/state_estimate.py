@@ -13,7 +13,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.layout_names import GyroPart, StateLayout
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -21,7 +21,7 @@ from insgnss.geodesy.rotations import matrix_to_euler
 from insgnss.tables import Float64, Int64
 
 LONGEST_WINDOW_S: Final = 5.0  # the streaming engine keeps a second more (``engine._HISTORY_S``)
-_NO_SAMPLES: Final = Imu(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+_NO_SAMPLES: Final = ImuSamples(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
 class InertialWindow(NamedTuple):
@@ -54,7 +54,9 @@ class StateEstimate:
     # values of the further blocks by their names in the layout, SI units
     optional: Mapping[str, float | Float64]
     _gyro_parts: tuple[GyroPart, ...] = ()  # ``gyro_error`` is for use
-    _samples: Imu = _NO_SAMPLES  # of the unbroken stretch, later ones among them: ``recent`` is for use
+    _samples: ImuSamples = (
+        _NO_SAMPLES  # of the unbroken stretch, later ones among them: ``recent`` is for use
+    )
 
     def recent(self, seconds: float) -> InertialWindow:
         """Return the samples whose intervals end in the last ``seconds``, 5 at most; fewer where the log begins.
@@ -159,7 +161,7 @@ def state_estimate(
     w_ib_b: Float64,
     f_b: Float64,
     layout: StateLayout,
-    samples: Imu = _NO_SAMPLES,
+    samples: ImuSamples = _NO_SAMPLES,
 ) -> StateEstimate:
     """Return a hypothesis ``m`` as its user sees it.
 

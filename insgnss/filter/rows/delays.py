@@ -26,11 +26,11 @@ from typing import Final
 
 from insgnss.constants import WGS84_A_M
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna, Epoch, Line
+from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
-from insgnss.gnss.observation_rows import Observation, Rows
+from insgnss.gnss.observation_rows import GnssRows, Observation
 from insgnss.gnss.range_model import place_air, slant_changes
 from insgnss.gnss.troposphere import Weather
 from insgnss.kernels.jit import kernel
@@ -40,12 +40,12 @@ _AT_SHELL: Final = WGS84_A_M / (WGS84_A_M + 350_000.0)  # of the broadcast model
 
 
 @kernel(inline=True)
-def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> None:
+def place_airs(s: EpochWorkspace, par: Parameters, week_s: float, interval: float) -> None:
     """Write the air of the epoch, and that of a little earlier, where the antenna came from.
 
     ``interval`` is what the carrier's differences span [s], zero where there are none.
     """
-    a: Antenna = s.antenna[0]
+    a: AntennaState = s.antenna[0]
     a.look_back = interval if interval > 0.0 else LOOK_BACK_S
     lat, lon, h = ecef_to_geodetic(a.r_a)
     ecef_to_ned_matrix(lat, lon, a.C_ne)
@@ -59,12 +59,12 @@ def place_airs(s: Epoch, par: Parameters, week_s: float, interval: float) -> Non
 
 
 @kernel(inline=True)
-def row_delays(rows: Rows, par: Parameters, row: Observation, s: Epoch, line: Line) -> None:
+def row_delays(rows: GnssRows, par: Parameters, row: Observation, s: EpochWorkspace, line: Line) -> None:
     """Write ionosphere on L1 and troposphere of a row, their growth, and the shell's mapping.
 
     ``a.dr`` is minus the turn of the line of sight per second, ``a.u_earlier`` takes the line of sight of then.
     """
-    a: Antenna = s.antenna[0]
+    a: AntennaState = s.antenna[0]
     C, earlier = a.C_earlier, a.u_earlier
     x = a.u[0] + a.dr[0] * a.look_back
     y = a.u[1] + a.dr[1] * a.look_back

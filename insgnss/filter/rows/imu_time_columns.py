@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna, Line
+from insgnss.filter.rows.lines import AntennaState, Line
 from insgnss.geodesy.vectors import dot
 from insgnss.kernels.jit import kernel
 
 
 @kernel(inline=True)
-def imu_time_range_column(par: Parameters, a: Antenna, line: Line, kind: int, count: int) -> int:
+def imu_time_range_column(par: Parameters, a: AntennaState, line: Line, kind: int, count: int) -> int:
     """Write what a range grows by with the IMU's time, u . v, at ``count``; return the end."""
     if par.at_imu_time < 0:
         return count
@@ -19,7 +19,7 @@ def imu_time_range_column(par: Parameters, a: Antenna, line: Line, kind: int, co
 
 
 @kernel(inline=True)
-def imu_time_rate_column(par: Parameters, a: Antenna, line: Line, kind: int, count: int) -> int:
+def imu_time_rate_column(par: Parameters, a: AntennaState, line: Line, kind: int, count: int) -> int:
     """Write what a range rate grows by with it, u . a, and -v . of what it grows by with the antenna's position."""
     if par.at_imu_time < 0:
         return count

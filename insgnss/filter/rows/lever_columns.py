@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna, Line
+from insgnss.filter.rows.lines import AntennaState, Line
 from insgnss.filter.state import StateRecord
 from insgnss.geodesy.vectors import cross, place, place_negative, plus, rotate_back
 from insgnss.kernels.jit import kernel
@@ -12,7 +12,7 @@ from insgnss.kernels.jit import kernel
 
 @kernel(inline=True)
 def lever_range_columns(
-    m: StateRecord, par: Parameters, a: Antenna, line: Line, kind: int, count: int
+    m: StateRecord, par: Parameters, a: AntennaState, line: Line, kind: int, count: int
 ) -> int:
     """Write what a range grows by with the lever arm, -C^T u, from ``count`` on; return the end."""
     if par.at_lever_arm < 0:
@@ -22,7 +22,9 @@ def lever_range_columns(
 
 
 @kernel(inline=True)
-def lever_rate_columns(m: StateRecord, par: Parameters, a: Antenna, line: Line, kind: int, count: int) -> int:
+def lever_rate_columns(
+    m: StateRecord, par: Parameters, a: AntennaState, line: Line, kind: int, count: int
+) -> int:
     """Write what a range rate grows by with the lever arm from ``count`` on; return the end.
 
     Equation: of -u . (C (w x l) - w_ie x C l): w x C^T u + C^T (u x w_ie), w the rate that was shown; and C^T of what

@@ -34,7 +34,7 @@ class Line(Record):
 LINE_DTYPE: Final = dtype_of(Line)
 
 
-class Antenna(Record):
+class AntennaState(Record):
     """The antenna at an epoch, and the geometry of its last row."""
 
     r_a: Annotated[Float64, 3]  # antenna position, ECEF, at reception
@@ -70,7 +70,7 @@ class Antenna(Record):
     shell_grown: float
 
 
-ANTENNA_DTYPE: Final = dtype_of(Antenna)
+ANTENNA_DTYPE: Final = dtype_of(AntennaState)
 Lines: TypeAlias = npt.NDArray[Any]  # (k,) of LINE_DTYPE, one for each row of an epoch
 
 
@@ -78,7 +78,7 @@ FIT_ROWS: Final = 15  # of ``integrity``
 CLONE_ROWS: Final = 4  # first of the vectors that keep the clone's rows of P until the next epoch
 
 
-class Epoch(NamedTuple):
+class EpochWorkspace(NamedTuple):
     """Work space of one epoch."""
 
     lines: Lines  # room for the rows of the largest epoch

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from insgnss.constants import NS_PER_S
 from insgnss.filter.output.tracing import copy_matrix
 from insgnss.filter.output.writing import COUNT_DTYPE, N_USED, Table, write_nav
-from insgnss.filter.prediction import Imu, Scratch, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.prediction import ImuSamples, Scratch, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.state import STATE_DTYPE, Bank, StateArray, copy_state
 from insgnss.filter.update.closed_loop import close_loop
 from insgnss.kernels.jit import kernel
@@ -38,14 +38,14 @@ _PIECE_NS: Final = NS_PER_S
 _AT_ONCE: Final = 1000  # times, whose matrices are then some megabytes
 
 
-class Onward(NamedTuple):
+class NextEpoch(NamedTuple):
     """What the smoother knows at the next epoch."""
 
     t_ns: int
     prior: Float64  # (q, q) predicted for it
     step: Float64  # (q,) smoothed state minus the predicted one
     change: Float64  # (q, q) smoothed covariance minus the predicted one
-    imu: Imu  # the samples on the way to it, with what is not known of them
+    imu: ImuSamples  # the samples on the way to it, with what is not known of them
 
 
 class Nodes(NamedTuple):
@@ -58,7 +58,7 @@ class Nodes(NamedTuple):
     Phi_step: Float64  # (m, q, q)
 
 
-class Between(NamedTuple):
+class InterpolatedStates(NamedTuple):
     """Smoothed states at some of the output times, in their order."""
 
     rows: slice  # of the times asked for
@@ -73,7 +73,7 @@ def one_hypothesis(state: StateArray, P: Float64, head: StateArray) -> Bank:
 
 
 def filtered(
-    bank: Bank, times_ns: Int64, imu: Imu, parameters: npt.NDArray[Any]
+    bank: Bank, times_ns: Int64, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> Iterator[tuple[slice, Float64]]:
     """Yield the covariances (m, q, q) of a bank of one hypothesis at times not before its own, some at a time."""
     carried = _with_unit_matrix(bank)
@@ -83,8 +83,8 @@ def filtered(
 
 
 def smoothed(
-    bank: Bank, times_ns: Int64, onward: Onward, parameters: npt.NDArray[Any], n: int
-) -> Iterator[Between]:
+    bank: Bank, times_ns: Int64, onward: NextEpoch, parameters: npt.NDArray[Any], n: int
+) -> Iterator[InterpolatedStates]:
     """Yield the smoothed states at times between an epoch and the next, the last piece of time first.
 
     Parameters
@@ -106,11 +106,11 @@ def smoothed(
         way = way @ nodes.Phi[-1]
         if last > first:
             some = Nodes(*(column[:-1] for column in nodes))
-            yield Between(slice(first, last), some.state, *_told_of(some, way, onward, n))
+            yield InterpolatedStates(slice(first, last), some.state, *_told_of(some, way, onward, n))
         end_ns = begin_ns
 
 
-def _told_of(nodes: Nodes, way: Float64, onward: Onward, n: int) -> tuple[Float64, Float64]:
+def _told_of(nodes: Nodes, way: Float64, onward: NextEpoch, n: int) -> tuple[Float64, Float64]:
     """Return correction (m, n) and covariance (m, n, n); ``way`` is Phi from the piece's beginning to the epoch."""
     at_step, at_time = np.linalg.inv(nodes.Phi_step), np.linalg.inv(nodes.Phi)
     F, P_step = (nodes.Phi @ at_step)[:, :n], nodes.P_step
@@ -146,7 +146,7 @@ def regression(cross: Float64, P: Float64) -> Float64:
 
 
 def write_smoothed(
-    out_nav: Table, optional: Float64, first: int, found: Between, parameters: npt.NDArray[Any]
+    out_nav: Table, optional: Float64, first: int, found: InterpolatedStates, parameters: npt.NDArray[Any]
 ) -> None:
     """Write navigation rows from ``first`` on anew, as the smoothed states have them."""
     count = len(found.state)
@@ -171,7 +171,7 @@ def _with_unit_matrix(bank: Bank) -> Bank:
     return Bank(bank.state.copy(), P, bank.head.copy(), np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)))
 
 
-def _after_a_piece(bank: Bank, onward: Onward, parameters: npt.NDArray[Any]) -> Bank:
+def _after_a_piece(bank: Bank, onward: NextEpoch, parameters: npt.NDArray[Any]) -> Bank:
     """Return the bank at the end of the piece that begins where it is."""
     carried = one_hypothesis(bank.state, bank.P, bank.head)
     least_ns, scratch = int(bank.head[0].now_ns) + _PIECE_NS, new_scratch(bank.P.shape[1])
@@ -179,7 +179,7 @@ def _after_a_piece(bank: Bank, onward: Onward, parameters: npt.NDArray[Any]) -> 
     return carried
 
 
-def _nodes(piece: Bank, times_ns: Int64, imu: Imu, parameters: npt.NDArray[Any]) -> Nodes:
+def _nodes(piece: Bank, times_ns: Int64, imu: ImuSamples, parameters: npt.NDArray[Any]) -> Nodes:
     """Return the filter at times after the beginning of a piece, to the last of which the piece is carried."""
     m, q = len(times_ns), piece.P.shape[1] // 2
     nodes = Nodes(np.zeros(m, STATE_DTYPE), *(np.empty((m, q, q)) for _ in range(4)))
@@ -190,7 +190,7 @@ def _nodes(piece: Bank, times_ns: Int64, imu: Imu, parameters: npt.NDArray[Any])
 
 @kernel
 def carry_whole_steps(
-    bank: Bank, least_ns: int, stop_ns: int, imu: Imu, parameters: Table, scratch: Scratch
+    bank: Bank, least_ns: int, stop_ns: int, imu: ImuSamples, parameters: Table, scratch: Scratch
 ) -> None:
     """Carry a bank of one hypothesis to the end of a covariance's step from ``least_ns`` on, or to ``stop_ns``."""
     par, head = parameters[0], bank.head[0]
@@ -210,7 +210,7 @@ def carry_through(
     spare: Bank,
     step: Float64,
     times_ns: Int64,
-    imu: Imu,
+    imu: ImuSamples,
     parameters: Table,
     nodes: Nodes,
     scratch: Scratch,

@@ -22,7 +22,7 @@ from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.output.nav_sigmas import level_turn
 from insgnss.filter.output.writing import NAV_COLUMNS, Table
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.state import BG, DR, DV, PSI
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
@@ -65,7 +65,7 @@ POINT_COVARIANCES: Final = (*_of_pairs("cov_point", "", "m2"), *_of_pairs("cov_p
 
 
 @dataclass(frozen=True)
-class Wanted:
+class PointColumns:
     """What is asked for beside the columns that every row has."""
 
     lever_b: tuple[float, float, float] | None = None  # IMU to the point, body axes [m]; None: no point
@@ -83,17 +83,17 @@ class Wanted:
 
 
 @dataclass
-class Further:
+class PointColumnValues:
     """These columns of a log's navigation rows, filled as the rows are."""
 
-    wanted: Wanted
+    wanted: PointColumns
     values: Float64 = field(default_factory=lambda: np.zeros((0, 0)))  # (n_nav, k)
 
     def room(self, n_nav: int) -> None:
         """Make room for ``n_nav`` rows."""
         self.values = np.zeros((n_nav, len(self.wanted.columns)))
 
-    def write(self, rows: slice, nav: Table, P: Float64, imu: Imu, par: Any) -> None:
+    def write(self, rows: slice, nav: Table, P: Float64, imu: ImuSamples, par: Any) -> None:
         """Write the columns of navigation ``rows`` with covariances ``P`` (m, q, q)."""
         t_ns, value = nav["t_ns"][rows], nav["value"][rows]
         rates, variances = rates_at(imu, t_ns, par)
@@ -101,7 +101,7 @@ class Further:
         self.values[rows] = further_values(self.wanted, value, P[:, :_N, :_N], rates, variances)
 
 
-def rates_at(imu: Imu, t_ns: Int64, par: Any) -> tuple[Float64, Float64]:
+def rates_at(imu: ImuSamples, t_ns: Int64, par: Any) -> tuple[Float64, Float64]:
     """Return the gyros' rate (m, 3) [rad/s] at times inside the samples, and the variance (m,) of its noise.
 
     A sample is the mean over its interval: the rate between the middles of two is interpolated.
@@ -120,7 +120,9 @@ def rates_at(imu: Imu, t_ns: Int64, par: Any) -> tuple[Float64, Float64]:
     return rate, variance
 
 
-def further_values(wanted: Wanted, value: Float64, P: Float64, w_ib_b: Float64, noise: Float64) -> Float64:
+def further_values(
+    wanted: PointColumns, value: Float64, P: Float64, w_ib_b: Float64, noise: Float64
+) -> Float64:
     """Return the columns that are wanted (m, k).
 
     Parameters
@@ -162,14 +164,14 @@ def local_levels_of(r_e: Float64) -> tuple[Float64, Float64]:
     return geodetic, C_ne
 
 
-def _rows_of(geodetic: Float64, rpy_deg: Float64) -> _Rows:
+def _rows_of(geodetic: Float64, rpy_deg: Float64) -> _BodyAxes:
     m = len(geodetic)
-    row = _Rows(*(np.zeros((m, *shape)) for shape in ((3,), (3, 3), (3, 3), (3, 3), (4,))))
+    row = _BodyAxes(*(np.zeros((m, *shape)) for shape in ((3,), (3, 3), (3, 3), (3, 3), (4,))))
     place_rows(np.ascontiguousarray(geodetic), np.ascontiguousarray(rpy_deg), *row)
     return row
 
 
-class _Rows(NamedTuple):
+class _BodyAxes(NamedTuple):
     """Where the vehicle is and how it stands, row by row."""
 
     r_e: Float64  # (m, 3)
@@ -180,7 +182,7 @@ class _Rows(NamedTuple):
 
 
 def _of_point(
-    wanted: Wanted, row: _Rows, v_n: Float64, P: Float64, w_ib_b: Float64, noise: Float64
+    wanted: PointColumns, row: _BodyAxes, v_n: Float64, P: Float64, w_ib_b: Float64, noise: Float64
 ) -> list[Float64]:
     """Return position, velocity, their sigmas and, where wanted, covariances of the point."""
     l_b, m = np.array(wanted.lever_b), len(v_n)

@@ -25,13 +25,20 @@ from insgnss.filter.headings.headings import turn_about, yaw_variance
 from insgnss.filter.loop import COVARIANCE_LOST
 from insgnss.filter.output.writing import CLOCK_STEP, DRIFT_STEP, new_output
 from insgnss.filter.own_update import OwnUpdate, run_beside
-from insgnss.filter.prediction import Imu, carry_bank, new_scratch
+from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.smoothing.between import one_hypothesis
-from insgnss.filter.smoothing.smoother_step import Kept, Smoothed, apart, keep, keep_own, kept_as_opened
+from insgnss.filter.smoothing.smoother_step import (
+    FilteredEpoch,
+    SmoothedEpoch,
+    apart,
+    keep,
+    keep_own,
+    kept_as_opened,
+)
 from insgnss.filter.state import CLOCK, DR, DRIFT, PSI, Bank, StateRecord, select_members
 from insgnss.filter.update.epoch_space import new_workspace
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Float64, Int64
 
 _STEPPED: Final = {int(CLOCK_STEP): CLOCK, int(DRIFT_STEP): DRIFT}
@@ -45,12 +52,12 @@ class OpenPhase:
 
     bank: Bank
     linked: bool  # whether the filter of one heading before it was kept, at the same time
-    epochs: list[Rows] = field(default_factory=list)  # each alone
+    epochs: list[GnssRows] = field(default_factory=list)  # each alone
 
 
 def gone_over_alone(
-    phase: OpenPhase, found: Smoothed, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
-) -> list[Kept]:
+    phase: OpenPhase, found: SmoothedEpoch, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
+) -> list[FilteredEpoch]:
     """Return the epochs of a phase as the hypothesis that was ``found`` goes over them, the one at its end too.
 
     Empty where that does not come to what was found.
@@ -78,7 +85,7 @@ def gone_over_alone(
 
 
 def _opened_right(
-    bank: Bank, found: Smoothed, setup: FilterSetup, imu: Imu, parameters: npt.NDArray[Any]
+    bank: Bank, found: SmoothedEpoch, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> Bank:
     """Return the hypothesis of a bank nearest to the attitude that was found, turned to it."""
     smoothed = found.state()
@@ -95,7 +102,7 @@ def _opened_right(
 
 
 def _attitude_before(
-    bank: Bank, end_ns: int, smoothed: StateRecord, imu: Imu, parameters: npt.NDArray[Any]
+    bank: Bank, end_ns: int, smoothed: StateRecord, imu: ImuSamples, parameters: npt.NDArray[Any]
 ) -> Float64:
     """Return C_eb (3, 3) at a bank's time by the smoothed one at ``end_ns`` and the gyros.
 

@@ -17,15 +17,15 @@ from insgnss.filter.loop import newest_sample, run_to
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output, mixture_covariance
 from insgnss.filter.own_update import OwnUpdate
-from insgnss.filter.prediction import Imu, carry_bank, new_scratch
+from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch
 from insgnss.filter.smoothing.between import filtered
-from insgnss.filter.smoothing.body_points import Further
+from insgnss.filter.smoothing.body_points import PointColumnValues
 from insgnss.filter.state import Bank, copy_bank
-from insgnss.gnss.observation_rows import Rows, one_epoch
+from insgnss.gnss.observation_rows import GnssRows, one_epoch
 from insgnss.tables import Float64, Int64
 
 
-def each_epoch(rows: Rows, first: int, last: int, out: Output) -> Iterator[tuple[Rows, Output]]:
+def each_epoch(rows: GnssRows, first: int, last: int, out: Output) -> Iterator[tuple[GnssRows, Output]]:
     """Yield the rows of each of some epochs, and the output with room for their ledger alone.
 
     What the filter remembers of an epoch is then no more than that.
@@ -41,17 +41,17 @@ class RowCovariances:
     """Fills the further columns of the rows that a navigator writes."""
 
     navigator: Navigator
-    imu: Imu
-    further: Further
+    imu: ImuSamples
+    further: PointColumnValues
     _before: Bank | None = None  # the filter at the last epoch, or where it used own rows since
     _written: int = 0  # navigation rows up to then
 
-    def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
+    def forward(self, rows: GnssRows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1``."""
         for alone, written in each_epoch(rows, first, last, out):
             self.run(alone, written)
 
-    def run(self, rows: Rows, out: Output) -> None:
+    def run(self, rows: GnssRows, out: Output) -> None:
         """Process an epoch as ``Navigator.run`` does, and fill what belongs to the rows that it writes."""
         navigator = self.navigator
         with self._by_way_of_own_rows(out):
@@ -62,7 +62,7 @@ class RowCovariances:
             self._write(slice(last, last + 1), navigator.workspace(rows).P_out[None], out)
         self._write_between(self._before if self._before is not None else navigator.opened, first, last, out)
 
-    def own_to_the_end(self, no_rows: Rows, out: Output) -> None:
+    def own_to_the_end(self, no_rows: GnssRows, out: Output) -> None:
         """Use a user's own rows after the last epoch, and fill what belongs to the rows up to the last of them."""
         with self._by_way_of_own_rows(out):
             self.navigator.use_own_rows(self.imu, no_rows, int(self.imu.t_ns[-1]), out)
@@ -88,7 +88,7 @@ class RowCovariances:
     def _begin(self, bank: Bank | None, out: Output) -> None:
         self._before, self._written = None if bank is None else copy_bank(bank), int(out.counts[0].nav)
 
-    def to_the_end(self, bank: Bank, no_rows: Rows, out: Output) -> None:
+    def to_the_end(self, bank: Bank, no_rows: GnssRows, out: Output) -> None:
         """Carry the filter's bank to the last sample, and fill what belongs to the rows on the way."""
         navigator, first, before = self.navigator, int(out.counts[0].nav), copy_bank(bank)
         work = navigator.workspace(no_rows)

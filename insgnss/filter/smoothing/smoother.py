@@ -32,14 +32,14 @@ import numpy as np
 from insgnss.filter.navigator import Navigator
 from insgnss.filter.output.writing import Output
 from insgnss.filter.own_update import OwnUpdate
-from insgnss.filter.prediction import Imu
-from insgnss.filter.smoothing.between import Between, one_hypothesis, smoothed, write_smoothed
-from insgnss.filter.smoothing.body_points import Further
+from insgnss.filter.prediction import ImuSamples
+from insgnss.filter.smoothing.between import InterpolatedStates, one_hypothesis, smoothed, write_smoothed
+from insgnss.filter.smoothing.body_points import PointColumnValues
 from insgnss.filter.smoothing.open_phase import OpenPhase, gone_over_alone
 from insgnss.filter.smoothing.row_covariances import RowCovariances, each_epoch
-from insgnss.filter.smoothing.smoother_step import Kept as Kept
+from insgnss.filter.smoothing.smoother_step import FilteredEpoch as FilteredEpoch
 from insgnss.filter.smoothing.smoother_step import (
-    Smoothed,
+    SmoothedEpoch,
     keep,
     keep_own,
     kept_as_opened,
@@ -48,7 +48,7 @@ from insgnss.filter.smoothing.smoother_step import (
     same_time,
 )
 from insgnss.filter.state import CLOCK, DRIFT, OFFSETS, Bank, HeadRecord, copy_bank
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.tables import Float64, Int64
 
 _STEPPED_CLOCK: Final = {"clock_jump": CLOCK, "clock_drift_jump": DRIFT}
@@ -60,16 +60,16 @@ class Smoother:
     """Keeps the filter at every epoch of a stretch, then runs back over them."""
 
     navigator: Navigator
-    imu: Imu
-    further: Further | None = None  # columns that are wanted beside those of a row
-    kept: list[Kept] = field(default_factory=list)
+    imu: ImuSamples
+    further: PointColumnValues | None = None  # columns that are wanted beside those of a row
+    kept: list[FilteredEpoch] = field(default_factory=list)
     phases: dict[int, OpenPhase] = field(default_factory=dict)  # by the time of the epoch at which each ended
     _linked: bool = False  # whether the next epoch follows from the one kept last
     _opened: bool = False  # whether a given start has been kept
     _phase: OpenPhase | None = None  # several headings are open
     _stood: Bank | None = None  # the filter as several antennas' rows of an epoch have found it
 
-    def forward(self, rows: Rows, first: int, last: int, out: Output) -> None:
+    def forward(self, rows: GnssRows, first: int, last: int, out: Output) -> None:
         """Process the epochs ``first`` to ``last - 1`` as ``Navigator.run`` does, one at a time, and keep each."""
         navigator = self.navigator
         navigator.after_own = self._take_own
@@ -99,7 +99,7 @@ class Smoother:
         """Keep the filter at an epoch as it stands before several antennas' rows."""
         self._stood = copy_bank(bank)
 
-    def _take(self, before: Bank | None, rows: Rows, kinds: set[str]) -> None:
+    def _take(self, before: Bank | None, rows: GnssRows, kinds: set[str]) -> None:
         """Keep what an epoch has made of the filter ``before`` it, ``kinds`` of event what was told."""
         navigator, bank, stood = self.navigator, self.navigator.bank, self._stood
         self._stood = None
@@ -125,7 +125,7 @@ class Smoother:
                 self.kept.append(keep(before, work, layout, linked=True, stepped=stepped))
             self._phase = OpenPhase(copy_bank(bank), linked=split)
 
-    def _keep(self, kept: Kept, stood: Bank | None) -> None:
+    def _keep(self, kept: FilteredEpoch, stood: Bank | None) -> None:
         """Keep an epoch after which one heading is left; ``stood``: the filter before several antennas' rows."""
         after = None
         if stood is not None and self._linked and self._phase is None:
@@ -164,7 +164,9 @@ class Smoother:
             if row < len(t_ns) and t_ns[row] == found.kept.t_ns:
                 if found.e.any():  # the last epoch of a part stays as the filter wrote it, to the bit
                     state = found.kept.bank.state[:1].copy()
-                    at_epoch = Between(slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n])
+                    at_epoch = InterpolatedStates(
+                        slice(0, 1), state, found.e[None, :n], found.P[None, :n, :n]
+                    )
                     self._write(row, at_epoch, out)
                 row += 1
             if found.onward is None:
@@ -175,22 +177,22 @@ class Smoother:
                 for part in smoothed(found.kept.bank, times_ns, found.onward, parameters, n):
                     self._write(row + part.rows.start, part, out)
 
-    def _write(self, first: int, found: Between, out: Output) -> None:
+    def _write(self, first: int, found: InterpolatedStates, out: Output) -> None:
         found = found._replace(P=found.P.copy())  # what is written is carried to GPS time
         write_smoothed(out.nav, out.optional, first, found, self.navigator.parameters)
         if self.further is not None:
             rows = slice(first, first + len(found.state))
             self.further.write(rows, out.nav, found.P, self.imu, self.navigator.parameters[0])
 
-    def backward(self) -> Iterator[tuple[Kept, Float64, Float64]]:
+    def backward(self) -> Iterator[tuple[FilteredEpoch, Float64, Float64]]:
         """Yield the epochs kept from the last to the first: what to add to the filter's state, and its covariance."""
         for found in self._back():
             yield found.kept, found.e, found.P
 
-    def _back(self) -> Iterator[Smoothed]:
+    def _back(self) -> Iterator[SmoothedEpoch]:
         """Yield the epochs from the last to the first, those of open headings in their place."""
         layout = self.navigator.setup.layout
-        later: Smoothed | None = None  # that tells of the epoch before it
+        later: SmoothedEpoch | None = None  # that tells of the epoch before it
         for kept in reversed(self.kept):
             at_once = later is not None and later.kept.t_ns == kept.t_ns and not kept.is_own
             if later is not None and at_once:  # as it was before its heading was split
@@ -206,7 +208,7 @@ class Smoother:
                     yield later
                 later = later if phase.linked else None
 
-    def _through(self, phase: OpenPhase, found: Smoothed) -> Iterator[Smoothed]:
+    def _through(self, phase: OpenPhase, found: SmoothedEpoch) -> Iterator[SmoothedEpoch]:
         """Yield the epochs of an open phase before its end, where one heading was ``found``, the last first."""
         navigator = self.navigator
         chain = gone_over_alone(phase, found, navigator.setup, self.imu, navigator.parameters)
@@ -216,7 +218,7 @@ class Smoother:
                 later = self._one_back(kept, later)
                 yield later
 
-    def _one_back(self, kept: Kept, later: Smoothed) -> Smoothed:
+    def _one_back(self, kept: FilteredEpoch, later: SmoothedEpoch) -> SmoothedEpoch:
         navigator = self.navigator
         return one_back(kept, later, self.imu, navigator.parameters, navigator.setup.layout)
 

@@ -14,9 +14,9 @@ from insgnss.constants import NS_PER_S
 from insgnss.filter.headings.heading_bank import difference
 from insgnss.filter.layout import Layout
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
-from insgnss.filter.rows.lines import CLONE_ROWS, Epoch
-from insgnss.filter.smoothing.between import Onward, one_hypothesis, regression
+from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.rows.lines import CLONE_ROWS, EpochWorkspace
+from insgnss.filter.smoothing.between import NextEpoch, one_hypothesis, regression
 from insgnss.filter.state import (
     BA,
     BG,
@@ -36,7 +36,7 @@ from insgnss.tables import Float64
 _STEP_VARIANCE: Final = 1e14  # (10 000 km)^2, of a clock that may have stepped anywhere
 
 
-class Kept(NamedTuple):
+class FilteredEpoch(NamedTuple):
     """One epoch as the filter left it."""
 
     bank: Bank  # of one hypothesis
@@ -54,13 +54,13 @@ class Kept(NamedTuple):
         return int(self.bank.head[0].now_ns)
 
 
-class Smoothed(NamedTuple):
+class SmoothedEpoch(NamedTuple):
     """What the whole log tells of an epoch, or of a time at which the filter used a user's own rows."""
 
-    kept: Kept
+    kept: FilteredEpoch
     e: Float64  # (n,) to be added to the filter's state; with the clone behind it where own rows were used
     P: Float64  # (n, n)
-    onward: Onward | None  # at the epoch after it; None where nothing comes after
+    onward: NextEpoch | None  # at the epoch after it; None where nothing comes after
 
     def state(self) -> StateRecord:
         """Return the smoothed state of an epoch."""
@@ -69,38 +69,38 @@ class Smoothed(NamedTuple):
         return state
 
 
-def keep(bank: Bank, work: Epoch, layout: Layout, **told: Any) -> Kept:
+def keep(bank: Bank, work: EpochWorkspace, layout: Layout, **told: Any) -> FilteredEpoch:
     """Return an epoch as the filter has left it; ``work`` still holds its correction and the clone's rows."""
     vectors, q = work.vectors, bank.P.shape[1]
     clone = vectors[CLONE_ROWS : CLONE_ROWS + N_CLONE * layout.clone, :q].copy()
-    return Kept(one_hypothesis(bank.state, bank.P, bank.head), vectors[0, :q].copy(), clone, **told)
+    return FilteredEpoch(one_hypothesis(bank.state, bank.P, bank.head), vectors[0, :q].copy(), clone, **told)
 
 
-def keep_own(bank: Bank, correction: Float64, *, linked: bool, fits: bool) -> Kept:
+def keep_own(bank: Bank, correction: Float64, *, linked: bool, fits: bool) -> FilteredEpoch:
     """Return the filter as a user's own rows have left it."""
     alone = one_hypothesis(bank.state, bank.P, bank.head)
-    return Kept(alone, correction.copy(), np.zeros((0, 0)), linked=linked, fits=fits, is_own=True)
+    return FilteredEpoch(alone, correction.copy(), np.zeros((0, 0)), linked=linked, fits=fits, is_own=True)
 
 
-def kept_as_opened(bank: Bank) -> Kept:
+def kept_as_opened(bank: Bank) -> FilteredEpoch:
     """Return a filter as it was opened, before its first epoch."""
-    return Kept(one_hypothesis(bank.state, bank.P, bank.head), np.zeros(0), np.zeros((0, 0)))
+    return FilteredEpoch(one_hypothesis(bank.state, bank.P, bank.head), np.zeros(0), np.zeros((0, 0)))
 
 
-def last_of_all(kept: Kept, layout: Layout) -> Smoothed:
+def last_of_all(kept: FilteredEpoch, layout: Layout) -> SmoothedEpoch:
     """Return an epoch of which nothing later tells: as the filter has it."""
     n = _told(kept, layout)
-    return Smoothed(kept, np.zeros(n), kept.bank.P[0, :n, :n].copy(), None)
+    return SmoothedEpoch(kept, np.zeros(n), kept.bank.P[0, :n, :n].copy(), None)
 
 
-def _told(kept: Kept, layout: Layout) -> int:
+def _told(kept: FilteredEpoch, layout: Layout) -> int:
     """Return of how many error states something is told."""
     return int(kept.bank.P.shape[1]) if kept.is_own else OFFSETS + layout.n_values
 
 
-def same_time(kept: Kept, found: Smoothed, layout: Layout) -> Smoothed:
+def same_time(kept: FilteredEpoch, found: SmoothedEpoch, layout: Layout) -> SmoothedEpoch:
     """Return what ``found``, of another filter at the same time, tells of this one."""
-    return Smoothed(kept, apart(found.state(), kept.bank.state[0], layout), found.P, None)
+    return SmoothedEpoch(kept, apart(found.state(), kept.bank.state[0], layout), found.P, None)
 
 
 def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
@@ -109,7 +109,9 @@ def apart(m: StateRecord, of: StateRecord, layout: Layout) -> Float64:
     return difference(m, of, OFFSETS + layout.n_optional, layout)[:n]
 
 
-def one_back(kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any], layout: Layout) -> Smoothed:
+def one_back(
+    kept: FilteredEpoch, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+) -> SmoothedEpoch:
     """Return an epoch as the ``later`` one tells of it."""
     n, q, known = _told(kept, layout), kept.bank.P.shape[1], len(later.e)
     if later.kept.reset:
@@ -125,8 +127,8 @@ def one_back(kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any]
         step = later.kept.correction + e_y
     gain, change = regression(cross, prior), P_y - prior
     smoothed = kept.bank.P[0, :n, :n] + gain @ change @ gain.T
-    onward = Onward(later.kept.t_ns, prior, step, change, imu)
-    return Smoothed(kept, gain @ step, 0.5 * (smoothed + smoothed.T), onward)
+    onward = NextEpoch(later.kept.t_ns, prior, step, change, imu)
+    return SmoothedEpoch(kept, gain @ step, 0.5 * (smoothed + smoothed.T), onward)
 
 
 def doubt_what_jumped(prior: Float64, d: Float64) -> None:
@@ -139,8 +141,8 @@ def doubt_what_jumped(prior: Float64, d: Float64) -> None:
 
 
 def across_reset(
-    kept: Kept, later: Smoothed, imu: Imu, parameters: npt.NDArray[Any], layout: Layout
-) -> tuple[Imu, Float64]:
+    kept: FilteredEpoch, later: SmoothedEpoch, imu: ImuSamples, parameters: npt.NDArray[Any], layout: Layout
+) -> tuple[ImuSamples, Float64]:
     """Return the samples on the way to a reset, and the step of the state from what they make of the filter (n,).
 
     What the filter was off by at the reset had grown since the epoch that last fitted it. By what the samples are off
@@ -159,7 +161,7 @@ def across_reset(
     return imu._replace(unknown=unknown), d
 
 
-def with_clone(later: Kept, e: Float64, P: Float64) -> tuple[Float64, Float64]:
+def with_clone(later: FilteredEpoch, e: Float64, P: Float64) -> tuple[Float64, Float64]:
     """Return smoothed correction (q,) and covariance (q, q) of an epoch together with the clone it was updated with.
 
     Equation: G = P_cx P_xx^-1 of the filter after the update; e_c = G e_x, P^s_cx = G P^s_xx, P^s_cc = P_cc + G
@@ -178,7 +180,9 @@ def with_clone(later: Kept, e: Float64, P: Float64) -> tuple[Float64, Float64]:
     return np.concatenate([e, G @ e]), P_y
 
 
-def predicted(bank: Bank, later: Kept, imu: Imu, parameters: Parameters, n: int) -> tuple[Float64, Float64]:
+def predicted(
+    bank: Bank, later: FilteredEpoch, imu: ImuSamples, parameters: Parameters, n: int
+) -> tuple[Float64, Float64]:
     """Return the covariance (q, q) predicted for the ``later`` epoch, and that of ``n`` states now with it (n, q)."""
     q = bank.P.shape[1]
     carried = one_hypothesis(bank.state, np.empty((1, q + n, q + n)), bank.head)

@@ -8,28 +8,28 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import Limits
+from insgnss.antenna.visibility import VisibilityLimits
 from insgnss.filter.layout import Layout
 from insgnss.filter.loop import COVARIANCE_LOST
 from insgnss.filter.output.writing import Output, Table, new_output
 from insgnss.filter.own_update import run_beside
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.state import Bank
-from insgnss.filter.update.epoch_space import Workspace, new_workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace, new_workspace
 from insgnss.filter.update.masking import NO_LIMITS
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 
 _N_EVENTS = 32  # more than one epoch can have
 
 
 def roomy(
-    work: Workspace | None,
-    epoch: Rows,
+    work: FilterWorkspace | None,
+    epoch: GnssRows,
     layout: Layout,
     installation: Installation | None = None,
-    limits: Limits = NO_LIMITS,
-) -> Workspace:
+    limits: VisibilityLimits = NO_LIMITS,
+) -> FilterWorkspace:
     """Return the work space if it holds the rows of an epoch, else a new one that does."""
     n_rows = len(epoch.observation)
     if work is not None and len(work.epoch.lines) >= n_rows:
@@ -38,7 +38,7 @@ def roomy(
 
 
 def update_beside(
-    bank: Bank, epoch: Rows, imu: Imu, parameters: Table, work: Workspace, setup: FilterSetup
+    bank: Bank, epoch: GnssRows, imu: ImuSamples, parameters: Table, work: FilterWorkspace, setup: FilterSetup
 ) -> tuple[Output, bool]:
     """Carry a bank to an epoch and update it; return what it would have written, and whether a covariance was lost.
 

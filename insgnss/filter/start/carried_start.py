@@ -24,15 +24,15 @@ from insgnss.filter.imu.inertial_stream import Cut
 from insgnss.filter.imu.sensor_outage import MOTION_TIME_S
 from insgnss.filter.layout import Layout
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu, carry_bank, new_scratch, predict_covariance
+from insgnss.filter.prediction import ImuSamples, carry_bank, new_scratch, predict_covariance
 from insgnss.filter.sensor_errors import whole_error_rows, whole_errors_of
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.start.start import (
     LEVEL_FLOOR_RAD,
     TILT_OF_FORCE,
-    Attitude,
-    Heading,
+    StartAttitude,
+    StartHeading,
     attitudes_at_start,
     headings_around,
     kinematics_from_fix,
@@ -41,7 +41,7 @@ from insgnss.filter.start.start import (
 )
 from insgnss.filter.state import BA, BG, OFFSETS, PSI, Bank, HeadRecord, StateRecord, copy_bank
 from insgnss.geodesy.local_level import level_axes
-from insgnss.inertial.alignment import Window, inertial_window
+from insgnss.inertial.alignment import AlignmentWindow, inertial_window
 from insgnss.tables import Event, Float64
 
 _STILL_MPS: Final = 0.5  # GNSS speed of a vehicle that stands
@@ -61,7 +61,7 @@ _OFFSET_SIGMAS: Final = 5.0  # by which a fix contradicts an offset that was car
 
 
 @dataclass(frozen=True)
-class Carried:
+class CarriedState:
     """What a filter knew when its samples ended."""
 
     bank: Bank  # carried to the last sample
@@ -83,7 +83,9 @@ class Carried:
         return covariance
 
 
-def left_behind(bank: Bank, imu: Imu, setup: FilterSetup, parameters: npt.NDArray[Any]) -> Carried:
+def left_behind(
+    bank: Bank, imu: ImuSamples, setup: FilterSetup, parameters: npt.NDArray[Any]
+) -> CarriedState:
     """Return what a filter leaves at the end of its samples ``imu``."""
     last, config = copy_bank(bank), setup.config
     scratch = new_scratch(last.P.shape[1])
@@ -97,10 +99,10 @@ def left_behind(bank: Bank, imu: Imu, setup: FilterSetup, parameters: npt.NDArra
     accel, gyro = whole_errors_of(m, setup.layout)
     parked = window is not None and np.linalg.norm(m.v_e) < _STILL_MPS and _steady(window, gyro, config)
     open_end = Cut(last_ns, last_ns, 0.0)
-    return Carried(last, imu.w_ib_b[-1] - gyro, f_b - accel, bool(parked), open_end, (accel, gyro))
+    return CarriedState(last, imu.w_ib_b[-1] - gyro, f_b - accel, bool(parked), open_end, (accel, gyro))
 
 
-def kept_over(kept: Carried | None, cut: Cut) -> Carried | None:
+def kept_over(kept: CarriedState | None, cut: Cut) -> CarriedState | None:
     """Return what is kept over a cut; one that follows another without a start between them makes one of both."""
     if kept is None:
         return None
@@ -109,13 +111,13 @@ def kept_over(kept: Carried | None, cut: Cut) -> Carried | None:
     return replace(kept, cut=Cut(kept.cut.last_ns, cut.next_ns, rotation))
 
 
-def is_violent(window: Window) -> bool:
+def is_violent(window: AlignmentWindow) -> bool:
     """Return whether a vehicle rolls or loops too fast to be levelled by the mean of its velocity's change."""
     g = float(np.linalg.norm(window.f_b)) / STANDARD_GRAVITY_MPS2
     return float(np.linalg.norm(window.w_ib_b)) > _VIOLENT_RADPS or not _LEAST_LOAD < g < _MOST_LOAD
 
 
-def _steady(window: Window, error: Float64, config: FilterConfig) -> bool:
+def _steady(window: AlignmentWindow, error: Float64, config: FilterConfig) -> bool:
     """Return whether a window of samples is that of a vehicle which stands."""
     start = config.start
     rate = math.degrees(float(np.abs(window.w_ib_b - error).max()))
@@ -124,11 +126,11 @@ def _steady(window: Window, error: Float64, config: FilterConfig) -> bool:
 
 
 def open_carried(
-    kept: Carried,
+    kept: CarriedState,
     setup: FilterSetup,
-    imu: Imu,
+    imu: ImuSamples,
     fix: Fix,
-    window: Window,
+    window: AlignmentWindow,
     motion: tuple[Float64, Float64],
     earlier: Fix | None,
     par: Parameters,
@@ -155,7 +157,7 @@ def open_carried(
             window = longer
             a_e, sd_a = (v_a - earlier.v_a) / dt, math.sqrt(np.trace(P_v + earlier.P_v[:3, :3])) / dt
     C_ne = level_axes(fix.r_a)
-    attitudes: list[Attitude] = []
+    attitudes: list[StartAttitude] = []
     members: list[int] = []
     for i, m in enumerate(kept.bank.state):
         accel, gyro = whole_errors_of(m, setup.layout)
@@ -178,14 +180,14 @@ def open_carried(
     return bank, [Event(fix.t_ns, "start", _in_words(kept, fix, attitudes, parked))]
 
 
-def _parked_heading(bank: Bank, i: int) -> list[Heading] | None:
+def _parked_heading(bank: Bank, i: int) -> list[StartHeading] | None:
     """Return the heading of a hypothesis as it was before the gap."""
     m: StateRecord = bank.state[i]
     sigma = math.sqrt(yaw_variance(m, bank.P[i]) + _PARKED_YAW_RAD**2)
-    return [Heading(attitude(m)[2], sigma, math.exp(m.log_weight))]
+    return [StartHeading(attitude(m)[2], sigma, math.exp(m.log_weight))]
 
 
-def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) -> str:
+def _in_words(kept: CarriedState, fix: Fix, attitudes: list[StartAttitude], parked: bool) -> str:
     away = (fix.t_ns - kept.cut.last_ns) / NS_PER_S
     how = "parked before and after" if parked else "position, velocity and clock from a fix"
     yaw = f"heading sigma {math.degrees(attitudes[0].sd_yaw):.0f} deg"
@@ -197,13 +199,15 @@ def _in_words(kept: Carried, fix: Fix, attitudes: list[Attitude], parked: bool) 
     return f"carried over, {detail}"
 
 
-def _without_errors(attitude: Attitude, gyro: Float64, parked: bool) -> Attitude:
+def _without_errors(attitude: StartAttitude, gyro: Float64, parked: bool) -> StartAttitude:
     """Return an attitude that was levelled without the accelerometers' errors, those of the gyros as they were."""
     sd_level = LEVEL_FLOOR_RAD if parked else attitude.sd_level
     return replace(attitude, b_g=gyro, sd_b_g=None, sd_level=sd_level, level_from_bias=False)
 
 
-def _still_there(kept: Carried, window: Window, fix: Fix, v_a: Float64, config: FilterConfig) -> bool:
+def _still_there(
+    kept: CarriedState, window: AlignmentWindow, fix: Fix, v_a: Float64, config: FilterConfig
+) -> bool:
     """Return whether a parked vehicle still stands as it stood: place, velocity, rates and the direction of gravity."""
     m, P = kept.state, kept.P
     accel, gyro = kept.errors
@@ -217,8 +221,8 @@ def _still_there(kept: Carried, window: Window, fix: Fix, v_a: Float64, config: 
 
 
 def _headings(
-    kept: Carried, imu: Imu, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
-) -> list[Heading] | None:
+    kept: CarriedState, imu: ImuSamples, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
+) -> list[StartHeading] | None:
     """Return what is left of the heading; None: nothing, the whole circle is open."""
     by_rates = _by_rates(kept, imu, fix, attitude(kept.state)[2], yaw_variance(kept.state, kept.P))
     by_course = _by_course(kept, fix, v_n, variance_v)
@@ -229,9 +233,11 @@ def _headings(
         agree = apart**2 < _AGREE2 * (by_course.sigma**2 + by_rates.sigma**2)
         if n == 1 or (agree and gap_s <= _ALONE_S + _LONGEST_WAY_S and by_course.sigma < _ALONE_RAD):
             share = by_course.sigma**2 / (by_course.sigma**2 + by_rates.sigma**2) if agree else 0.0
-            return [Heading(by_course.yaw - share * apart, by_course.sigma * math.sqrt(1.0 - share), 1.0)]
+            return [
+                StartHeading(by_course.yaw - share * apart, by_course.sigma * math.sqrt(1.0 - share), 1.0)
+            ]
         others = headings_around(by_course.yaw, [(1.0 - _COURSE_WEIGHT) / n] * n)
-        return [Heading(by_course.yaw, by_course.sigma, _COURSE_WEIGHT), *others]
+        return [StartHeading(by_course.yaw, by_course.sigma, _COURSE_WEIGHT), *others]
     if by_rates.sigma < unknown or (n == 1 and by_rates.sigma < math.pi):
         return [by_rates]
     if by_rates.sigma < math.pi / 2.0:
@@ -243,21 +249,21 @@ def _headings(
     return None
 
 
-def _by_rates(kept: Carried, imu: Imu, fix: Fix, yaw: float, variance: float) -> Heading:
+def _by_rates(kept: CarriedState, imu: ImuSamples, fix: Fix, yaw: float, variance: float) -> StartHeading:
     """Return the heading at the fix by the rates at both ends of the gap and the samples after it."""
     cut, (_, gyro) = kept.cut, kept.errors
     if fix.t_ns - cut.next_ns > _LONGEST_WAY_S * NS_PER_S:
-        return Heading(yaw, math.inf, 1.0)
+        return StartHeading(yaw, math.inf, 1.0)
     down = -kept.f_b / np.linalg.norm(kept.f_b)
     first, last = np.searchsorted(imu.t_ns, [cut.next_ns, fix.t_ns], side="right")
     rate = (imu.w_ib_b - gyro) @ down
     inside = min(0.5 * (cut.next_ns - cut.last_ns) / NS_PER_S, MOTION_TIME_S)
     turned = inside * float(kept.w_b @ down + rate[max(int(first) - 1, 0)])
     turned += float(rate[first:last] @ np.diff(imu.t_ns[first - 1 : last])) / NS_PER_S
-    return Heading(math.remainder(yaw + turned, 2.0 * math.pi), math.sqrt(variance + cut.rotation), 1.0)
+    return StartHeading(math.remainder(yaw + turned, 2.0 * math.pi), math.sqrt(variance + cut.rotation), 1.0)
 
 
-def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Heading | None:
+def _by_course(kept: CarriedState, fix: Fix, v_n: Float64, variance_v: float) -> StartHeading | None:
     """Return the heading at the fix by the course, None where the vehicle has not shown that it keeps to it."""
     head: HeadRecord = kept.bank.head[0]
     speed = math.hypot(v_n[0], v_n[1])
@@ -271,11 +277,11 @@ def _by_course(kept: Carried, fix: Fix, v_n: Float64, variance_v: float) -> Head
     sigma = math.sqrt(walk + variance + variance_v / speed**2)
     if sigma > math.pi / 4.0:
         return None
-    return Heading(math.remainder(math.atan2(v_n[1], v_n[0]) + angle, 2.0 * math.pi), sigma, 1.0)
+    return StartHeading(math.remainder(math.atan2(v_n[1], v_n[0]) + angle, 2.0 * math.pi), sigma, 1.0)
 
 
 def _carry_sensor_errors(
-    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
+    kept: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
     """Give a hypothesis the sensors' errors of before, and the tilt its share of what they are off by.
 
@@ -304,7 +310,7 @@ def _carry_sensor_errors(
 
 
 def _carry_values(
-    kept: Carried, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
+    kept: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
     """Give a hypothesis the clock offsets of before, unless the fix contradicts them, and the noise levels."""
     old, seconds = kept.bank.state[i], (fix.t_ns - kept.cut.last_ns) / NS_PER_S

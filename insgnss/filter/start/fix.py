@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from insgnss.filter.parameters import KindNumbers, Parameters
 from insgnss.gnss.least_squares import CLOCKS, Ties
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.gnss.point.integrity import EXCLUDED, OK, UNTESTED
 from insgnss.gnss.point.log import solve_epochs
 from insgnss.gnss.point.rows import PointLog, PointRows, PointSettings, at_time_tags, new_point_log
@@ -62,7 +62,7 @@ class Fix:
         return float(self.P_v[CLOCKS, CLOCKS])
 
 
-def fix_epoch(rows: Rows, epoch: int, par: Parameters, ties: Ties, max_gdop: float) -> Fix | None:
+def fix_epoch(rows: GnssRows, epoch: int, par: Parameters, ties: Ties, max_gdop: float) -> Fix | None:
     """Return the point solution of an epoch, or None when it has none that can be trusted."""
     first, last = int(rows.first[epoch]), int(rows.first[epoch + 1])
     one = point_rows(rows, par, epoch, epoch + 1)
@@ -108,7 +108,7 @@ def _stretch(out: PointLog, kind: int) -> float:
     return float(np.fmax(out.misfit[0, kind], 1.0))
 
 
-def point_rows(rows: Rows, par: Parameters, first: int, last: int) -> PointRows:
+def point_rows(rows: GnssRows, par: Parameters, first: int, last: int) -> PointRows:
     """Return the filter's rows of the epochs ``first`` .. ``last`` - 1 as the point solution takes them."""
     begin, end = rows.first[first], rows.first[last]
     row = rows.observation[begin:end]

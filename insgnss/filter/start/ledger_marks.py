@@ -6,11 +6,11 @@ import numpy as np
 
 from insgnss.filter.output.writing import Output
 from insgnss.filter.start.fix import Fix
-from insgnss.gnss.observation_rows import ABSENT, Rows
+from insgnss.gnss.observation_rows import ABSENT, GnssRows
 from insgnss.status import NO_EPOCH_BEFORE, NOT_STARTED, REFUSED_AT_START, USED, USED_FOR_START
 
 
-def mark_rows(out: Output, rows: Rows, epoch: int, fix: Fix | None) -> None:
+def mark_rows(out: Output, rows: GnssRows, epoch: int, fix: Fix | None) -> None:
     """Write what became of an epoch's usable rows outside the filter: not started, or part of a fix."""
     ledger = out.ledger
     index = np.arange(rows.first[epoch], rows.first[epoch + 1])

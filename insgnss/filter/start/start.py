@@ -23,7 +23,7 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic, geodetic_to_ecef
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.local_level import ecef_to_ned_matrix, level_axes
 from insgnss.geodesy.rotations import cross_matrix, euler_to_matrix, matrix_to_quaternion
-from insgnss.inertial.alignment import Window, earth_rate_in_body, level
+from insgnss.inertial.alignment import AlignmentWindow, earth_rate_in_body, level
 from insgnss.inertial.sensor_model import SensorModel, sensor_model
 from insgnss.tables import Float64
 
@@ -39,7 +39,7 @@ _GYRO_BIASES = (np.arange(BG, BG + 3), np.arange(BG, BG + 3))  # their variances
 _DRIFT_SIGMA_UNKNOWN_MPS = 300.0  # of a clock without range rates: a 1 ppm oscillator
 
 
-class Heading(NamedTuple):
+class StartHeading(NamedTuple):
     """One heading that a bank begins with."""
 
     yaw: float  # [rad]
@@ -48,7 +48,7 @@ class Heading(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Attitude:
+class StartAttitude:
     """One hypothesis of the attitude at the start, and what is known of the gyro bias with it."""
 
     roll: float
@@ -102,15 +102,15 @@ def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64, config: FilterConf
 
 
 def attitudes_at_start(
-    window: Window,
+    window: AlignmentWindow,
     r_e: Float64,
     v_e: Float64,
     a_e: Float64 | None,
     sd_a: float,
     config: FilterConfig,
     grade: ImuGrade,
-    headings: list[Heading],
-) -> list[Attitude]:
+    headings: list[StartHeading],
+) -> list[StartAttitude]:
     """Return the attitude hypotheses of an automatic start.
 
     Parameters
@@ -137,11 +137,11 @@ def attitudes_at_start(
     for yaw, sd_yaw, weight in headings:
         roll, pitch = level(window.f_b, f_n, yaw)
         b_g, sd_b_g = _gyro_bias(window, a_e is None, earth_rate_in_body(lat, roll, pitch, yaw), sensor)
-        found.append(Attitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None))
+        found.append(StartAttitude(roll, pitch, yaw, sd_level, sd_yaw, weight, b_g, sd_b_g, a_e is None))
     return found
 
 
-def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig) -> list[Heading]:
+def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig) -> list[StartHeading]:
     """Return the headings of a bank over the whole circle, the first along the velocity when there is one.
 
     Parameters
@@ -154,25 +154,25 @@ def open_headings(r_e: Float64, v_e: Float64, P_v: Float64, config: FilterConfig
     moving = math.hypot(v_n[0], v_n[1]) > max(_COURSE_SPEED_MPS, doubt)
     course = math.atan2(v_n[1], v_n[0]) if moving else 0.0
     if n == 1:
-        return [Heading(course, math.pi / 3.0 if moving else math.pi / math.sqrt(3.0), 1.0)]
+        return [StartHeading(course, math.pi / 3.0 if moving else math.pi / math.sqrt(3.0), 1.0)]
     first = _COURSE_WEIGHT if moving else 1.0 / n
     return headings_around(course, [first] + [(1.0 - first) / (n - 1)] * (n - 1))
 
 
-def headings_around(yaw: float, weights: list[float]) -> list[Heading]:
+def headings_around(yaw: float, weights: list[float]) -> list[StartHeading]:
     """Return a heading for each weight, evenly around the circle from ``yaw`` [rad] on.
 
     The sigma is half the spacing: neighbours meet at one sigma, so the circle is covered without gaps.
     """
     spacing = 2.0 * math.pi / len(weights)
     return [
-        Heading(math.remainder(yaw + i * spacing, 2.0 * math.pi), 0.5 * spacing, weight)
+        StartHeading(math.remainder(yaw + i * spacing, 2.0 * math.pi), 0.5 * spacing, weight)
         for i, weight in enumerate(weights)
     ]
 
 
 def _gyro_bias(
-    window: Window, at_rest: bool, w_ie_b: Float64, sensor: SensorModel
+    window: AlignmentWindow, at_rest: bool, w_ie_b: Float64, sensor: SensorModel
 ) -> tuple[Float64, float | None]:
     """Return the gyro bias and its sigma: at rest the grade's prior weighed against what the gyros read, else none."""
     prior = sensor.gyro_bias.sigma
@@ -188,7 +188,7 @@ def _gyro_bias(
 
 def open_bank(
     kin: Kinematics,
-    attitudes: list[Attitude],
+    attitudes: list[StartAttitude],
     w_ib_b: Float64,
     par: Parameters,
     config: FilterConfig,
@@ -220,7 +220,7 @@ def open_bank(
 
 
 def _place_state(
-    m: StateRecord, kin: Kinematics, attitude: Attitude, C_ne: Float64, w_ib_b: Float64, par: Parameters
+    m: StateRecord, kin: Kinematics, attitude: StartAttitude, C_ne: Float64, w_ib_b: Float64, par: Parameters
 ) -> None:
     """Write the state of one hypothesis: the IMU's position and velocity from the antenna's by the lever arm."""
     C_nb = np.zeros((3, 3))
@@ -266,7 +266,7 @@ def _place_variances(
         ) ** 2
 
 
-def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: Attitude, layout: Layout) -> None:
+def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, layout: Layout) -> None:
     """Let what the gyros read at rest tell of all that makes up their error, each by its variance.
 
     Equation: of e = J x with cov(e) = A = J P J^T, now known as e_0 with S: G = P J^T A^-1, x = G e_0 and
@@ -290,7 +290,7 @@ def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: Attitude, layou
 
 
 def _place_attitude_covariance(
-    m: StateRecord, P: Float64, attitude: Attitude, C_ne: Float64, layout: Layout
+    m: StateRecord, P: Float64, attitude: StartAttitude, C_ne: Float64, layout: Layout
 ) -> None:
     """Write what is known of the attitude.
 
@@ -372,7 +372,7 @@ def given_kinematics(
     )
 
 
-def given_attitudes(start: GivenStart, config: FilterConfig) -> list[Attitude]:
+def given_attitudes(start: GivenStart, config: FilterConfig) -> list[StartAttitude]:
     """Return the attitude of a given state; a bank around it when its heading sigma is too wide for one filter."""
     roll, pitch, yaw = (math.radians(a) for a in start.rpy_deg)
     sd_level = math.radians(start.sd_roll_pitch_deg)
@@ -389,6 +389,6 @@ def given_attitudes(start: GivenStart, config: FilterConfig) -> list[Attitude]:
         weights = [w / sum(raw) for w in raw]
         sd_yaw = 0.5 * spacing
     return [
-        Attitude(roll, pitch, y, sd_level, sd_yaw, w, np.zeros(3), None, False)
+        StartAttitude(roll, pitch, y, sd_level, sd_yaw, w, np.zeros(3), None, False)
         for y, w in zip(yaws, weights, strict=True)
     ]

@@ -10,13 +10,13 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S, WGS84_A_M
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.start.carried_start import Carried, is_violent, open_carried
+from insgnss.filter.start.carried_start import CarriedState, is_violent, open_carried
 from insgnss.filter.start.fix import Fix, fix_epoch
 from insgnss.filter.start.start import (
-    Heading,
     Kinematics,
+    StartHeading,
     attitudes_at_start,
     given_attitudes,
     given_kinematics,
@@ -28,8 +28,8 @@ from insgnss.filter.state import Bank, StateRecord
 from insgnss.filter.update.epoch_space import new_epoch
 from insgnss.filter.update.observe import observe
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
-from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, Rows
-from insgnss.inertial.alignment import Window, inertial_window
+from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
+from insgnss.inertial.alignment import AlignmentWindow, inertial_window
 from insgnss.status import USED
 from insgnss.tables import Event, Float64
 
@@ -51,10 +51,10 @@ class Starter:
     given: bool  # a given start is still to be used
     first_try_ns: int | None = None
     fixes: list[Fix] = field(default_factory=list)
-    headings: list[Heading] | None = None  # those of an automatic start, None: the whole circle
-    carried: Carried | None = None  # from before a gap in the samples
+    headings: list[StartHeading] | None = None  # those of an automatic start, None: the whole circle
+    carried: CarriedState | None = None  # from before a gap in the samples
 
-    def begin(self, *, given: bool, carried: Carried | None) -> None:
+    def begin(self, *, given: bool, carried: CarriedState | None) -> None:
         """Say what a stretch of samples begins with: an unused given start, and what was carried to it."""
         self.given, self.carried = given, carried
 
@@ -63,7 +63,7 @@ class Starter:
         return replace(self, fixes=list(self.fixes))
 
     def try_start(
-        self, imu: Imu, rows: Rows, epoch: int, par: Parameters
+        self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         """Return the bank opened at ``epoch`` if it can be, the fix it stands on, and events to tell."""
         t_ns = int(rows.epoch_ns[epoch])
@@ -92,10 +92,10 @@ class Starter:
 
     def _carried_start(
         self,
-        kept: Carried,
-        imu: Imu,
+        kept: CarriedState,
+        imu: ImuSamples,
         fix: Fix,
-        window: Window,
+        window: AlignmentWindow,
         motion: tuple[Float64, Float64],
         par: Parameters,
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
@@ -133,9 +133,9 @@ class Starter:
 
     def _automatic_start(
         self,
-        imu: Imu,
+        imu: ImuSamples,
         fix: Fix,
-        window: Window,
+        window: AlignmentWindow,
         motion: tuple[Float64, Float64],
         par: Parameters,
         *,
@@ -173,7 +173,7 @@ class Starter:
         detail = f"automatic, {how}; {fix.n_used} pseudoranges; {heading}"
         return bank, fix, [Event(fix.t_ns, "start", detail)]
 
-    def _at_rest(self, window: Window, fix: Fix, earlier: Fix | None) -> bool:
+    def _at_rest(self, window: AlignmentWindow, fix: Fix, earlier: Fix | None) -> bool:
         """Return whether gyros, accelerometers and GNSS all say that the vehicle stands.
 
         GNSS says so by its range rates alone: slow now, and not braking since the ``earlier`` fix.
@@ -194,7 +194,7 @@ class Starter:
         return slow and steady and not turning
 
     def _given_start(
-        self, imu: Imu, rows: Rows, epoch: int, par: Parameters
+        self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         """Open the bank from the given state at its time, or at the first epoch; the clock is set by that epoch."""
         start = self.setup.start
@@ -221,7 +221,7 @@ class Starter:
         return bank, None, [Event(t_ns, "start", "from the given state; the clock is set by the first epoch")]
 
     def _elsewhere(
-        self, imu: Imu, rows: Rows, epoch: int, par: Parameters, below: float
+        self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters, below: float
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
         """Give up a given state from which the satellites that the receiver tracks cannot be seen.
 
@@ -242,7 +242,7 @@ class Starter:
         bank, found, events = self.try_start(imu, rows, epoch, par)
         return bank, found, [Event(t_ns, "start_refused", detail), *events]
 
-    def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: Imu) -> Bank:  # type: ignore[type-arg]
+    def _open(self, kin: Kinematics, attitudes: list, w: Float64, par: Parameters, imu: ImuSamples) -> Bank:  # type: ignore[type-arg]
         return open_bank(
             kin, attitudes, w, par, self.setup.config, self.setup.grade, imu.t_ns, self.setup.layout
         )
@@ -253,7 +253,7 @@ def _allowance(P_v: Float64) -> float:
     return min(3.0 * math.sqrt(float(np.trace(P_v[:3, :3]))), _REST_ALLOWANCE_MPS)
 
 
-class Seen(NamedTuple):
+class EpochView(NamedTuple):
     """What an epoch looks like from a state."""
 
     clocks: Float64  # (g,) of each group [m], NaN without rows
@@ -262,8 +262,8 @@ class Seen(NamedTuple):
 
 
 def seen_from(
-    bank: Bank, rows: Rows, epoch: int, w_ib_b: Float64, f_b: Float64, par: Parameters, n_groups: int
-) -> Seen:
+    bank: Bank, rows: GnssRows, epoch: int, w_ib_b: Float64, f_b: Float64, par: Parameters, n_groups: int
+) -> EpochView:
     """Return the clocks as an epoch shows them from a state, and how many of its satellites cannot be seen from there.
 
     A clock is the median over the satellites: one wrong range does not set it.
@@ -284,4 +284,4 @@ def seen_from(
     _, _, h = ecef_to_geodetic(m.r_e)
     dip_sine = math.sqrt(max(1.0 - (WGS84_A_M / (WGS84_A_M + max(h, 0.0))) ** 2, 0.0))  # seen from a height
     hidden = line["u_n"][offered, 2] > dip_sine
-    return Seen(clocks, drift, float(hidden.mean()) if offered.any() else 0.0)
+    return EpochView(clocks, drift, float(hidden.mean()) if offered.any() else 0.0)

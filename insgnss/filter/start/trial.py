@@ -26,15 +26,15 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.filter.headings.heading_bank import attitude
-from insgnss.filter.headings.headings import yaw_variance
-from insgnss.filter.prediction import Imu
+from insgnss.filter.headings.headings import SMALLEST_DIFFERENCE_RAD, yaw_variance
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.beside import clear_failures, copy_filter, roomy, update_beside
-from insgnss.filter.start.start import Heading, headings_around
+from insgnss.filter.start.start import StartHeading, headings_around
 from insgnss.filter.start.starter import Starter
 from insgnss.filter.state import BG, DV, PSI, Bank, copy_bank, joined_banks, select_members
-from insgnss.filter.update.epoch_space import Workspace
-from insgnss.gnss.observation_rows import Rows, one_epoch
+from insgnss.filter.update.epoch_space import FilterWorkspace
+from insgnss.gnss.observation_rows import GnssRows, one_epoch
 from insgnss.tables import Event, Float64
 
 _SAME_HEADING_WEIGHT: Final = 1e-3  # prior of a start wrong in roll, pitch or position, its heading right
@@ -49,12 +49,11 @@ _CHANGE: Final = 0.02  # of the speed: a smaller change of the velocity is none
 _SAME_ATTITUDE: Final = 6.0  # squared sigmas of three angles and three rates within which two are one
 _TURNING: Final = [*range(PSI, PSI + 3), *range(BG, BG + 3)]
 _SMALLEST_BIAS_RADPS: Final = 1e-6  # 0.2 deg/h
-_SMALLEST_DIFFERENCE_RAD: Final = 0.02
 _KNOWS_AS_WELL: Final = 2.0  # sigmas of the other: who knows less than that has not come to anything yet
 
 
 @dataclass
-class Trial:
+class StartValidation:
     """The rivals of a given start and what the measurements say of them."""
 
     setup: FilterSetup
@@ -68,13 +67,13 @@ class Trial:
     taken_ns: int = 0  # the epoch taken last
     v_e: Float64 | None = None  # the velocity that has not changed
     calm_ns: int = 0  # since when
-    _work: Workspace | None = None
+    _work: FilterWorkspace | None = None
 
     def __post_init__(self) -> None:
         """Get ready to start rivals."""
         self.starter = Starter(self.setup, given=False)
 
-    def copied(self) -> Trial:
+    def copied(self) -> StartValidation:
         """Return a copy that shares nothing that changes."""
         twin = copy.copy(self)
         twin.starter = self.starter.snapshot()
@@ -95,7 +94,9 @@ class Trial:
         n, given, sigma = len(self.bank.state), range(self.n_given), _heading_sigmas(self.bank)
         return np.array([i in given or any(_agree(self.bank, sigma, i, j) for j in given) for i in range(n)])
 
-    def take(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> Bank | None:
+    def take(
+        self, bank: Bank, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
+    ) -> Bank | None:
         """Take in an epoch after the filter's ``bank`` did; return the bank that is to take its place, if any."""
         t_ns = int(rows.epoch_ns[epoch])
         if t_ns < self.look_ns:
@@ -118,7 +119,7 @@ class Trial:
         self._thin_out()
         return None
 
-    def epoch_after_look(self, rows: Rows, epoch: int, last: int) -> int:
+    def epoch_after_look(self, rows: GnssRows, epoch: int, last: int) -> int:
         """Return up to which epoch the filter may run before it is to be asked again."""
         return min(max(int(np.searchsorted(rows.epoch_ns, self.look_ns)), epoch) + 1, last)
 
@@ -148,7 +149,9 @@ class Trial:
         found.head["more_than_headings"] = 0
         return found
 
-    def _open(self, bank: Bank, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
+    def _open(
+        self, bank: Bank, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]
+    ) -> None:
         """Start the rivals at an epoch, if it allows that, with what the filter has found of noise levels."""
         t_ns = int(rows.epoch_ns[epoch])
         lead = bank.state[bank.head[0].leader]
@@ -164,16 +167,16 @@ class Trial:
         clear_failures(self.bank)
         self.n_given, self.since_ns, self.settling = len(bank.state), t_ns, True
 
-    def _headings(self, bank: Bank) -> list[Heading]:
+    def _headings(self, bank: Bank) -> list[StartHeading]:
         """Return the rivals' headings: the filter's own, and those all around."""
         lead = int(bank.head[0].leader)
         _, _, yaw = attitude(bank.state[lead])
         sigma = min(float(_heading_sigmas(bank)[lead]), math.pi)
         n = self.setup.config.heading.hypotheses
         around = headings_around(yaw, [_OTHER_HEADING_WEIGHT] * n) if n > 1 else []
-        return [Heading(yaw, sigma, _SAME_HEADING_WEIGHT), *around]
+        return [StartHeading(yaw, sigma, _SAME_HEADING_WEIGHT), *around]
 
-    def _update(self, imu: Imu, rows: Rows, epoch: int, parameters: npt.NDArray[Any]) -> None:
+    def _update(self, imu: ImuSamples, rows: GnssRows, epoch: int, parameters: npt.NDArray[Any]) -> None:
         """Carry all of them to an epoch and update them with it; nothing of that is written anywhere."""
         assert self.bank is not None
         alone = one_epoch(rows, epoch)
@@ -200,7 +203,7 @@ class Trial:
             self.bank = select_members(self.bank, np.array(sorted(keep), np.int64))
 
 
-def banks_of(bank: Bank | None, trial: Trial | None) -> list[Bank]:
+def banks_of(bank: Bank | None, trial: StartValidation | None) -> list[Bank]:
     """Return all that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
     return [each for each in (bank, None if trial is None else trial.bank) if each is not None]
 
@@ -232,14 +235,14 @@ def _agree(bank: Bank, sigma: Float64, i: int, j: int) -> bool:
 
     Equation: d^T (P + s^2)^-1 d < 6, d the rotation from the one to the other and the difference of gyro biases
     """
-    if sigma[i] > max(_SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
+    if sigma[i] > max(SMALLEST_DIFFERENCE_RAD, _KNOWS_AS_WELL * sigma[j]):
         return False
     turn = bank.state["C_eb"][i] @ bank.state["C_eb"][j].T
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     sine, cosine = 0.5 * math.sqrt(axis @ axis), 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)
     angle = math.atan2(sine, cosine)
     P = bank.P[i][np.ix_(_TURNING, _TURNING)] + np.diag(
-        [_SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
+        [SMALLEST_DIFFERENCE_RAD**2] * 3 + [_SMALLEST_BIAS_RADPS**2] * 3
     )
     if angle**2 > _SAME_ATTITUDE * (P[0, 0] + P[1, 1] + P[2, 2]) or (sine < 1e-9 and cosine < 0.0):
         return False

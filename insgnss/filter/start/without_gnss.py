@@ -9,7 +9,7 @@ import numpy as np
 
 from insgnss.config.flight import GivenStart
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.start.start import given_attitudes, given_kinematics, open_bank
 from insgnss.filter.state import Bank
@@ -23,7 +23,7 @@ class TimedStart(NamedTuple):
     source: str  # in words
 
 
-def opened_at(start: TimedStart, setup: FilterSetup, imu: Imu, par: Parameters) -> Bank:
+def opened_at(start: TimedStart, setup: FilterSetup, imu: ImuSamples, par: Parameters) -> Bank:
     """Return the bank of a start inside the inertial samples; the receiver clock means nothing in it."""
     w = imu.w_ib_b[int(np.searchsorted(imu.t_ns, start.t_ns, side="right")) - 1]
     unknown = np.full(len(setup.clock_groups), math.nan)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.filter.layout import StateBlock
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 
 CHANNEL_BIAS: Final = "glonass_channel_bias"
 
 
-def glonass_channel_bias(wanted: StatesWanted) -> StateBlock | None:
+def glonass_channel_bias(wanted: StateInputs) -> StateBlock | None:
     """Return the block, a constant of the receiver; None without GLONASS or where it is switched off."""
     if not ("R" in wanted.clock_groups and wanted.config.measurements.glonass_channel_bias):
         return None

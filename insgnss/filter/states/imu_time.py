@@ -15,14 +15,14 @@ import numpy as np
 
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.state import DR, DV, OFFSETS, StateRecord
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.tables import Float64
 
 IMU_TIME: Final = "imu_time"
 
 
-def imu_time(wanted: StatesWanted) -> StateBlock | None:
+def imu_time(wanted: StateInputs) -> StateBlock | None:
     """Return the block where the settings doubt the IMU's tags; what has to be added to them, as in the flight file."""
     sigma = wanted.config.process.imu_time_sigma_s
     return StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", sigma) if sigma > 0.0 else None

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.filter.layout import GaussMarkov, RandomWalk, StateBlock
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 
 IONOSPHERE: Final = "ionosphere"
 
 
-def ionosphere(wanted: StatesWanted) -> StateBlock | None:
+def ionosphere(wanted: StateInputs) -> StateBlock | None:
     """Return the block where lasting range errors are states, or where carriers of one band are used and a model is.
 
     The codes of two bands differ by the biases of their receiver and satellites as well, metres that such a state

@@ -13,13 +13,13 @@ import numpy as np
 
 from insgnss.filter.layout import Layout, StateBlock
 from insgnss.filter.state import OFFSETS, StateRecord
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.tables import Float64
 
 LEVER_ARM: Final = "lever_arm"
 
 
-def lever_arm(wanted: StatesWanted) -> StateBlock | None:
+def lever_arm(wanted: StateInputs) -> StateBlock | None:
     """Return the block where the settings doubt the lever arm; body axes forward, right, down."""
     sigma = wanted.config.process.lever_arm_sigma_m
     if sigma <= 0.0:

@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.filter.layout import GaussMarkov, StateBlock
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 
 RANGE_BIASES: Final = "range_biases"
 
 
-def range_biases(wanted: StatesWanted) -> StateBlock | None:
+def range_biases(wanted: StateInputs) -> StateBlock | None:
     """Return the block where the settings make states of them."""
     if not (wanted.config.process.range_bias_states and wanted.n_satellites > 0):
         return None

@@ -13,7 +13,7 @@ from typing import Final
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.filter.layout import Coupling, StateBlock, diagonal
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 from insgnss.inertial.sensor_model import UNIT_OF_ERROR
 from insgnss.units import deg_per_h_to_radps
 
@@ -41,7 +41,7 @@ _SI: Final = {
 }
 
 
-def _block(name: str, wanted: StatesWanted) -> StateBlock | None:
+def _block(name: str, wanted: StateInputs) -> StateBlock | None:
     """Return the states of a kind of error, None where the grade has none of it or the settings do not want it."""
     unit = UNIT_OF_ERROR[name]
     sigma = float(getattr(wanted.grade, f"{name}_{unit}"))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from insgnss.filter.layout import SYSTEM_OFFSETS, RandomWalk, StateBlock
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 
 
-def system_offsets(wanted: StatesWanted) -> StateBlock | None:
+def system_offsets(wanted: StateInputs) -> StateBlock | None:
     """Return the block; None where one clock serves all. A start knows some of them better than ``sigma``."""
     process = wanted.config.process
     names = tuple(f"offset_{group.replace(':', '_')}_m" for group in wanted.clock_groups[1:])

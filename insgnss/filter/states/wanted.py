@@ -17,7 +17,7 @@ class SlowSizes(NamedTuple):
     satellite: Mapping[str, float]  # along the line of sight, by constellation: all of them are there
 
 
-class StatesWanted(NamedTuple):
+class StateInputs(NamedTuple):
     """The settings, and what the log holds."""
 
     config: FilterConfig

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from insgnss.filter.layout import GaussMarkov, RandomWalk, StateBlock
-from insgnss.filter.states.wanted import StatesWanted
+from insgnss.filter.states.wanted import StateInputs
 
 ZENITH_DELAY: Final = "zenith_delay"
 
 
-def zenith_delay(wanted: StatesWanted) -> StateBlock | None:
+def zenith_delay(wanted: StateInputs) -> StateBlock | None:
     """Return the block where the settings ask for it."""
     process, sigma = wanted.config.process, wanted.slow.troposphere
     if process.range_bias_states and sigma > 0.0:

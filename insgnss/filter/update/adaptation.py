@@ -12,16 +12,23 @@ import math
 from typing import Final
 
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Line, Lines
+from insgnss.filter.rows.lines import EpochWorkspace, Line, Lines
 from insgnss.filter.state import BIAS_FACTOR, DRIFT, DRIFT_FACTOR, StateRecord
-from insgnss.filter.update.integrity import explain, explained_by, explained_variance, fit_all, fit_freely
+from insgnss.filter.update.consistency import LEAST_REDUNDANCY
+from insgnss.filter.update.integrity import (
+    INTERVAL_NS,
+    explain,
+    explained_by,
+    explained_variance,
+    fit_all,
+    fit_freely,
+)
 from insgnss.gnss.median import median_of
 from insgnss.gnss.observation_rows import CARRIER, N_KINDS
 from insgnss.kernels.jit import kernel
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64
 
-_INTERVAL_NS: Final = 900_000_000  # once a second is often enough: the levels move over minutes
 _LARGEST_RATIO: Final = 9.0  # one row counts as at most three sigmas ...
 _CUT: Final = 0.9950  # ... which leaves so much of the mean square of a normal error
 _LARGEST_STEP: Final = 9.0
@@ -31,8 +38,7 @@ _MEDIAN_SQUARE: Final = 0.4549  # of a normal error of variance one
 _REST_SPEED_MPS: Final = 0.7  # slower than a walk
 _BIAS_GAIN: Final = 0.1  # per second: a crystal is what it is, and one value says little
 _LEAST_BIAS_FACTOR: Final = 1e-3  # real crystals are up to that much quieter over a second than their grade
-_LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's
-_LEAST_ROWS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
+_LEAST_RESIDUALS: Final = 5  # of a kind in an epoch: fewer leave no residual to speak of
 
 
 @kernel(inline=True)
@@ -53,11 +59,11 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
             continue
         rest = line.innovation[kind] - explained_by(line, kind, fit)
         left = explained_variance(line, kind, fit)
-        square = rest * rest / max(line.variance[kind] - left, _LEAST_REDUNDANCY * line.variance[kind])
+        square = rest * rest / max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
         own = max(1.0 - left / line.variance[kind], 0.0)
         total += own * min(square, _LARGEST_RATIO) / _CUT + 1.0 - own
         used += 1
-    return factor * total / used if used >= _LEAST_ROWS else factor
+    return factor * total / used if used >= _LEAST_RESIDUALS else factor
 
 
 @kernel(inline=True)
@@ -84,10 +90,10 @@ def storm_ratio(lines: Lines, kind: int, fit: Float64, values: Float64) -> float
             if turn == 1:
                 rest -= explained_by(line, kind, fit)
                 left = explained_variance(line, kind, fit)
-                own = max(line.variance[kind] - left, _LEAST_REDUNDANCY * line.variance[kind])
+                own = max(line.variance[kind] - left, LEAST_REDUNDANCY * line.variance[kind])
             values[n] = rest * rest / own
             n += 1
-        if n < _LEAST_ROWS + 1 or 3 * refused < n:
+        if n < _LEAST_RESIDUALS + 1 or 3 * refused < n:
             return 0.0
         least = min(least, median_of(values, n) / _MEDIAN_SQUARE)
     return least
@@ -99,7 +105,7 @@ def adapt_noise(
     prior: Float64,
     P: Float64,
     par: Parameters,
-    s: Epoch,
+    s: EpochWorkspace,
     n: int,
     t_ns: int,
     drift_variance: float,
@@ -116,7 +122,7 @@ def adapt_noise(
     s, n : the epoch's work space, with the correction that is not fed back yet, and how many lines it has
     drift_variance : of the clock drift before the update [m^2/s^2]
     """
-    if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < _INTERVAL_NS:
+    if par.adapt_gain <= 0.0 or t_ns - m.adapted_ns < INTERVAL_NS:
         return
     lines, fit, correction, values = s.lines[:n], s.fit, s.vectors[0], s.vectors[3]
     m.adapted_ns = t_ns
@@ -164,7 +170,7 @@ def common_ratio(lines: Lines) -> float:
             total += lines[j].innovation[CARRIER]
             predicted += lines[j].predicted[CARRIER]
             used += 1
-    if used < _LEAST_ROWS or not predicted > 0.0:
+    if used < _LEAST_RESIDUALS or not predicted > 0.0:
         return -1.0
     return min(total * total / (used * predicted), _LARGEST_STEP)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.state import CLOCK, CLONE_CLOCK, DR, N_CLONE, PSI, StateRecord
 from insgnss.gnss.range_model import Air
 from insgnss.kernels.jit import kernel
@@ -11,7 +11,7 @@ from insgnss.tables import Float64
 
 
 @kernel(apart=True)
-def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: Antenna, air: Air, t_ns: int) -> None:
+def clone_epoch(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, air: Air, t_ns: int) -> None:
     """Make the epoch just processed the one that the next carrier differences count from.
 
     Equation: d r_a = d r_e + psi x l_e + C dl - v ds, so the clone is J dx with J = [I, -[l_e x], C, -v] in (position,

@@ -11,7 +11,7 @@ from typing import Final
 
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.state import BA, BG, CLOCK, DR, DRIFT, DV, OFFSETS, PSI, StateRecord
 from insgnss.filter.update.lever_swing import keep_antenna
 from insgnss.geodesy.local_level import up_direction
@@ -86,7 +86,7 @@ def _place_column(C: Float64, column: int, a: Vector) -> None:
 
 @kernel(apart=True)
 def turn_attitude_errors(
-    m: StateRecord, P: Float64, par: Parameters, correction: Float64, a: Antenna
+    m: StateRecord, P: Float64, par: Parameters, correction: Float64, a: AntennaState
 ) -> None:
     """Turn the axes of the attitude's errors about the vertical with the correction of the heading.
 
@@ -131,7 +131,7 @@ def turn_attitude_errors(
 @kernel(inline=True)
 def turn_column(
     C: Float64,
-    antenna: Antenna,
+    antenna: AntennaState,
     turn: tuple[tuple[float, float, float], float, float],
     rate: tuple[float, float, float],
     column: Float64,

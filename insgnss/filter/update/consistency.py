@@ -20,8 +20,8 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
-_LEAST_WITNESSES: Final = 6  # fewer rows cannot tell which of them is wrong
-_LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's: below, a residual says nothing
+LEAST_WITNESSES: Final = 6  # fewer rows cannot tell which of them is wrong
+LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's: below, a residual says nothing
 _LARGEST_SET: Final = 3
 _MOST_CANDIDATES: Final = 20  # rows that stand out most: 1140 sets of three
 _NONE: Final = -1
@@ -44,8 +44,8 @@ def disagrees(P: Float64, lines: Lines, correction: Float64, gate2: float, sprea
             residual -= h[a] * correction[columns[a]]
         r = line.variance[PSEUDORANGE]
         # most rows are far from the gate, whatever their redundancy
-        if residual * residual > gate2 * _LEAST_REDUNDANCY * r:
-            variance = max(r - predicted_variance(P, h, columns) / spread, _LEAST_REDUNDANCY * r)
+        if residual * residual > gate2 * LEAST_REDUNDANCY * r:
+            variance = max(r - predicted_variance(P, h, columns) / spread, LEAST_REDUNDANCY * r)
             beyond = beyond or residual * residual > gate2 * variance
     return beyond
 
@@ -66,7 +66,7 @@ def refuse_inconsistent(P: Float64, lines: Lines, gate2: float, most: int) -> in
         if lines[j].status[PSEUDORANGE] == USED:
             index[n] = j
             n += 1
-    if n < _LEAST_WITNESSES:
+    if n < LEAST_WITNESSES:
         return 0
     T = np.empty((n, n + 1))
     write_innovations(T, P, lines, index[:n])

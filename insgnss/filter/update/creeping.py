@@ -23,8 +23,15 @@ import numpy as np
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
-from insgnss.filter.update.consistency import exchange, farthest, remove_smallest_set
+from insgnss.filter.update.consistency import (
+    LEAST_REDUNDANCY,
+    LEAST_WITNESSES,
+    exchange,
+    farthest,
+    remove_smallest_set,
+)
 from insgnss.filter.update.integrity import (
+    INTERVAL_NS,
     UNKNOWNS,
     add_row,
     clear,
@@ -45,8 +52,6 @@ from insgnss.tables import Float64, Int64
 FAST, SLOW, RANGE_S, RATE, RATE_S, RATE_SINCE_S, LEFT_OUT_S = range(7)
 REPEATED, REPEATED_MOTION, REPEATED_VARIANCE = 7, 8, 9
 
-_INTERVAL_NS: Final = 900_000_000  # once a second is often enough
-_LEAST_WITNESSES: Final = 6  # fewer rows cannot tell whose fault it is
 _FAST_S, _SLOW_S = 5.0, 30.0
 _RATE_S: Final = 10.0
 _FORGOTTEN_S: Final = 5.0  # a satellite unseen for longer starts anew
@@ -60,9 +65,8 @@ KEPT_OUT_S: Final = 120.0
 _INNOCENT: Final = 1.0  # squared sigmas of a rate's mean that lets a band back before
 _MOST_SIGMAS: Final = 10.0  # that one rate counts
 _TOO_WIDE: Final = 9.0  # predicted over the row's own variance: a clock that nobody knows yet
-_LEAST_REDUNDANCY: Final = 0.1
 _FREE: Final = 1e4  # prior variance of what all have in common, over the largest of a mean
-_LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
+LEAST_AGREEING: Final = 5  # one more than the unknowns: fewer agree on anything
 
 
 @kernel(apart=True)
@@ -84,9 +88,9 @@ def follow_satellites(
     now = t_ns * 1e-9
     # they do not take part in what all have in common
     refused = refuse_left_out(memory, lines, observation, now)
-    if t_ns - m.explained_ns >= _INTERVAL_NS:
+    if t_ns - m.explained_ns >= INTERVAL_NS:
         for kind in range(2):
-            if fit_freely(lines, kind, fit) < _LEAST_AGREEING:
+            if fit_freely(lines, kind, fit) < LEAST_AGREEING:
                 continue
             for j in range(lines.shape[0]):
                 if takes_part(lines[j], kind):
@@ -184,7 +188,7 @@ def stands_out(
         if variance > 0.0 and not mean[LEFT_OUT_S] > now:
             add_row(lines[j], kind, value, variance, fit)
             count += 1
-    if count < _LEAST_AGREEING or not solve(fit):
+    if count < LEAST_AGREEING or not solve(fit):
         return False
     beyond = False
     for j in range(lines.shape[0]):
@@ -194,7 +198,7 @@ def stands_out(
             rest = value - explained_by(lines[j], kind, fit)
             explained = explained_variance(lines[j], kind, fit)
             if not mean[LEFT_OUT_S] > now:
-                own = max(variance - explained, _LEAST_REDUNDANCY * variance)
+                own = max(variance - explained, LEAST_REDUNDANCY * variance)
                 beyond = beyond or rest * rest > gate2 * own
             elif kind == RANGE_RATE:
                 own = variance + explained
@@ -202,7 +206,7 @@ def stands_out(
                     mean[LEFT_OUT_S] = -math.inf
                 elif rest * rest > gate2 * own:
                     mean[LEFT_OUT_S] = now + KEPT_OUT_S
-    return beyond and count >= _LEAST_WITNESSES
+    return beyond and count >= LEAST_WITNESSES
 
 
 @kernel(apart=True)
@@ -232,7 +236,7 @@ def find_creeping(
     active = np.ones(n, np.int64)
     for j in range(n):
         exchange(T, j)
-    most = min(n // 3, n - _LEAST_AGREEING)
+    most = min(n // 3, n - LEAST_AGREEING)
     removed = 0
     while removed < most and farthest(T, active, 1)[1] > gate2:
         removed += remove_smallest_set(T, active, gate2, most - removed)

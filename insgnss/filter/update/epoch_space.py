@@ -8,33 +8,33 @@ from typing import NamedTuple
 import numpy as np
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import Limits
+from insgnss.antenna.visibility import VisibilityLimits
 from insgnss.filter.layout import Layout
 from insgnss.filter.prediction import Scratch, new_scratch
-from insgnss.filter.rows.lines import ANTENNA_DTYPE, CLONE_ROWS, FIT_ROWS, LINE_DTYPE, Epoch
+from insgnss.filter.rows.lines import ANTENNA_DTYPE, CLONE_ROWS, FIT_ROWS, LINE_DTYPE, EpochWorkspace
 from insgnss.filter.state import ABSENT_STATE, N_CLONE, OFFSETS, Bank, new_bank
-from insgnss.filter.update.masking import NO_LIMITS, Masking, new_masking
+from insgnss.filter.update.masking import NO_LIMITS, MaskingStage, new_masking
 from insgnss.filter.update.predictions import columns_of
 from insgnss.gnss.range_model import AIR_DTYPE
 from insgnss.tables import Float64
 
 
-class Workspace(NamedTuple):
+class FilterWorkspace(NamedTuple):
     """All work space of the loop, allocated once per log."""
 
-    epoch: Epoch
+    epoch: EpochWorkspace
     scratch: Scratch
     spare: Bank  # one member: the leader carried on to an output time
     P_out: Float64  # (n, n)
-    masking: Masking
+    masking: MaskingStage
 
 
 def new_workspace(
     rows_per_epoch: int,
     layout: Layout,
     installation: Installation | None = None,
-    limits: Limits = NO_LIMITS,
-) -> Workspace:
+    limits: VisibilityLimits = NO_LIMITS,
+) -> FilterWorkspace:
     """Return work space for epochs of at most ``rows_per_epoch`` rows and the error states of ``layout``.
 
     ``installation`` and ``limits`` are those of the visibility stage.
@@ -42,17 +42,17 @@ def new_workspace(
     n = OFFSETS + layout.n_optional
     epoch = new_epoch(rows_per_epoch, n, layout.at_clone)
     masking = new_masking(installation, limits)
-    return Workspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
+    return FilterWorkspace(epoch, new_scratch(n), new_bank(1, layout.n_optional), np.zeros((n, n)), masking)
 
 
-def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> Epoch:
+def new_epoch(k: int, n: int, at_clone: int = ABSENT_STATE) -> EpochWorkspace:
     """Return work space for epochs of at most ``k`` rows and ``n`` error states, the clone from ``at_clone`` on."""
     lines = np.zeros(k, LINE_DTYPE)
     for kind, columns in enumerate(columns_of(at_clone)):
         lines["columns"][:, kind, : len(columns)] = columns
         lines["count"][:, kind] = len(columns)
     lines["gain"] = math.nan
-    return Epoch(
+    return EpochWorkspace(
         lines,
         np.zeros(1, ANTENNA_DTYPE),
         np.zeros(2, AIR_DTYPE),

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu, predict_covariance
-from insgnss.filter.rows.lines import CLONE_ROWS, Epoch, Line, Lines
+from insgnss.filter.prediction import ImuSamples, predict_covariance
+from insgnss.filter.rows.lines import CLONE_ROWS, EpochWorkspace, Line, Lines
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import BIAS_FACTOR, CLOCK, DR, DRIFT, DRIFT_FACTOR, N_CLONE, Bank, StateRecord
 from insgnss.filter.update.adaptation import adapt_noise
@@ -17,7 +17,7 @@ from insgnss.filter.update.clone import clone_epoch
 from insgnss.filter.update.closed_loop import close_loop, turn_attitude_errors
 from insgnss.filter.update.consistency import disagrees, refuse_inconsistent
 from insgnss.filter.update.creeping import follow_satellites
-from insgnss.filter.update.epoch_space import Workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.far_prior import is_far, observe_nearer
 from insgnss.filter.update.faults import refuse_reflections, weigh_robustly
 from insgnss.filter.update.gating import absorb_clock_step, common_step, count_rows, gate_between, gate_rows
@@ -28,7 +28,7 @@ from insgnss.filter.update.observe import observe, place_antenna
 from insgnss.filter.update.scalar_update import scalar_update
 from insgnss.filter.update.shown_motion import follow_motion
 from insgnss.filter.update.wrong_rates import refuse_wrong_rates
-from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, Rows
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, PSEUDORANGE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.status import CLOCK_STEPPED, GATED, INCONSISTENT, NOT_STARTED, USED
 from insgnss.tables import Float64
@@ -38,7 +38,7 @@ _LONGEST_OUTAGE_S = 1e5  # the first epoch of all has none before it
 _SMALL, _LARGE = 1e-200, 1e200  # within which a product of variances stays
 
 
-class Outcome(NamedTuple):
+class UpdateOutcome(NamedTuple):
     """What an epoch did to one hypothesis."""
 
     log_likelihood: float
@@ -57,12 +57,12 @@ def update_epoch(
     bank: Bank,
     member: int,
     par: Parameters,
-    rows: Rows,
+    rows: GnssRows,
     epoch: int,
-    imu: Imu,
+    imu: ImuSamples,
     sample: int,
-    work: Workspace,
-) -> Outcome:
+    work: FilterWorkspace,
+) -> UpdateOutcome:
     """Bring one hypothesis, already at the epoch's time, up to date with the epoch's rows.
 
     Each row re-uses the running estimate: y_j = z_j - h(Y-) - h_j (Y(j-1) - Y-), so the result is the batch update's
@@ -76,7 +76,7 @@ def update_epoch(
     predict_covariance(m, P, par, scratch)
     if not is_sound(m, P):
         leave_out(rows, epoch, s.lines)
-        return Outcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+        return UpdateOutcome(-math.inf, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     doubt_clock(m, P, par, since_last)
     swing_lever_arm(m, P, par, s.antenna[0], t_ns)
     follow_motion(m, P, par)
@@ -88,7 +88,7 @@ def update_epoch(
     refuse_wrong_rates(m, bank.memory[member], rows, epoch, lines)
     if par.visibility != OFF:
         mask_hidden(m, P, par, observation, s, bank.seen[member], work.masking, since_last)
-    done = Outcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
+    done = UpdateOutcome(0.0, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0)
     response = m.motion_response[: P.shape[0] if m.log_weight < 0.0 else 0]  # of one of several headings
     for kind in range(2):
         step, variance = common_step(
@@ -118,7 +118,7 @@ def update_epoch(
     if par.at_clone >= 0:
         place_antenna(m, par, w_ib_b, f_b, s.antenna[0])
         begin_difference(m, P, par, s, t_ns, response)
-    return Outcome(
+    return UpdateOutcome(
         log_likelihood,
         done.ranges_used - excluded,
         done.ranges_refused,
@@ -133,7 +133,7 @@ def update_epoch(
 
 @kernel(inline=True)
 def begin_difference(
-    m: StateRecord, P: Float64, par: Parameters, s: Epoch, t_ns: int, response: Float64
+    m: StateRecord, P: Float64, par: Parameters, s: EpochWorkspace, t_ns: int, response: Float64
 ) -> None:
     """Let this epoch's antenna be what the next epoch's carriers are differences to."""
     keep_clone_rows(P, par, s.vectors)
@@ -159,7 +159,7 @@ def clone_response(response: Float64, at_clone: int) -> None:
 
 
 @kernel(inline=True)
-def leave_out(rows: Rows, epoch: int, lines: Lines) -> None:
+def leave_out(rows: GnssRows, epoch: int, lines: Lines) -> None:
     """Write into the lines of an epoch that there is no filter to use its rows."""
     first = rows.first[epoch]
     for j in range(rows.first[epoch + 1] - first):
@@ -248,7 +248,7 @@ def spread_of(par: Parameters, kind: int, since_last: float) -> float:
 
 
 @kernel(inline=True)
-def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, done: Outcome) -> None:
+def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, done: UpdateOutcome) -> None:
     """Gate the carrier differences: the inertial prediction is what finds a slip that nothing else has found.
 
     Each is judged alone, with the clock's wander in its sigma, and against the others, without it.
@@ -266,9 +266,9 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
 
 
 @kernel(inline=True)
-def counted_again(done: Outcome, lines: Lines, par: Parameters) -> Outcome:
+def counted_again(done: UpdateOutcome, lines: Lines, par: Parameters) -> UpdateOutcome:
     """Return the outcome without satellites that are left out: what is known to be wrong says nothing of the filter."""
-    again = Outcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
+    again = UpdateOutcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
     for kind in range(2):
         used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
         step = done.clock_step if kind == PSEUDORANGE else done.drift_step
@@ -277,14 +277,16 @@ def counted_again(done: Outcome, lines: Lines, par: Parameters) -> Outcome:
 
 
 @kernel(inline=True)
-def noted(done: Outcome, kind: int, used: int, refused: int, step: float, strain: float) -> Outcome:
+def noted(
+    done: UpdateOutcome, kind: int, used: int, refused: int, step: float, strain: float
+) -> UpdateOutcome:
     """Return the outcome with the numbers of one kind in it; fewer than four rows do not count as strain."""
     worst = max(done.strain, strain) if used + refused >= 4 else done.strain
     if kind == 0:
-        return Outcome(
+        return UpdateOutcome(
             0.0, used, refused, done.rates_used, done.rates_refused, step, done.drift_step, worst, 0.0
         )
-    return Outcome(
+    return UpdateOutcome(
         0.0, done.ranges_used, done.ranges_refused, used, refused, done.clock_step, step, worst, 0.0
     )
 

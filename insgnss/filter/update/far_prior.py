@@ -15,15 +15,15 @@ import math
 from typing import Final
 
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.rows.lines import Line
 from insgnss.filter.soundness import is_sound
 from insgnss.filter.state import CLOCK, DR, DRIFT, N_CLONE, Bank, copy_state
 from insgnss.filter.update.closed_loop import close_loop
-from insgnss.filter.update.epoch_space import Workspace
+from insgnss.filter.update.epoch_space import FilterWorkspace
 from insgnss.filter.update.observe import observe
 from insgnss.filter.update.scalar_update import scalar_update
-from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import N_KINDS, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.status import USED
 from insgnss.tables import Float64
@@ -43,7 +43,14 @@ def is_far(P: Float64) -> bool:
 
 @kernel(apart=True)
 def observe_nearer(
-    bank: Bank, member: int, par: Parameters, rows: Rows, epoch: int, imu: Imu, sample: int, work: Workspace
+    bank: Bank,
+    member: int,
+    par: Parameters,
+    rows: GnssRows,
+    epoch: int,
+    imu: ImuSamples,
+    sample: int,
+    work: FilterWorkspace,
 ) -> None:
     """Fill the lines of ``epoch`` again, by the rows of a nearer place; the innovations are those of the prior."""
     m, P, s = bank.state[member], bank.P[member], work.epoch

@@ -30,10 +30,10 @@ X: Final = 4
 _WORK: Final = 5
 _VELOCITY: Final = RATE_COLUMNS.index(DV)
 
-_LEAST_ROWS: Final = 5  # fewer have no parity part
+_LEAST_PARITY_ROWS: Final = 5  # fewer have no parity part
 _WIDER2: Final = 100.0  # ten sigmas of its own prediction that may be wrong before noise is blamed
 _OUTLIER2: Final = 25.0
-_INTERVAL_NS: Final = 900_000_000
+INTERVAL_NS: Final = 900_000_000  # once a second is often enough
 _MEMORY_S: Final = 8.0  # a sensor's fault shows for many seconds, a jolt for one or two
 _FORGOTTEN_S: Final = 30.0  # after so long without rows what was seen before says nothing
 _MOST_SIGMAS: Final = 5.0  # that one epoch counts
@@ -170,7 +170,7 @@ def explain(prior: Float64, lines: Lines, kind: int, fit: Float64) -> bool:
         if line.status[kind] == USED:
             add_row(line, kind, line.innovation[kind], line.variance[kind], fit)
             used += 1
-    if used < _LEAST_ROWS:
+    if used < _LEAST_PARITY_ROWS:
         return False
     if kind == CARRIER:
         return used >= UNKNOWNS + 2 and solve(fit)
@@ -231,7 +231,7 @@ def fit_freely(lines: Lines, kind: int, fit: Float64) -> int:
                     continue
             add_row(line, kind, y, line.variance[kind], fit)
             count += 1
-        if count < _LEAST_ROWS or not solve(fit):
+        if count < _LEAST_PARITY_ROWS or not solve(fit):
             return 0
     return count
 
@@ -258,7 +258,7 @@ def follow_explained(
     of the next. L turns as slowly as the satellites move. Range rates are the witness, pseudoranges where there are
     none, and the carriers beside.
     """
-    if t_ns - m.explained_ns < _INTERVAL_NS:
+    if t_ns - m.explained_ns < INTERVAL_NS:
         return
     since = (t_ns - m.explained_ns) * 1e-9
     m.explained_ns = t_ns

@@ -13,7 +13,7 @@ from __future__ import annotations
 from insgnss.constants import NS_PER_S
 from insgnss.filter.headings.motion import LEVEL_GATE2
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.sensor_errors import gyro_error_variance
 from insgnss.filter.state import DR, StateRecord
 from insgnss.kernels.jit import kernel
@@ -21,7 +21,7 @@ from insgnss.tables import Float64
 
 
 @kernel(apart=True)
-def swing_lever_arm(m: StateRecord, P: Float64, par: Parameters, a: Antenna, t_ns: int) -> None:
+def swing_lever_arm(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, t_ns: int) -> None:
     """Let the antenna stay where the attitude has turned within the gyros' errors since the last epoch.
 
     Equation: D = (1 - s) (C_eb - C), s = 1 - (k^2 q T + 2^2 B T^2) / theta^2, theta^2 = |C_eb - C|^2 / 2, as in

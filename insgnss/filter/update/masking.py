@@ -19,7 +19,7 @@ from insgnss.antenna.visibility import (
     DEWEIGHT,
     IS_UNCERTAIN,
     IS_VISIBLE,
-    Limits,
+    VisibilityLimits,
     attitude_covariance,
     look_at,
     variance_along,
@@ -27,7 +27,7 @@ from insgnss.antenna.visibility import (
 from insgnss.config.filter import Visibility
 from insgnss.filter.output.writing import MASKING_UNCERTAIN, event_in_words
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Line
+from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.state import PSI, Bank, StateRecord
 from insgnss.gnss.observation_rows import (
     CARRIER,
@@ -47,7 +47,7 @@ MASK: Final = 1  # what is hidden is not used,
 LOOK: Final = 2  # or it is, and the ledger tells its gain
 
 
-NO_LIMITS: Final = Limits(-math.inf, 0.0, 0.0, math.inf)
+NO_LIMITS: Final = VisibilityLimits(-math.inf, 0.0, 0.0, math.inf)
 
 
 _BECAME: Final = {
@@ -57,20 +57,22 @@ _BECAME: Final = {
 }
 
 
-class Masking(NamedTuple):
+class MaskingStage(NamedTuple):
     """What the stage looks with."""
 
     installation: Installation  # the vehicle's antennas; none: nothing is masked
-    limits: Limits
+    limits: VisibilityLimits
     P_b: Float64  # (3, 3) scratch: covariance of the attitude, body axes [rad^2]
     # (N_SATELLITE_SLOTS + 1,) in which pass each satellite was counted last; the last: which it is
     counted: Int64
 
 
-def new_masking(installation: Installation | None = None, limits: Limits = NO_LIMITS) -> Masking:
+def new_masking(
+    installation: Installation | None = None, limits: VisibilityLimits = NO_LIMITS
+) -> MaskingStage:
     """Return the stage for a vehicle's antennas."""
     antennas = no_antenna() if installation is None else installation
-    return Masking(antennas, limits, np.zeros((3, 3)), np.zeros(N_SATELLITE_SLOTS + 1, np.int64))
+    return MaskingStage(antennas, limits, np.zeros((3, 3)), np.zeros(N_SATELLITE_SLOTS + 1, np.int64))
 
 
 def became_of_uncertain(settings: Visibility) -> str:
@@ -96,7 +98,7 @@ def is_usable(line: Line) -> bool:
 
 
 @kernel(inline=True)
-def deweight(line: Line, doubt: float, interval_s: float, limits: Limits) -> None:
+def deweight(line: Line, doubt: float, interval_s: float, limits: VisibilityLimits) -> None:
     """Add to the variances of a row what it may be off by as that of a hidden satellite.
 
     Equation: R + p b^2, the variance of an error that is b with the probability p; a carrier difference is off by the
@@ -117,9 +119,9 @@ def mask_hidden(
     P: Float64,
     par: Parameters,
     observation: Observations,
-    s: Epoch,
+    s: EpochWorkspace,
     seen: Int8,
-    masking: Masking,
+    masking: MaskingStage,
     since_last: float,
 ) -> None:
     """Look at every satellite of an epoch and refuse all kinds of the hidden ones' rows.

@@ -12,7 +12,7 @@ from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import angular_acceleration, place_turning
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.delays import place_airs, row_delays
-from insgnss.filter.rows.lines import Antenna, Epoch, Line
+from insgnss.filter.rows.lines import AntennaState, EpochWorkspace, Line
 from insgnss.filter.sensor_errors import whole_errors
 from insgnss.filter.state import OFFSETS, StateRecord
 from insgnss.filter.update.predictions import predict
@@ -21,14 +21,14 @@ from insgnss.filter.update.shown_motion import place_motion
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.vectors import cross, plus
 from insgnss.gnss.line_of_sight import line_of_sight
-from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, Observation, Rows
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, N_KINDS, GnssRows, Observation
 from insgnss.kernels.jit import kernel
 from insgnss.status import MASKED_CN0, MASKED_ELEVATION, NO_EPOCH_BEFORE, USED
 from insgnss.tables import Float64
 
 
 @kernel(inline=True)
-def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, a: Antenna) -> None:
+def place_antenna(m: StateRecord, par: Parameters, w_ib_b: Float64, f_b: Float64, a: AntennaState) -> None:
     """Write antenna position and velocity at the instant of reception, and where that is.
 
     The state stands at the receiver's time tag, reception was late = clock / c earlier: r_a goes back by
@@ -73,14 +73,14 @@ def observe(
     m: StateRecord,
     P: Float64,
     par: Parameters,
-    rows: Rows,
+    rows: GnssRows,
     epoch: int,
     w_ib_b: Float64,
     f_b: Float64,
-    s: Epoch,
+    s: EpochWorkspace,
 ) -> None:
     """Fill the work space for the rows of ``epoch``: geometry, masks, innovations and variances at the prior."""
-    a: Antenna = s.antenna[0]
+    a: AntennaState = s.antenna[0]
     place_antenna(m, par, w_ib_b, f_b, a)
     first = rows.first[epoch]
     with_carrier = rows.carrier.shape[0] > 0
@@ -110,10 +110,10 @@ def observe(
 
 @kernel(inline=True)
 def observe_row(
-    m: StateRecord, par: Parameters, rows: Rows, i: int, row: Observation, s: Epoch, line: Line
+    m: StateRecord, par: Parameters, rows: GnssRows, i: int, row: Observation, s: EpochWorkspace, line: Line
 ) -> None:
     """Write direction, masks, innovations, rows of H and measurement variances of one row."""
-    a: Antenna = s.antenna[0]
+    a: AntennaState = s.antenna[0]
     a.distance, a.range_rate = line_of_sight(rows.sat, i, a.r_a, a.v_a, a.u, a.dr)
     u, C_ne, C = a.u, a.C_ne, m.C_eb
     for k in range(3):
@@ -129,13 +129,13 @@ def observe_row(
 
 
 @kernel(inline=True)
-def epoch_follows(m: StateRecord, rows: Rows, epoch: int) -> bool:
+def epoch_follows(m: StateRecord, rows: GnssRows, epoch: int) -> bool:
     """Return whether the clone is of the very epoch that the carrier's differences count from."""
     return bool(m.clone_ns != 0 and m.clone_ns == rows.before_ns[epoch])
 
 
 @kernel(inline=True)
-def carrier_status(rows: Rows, i: int, follows: bool) -> int:
+def carrier_status(rows: GnssRows, i: int, follows: bool) -> int:
     """Return the status a carrier difference starts with."""
     status = rows.carrier[i].status
     if status == USED and not follows:

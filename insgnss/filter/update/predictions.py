@@ -12,9 +12,9 @@ from insgnss.filter.measurements.carrier_difference import carrier_difference
 from insgnss.filter.measurements.pseudorange import pseudorange
 from insgnss.filter.measurements.range_rate import range_rate
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Epoch, Line
+from insgnss.filter.rows.lines import EpochWorkspace, Line
 from insgnss.filter.state import ABSENT_STATE, N_CLONE, StateRecord
-from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Int64
 
@@ -24,7 +24,7 @@ KINDS: Final = {PSEUDORANGE: pseudorange, RANGE_RATE: range_rate, CARRIER: carri
 
 @kernel(inline=True)
 def predict(
-    kind: int, m: StateRecord, par: Parameters, rows: Rows, i: int, s: Epoch, line: Line
+    kind: int, m: StateRecord, par: Parameters, rows: GnssRows, i: int, s: EpochWorkspace, line: Line
 ) -> tuple[float, float]:
     """Write the row of H of row ``i`` of a kind into ``line``; return its innovation and its variance."""
     if kind == PSEUDORANGE:

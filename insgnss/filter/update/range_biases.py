@@ -5,12 +5,12 @@ from __future__ import annotations
 from insgnss.filter.parameters import Parameters
 from insgnss.filter.rows.lines import Lines
 from insgnss.filter.state import OFFSETS, Bank, HeadRecord
-from insgnss.gnss.observation_rows import N_BANDS, Rows
+from insgnss.gnss.observation_rows import N_BANDS, GnssRows
 from insgnss.kernels.jit import kernel
 
 
 @kernel(apart=True)
-def place_range_biases(bank: Bank, par: Parameters, rows: Rows, epoch: int, lines: Lines) -> None:
+def place_range_biases(bank: Bank, par: Parameters, rows: GnssRows, epoch: int, lines: Lines) -> None:
     """Write into the lines of an epoch which state is the range bias of each row's satellite.
 
     All hypotheses have the same, so it is decided once for the bank. First come the satellites that have a state; those

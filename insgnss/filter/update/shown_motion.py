@@ -5,7 +5,7 @@ from __future__ import annotations
 from insgnss.constants import WGS84_OMEGA_RADPS
 from insgnss.filter.headings.motion import FORCE_MEAN_TIME_S, velocity_changed
 from insgnss.filter.parameters import Parameters
-from insgnss.filter.rows.lines import Antenna
+from insgnss.filter.rows.lines import AntennaState
 from insgnss.filter.state import DR, DV, StateRecord
 from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.vectors import Vector, cross, dot, place, plus, rotate, times
@@ -44,7 +44,7 @@ def follow_motion(m: StateRecord, P: Float64, par: Parameters) -> None:
 
 
 @kernel(apart=True)
-def place_motion(m: StateRecord, P: Float64, par: Parameters, a: Antenna) -> None:
+def place_motion(m: StateRecord, P: Float64, par: Parameters, a: AntennaState) -> None:
     """Write the antenna's velocity and acceleration, ECEF, that count as motion.
 
     At constant speed v an error ds of the IMU's time moves the antenna along the track as an error of the lever arm

@@ -14,7 +14,7 @@ from insgnss.filter.rows.lines import Line, Lines
 from insgnss.filter.state import StateRecord
 from insgnss.filter.update.creeping import REPEATED, REPEATED_MOTION, REPEATED_VARIANCE
 from insgnss.filter.update.integrity import direction
-from insgnss.gnss.observation_rows import RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import RANGE_RATE, GnssRows
 from insgnss.kernels.jit import kernel
 from insgnss.status import DRIFTING, STUCK, USED
 from insgnss.tables import Float64
@@ -29,7 +29,7 @@ _AGAIN_NS: Final = 60_000_000_000
 
 
 @kernel(inline=True)
-def satellite_rate(rows: Rows, i: int, line: Line) -> float:
+def satellite_rate(rows: GnssRows, i: int, line: Line) -> float:
     """Return the part of a row's range rate that is the satellite's own motion [m/s]."""
     a, b, c = direction(line, RANGE_RATE)
     v = rows.sat[i, 3:6]
@@ -37,14 +37,14 @@ def satellite_rate(rows: Rows, i: int, line: Line) -> float:
 
 
 @kernel(inline=True)
-def refuse_wrong_rates(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lines: Lines) -> None:
+def refuse_wrong_rates(m: StateRecord, memory: Float64, rows: GnssRows, epoch: int, lines: Lines) -> None:
     """Refuse an epoch's range rates that are known to be wrong; ``memory`` is (slots, N_MEMORY)."""
     refuse_repeated(m, memory, rows, epoch, lines)
     leave_out_rates(m, lines, rows.epoch_ns[epoch])
 
 
 @kernel(apart=True)
-def refuse_repeated(m: StateRecord, memory: Float64, rows: Rows, epoch: int, lines: Lines) -> None:
+def refuse_repeated(m: StateRecord, memory: Float64, rows: GnssRows, epoch: int, lines: Lines) -> None:
     """Refuse the range rates that stay the same while their satellites move; ``memory`` is (slots, N_MEMORY)."""
     first, t_ns = rows.first[epoch], rows.epoch_ns[epoch]
     repeated, far2 = 0, 0.0

@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from insgnss.constants import S_PER_WEEK
 from insgnss.tables import EphemerisTable, Event, Float64, NavigationData, StateVectorTable
 
 Bool = npt.NDArray[np.bool_]
@@ -32,7 +33,6 @@ NEAREST_M, FARTHEST_M, FASTEST_MPS = 1.0e7, 1.0e8, 9.0e3
 # Of what is added to a range: the widest clock, Galileo's 62.5 ms; with a drift far above what any format holds
 MOST_CLOCK_M, MOST_DRIFT_MPS = 4.0e7, 100.0
 _MARGIN: Final = 2.0
-_WEEK_S: Final = 604_800.0
 _LONGEST_FIT_S: Final = 146 * 3600.0  # IS-GPS-200N, table 20-XII: the longest interval an IODC stands for
 
 # Fields of two's complement: bits, and the power of two of the last one; those of angles count semicircles
@@ -89,9 +89,9 @@ def faults_of_ephemerides(table: EphemerisTable) -> dict[str, Bool]:
         faults["sqrt_a"] = ~((table.sqrt_a > 0.0) & (nearest > NEAREST_M) & (farthest < FARTHEST_M))
         for name in _ANGLES:
             faults[name] = ~(np.abs(getattr(table, name)) <= _MARGIN * math.pi)
-        faults["toe_sow_s"] = ~(np.abs(table.toe_sow_s) <= _MARGIN * _WEEK_S)
+        faults["toe_sow_s"] = ~(np.abs(table.toe_sow_s) <= _MARGIN * S_PER_WEEK)
         apart_s = np.abs(table.toc_ns.astype(np.float64) - table.toe_ns.astype(np.float64)) * 1e-9
-        faults["toc_ns"] = ~(apart_s <= _WEEK_S)
+        faults["toc_ns"] = ~(apart_s <= S_PER_WEEK)
         for name in _GPS:
             most = np.array([limit_of(letter, name) for letter in system.tolist()], np.float64)
             size: Float64 = np.abs(getattr(table, name))

@@ -36,10 +36,10 @@ from insgnss.tables import EphemerisTable, Float64, GnssTable, Int16, Int64, Nav
 UInt8 = npt.NDArray[np.uint8]
 Bool = npt.NDArray[np.bool_]
 
-_USUAL_FLIGHT_S = 0.075  # of an epoch without any pseudorange: 20 200 km (GPS, zenith) to 25 800 km (horizon)
+USUAL_FLIGHT_S = 0.075  # of an epoch without any pseudorange: 20 200 km (GPS, zenith) to 25 800 km (horizon)
 # A flight time this far from the epoch's median is a wrong pseudorange, not a satellite: from low orbit to
 # geostationary orbit they differ by 0.08 s.
-_WIDEST_SPREAD_S = 0.1
+WIDEST_SPREAD_S = 0.1
 _LONGEST_FLIGHT_S = 10.0  # a pseudorange beyond is no number to take the median of, whatever the clock
 _NEAREST_SATELLITE_M = 6.0e6  # from the Earth's centre: a state in the log nearer than this is an empty cell
 
@@ -242,10 +242,10 @@ def flight_times(t_ns: Int64, pseudorange: Float64, tau: Float64) -> None:
                 sorted_values[found] = pseudorange[stop] / C_MPS
                 found += 1
             stop += 1
-        median = median_of(sorted_values, found) if found > 0 else _USUAL_FLIGHT_S
+        median = median_of(sorted_values, found) if found > 0 else USUAL_FLIGHT_S
         for i in range(start, stop):
             own = pseudorange[i] / C_MPS
-            near = abs(own - median) <= _WIDEST_SPREAD_S  # false for NaN
+            near = abs(own - median) <= WIDEST_SPREAD_S  # false for NaN
             tau[i] = own if near else median
         start = stop
 

@@ -25,14 +25,12 @@ from insgnss.gnss.point.integrity import (
     redundancy_room,
     swaps_fit,
 )
-from insgnss.gnss.point.log import Solution, fit_position, new_room, see_rows, solve_epochs, write_rows
+from insgnss.gnss.point.log import PointFit, fit_position, new_room, see_rows, solve_epochs, write_rows
 from insgnss.gnss.point.robust_fit import polish, search
 from insgnss.gnss.point.rows import PointRows, PointSettings, new_point_log
 from insgnss.gnss.troposphere import STANDARD_WEATHER
+from insgnss.kernels.compiled_ahead import ANY_N, ANY_X
 from insgnss.tables import EphemerisTable, GnssTable
-
-_N = 0  # stands for any whole number
-_X = 0.0  # for any other
 
 
 def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
@@ -46,27 +44,29 @@ def calls() -> dict[Callable[..., Any], tuple[Any, ...]]:
     )
     rows = _no_rows()
     places = np.zeros(0, np.int64)
-    settings = PointSettings(_X, _X, _X, STANDARD_WEATHER, (_X,) * 4, (_X,) * 4, _X, _X, ties)
+    settings = PointSettings(
+        ANY_X, ANY_X, ANY_X, STANDARD_WEATHER, (ANY_X,) * 4, (ANY_X,) * 4, ANY_X, ANY_X, ties
+    )
     out, room, limits = new_point_log(rows, 1), new_room(0), np.zeros(1)
     fits = Fits(limits, workspace(4), redundancy_room(0))
-    one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), Solution(use, x, P)
+    one, found = FitRows(RANGE, room.sat, x, x, room.group[0], ties, x), PointFit(use, x, P)
     return {
         solve_epochs: (rows, settings, limits, out),
         search: (one, use, x, fits.work, x, P, use),
         broadcast_states: _no_satellites(),
-        write_rows: (rows, settings, _N, _N, found, room, fits, out),
-        fit_position: (rows, settings, _N, _N, room, fits, found, u_n),
+        write_rows: (rows, settings, ANY_N, ANY_N, found, room, fits, out),
+        fit_position: (rows, settings, ANY_N, ANY_N, room, fits, found, u_n),
         polish: (one, use, x, P, fits.work, use),
         fit: (one, use, x, fits.work),
         agree: (one, use, x, x, P, fits),
-        many_excluded: (one, use, _N, x, x, P, fits),
-        few_excluded: (one, use, _N, x, P, fits),
-        swaps_fit: (one, use, use, x, _X, _X, fits),
-        see_rows: (rows, settings, _N, x, _N, room, u_n),
+        many_excluded: (one, use, ANY_N, x, x, P, fits),
+        few_excluded: (one, use, ANY_N, x, P, fits),
+        swaps_fit: (one, use, use, x, ANY_X, ANY_X, fits),
+        see_rows: (rows, settings, ANY_N, x, ANY_N, room, u_n),
         dilution: (one, use, x, P, fits.work, P, x),
         redundancy: (one, use, x, P, fits.work, fits.room),
-        protection_levels: (use, fits.room, P, P, _X, _X),
-        mark_repeats: (places, places, places, places, _N, places),
+        protection_levels: (use, fits.room, P, P, ANY_X, ANY_X),
+        mark_repeats: (places, places, places, places, ANY_N, places),
         flight_times: (places, x, x),
     }
 

@@ -19,7 +19,7 @@ from insgnss.gnss.least_squares import (
     CLOCKS,
     Bool,
     FitRows,
-    Workspace,
+    FitWorkspace,
     clock_of,
     copy,
     count,
@@ -56,7 +56,7 @@ class Fits(NamedTuple):
     """What every fit of a log needs: the test's limits and scratch arrays."""
 
     limits: Float64  # (k + 1,) limit of chi-square by the number of redundant rows
-    work: Workspace
+    work: FitWorkspace
     room: Redundancy
 
 
@@ -67,7 +67,9 @@ def redundancy_room(k: int) -> Redundancy:
 
 
 @kernel(apart=True)
-def redundancy(rows: FitRows, use: Bool, x: Float64, P: Float64, work: Workspace, room: Redundancy) -> None:
+def redundancy(
+    rows: FitRows, use: Bool, x: Float64, P: Float64, work: FitWorkspace, room: Redundancy
+) -> None:
     """Write the redundancy of a fit, ``x`` its solution and ``P`` its covariance.
 
     Equations: S = I - W^1/2 H P H^T W^1/2, r = W^1/2 (measured - predicted), A = (P H^T W^1/2)^T [Teunissen 2000,

@@ -59,7 +59,7 @@ _STILL_M: Final = 1.0  # the corrections of a place a metre away differ by less 
 _MOST_PASSES: Final = 5  # two or three do; more only where a satellite stands on the mask
 
 
-class Solution(NamedTuple):
+class PointFit(NamedTuple):
     """What the rows of one kind of an epoch say: position and clocks, or velocity and drift."""
 
     use: Bool  # (k,) rows in the solution
@@ -67,7 +67,7 @@ class Solution(NamedTuple):
     P: Float64  # (3 + groups, 3 + groups) as the sigmas say
 
 
-class _Room(NamedTuple):
+class _EpochRows(NamedTuple):
     """One epoch's rows that may be used, side by side; k at most."""
 
     at: Int64  # (k,) row of the log
@@ -83,9 +83,9 @@ class _Room(NamedTuple):
 
 
 @kernel
-def new_room(k: int) -> _Room:
+def new_room(k: int) -> _EpochRows:
     """Return room for an epoch of at most ``k`` rows."""
-    return _Room(
+    return _EpochRows(
         np.zeros(k, np.int64),
         np.zeros((k, 8)),
         np.zeros((2, k)),
@@ -100,7 +100,7 @@ def new_room(k: int) -> _Room:
 
 
 @kernel
-def _gather(rows: PointRows, epoch: int, room: _Room) -> int:
+def _gather(rows: PointRows, epoch: int, room: _EpochRows) -> int:
     """Copy the epoch's rows of which a kind may be used; return how many."""
     k = 0
     for i in range(rows.first[epoch], rows.first[epoch + 1]):
@@ -127,7 +127,7 @@ def _variance(stated: float, sine: float, thermal: float, noise: tuple[float, fl
 
 @kernel(apart=True)
 def see_rows(
-    rows: PointRows, settings: PointSettings, t_ns: int, x: Float64, k: int, room: _Room, u_n: Float64
+    rows: PointRows, settings: PointSettings, t_ns: int, x: Float64, k: int, room: _EpochRows, u_n: Float64
 ) -> None:
     """Write masks, delays and sigmas of the rows as seen from ``x``."""
     lat, lon, h = ecef_to_geodetic(x)
@@ -157,9 +157,9 @@ def fit_position(
     settings: PointSettings,
     epoch: int,
     k: int,
-    room: _Room,
+    room: _EpochRows,
     fits: Fits,
-    found: Solution,
+    found: PointFit,
     u_n: Float64,
 ) -> tuple[int, float, int]:
     """Return verdict, statistic and redundant rows of an epoch's position; ``found`` is the output."""
@@ -193,8 +193,8 @@ def write_rows(
     settings: PointSettings,
     e: int,
     kind: int,
-    found: Solution,
-    room: _Room,
+    found: PointFit,
+    room: _EpochRows,
     fits: Fits,
     out: PointLog,
 ) -> None:
@@ -240,14 +240,14 @@ def _forget(use: Bool, group: Int64, x: Float64, P: Float64) -> None:
 
 
 @kernel
-def _misfit(rows: FitRows, found: Solution, fits: Fits) -> float:
+def _misfit(rows: FitRows, found: PointFit, fits: Fits) -> float:
     """Return chi-square of the rows in the solution by their redundancy, NaN without any."""
     freedom = count(found.use) - n_unknowns(rows_per_clock(rows, found.use, len(found.x) - CLOCKS))
     return normal_matrix(rows, found.use, found.x, fits.work) / freedom if freedom > 0 else math.nan
 
 
 @kernel
-def _write(e: int, position: Solution, velocity: Solution, out: PointLog) -> None:
+def _write(e: int, position: PointFit, velocity: PointFit, out: PointLog) -> None:
     """Write position and velocity at reception, clocks and covariances of an epoch."""
     p = len(position.x)
     for a in range(3):
@@ -270,9 +270,9 @@ def _solve_position(
     settings: PointSettings,
     e: int,
     k: int,
-    room: _Room,
+    room: _EpochRows,
     fits: Fits,
-    found: Solution,
+    found: PointFit,
     out: PointLog,
 ) -> int:
     """Solve an epoch for position and clocks; write test, dilution and protection levels, and return the verdict."""
@@ -300,7 +300,13 @@ def _solve_position(
 
 @kernel
 def _solve_velocity(
-    settings: PointSettings, e: int, r_e: Float64, room: _Room, fits: Fits, found: Solution, out: PointLog
+    settings: PointSettings,
+    e: int,
+    r_e: Float64,
+    room: _EpochRows,
+    fits: Fits,
+    found: PointFit,
+    out: PointLog,
 ) -> int:
     """Solve an epoch for velocity and drift at a position, write the test, and return the verdict."""
     use, x = found.use, found.x
@@ -334,8 +340,8 @@ def solve_epochs(rows: PointRows, settings: PointSettings, limits: Float64, out:
     rate_fits = Fits(limits, workspace(4), fits.room)
     for e in range(len(rows.epoch_ns)):
         k = _gather(rows, e, room)
-        position = Solution(np.zeros(k, np.bool_), np.full(p, math.nan), np.zeros((p, p)))
-        velocity = Solution(np.zeros(k, np.bool_), np.full(4, math.nan), np.full((4, 4), math.nan))
+        position = PointFit(np.zeros(k, np.bool_), np.full(p, math.nan), np.zeros((p, p)))
+        velocity = PointFit(np.zeros(k, np.bool_), np.full(4, math.nan), np.full((4, 4), math.nan))
         out.verdict[e, 0] = _solve_position(rows, settings, e, k, room, fits, position, out)
         if not math.isnan(position.x[0]):
             out.verdict[e, 1] = _solve_velocity(settings, e, position.x, room, rate_fits, velocity, out)

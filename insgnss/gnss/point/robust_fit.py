@@ -2,8 +2,8 @@
 
 A consensus over minimal subsets (Fischler and Bolles 1981), scored as in Torr and Zisserman (2000): ``_TRIALS`` subsets
 of as many rows as unknowns are drawn by a fixed congruential sequence (same input, same bits). Each gives a candidate;
-its score is the sum of squared normalised residuals of all rows, each cut at ``_CUT``. The supporters of the best
-candidate are fitted together, then rows are dropped and taken in one by one.
+its score is the sum of squared normalised residuals of all rows, each cut at ``_CUT_SIGMAS``. The supporters of the
+best candidate are fitted together, then rows are dropped and taken in one by one.
 
 Almost all subsets are worse than the best one by far. A candidate by the rows linearised at the best position so far
 costs a fifth of its fit and shows that; only what comes near the best is fitted. The margins of ``_is_worse`` hold
@@ -24,7 +24,7 @@ from insgnss.gnss.least_squares import (
     RANGE_RATE,
     Bool,
     FitRows,
-    Workspace,
+    FitWorkspace,
     clock_of,
     copy,
     count,
@@ -40,7 +40,7 @@ from insgnss.tables import Float64, Int64
 
 # 1000 subsets: with 40 % false rows and 6 unknowns 47 of them are clean; 3 ms, spent only when the plain fit fails
 _TRIALS: Final = 1000
-_CUT: Final = 5.0  # sigmas; subsets amplify the noise, so it is wider than the gate
+_CUT_SIGMAS: Final = 5.0  # sigmas; subsets amplify the noise, so it is wider than the gate
 _GATE: Final = 4.0  # sigmas of the residual's own deviation: 6e-5 of true rows are lost
 # A score by linearised rows is worse for certain from factor * best + share * rows on: within 200 m a range bends by
 # 1 mm, which a poor subset amplifies to 0.1 m
@@ -53,7 +53,7 @@ _LEAST_DETERMINANT: Final = 1e-9  # beside the cubed trace: dilution beyond 1e4
 LOWEST_M, HIGHEST_M = 6.3e6, 1.0e8
 
 
-class Linear(NamedTuple):
+class LinearisedRows(NamedTuple):
     """The rows linearised at a position, and scratch for a subset's solution."""
 
     at: Float64  # (3 + groups,) the position and its clocks
@@ -79,21 +79,21 @@ def spread(P: Float64, u: Float64, j: int) -> float:
 
 
 @kernel
-def _score(rows: FitRows, among: Bool, x: Float64, work: Workspace, near: Bool) -> float:
+def _score(rows: FitRows, among: Bool, x: Float64, work: FitWorkspace, near: Bool) -> float:
     """Return the cut sum of squared normalised residuals; mark the rows within the cut in ``near``."""
     total = 0.0
     for k in range(len(among)):
         near[k] = False
         if among[k]:
             normal = abs(residual(rows, k, x, work)) / rows.sigma[k]
-            near[k] = normal < _CUT
-            total += min(normal * normal, _CUT * _CUT)
+            near[k] = normal < _CUT_SIGMAS
+            total += min(normal * normal, _CUT_SIGMAS * _CUT_SIGMAS)
     return total
 
 
 @kernel
-def _linear(k: int, p: int) -> Linear:
-    return Linear(
+def _linear(k: int, p: int) -> LinearisedRows:
+    return LinearisedRows(
         np.zeros(p),
         np.zeros((k, 3)),
         np.zeros(k),
@@ -107,7 +107,7 @@ def _linear(k: int, p: int) -> Linear:
 
 
 @kernel
-def _linearise(rows: FitRows, among: Bool, x: Float64, work: Workspace, linear: Linear) -> bool:
+def _linearise(rows: FitRows, among: Bool, x: Float64, work: FitWorkspace, linear: LinearisedRows) -> bool:
     """Write the rows linearised at ``x``; return whether that can be done there."""
     size = math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     if not (size < HIGHEST_M and (rows.kind == RANGE_RATE or size > LOWEST_M)):
@@ -129,7 +129,7 @@ def _linearise(rows: FitRows, among: Bool, x: Float64, work: Workspace, linear: 
 
 
 @kernel
-def _normal_matrix(group: Int64, members: Int64, m: int, linear: Linear) -> bool:
+def _normal_matrix(group: Int64, members: Int64, m: int, linear: LinearisedRows) -> bool:
     """Write the adjugate of a subset's normal matrix, its clocks eliminated; False when it is close to singular.
 
     Equation: sum w (u - mean u)(u - mean u)^T, the means over the rows of one clock.
@@ -166,7 +166,7 @@ def _normal_matrix(group: Int64, members: Int64, m: int, linear: Linear) -> bool
 
 
 @kernel
-def _add_step(group: Int64, members: Int64, m: int, linear: Linear) -> None:
+def _add_step(group: Int64, members: Int64, m: int, linear: LinearisedRows) -> None:
     """Add to the step what the least squares of the subset's ``left`` ask for, clocks included.
 
     Equation: min sum w (left + u dx - c_g)^2, c_g = mean(left + u dx).
@@ -196,7 +196,7 @@ def _add_step(group: Int64, members: Int64, m: int, linear: Linear) -> None:
 
 
 @kernel
-def _left(k: int, group: Int64, bent: bool, linear: Linear) -> float:
+def _left(k: int, group: Int64, bent: bool, linear: LinearisedRows) -> float:
     """Return what is left of row ``k`` after the step, its range linear, or to second order (``bent``).
 
     Equation: r + u dx - (|dx|^2 - (u dx)^2) / (2 rho) - c.
@@ -210,21 +210,23 @@ def _left(k: int, group: Int64, bent: bool, linear: Linear) -> float:
 
 
 @kernel
-def _linear_score(group: Int64, members: Int64, bent: bool, linear: Linear, limit: float) -> float:
+def _linear_score(group: Int64, members: Int64, bent: bool, linear: LinearisedRows, limit: float) -> float:
     """Return the cut sum of squared normalised residuals after the step, or something beyond ``limit``."""
     total = 0.0
     # the subset's own rows stand first and fit: those that may not stand last
     for n in range(len(members) - 1, -1, -1):
         k = members[n]
         left = _left(k, group, bent, linear)
-        total += min(left * left * linear.weight[k], _CUT * _CUT)
+        total += min(left * left * linear.weight[k], _CUT_SIGMAS * _CUT_SIGMAS)
         if total > limit:
             break
     return total
 
 
 @kernel
-def _is_worse(rows: FitRows, members: Int64, m: int, start: Float64, best: float, linear: Linear) -> bool:
+def _is_worse(
+    rows: FitRows, members: Int64, m: int, start: Float64, best: float, linear: LinearisedRows
+) -> bool:
     """Return whether the candidate of the first ``m`` members scores worse than ``best`` for certain.
 
     Otherwise ``linear.step`` leads to the candidate, or is NaN where it cannot be told. A clock without a row in the
@@ -279,7 +281,7 @@ def _draw(m: int, members: Int64, state: int) -> int:
 
 
 @kernel(apart=True)
-def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: Workspace, use: Bool) -> float:
+def polish(rows: FitRows, among: Bool, x: Float64, P: Float64, work: FitWorkspace, use: Bool) -> float:
     """Take in or drop the row that deserves it most until nothing changes; return chi-square, NaN when singular.
 
     A row in use is dropped when its residual exceeds the gate times its deviation sqrt(s^2 - h P h^T); one left
@@ -327,7 +329,7 @@ def _without_ties(rows: FitRows, n_clocks: int) -> FitRows:
 
 @kernel(apart=True)
 def search(
-    rows: FitRows, candidates: Bool, start: Float64, work: Workspace, x: Float64, P: Float64, use: Bool
+    rows: FitRows, candidates: Bool, start: Float64, work: FitWorkspace, x: Float64, P: Float64, use: Bool
 ) -> float:
     """Replace ``use`` by the largest agreeing set, ``x`` and ``P`` by its fit; return its chi-square, NaN when none.
 

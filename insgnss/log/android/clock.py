@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
-from insgnss.log.android.lines import Cells
+from insgnss.log.android.lines import AndroidCells
 from insgnss.tables import Event, Float64, Int64
 
 Bool = npt.NDArray[np.bool_]
@@ -43,7 +43,7 @@ class ReceiverClock:
     events: list[Event]
 
 
-def receiver_clock(raw: Cells) -> ReceiverClock:
+def receiver_clock(raw: AndroidCells) -> ReceiverClock:
     """Return the GPS time of the "Raw" lines."""
     time_ns, timed = raw.integers("TimeNanos")
     full_ns, biased = raw.integers("FullBiasNanos")

@@ -13,7 +13,7 @@ import numpy as np
 
 from insgnss.constants import NS_PER_S
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
-from insgnss.log.android.lines import Cells
+from insgnss.log.android.lines import AndroidCells
 from insgnss.tables import Float64, Int64, ReferenceTable
 
 OWN_SOLUTION: Final = 2.0  # its quality: do not score tightly
@@ -23,7 +23,7 @@ _RADIUS_68: Final = 1.51  # of a round normal distribution, in sigmas of one axi
 _NS_PER_MS: Final = NS_PER_S // 1000
 
 
-def fixes(lines: Cells) -> ReferenceTable | None:
+def fixes(lines: AndroidCells) -> ReferenceTable | None:
     """Return the solution of the log's best provider, in time order, None when no line has a place and a time.
 
     Velocity is level: the log has no vertical one.
@@ -60,12 +60,12 @@ def fixes(lines: Cells) -> ReferenceTable | None:
     )
 
 
-def _first(lines: Cells, *names: str) -> Float64:
+def _first(lines: AndroidCells, *names: str) -> Float64:
     """Return the column that the file has of several names; versions of the application differ."""
     return lines.decimals(next((name for name in names if lines.has(name)), names[0]))
 
 
-def _times(lines: Cells) -> tuple[Int64, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+def _times(lines: AndroidCells) -> tuple[Int64, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     name = next((name for name in ("UnixTimeMillis", "(UTC)TimeInMs") if lines.has(name)), "UnixTimeMillis")
     unix_ms, given = lines.integers(name)
     given &= (unix_ms > UNIX_TO_GPS_S * 1000) & (unix_ms < 10 * UNIX_TO_GPS_S * 1000)
@@ -76,7 +76,7 @@ def _times(lines: Cells) -> tuple[Int64, np.ndarray[tuple[int], np.dtype[np.bool
     return np.where(given, utc_ns + leap_ns, 0), given
 
 
-def _sigmas(lines: Cells, rows: Int64) -> Float64:
+def _sigmas(lines: AndroidCells, rows: Int64) -> Float64:
     level = _first(lines, "AccuracyMeters", "Accuracy")[rows] / _RADIUS_68
     speed = lines.decimals("SpeedAccuracyMps")[rows]
     unknown = np.full(len(rows), np.nan)

@@ -29,7 +29,7 @@ _DECIMAL: Final = r"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?$"
 
 
 @dataclass
-class Lines:
+class AndroidLines:
     """The lines of one kind."""
 
     columns: tuple[str, ...] = ()
@@ -37,15 +37,15 @@ class Lines:
     first_line: int = 0  # number in the file of the first of them
 
 
-def lines_by_kind(text: str) -> dict[str, Lines]:
+def lines_by_kind(text: str) -> dict[str, AndroidLines]:
     """Return the data lines of each kind that a header line describes, and those of other kinds without columns."""
-    kinds: dict[str, Lines] = {}
+    kinds: dict[str, AndroidLines] = {}
     of_all: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):
         if line.startswith("#"):
             match = _HEADER.match(line)
             if match is not None and "," in match[2]:
-                kinds.setdefault(match[1], Lines()).columns = _names(match[2])
+                kinds.setdefault(match[1], AndroidLines()).columns = _names(match[2])
             continue
         kind, comma, rest = line.partition(",")
         if number == 1 and line.startswith(_TABLE_HEADER):
@@ -55,7 +55,7 @@ def lines_by_kind(text: str) -> dict[str, Lines]:
         if of_kind is None:
             if not comma or not _KIND.fullmatch(kind):
                 continue
-            of_kind = kinds[kind] = Lines()
+            of_kind = kinds[kind] = AndroidLines()
         if not of_kind.texts:
             of_kind.first_line = number
         of_kind.texts.append(line)
@@ -69,7 +69,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Cells:
+class AndroidCells:
     """The cells of one kind of line as text, and how many lines did not have as many cells as the others."""
 
     columns: dict[str, Any]  # name in lower case -> pyarrow array of strings
@@ -110,14 +110,14 @@ class Cells:
         return values, present.copy()  # the caller narrows it down
 
 
-def cells(lines: Lines) -> Cells:
+def cells(lines: AndroidLines) -> AndroidCells:
     """Return the lines' cells by column; a line with too few or too many cells is refused and counted.
 
     Some writers leave out the last columns that their header names, or add cells without a name: what most lines have
     counts. A name that stands twice in the header is one column, its first cell that is not empty.
     """
     if not lines.texts or not lines.columns:
-        return Cells({}, 0, len(lines.texts))
+        return AndroidCells({}, 0, len(lines.texts))
     names = ["", *(name.lower() for name in lines.columns)]
     table, refused = _table(lines.texts, len(names))
     if 2 * refused > len(lines.texts):
@@ -131,7 +131,7 @@ def cells(lines: Lines) -> Cells:
         found[name] = (
             column if first is None else pc.if_else(pc.equal(pc.utf8_length(first), 0), column, first)
         )
-    return Cells(found, table.num_rows, refused)
+    return AndroidCells(found, table.num_rows, refused)
 
 
 def _table(texts: list[str], width: int) -> tuple[Any, int]:

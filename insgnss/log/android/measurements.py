@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS, NS_PER_S, NS_PER_WEEK, S_PER_DAY
-from insgnss.gpstime import BDT_MINUS_GPST_S, leap_seconds, ns_to_datetime
+from insgnss.gpstime import BDT_MINUS_GPST_S, MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
 from insgnss.log.android.clock import Bool, ReceiverClock, corrected_by_satellites, receiver_clock
-from insgnss.log.android.lines import Cells
-from insgnss.log.android.signals import Signal, on_channel, satellite, signal
+from insgnss.log.android.lines import AndroidCells
+from insgnss.log.android.signals import AndroidSignal, on_channel, satellite, signal
 from insgnss.log.satellites import channel_of_name
 from insgnss.tables import Event, Float64, GnssTable, Int8, Int64
 
@@ -35,7 +35,6 @@ _LOCKED: Final = CODE_LOCK | GAL_E1BC_CODE_LOCK | GAL_E1C_2ND_CODE_LOCK | SECOND
 # GnssMeasurement.getAccumulatedDeltaRangeState
 ADR_VALID, ADR_RESET, ADR_CYCLE_SLIP, ADR_HALF_CYCLE_RESOLVED, ADR_HALF_CYCLE_REPORTED = 1, 2, 4, 8, 16
 
-MOSCOW_MINUS_UTC_S: Final = 3 * 3600
 SHORTEST_NS, LONGEST_NS = 1e6, 5e8  # of a travel time with a clock that is off: 300 km to half a second
 _DAY_NS: Final = S_PER_DAY * NS_PER_S
 _MS: Final = NS_PER_S // 1000
@@ -53,7 +52,7 @@ _UNMEASURED_NS: Final = 1e6
 _UNMEASURED_MPS: Final = 100.0
 
 
-def measurements(raw: Cells) -> tuple[GnssTable, ReceiverClock, list[Event]]:
+def measurements(raw: AndroidCells) -> tuple[GnssTable, ReceiverClock, list[Event]]:
     """Return one row for each line of a known satellite and signal with a time, the clock, and what rows lack."""
     clock = receiver_clock(raw)
     names, signals = _named(raw)
@@ -82,7 +81,7 @@ def measurements(raw: Cells) -> tuple[GnssTable, ReceiverClock, list[Event]]:
     travel_ns = np.where(measured & known & plausible, travel_ns, np.nan)
     rows = np.flatnonzero(kept)
     rows = rows[np.argsort(clock.t_ns[rows], kind="stable")]
-    chosen = [(names[k] or "", signals[k] or Signal("", np.nan)) for k in rows.tolist()]
+    chosen = [(names[k] or "", signals[k] or AndroidSignal("", np.nan)) for k in rows.tolist()]
     return _table(raw, clock, rows, chosen, travel_ns, measured), clock, events
 
 
@@ -91,21 +90,21 @@ def _told(kind: str, *groups: tuple[str, Bool]) -> list[Event]:
     return [Event(None, kind, "; ".join(parts))] if parts else []
 
 
-def _measured(raw: Cells) -> Bool:
+def _measured(raw: AndroidCells) -> Bool:
     """Return which lines are of signals that the phone tracked: by the stated uncertainty, else by the state."""
     uncertainty_ns = raw.decimals("ReceivedSvTimeUncertaintyNanos")
     locked = raw.integers("State")[0] & _LOCKED != 0
     return np.asarray(np.where(uncertainty_ns > 0.0, uncertainty_ns < _UNMEASURED_NS, locked), np.bool_)
 
 
-def _named(raw: Cells) -> tuple[list[str | None], list[Signal | None]]:
+def _named(raw: AndroidCells) -> tuple[list[str | None], list[AndroidSignal | None]]:
     """Return each row's satellite and signal."""
     constellation, _ = raw.integers("ConstellationType")
     svid, _ = raw.integers("Svid")
     carriers = raw.decimals("CarrierFrequencyHz")
     carriers = np.where(carriers > 0.0, carriers, np.nan)
     satellites: dict[tuple[int, int], str | None] = {}
-    signals: dict[tuple[int, int, float | None, str], Signal | None] = {}
+    signals: dict[tuple[int, int, float | None, str], AndroidSignal | None] = {}
     names_of_rows, signals_of_rows = [], []
     rows = zip(constellation.tolist(), svid.tolist(), carriers.tolist(), raw.texts("CodeType"), strict=True)
     for system, number, carrier, code in rows:
@@ -119,13 +118,15 @@ def _named(raw: Cells) -> tuple[list[str | None], list[Signal | None]]:
     return names_of_rows, signals_of_rows
 
 
-def _signal(name: str | None, carrier_hz: float, code_type: str) -> Signal | None:
+def _signal(name: str | None, carrier_hz: float, code_type: str) -> AndroidSignal | None:
     found = None if name is None else signal(name[0], carrier_hz, code_type)
     channel = None if name is None else channel_of_name(name)
     return found if found is None or channel is None else on_channel(found, channel)
 
 
-def _travel_times(raw: Cells, clock: ReceiverClock, names: list[str]) -> tuple[ReceiverClock, Float64, Bool]:
+def _travel_times(
+    raw: AndroidCells, clock: ReceiverClock, names: list[str]
+) -> tuple[ReceiverClock, Float64, Bool]:
     """Return the clock, mended where it must be, the travel times [ns], and where they are known."""
     sent_ns, readable = raw.integers("ReceivedSvTimeNanos")
     system = np.array([name[:1] for name in names], "U1")
@@ -151,7 +152,7 @@ def _travel_times(raw: Cells, clock: ReceiverClock, names: list[str]) -> tuple[R
     return clock, travel + offset_ns - rate / C_MPS * offset_ns, known
 
 
-def _periods(raw: Cells, system: npt.NDArray[np.str_]) -> tuple[Int64, Bool]:
+def _periods(raw: AndroidCells, system: npt.NDArray[np.str_]) -> tuple[Int64, Bool]:
     """Return what each time of transmission counts in [ns], zero where ambiguous; and whether it is a day or a week."""
     state, _ = raw.integers("State")
     whole = np.where(
@@ -165,14 +166,14 @@ def _periods(raw: Cells, system: npt.NDArray[np.str_]) -> tuple[Int64, Bool]:
     return period, (whole != 0) & (period > 0)
 
 
-def _rates(raw: Cells) -> Float64:
+def _rates(raw: AndroidCells) -> Float64:
     """Return the range rates [m/s], NaN where the phone does not claim to have measured one."""
     rate = raw.decimals("PseudorangeRateMetersPerSecond")
     uncertainty = raw.decimals("PseudorangeRateUncertaintyMetersPerSecond")
     return np.asarray(np.where(uncertainty > _UNMEASURED_MPS, np.nan, rate))
 
 
-def _leap_seconds(raw: Cells, clock: ReceiverClock) -> int:
+def _leap_seconds(raw: AndroidCells, clock: ReceiverClock) -> int:
     """Return GPS minus UTC as the log states it, else by the date."""
     stated, given = raw.integers("LeapSecond")
     seconds = stated[given & (stated > 0)]
@@ -182,10 +183,10 @@ def _leap_seconds(raw: Cells, clock: ReceiverClock) -> int:
 
 
 def _table(
-    raw: Cells,
+    raw: AndroidCells,
     clock: ReceiverClock,
     kept: npt.NDArray[np.intp],
-    chosen: list[tuple[str, Signal]],
+    chosen: list[tuple[str, AndroidSignal]],
     travel_ns: Float64,
     measured: Bool,
 ) -> GnssTable:
@@ -218,7 +219,7 @@ def _table(
     )
 
 
-def _satellite_states(raw: Cells, kept: npt.NDArray[np.intp]) -> Float64 | None:
+def _satellite_states(raw: AndroidCells, kept: npt.NDArray[np.intp]) -> Float64 | None:
     """Return (n, 8) positions, velocities, clocks and drifts that newer phones state, None where the file has none."""
     for ending in ("Ecef{}", "{}Ecef"):  # of the application, of tables made of its files
         axes = [ending.format(axis) for axis in "XYZ"]
@@ -232,7 +233,7 @@ def _satellite_states(raw: Cells, kept: npt.NDArray[np.intp]) -> Float64 | None:
 
 
 def _carrier(
-    raw: Cells, clock: ReceiverClock, kept: npt.NDArray[np.intp], carrier_hz: Float64
+    raw: AndroidCells, clock: ReceiverClock, kept: npt.NDArray[np.intp], carrier_hz: Float64
 ) -> tuple[Float64 | None, Int8 | None]:
     """Return carrier phases [cycles] and loss-of-lock indicators; None when the log has none."""
     state = raw.integers("AccumulatedDeltaRangeState")[0][kept]

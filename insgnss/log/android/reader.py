@@ -13,7 +13,7 @@ from insgnss.errors import InputError
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds
 from insgnss.log.android.clock import ReceiverClock
 from insgnss.log.android.fixes import fixes
-from insgnss.log.android.lines import Cells, Lines, cells, lines_by_kind
+from insgnss.log.android.lines import AndroidCells, AndroidLines, cells, lines_by_kind
 from insgnss.log.android.measurements import measurements
 from insgnss.log.files import file_text
 from insgnss.log.imu.sensor_pairs import paired
@@ -68,28 +68,28 @@ def read_android(path: Path) -> ReceiverLog:
     if other:
         listed = ", ".join(f"{count} {kind}" for kind, count in sorted(other.items())[:10])
         told.append(Event(None, "android_lines_not_read", f"lines of other kinds: {listed}"))
-    found = cells(kinds.get("Fix", Lines()))
+    found = cells(kinds.get("Fix", AndroidLines()))
     told += _refused("Fix", found)
     named = [Event(e.t_ns, e.kind, f"{path}: {e.detail}") for e in events + told]
     return ReceiverLog(gnss, None, imu, named, fixes(found))
 
 
-def _refused(kind: str, found: Cells) -> list[Event]:
+def _refused(kind: str, found: AndroidCells) -> list[Event]:
     if not found.refused:
         return []
     return [Event(None, "bad_row", f"{found.refused} {kind} line(s) with a wrong number of cells refused")]
 
 
 def _inertial(
-    kinds: dict[str, Lines], raw: Cells, receiver: ReceiverClock
+    kinds: dict[str, AndroidLines], raw: AndroidCells, receiver: ReceiverClock
 ) -> tuple[ImuTable | None, list[Event]]:
-    if not any(kinds.get(kind, Lines()).texts for kind, _ in _ANGULAR_RATE + _ACCELERATION):
+    if not any(kinds.get(kind, AndroidLines()).texts for kind, _ in _ANGULAR_RATE + _ACCELERATION):
         return None, []
     clock, events = _elapsed_to_gps(raw, receiver)
     samples = []
     for choices in (_ANGULAR_RATE, _ACCELERATION):
         kind, axes = next((c for c in choices if c[0] in kinds and kinds[c[0]].texts), choices[0])
-        found = cells(kinds.get(kind, Lines()))
+        found = cells(kinds.get(kind, AndroidLines()))
         events += _refused(kind, found)
         t_ns, timed = _sample_times(found, clock)
         values = np.stack([found.decimals(name) for name in axes], axis=1) if found.n else np.zeros((0, 3))
@@ -101,7 +101,9 @@ def _inertial(
     return imu, events + told
 
 
-def _elapsed_to_gps(raw: Cells, receiver: ReceiverClock) -> tuple[tuple[int, int, float] | None, list[Event]]:
+def _elapsed_to_gps(
+    raw: AndroidCells, receiver: ReceiverClock
+) -> tuple[tuple[int, int, float] | None, list[Event]]:
     """Return (elapsed_0, gps_0, rate) with gps = gps_0 + (elapsed - elapsed_0) (1 + rate), None when not known."""
     elapsed, given = raw.integers("ChipsetElapsedRealtimeNanos")
     rows = np.flatnonzero(given & receiver.known & (elapsed > 0))
@@ -126,7 +128,7 @@ def _without_outliers(values: Float64) -> np.ndarray[tuple[int], np.dtype[np.boo
 
 
 def _sample_times(
-    found: Cells, clock: tuple[int, int, float] | None
+    found: AndroidCells, clock: tuple[int, int, float] | None
 ) -> tuple[Int64, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
     """Return the GPS time of each sample and where it is known."""
     if clock is not None:

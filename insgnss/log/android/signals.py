@@ -25,10 +25,10 @@ from insgnss.gnss.signals import (
     L5_HZ,
     S_HZ,
 )
-from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, MAX_NUMBER
+from insgnss.log.satellites import CHANNEL_NAME_ZERO, CHANNELS_IN_USE, MAX_NUMBER, SBAS_OFFSET
 
 SYSTEMS: Final = {1: "G", 2: "S", 3: "R", 4: "J", 5: "C", 6: "E", 7: "I"}
-_QZSS_OFFSET, _SBAS_OFFSET = 192, 100
+_QZSS_OFFSET: Final = 192
 _CHANNEL_OFFSET: Final = 100  # of a GLONASS satellite that is known by its channel alone
 _LARGEST_ERROR_HZ: Final = 2e6  # phones log the carrier as a float of single precision, wrong by up to 64 Hz
 
@@ -66,7 +66,7 @@ BANDS: Final = {
 _STEPS_HZ: Final = {"1": G1_STEP_HZ, "2": G2_STEP_HZ}
 
 
-class Signal(NamedTuple):
+class AndroidSignal(NamedTuple):
     """What a row measures: RINEX code, carrier [Hz], GLONASS channel (None for other systems or not known)."""
 
     code: str
@@ -84,11 +84,11 @@ def satellite(constellation: int, svid: int) -> str | None:
         return None
     if system == "R" and svid - _CHANNEL_OFFSET in CHANNELS_IN_USE:
         return f"R{CHANNEL_NAME_ZERO + svid - _CHANNEL_OFFSET}"
-    number = svid - (_QZSS_OFFSET if system == "J" else _SBAS_OFFSET if system == "S" else 0)
+    number = svid - (_QZSS_OFFSET if system == "J" else SBAS_OFFSET if system == "S" else 0)
     return f"{system}{number:02d}" if 1 <= number <= MAX_NUMBER[system] else None
 
 
-def signal(system: str, carrier_hz: float, code_type: str) -> Signal | None:
+def signal(system: str, carrier_hz: float, code_type: str) -> AndroidSignal | None:
     """Return the signal of a carrier and code type, None when no band of the system is near.
 
     Without a carrier frequency (before Android 8) it is the system's first band, without a code type the usual code.
@@ -108,11 +108,11 @@ def signal(system: str, carrier_hz: float, code_type: str) -> Signal | None:
     letter = code_type.strip().upper()
     letter = letter if len(letter) == 1 and letter.isalpha() and letter.isascii() else band.letter
     carrier = band.carrier_hz + (_STEPS_HZ[band.band] * channel if channel is not None else 0.0)
-    return Signal(f"C{band.band}{letter}", carrier, channel)
+    return AndroidSignal(f"C{band.band}{letter}", carrier, channel)
 
 
-def on_channel(found: Signal, channel: int) -> Signal:
+def on_channel(found: AndroidSignal, channel: int) -> AndroidSignal:
     """Return a GLONASS signal whose channel is known from elsewhere."""
     band = found.code[1]
     carrier_hz = {"1": G1_HZ, "2": G2_HZ}[band] + _STEPS_HZ[band] * channel
-    return Signal(found.code, carrier_hz, channel)
+    return AndroidSignal(found.code, carrier_hz, channel)

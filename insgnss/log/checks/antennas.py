@@ -19,7 +19,7 @@ from insgnss.log.further_antennas import read_further_antenna, require_carrier
 from insgnss.tables import GnssTable, Int64
 
 LONG_BASELINE_M: Final = 50.0
-MIN_SATELLITES: Final = 4  # of one epoch, for whole cycles that one set alone fits
+MIN_CYCLE_SATELLITES: Final = 4  # of one epoch, for whole cycles that one set alone fits
 
 
 def antenna_findings(flight: Flight, main: GnssTable | None) -> list[Finding]:
@@ -79,7 +79,7 @@ def _log_findings(flight: Flight, antenna: FurtherAntenna, main: GnssTable) -> l
         f"antenna {antenna.name}: phases of {counts.min()} to {counts.max()} satellites in common with the main"
         f" log in {len(counts)} of its {epochs} epochs"
     )
-    few = np.median(counts) < MIN_SATELLITES
+    few = np.median(counts) < MIN_CYCLE_SATELLITES
     advice = "fewer than four seldom settle the whole cycles" if few else ""
     return [Finding("warning" if few else "ok", "attitude", text, advice)]
 

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from insgnss.log.checks.axis_search import EQUAL, SURE, Match
-from insgnss.log.checks.declaration import Declared
+from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.report import Finding, Proposal
-from insgnss.log.checks.vehicle_axes import Axes, contradicted, forward_known, names, strangeness
+from insgnss.log.checks.vehicle_axes import VehicleAxes, contradicted, forward_known, names, strangeness
 from insgnss.tables import Float64
 
 # -2 log likelihood to every other reading, for axes that are sure: what no reading holds, as scale errors, made 16
@@ -23,7 +23,7 @@ MOST_OPEN: Final = 3  # columns that the motion may leave open while it bears th
 SHOWN: Final = 4  # readings
 
 
-def axes_findings(declared: Declared, found: list[Axes], match: Match) -> list[Finding]:
+def axes_findings(declared: AxesDeclaration, found: list[VehicleAxes], match: Match) -> list[Finding]:
     """Return the finding on the axes.
 
     Parameters
@@ -43,13 +43,13 @@ def axes_findings(declared: Declared, found: list[Axes], match: Match) -> list[F
     return [_other_axes(declared, best, near, beyond - best.cost)]
 
 
-def decided(found: list[Axes]) -> bool:
+def decided(found: list[VehicleAxes]) -> bool:
     """Return whether one reading leads, by the log or by being the simplest: time and lever arm are asked with it."""
     best = found[0]
     return best.rank == 0 or all(strangeness(axes) - strangeness(best) > EQUAL for axes in _near(found))
 
 
-def _near(found: list[Axes]) -> list[Axes]:
+def _near(found: list[VehicleAxes]) -> list[VehicleAxes]:
     """Return the readings that cannot be told from the first."""
     best = found[0]
     level = best.cost if best.rank == 0 else min(axes.cost for axes in found)
@@ -57,7 +57,7 @@ def _near(found: list[Axes]) -> list[Axes]:
     return [axes for axes in found[1:] if axes.cost - level < apart and _told(axes) != _told(best)]
 
 
-def _fitting(best: Axes, near: list[Axes], shown: str) -> Finding:
+def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
     if not near:
         return Finding("ok", "motion", f"the axes fit the motion: {shown}")
     advice = "turns with bank or pitch, runs and stops tell more"
@@ -74,7 +74,7 @@ def _fitting(best: Axes, near: list[Axes], shown: str) -> Finding:
     return Finding("ok", "motion", f"{text}: axes {_listed(near)}", advice)
 
 
-def _open_columns(best: Axes, near: list[Axes]) -> list[str]:
+def _open_columns(best: VehicleAxes, near: list[VehicleAxes]) -> list[str]:
     """Return the sensor columns that other readings take otherwise."""
     found = set()
     for axes in near:
@@ -84,7 +84,7 @@ def _open_columns(best: Axes, near: list[Axes]) -> list[str]:
     return sorted(found)
 
 
-def _undecided(readings: list[Axes]) -> Finding:
+def _undecided(readings: list[VehicleAxes]) -> Finding:
     ordered = sorted(readings, key=strangeness)
     text = f"the declared axes do not fit the motion; several others do: axes {_listed(ordered)}"
     columns = _open_columns(ordered[0], ordered[1:])
@@ -93,17 +93,19 @@ def _undecided(readings: list[Axes]) -> Finding:
     return Finding("error", "motion", text, "turns with bank or pitch, runs and stops tell them apart")
 
 
-def _listed(readings: list[Axes]) -> str:
+def _listed(readings: list[VehicleAxes]) -> str:
     shown = " or ".join(_told(axes) for axes in readings[:SHOWN])
     return shown + (f" or {len(readings) - SHOWN} more" if len(readings) > SHOWN else "")
 
 
-def _told(axes: Axes) -> str:
+def _told(axes: VehicleAxes) -> str:
     accel, gyro = names(axes.accel), names(axes.gyro)
     return ", ".join(accel) + ("" if accel == gyro else f" with gyros {', '.join(gyro)}")
 
 
-def _other_axes(declared: Declared, best: Axes, near: list[Axes], margin: float) -> Finding:
+def _other_axes(
+    declared: AxesDeclaration, best: VehicleAxes, near: list[VehicleAxes], margin: float
+) -> Finding:
     one = best.hypothesis
     text = f"the axes are {_told(best)}: {_directions(best, margin)}"
     if declared.turned:
@@ -125,13 +127,13 @@ def _other_axes(declared: Declared, best: Axes, near: list[Axes], margin: float)
     return Finding("error", "motion", text + left, advice, sure, _proposals(declared, best))
 
 
-def _certainty(best: Axes, near: list[Axes], margin: float) -> str:
+def _certainty(best: VehicleAxes, near: list[VehicleAxes], margin: float) -> str:
     clear = not near and margin > SURE_AXES
     # what the direction of motion prefers, the velocities must allow
     return "sure" if clear and forward_known(best.hypothesis) and best.hypothesis.fit < EQUAL else "likely"
 
 
-def _proposals(declared: Declared, best: Axes) -> tuple[Proposal, ...]:
+def _proposals(declared: AxesDeclaration, best: VehicleAxes) -> tuple[Proposal, ...]:
     why = "gravity, turns and accelerations against the satellites' velocity ask for them"
     accel, gyro = names(best.accel), names(best.gyro)
     proposals = [Proposal("imu.axes", accel, why)]
@@ -141,7 +143,7 @@ def _proposals(declared: Declared, best: Axes) -> tuple[Proposal, ...]:
     return tuple(proposals)
 
 
-def _directions(best: Axes, margin: float) -> str:
+def _directions(best: VehicleAxes, margin: float) -> str:
     one = best.hypothesis
     return (
         f"motion along {_vector(one.along_s)}, gravity along {_vector(one.down_s)} of the sensor's axes; log likelihood"

@@ -21,7 +21,7 @@ from insgnss.log.checks.motion_fit import (
 )
 from insgnss.log.checks.motion_fit import at_times as path_at
 from insgnss.log.checks.nose_first import SLOW_MPS, Nose, noses
-from insgnss.log.checks.stretches import Stretch, inertial_grid, lag_of
+from insgnss.log.checks.stretches import GnssStretch, inertial_grid, lag_of
 from insgnss.tables import Float64, ImuTable
 
 SCAN_S: Final = 22.0  # holds the leap seconds
@@ -59,7 +59,7 @@ class Match(NamedTuple):
     gap: float  # to the best of those that are not ranked
     unit_gap: float  # to the best one with another unit of the gyros
     rms_mps: float
-    stretches: list[Stretch]
+    stretches: list[GnssStretch]
 
     @property
     def readings(self) -> list[Hypothesis]:
@@ -72,7 +72,7 @@ class Match(NamedTuple):
         return [one for one in self.readings if one.cost < EQUAL]
 
 
-def in_motion(found: list[Stretch]) -> list[Stretch]:
+def in_motion(found: list[GnssStretch]) -> list[GnssStretch]:
     """Return the stretches whose motion stands out of the noise."""
     return [stretch for stretch in found if stretch.motion > MIN_MOTION]
 
@@ -80,7 +80,7 @@ def in_motion(found: list[Stretch]) -> list[Stretch]:
 def search(
     imu: ImuTable,
     origin_ns: int,
-    found: list[Stretch],
+    found: list[GnssStretch],
     declared: Float64,
     factors: tuple[float, ...],
     base_s: float = 0.0,
@@ -134,7 +134,7 @@ def is_map(hypothesis: Hypothesis, gyro_map: Float64, factor: float) -> bool:
 
 
 def _scan(
-    imu: ImuTable, origin_ns: int, moving: list[Stretch], maps: Float64, base_s: float, step_s: float
+    imu: ImuTable, origin_ns: int, moving: list[GnssStretch], maps: Float64, base_s: float, step_s: float
 ) -> tuple[float, float]:
     """Return the shift with the least cost over all maps, zero where that is as good, and the fall below the median."""
     chosen = moving[:SCAN_STRETCHES]
@@ -153,7 +153,7 @@ def _scan(
 def _ranked(
     imu: ImuTable,
     origin_ns: int,
-    moving: list[Stretch],
+    moving: list[GnssStretch],
     maps: Float64,
     shift_s: float,
     contrast: float,
@@ -197,7 +197,7 @@ def _ranked(
     )
 
 
-def _mixed(moving: list[Stretch]) -> list[Stretch]:
+def _mixed(moving: list[GnssStretch]) -> list[GnssStretch]:
     """Return those with most motion and, of a long log, others spread over the rest: runs as well as turns."""
     if len(moving) <= AXIS_STRETCHES:
         return moving
@@ -207,7 +207,7 @@ def _mixed(moving: list[Stretch]) -> list[Stretch]:
 
 
 def _directions(
-    chosen: list[Stretch], start_s: Float64, path: Path, h: int, handed: int, shift_s: float
+    chosen: list[GnssStretch], start_s: Float64, path: Path, h: int, handed: int, shift_s: float
 ) -> tuple[Float64, Float64]:
     """Return the mean directions of motion and of gravity in sensor axes under one hypothesis."""
     along, down, weight = np.zeros(3), np.zeros(3), 1e-9

@@ -9,7 +9,7 @@ import numpy as np
 from insgnss.constants import C_MPS
 from insgnss.log.checks.rates import clock_jumps, leaps_finding
 from insgnss.log.checks.report import Finding
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.track import GnssTrack
 from insgnss.tables import Float64
 
 MIN_EPOCHS: Final = 10
@@ -19,7 +19,7 @@ PPM_MPS: Final = 1e-6 * C_MPS
 DRIFT_AGREES_MPS: Final = 1.0
 
 
-def clock_findings(track: Track) -> list[Finding]:
+def clock_findings(track: GnssTrack) -> list[Finding]:
     """Return the clock's offset, drift, jumps, and the drift by pseudoranges against that of the range rates."""
     if len(track.t_s) < MIN_EPOCHS:
         return []

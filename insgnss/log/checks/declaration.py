@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insgnss.config.flight import Imu
+from insgnss.config.flight import ImuConfig
 from insgnss.log.flight import Flight
 from insgnss.log.imu.axes import mounting_matrix, signed_permutation
 from insgnss.log.imu.csv_log import inertial, read_imu_as_logged
@@ -14,7 +14,7 @@ from insgnss.tables import Float64, ImuTable
 from insgnss.units import SI_PER_UNIT
 
 
-class Declared(NamedTuple):
+class AxesDeclaration(NamedTuple):
     """An inertial log in the axes that ``imu.axes`` picks from, and what the flight file makes of them."""
 
     imu: ImuTable  # as logged; turned by the mounting matrix where there is one
@@ -25,7 +25,7 @@ class Declared(NamedTuple):
     units: tuple[str, ...]  # of the gyros, as ``factors``
 
 
-def declared_log(flight: Flight, imu: ImuTable | None = None) -> Declared:
+def declared_log(flight: Flight, imu: ImuTable | None = None) -> AxesDeclaration:
     """Return the inertial log of a flight in its own axes.
 
     Parameters
@@ -48,10 +48,10 @@ def declared_log(flight: Flight, imu: ImuTable | None = None) -> Declared:
         own = ImuTable(imu.t_ns, imu.w_ib_b @ gyro, imu.f_b @ accel)
     units = _gyro_units(config)
     factors = tuple(SI_PER_UNIT[unit] / SI_PER_UNIT[config.gyro_unit] for unit in units)
-    return Declared(own, accel, gyro, turned, factors, units)
+    return AxesDeclaration(own, accel, gyro, turned, factors, units)
 
 
-def _gyro_units(config: Imu) -> tuple[str, ...]:
+def _gyro_units(config: ImuConfig) -> tuple[str, ...]:
     """Return the declared unit and the other one of its kind."""
     now, other = ("rad", "deg") if config.gyro_unit.startswith("rad") else ("deg", "rad")
     return config.gyro_unit, config.gyro_unit.replace(now, other)

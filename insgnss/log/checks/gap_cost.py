@@ -21,13 +21,13 @@ from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.report import Finding
+from insgnss.log.checks.stretches import GNSS_GAP_STEPS
 from insgnss.log.imu.time import GAP_MIN_S, GAP_STEPS
 from insgnss.log.imu.windows import imu_windows
 from insgnss.tables import ImuTable, Int64
 from insgnss.units import MPS2_PER_MG, RAD_PER_DEG, S_PER_H, SQRT_S_PER_SQRT_H
 
 START_SD_MPS: Final = 0.03  # velocity of a filter that has just had its epochs
-GNSS_GAP_STEPS: Final = 2.5
 TOLD: Final = 3  # gaps of each kind, the longest
 EXAMPLES_S: Final = (10.0, 60.0)
 

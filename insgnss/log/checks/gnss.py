@@ -15,10 +15,10 @@ from insgnss.gnss.signals import CHANNELS
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.log.checks.rates import jump_findings, rate_findings, rate_pairs
 from insgnss.log.checks.report import Finding
+from insgnss.log.checks.stretches import GNSS_GAP_STEPS
 from insgnss.log.gnss_rows import epochs
 from insgnss.tables import Float64, GnssTable, Int64, NavigationData
 
-GAP_STEPS: Final = 2.5
 MIN_SATELLITES: Final = 4
 
 
@@ -53,7 +53,7 @@ def _gap_findings(t_ns: Int64, week: int) -> list[Finding]:
     if len(t_ns) < 3:
         return []
     step = np.diff(t_ns)
-    gaps = np.flatnonzero(step > GAP_STEPS * np.median(step))
+    gaps = np.flatnonzero(step > GNSS_GAP_STEPS * np.median(step))
     if not len(gaps):
         return []
     longest = gaps[np.argmax(step[gaps])]

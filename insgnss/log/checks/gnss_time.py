@@ -11,18 +11,18 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, S_PER_WEEK
 from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.checks.report import Finding, Proposal
-from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, scale_for
+from insgnss.log.checks.time_offset import HOUR_S, scale_for
 from insgnss.log.checks.track import Solve, solved_share
 from insgnss.log.flight import Flight
 from insgnss.log.gnss_rows import epochs
+from insgnss.log.overlap import MOST_HOURS
 from insgnss.tables import GnssTable, ImuTable, Int64, NavigationData
 
 TRIED_EPOCHS: Final = 12
 AGREEING: Final = 0.7  # of the tried epochs
-MOST_HOURS: Final = 14  # time zones
 FOUR: Final = 4  # satellites of an epoch for a place
 PLENTY: Final = 6  # so many that masks and a clock for a second system leave enough
 LEAST_EPOCHS: Final = 3
@@ -36,7 +36,7 @@ class _Shift(NamedTuple):
     leaps: int
 
     def seconds(self, leap: int) -> int:
-        return self.weeks * WEEK_S + self.hours * HOUR_S + self.leaps * leap
+        return self.weeks * S_PER_WEEK + self.hours * HOUR_S + self.leaps * leap
 
 
 def gnss_time_findings(
@@ -129,7 +129,7 @@ def _weeks_to_messages(sample: GnssTable, navigation: NavigationData) -> int:
     if not len(times):
         return 0
     apart_s = (float(np.median(times)) - float(np.median(sample.t_ns))) / NS_PER_S
-    return round(apart_s / WEEK_S)
+    return round(apart_s / S_PER_WEEK)
 
 
 def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Finding:
@@ -145,7 +145,7 @@ def _finding(flight: Flight, shift: _Shift, gnss: GnssTable, sure: str) -> Findi
     if shift.weeks and config.gnss.format == "csv" and config.gnss.counts_in_gps_week:
         proposals.append(Proposal("gps_week", config.gps_week + shift.weeks, why))
     else:
-        added += shift.weeks * WEEK_S
+        added += shift.weeks * S_PER_WEEK
     if shift.leaps:
         scale = scale_for(config.gnss.time, shift.leaps) if config.gnss.format == "csv" else None
         if scale is None:

@@ -11,21 +11,21 @@ from typing import Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S
-from insgnss.log.checks.declaration import Declared
-from insgnss.log.checks.refinement import LEVER, Refined
+from insgnss.log.checks.declaration import AxesDeclaration
+from insgnss.log.checks.refinement import LEVER, RefinedEstimate
 from insgnss.log.checks.report import Finding, Proposal
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.time_offset import SIGNIFICANT_SIGMAS
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.tables import Float64
 
 KNOWN_SD_M: Final = 0.20  # of each component, for a proposal
-SIGMAS: Final = 5.0
 FAR_M: Final = 0.7  # a given lever arm that is off by less is not doubted: scale and flexing do that
 FELT_MPS: Final = 0.05  # a velocity that a single epoch shows
 
 
 def lever_arm_findings(
-    flight: Flight, refined: Refined, accel: Float64, declared: Declared, track: Track
+    flight: Flight, refined: RefinedEstimate, accel: Float64, declared: AxesDeclaration, track: GnssTrack
 ) -> list[Finding]:
     """Return what the log says of the lever arm from IMU to antenna.
 
@@ -42,7 +42,7 @@ def lever_arm_findings(
     if given is not None:
         off = found - np.array(given)
         doubt = float(np.sqrt(off @ np.linalg.solve(P, off)))
-        if doubt < SIGMAS or float(np.linalg.norm(off[sd < 2.0 * FAR_M])) < FAR_M:
+        if doubt < SIGNIFICANT_SIGMAS or float(np.linalg.norm(off[sd < 2.0 * FAR_M])) < FAR_M:
             return [
                 Finding(
                     "ok", "motion", f"lever arm by the turns {shown}: nothing speaks against the one given"
@@ -54,7 +54,7 @@ def lever_arm_findings(
     effect = f"each metre of it moves the antenna by up to {most:.2f} m/s (rms {rms:.2f}) in this log"
     text = f"lever arm by the turns {shown} forward, right, down; {effect}"
     known = bool((sd < KNOWN_SD_M).all())
-    if known and float(np.linalg.norm(found)) > SIGMAS * float(sd.max()):
+    if known and float(np.linalg.norm(found)) > SIGNIFICANT_SIGMAS * float(sd.max()):
         value = (round(float(found[0]), 2), round(float(found[1]), 2), round(float(found[2]), 2))
         proposal = Proposal("gnss.lever_arm_m", value, "estimated from the turns; a measured one is better")
         return [Finding("warning", "motion", text, "better measured", "likely", (proposal,))]
@@ -63,7 +63,7 @@ def lever_arm_findings(
     return [Finding("ok", "motion", text, "not known well enough to be proposed: measure it")]
 
 
-def _moved(declared: Declared, track: Track) -> tuple[float, float]:
+def _moved(declared: AxesDeclaration, track: GnssTrack) -> tuple[float, float]:
     """Return rms and largest velocity [m/s] of an antenna a metre away, over seconds of the common time."""
     t_s = (declared.imu.t_ns - track.origin_ns) / NS_PER_S
     inside = (t_s >= track.t_s[0]) & (t_s <= track.t_s[-1])

@@ -8,14 +8,14 @@ import numpy as np
 
 from insgnss.log.checks.axes_findings import axes_findings, decided
 from insgnss.log.checks.axis_search import LOOKED_AT, SURE, Hypothesis, Match, in_motion, is_map, search
-from insgnss.log.checks.declaration import Declared
+from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.lever_arm import lever_arm_findings
-from insgnss.log.checks.refinement import ANY_LEVER_M, TAU, Refined, refine
+from insgnss.log.checks.refinement import ANY_LEVER_M, TAU, RefinedEstimate, refine
 from insgnss.log.checks.report import Finding, Proposal
-from insgnss.log.checks.stretches import Stretch, inertial_grid, length_for, spans_without_gaps, stretches
+from insgnss.log.checks.stretches import GnssStretch, inertial_grid, length_for, spans_without_gaps, stretches
 from insgnss.log.checks.time_offset import Timing, offset_findings
-from insgnss.log.checks.track import Track
-from insgnss.log.checks.vehicle_axes import Axes, candidates, relative
+from insgnss.log.checks.track import GnssTrack
+from insgnss.log.checks.vehicle_axes import VehicleAxes, candidates, relative
 from insgnss.log.flight import Flight
 from insgnss.tables import Float64
 
@@ -27,7 +27,9 @@ USUAL_LEVER_M: Final = 3.0  # of one that is not given
 UNIT_FITS: Final = 20.0  # a unit that is ruled out by less is only suspected
 
 
-def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: float = 0.0) -> list[Finding]:
+def motion_findings(
+    flight: Flight, declared: AxesDeclaration, track: GnssTrack, base_s: float = 0.0
+) -> list[Finding]:
     """Return what the motion says of the inertial log.
 
     Parameters
@@ -57,19 +59,23 @@ def motion_findings(flight: Flight, declared: Declared, track: Track, base_s: fl
     return [*unit, *axes, *times, *lever_arm_findings(flight, refined, best.accel, declared, track)]
 
 
-def match_of(flight: Flight, declared: Declared, track: Track, base_s: float) -> Match | None:
+def match_of(flight: Flight, declared: AxesDeclaration, track: GnssTrack, base_s: float) -> Match | None:
     """Return the best hypotheses of axes, unit and time, None without motion in common."""
     found = _common(flight, declared, track, base_s, 0.35)
     declared_map = relative(declared.accel, declared.gyro)
     return search(declared.imu, track.origin_ns, found, declared_map, declared.factors, base_s)
 
 
-def _common(flight: Flight, declared: Declared, track: Track, shift_s: float, edge_s: float) -> list[Stretch]:
+def _common(
+    flight: Flight, declared: AxesDeclaration, track: GnssTrack, shift_s: float, edge_s: float
+) -> list[GnssStretch]:
     spans = spans_without_gaps(declared.imu, track.origin_ns, shift_s, edge_s)
     return stretches(track, length_for(flight.imu_grade), spans)
 
 
-def _weighed(match: Match, flight: Flight, declared: Declared, track: Track, shift_s: float) -> Match:
+def _weighed(
+    match: Match, flight: Flight, declared: AxesDeclaration, track: GnssTrack, shift_s: float
+) -> Match:
     """Return the match with its hypotheses weighed anew with biases and lever arm, unless the declared one leads.
 
     What the first fit leaves out, a gyro's bias or a long lever arm, must not speak for other axes.
@@ -91,7 +97,12 @@ def _weighed(match: Match, flight: Flight, declared: Declared, track: Track, shi
 
 
 def _timing(
-    flight: Flight, declared: Declared, track: Track, best: Axes, base_s: float, shift_s: float
+    flight: Flight,
+    declared: AxesDeclaration,
+    track: GnssTrack,
+    best: VehicleAxes,
+    base_s: float,
+    shift_s: float,
 ) -> Timing | None:
     """Return the offset by least squares, begun on both sides of the peak too, and what speaks against none."""
     given = flight.config.gnss.lever_b
@@ -115,14 +126,14 @@ def _timing(
 
 def _refined(
     flight: Flight,
-    declared: Declared,
-    track: Track,
+    declared: AxesDeclaration,
+    track: GnssTrack,
     one: Hypothesis,
     shift_s: float,
     lever_s: Float64,
     lever_sd_m: float,
     time_sd_s: float = 2.0,
-) -> Refined | None:
+) -> RefinedEstimate | None:
     chosen = in_motion(_common(flight, declared, track, shift_s, EDGE_S))[:REFINED_STRETCHES]
     if not chosen:
         return None
@@ -147,7 +158,7 @@ def _unexplained(match: Match) -> Finding:
     return Finding("warning", "motion", text, "is it the inertial log of this drive?")
 
 
-def _unit_findings(declared: Declared, best: Axes, match: Match) -> list[Finding]:
+def _unit_findings(declared: AxesDeclaration, best: VehicleAxes, match: Match) -> list[Finding]:
     if best.factor == 1.0:
         return []
     unit = declared.units[declared.factors.index(best.factor)]

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from insgnss.log.checks.stretches import STEP_S, InertialGrid, Stretch, lag_of
+from insgnss.log.checks.stretches import STEP_S, GnssStretch, InertialGrid, lag_of
 from insgnss.tables import Float64
 
 # Differences over a second overlap, and their errors are alike: so many of each second count as one
@@ -123,7 +123,7 @@ class Fit(NamedTuple):
     rms: Float64  # (h, 2, d) of what is left of a velocity difference's component [m/s]
 
 
-def fit_costs(chosen: list[Stretch], grid: InertialGrid, path: Path, shifts_s: Float64) -> Fit:
+def fit_costs(chosen: list[GnssStretch], grid: InertialGrid, path: Path, shifts_s: Float64) -> Fit:
     """Return how well each hypothesis explains the stretches, the inertial tags shifted by each of ``shifts_s``.
 
     cost = sum over stretches of 3 k log(J / 3 k) / (CORRELATED lag) with J the squares that are left: each stretch has

@@ -24,7 +24,7 @@ from insgnss.log.checks.motion_fit import (
     rotate,
 )
 from insgnss.log.checks.motion_fit import at_times as path_at
-from insgnss.log.checks.stretches import Stretch, lag_of
+from insgnss.log.checks.stretches import GnssStretch, lag_of
 from insgnss.tables import Float64
 
 SLOW_MPS: Final = 1.0  # slower motion has no direction
@@ -95,7 +95,7 @@ class _Moments(NamedTuple):
 
 
 def noses(
-    chosen: list[Stretch],
+    chosen: list[GnssStretch],
     start_s: Float64,
     path: Path,
     h: int,
@@ -147,7 +147,7 @@ def _settled(parts: list[_Moments], a: Float64, base: float) -> Nose:
 
 
 def _moments(
-    stretch: Stretch, start_s: float, path: Path, h: int, i: int, handed: int, shift_s: float
+    stretch: GnssStretch, start_s: float, path: Path, h: int, i: int, handed: int, shift_s: float
 ) -> _Moments:
     lag = lag_of(stretch.t_s)
     t_s = stretch.t_s - shift_s

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from insgnss.log.checks.motion_fit import MODEL_SIGMA_MPS, Path, at_times, best_rotation, integrate, rotate
-from insgnss.log.checks.stretches import SPACING_S, STEP_S, InertialGrid, Stretch
+from insgnss.log.checks.stretches import SPACING_S, STEP_S, GnssStretch, InertialGrid
 from insgnss.tables import Float64
 
 N_COMMON: Final = 10
@@ -34,7 +34,7 @@ ANY_LEVER_M: Final = 30.0
 PRIOR: Final = np.array([*[0.5] * 3, *[0.02] * 3])  # biases [m/s^2, rad/s]
 
 
-class Refined(NamedTuple):
+class RefinedEstimate(NamedTuple):
     """Estimates in sensor axes with their sigmas, which count correlated epochs once."""
 
     x: Float64  # (10,) tau [s], b_a [m/s^2], b_g [rad/s], lever arm [m]
@@ -49,14 +49,14 @@ class Refined(NamedTuple):
 
 
 def refine(
-    chosen: list[Stretch],
+    chosen: list[GnssStretch],
     grid: InertialGrid,
     gyro_map: Float64,
     handed: int,
     lever_s: Float64,
     lever_sd_m: float = ANY_LEVER_M,
     time_sd_s: float = 2.0,
-) -> Refined:
+) -> RefinedEstimate:
     """Return the estimates from stretches, the gyros' columns mapped by ``gyro_map`` (3, 3).
 
     Parameters
@@ -84,10 +84,10 @@ def refine(
         x = x + P @ (rhs / variance - (x - known) / prior**2)
         rms = float(np.sqrt(squares / max(count, 1.0)))
     rows = sum(len(r) for _, r in parts) / max(1.0, CORRELATION_S / _spacing(chosen))
-    return Refined(x, P, rms, rows * float(np.log(rms**2 + MODEL_SIGMA_MPS**2)))
+    return RefinedEstimate(x, P, rms, rows * float(np.log(rms**2 + MODEL_SIGMA_MPS**2)))
 
 
-def _spacing(chosen: list[Stretch]) -> float:
+def _spacing(chosen: list[GnssStretch]) -> float:
     return max(SPACING_S, float(np.median(np.diff(chosen[0].t_s))))
 
 
@@ -110,7 +110,7 @@ def _normal(parts: list[tuple[Float64, Float64]], scale: float) -> tuple[Float64
 
 
 def _rows(
-    stretch: Stretch, nodes: Float64, start_s: float, gyro_map: Float64, handed: int, x: Float64
+    stretch: GnssStretch, nodes: Float64, start_s: float, gyro_map: Float64, handed: int, x: Float64
 ) -> tuple[Float64, Float64]:
     """Return (3 k, 16) derivatives and (3 k,) residuals of a stretch at the present estimate."""
     now = at_times(nodes[None], start_s, stretch.t_s - x[TAU])[0]

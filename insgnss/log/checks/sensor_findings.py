@@ -19,15 +19,15 @@ from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.local_level import ecef_to_ned_matrix
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.log.checks.report import Finding, Severity, from_events
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.log.imu.sensor_csv import read_sensor
+from insgnss.log.imu.time import GAP_STEPS
 from insgnss.tables import Float64, ImuTable, SensorTable
 from insgnss.units import SI_PER_UNIT
 
 _LEAST_POINTS: Final = 10
 _MOVING_MPS: Final = 3.0
-_GAP_STEPS: Final = 5.0
 _FACTOR: Final = 1.1  # of an odometer: tyres differ by less
 _SHIFTS_S: Final = np.arange(-30, 31) / 10.0
 _SURE_SHIFT: Final = 0.5  # the residual's variance falls at least to this share
@@ -38,21 +38,21 @@ _STRAY_M: Final = 30.0
 _STRAY_MPS: Final = 1.0
 
 
-class _Common(NamedTuple):
+class _SampledTrack(NamedTuple):
     """GNSS at the times of a sensor's readings."""
 
     t_s: Float64  # (m,) of the readings, after the track's origin
     values: Float64  # (m, k)
     v_n: Float64  # (m, 3)
     place: Float64  # (m, 3) latitude, longitude [rad], height [m]
-    gnss: _Gnss
+    gnss: _LocalTrack
 
     @property
     def speed(self) -> Float64:
         return np.asarray(np.linalg.norm(self.v_n[:, :2], axis=1))
 
 
-class _Gnss(NamedTuple):
+class _LocalTrack(NamedTuple):
     """The track, local level."""
 
     t_s: Float64
@@ -60,7 +60,7 @@ class _Gnss(NamedTuple):
     place: Float64
 
 
-def sensor_findings(flight: Flight, track: Track | None, imu: ImuTable | None) -> list[Finding]:
+def sensor_findings(flight: Flight, track: GnssTrack | None, imu: ImuTable | None) -> list[Finding]:
     """Return what is found of each further sensor; one whose log cannot be read is a finding too."""
     gnss = None if track is None or len(track.t_s) < _LEAST_POINTS else _local(track)
     findings = []
@@ -86,27 +86,27 @@ def sensor_findings(flight: Flight, track: Track | None, imu: ImuTable | None) -
     return findings
 
 
-def _local(track: Track) -> _Gnss:
+def _local(track: GnssTrack) -> _LocalTrack:
     place, v_n, C_ne = np.zeros((len(track.t_s), 3)), np.zeros((len(track.t_s), 3)), np.zeros((3, 3))
     for k, (r_e, v_e) in enumerate(zip(track.r_e, track.v_e, strict=True)):
         place[k] = ecef_to_geodetic(r_e)
         ecef_to_ned_matrix(place[k, 0], place[k, 1], C_ne)
         v_n[k] = C_ne @ v_e
-    return _Gnss(track.t_s, v_n, place)
+    return _LocalTrack(track.t_s, v_n, place)
 
 
-def _at(gnss: _Gnss, t_s: Float64, of: Float64) -> Float64:
+def _at(gnss: _LocalTrack, t_s: Float64, of: Float64) -> Float64:
     return np.column_stack([np.interp(t_s, gnss.t_s, of[:, k]) for k in range(3)])
 
 
-def _common(table: SensorTable, gnss: _Gnss, origin_ns: int) -> _Common:
+def _common(table: SensorTable, gnss: _LocalTrack, origin_ns: int) -> _SampledTrack:
     """Return the readings within two seconds of a GNSS epoch, and GNSS at their times."""
     t_s = (table.t_ns - origin_ns) / NS_PER_S
     near = np.clip(np.searchsorted(gnss.t_s, t_s), 1, len(gnss.t_s) - 1)
     away = np.minimum(np.abs(gnss.t_s[near] - t_s), np.abs(gnss.t_s[near - 1] - t_s))
     good = np.isfinite(table.values[:, :2]).all(axis=1) & (away < 2.0)
     t_s = t_s[good]
-    return _Common(t_s, table.values[good], _at(gnss, t_s, gnss.v_n), _at(gnss, t_s, gnss.place), gnss)
+    return _SampledTrack(t_s, table.values[good], _at(gnss, t_s, gnss.v_n), _at(gnss, t_s, gnss.place), gnss)
 
 
 def _rate(config: Sensor, table: SensorTable) -> Finding:
@@ -117,11 +117,11 @@ def _rate(config: Sensor, table: SensorTable) -> Finding:
     step_s = np.diff(table.t_ns) / NS_PER_S
     usual, longest = float(np.median(step_s)), float(step_s.max())
     text += f" at {1.0 / usual:.3g} Hz, longest gap {longest:.3g} s"
-    severity: Severity = "warning" if longest > max(_GAP_STEPS * usual, 1.0) else "ok"
+    severity: Severity = "warning" if longest > max(GAP_STEPS * usual, 1.0) else "ok"
     return Finding(severity, config.label, text)
 
 
-def _shift(common: _Common, measured: Float64, of: Callable[[Float64], Float64]) -> list[str]:
+def _shift(common: _SampledTrack, measured: Float64, of: Callable[[Float64], Float64]) -> list[str]:
     """Return the time offset that fits far better than none, in words: what is to be added to the tags."""
     rms = [float(np.std(measured - of(common.t_s + shift))) for shift in _SHIFTS_S]
     best, none = int(np.argmin(rms)), rms[len(_SHIFTS_S) // 2]
@@ -130,7 +130,7 @@ def _shift(common: _Common, measured: Float64, of: Callable[[Float64], Float64])
     return [f"its time tags are off: add {_SHIFTS_S[best]:+.1f} s by time.offset_s"]
 
 
-def _odometer(config: Any, common: _Common) -> list[Finding]:
+def _odometer(config: Any, common: _SampledTrack) -> list[Finding]:
     moving = common.speed > _MOVING_MPS
     if moving.sum() < _LEAST_POINTS:
         return [Finding("ok", config.label, "the vehicle does not move: not compared with GNSS")]
@@ -149,7 +149,7 @@ def _odometer(config: Any, common: _Common) -> list[Finding]:
     return [_judged(config, f"{factor:.3f} times the speed by GNSS", told)]
 
 
-def _barometer(config: Any, common: _Common) -> list[Finding]:
+def _barometer(config: Any, common: _SampledTrack) -> list[Finding]:
     z, h = common.values[:, 0], common.place[:, 2]
     offset = float(np.median(z - h))
     text = f"{offset:+.0f} m against the height by GNSS"
@@ -165,7 +165,9 @@ def _barometer(config: Any, common: _Common) -> list[Finding]:
     return [_judged(config, text, told)]
 
 
-def _heading_against_course(config: Any, common: _Common, heading: Float64, declared: str) -> list[Finding]:
+def _heading_against_course(
+    config: Any, common: _SampledTrack, heading: Float64, declared: str
+) -> list[Finding]:
     moving = common.speed > _MOVING_MPS
     if moving.sum() < _LEAST_POINTS:
         return [Finding("ok", config.label, "the vehicle does not move: not compared with the course")]
@@ -190,11 +192,11 @@ def _mean_turn(turn: Float64) -> tuple[float, float]:
     return float(np.degrees(mean)), float(np.degrees(np.sqrt(np.mean(rest**2))))
 
 
-def _heading(config: Any, common: _Common) -> list[Finding]:
+def _heading(config: Any, common: _SampledTrack) -> list[Finding]:
     return _heading_against_course(config, common, common.values[:, 0], "give it by offset_deg")
 
 
-def _attitude(config: Any, common: _Common) -> list[Finding]:
+def _attitude(config: Any, common: _SampledTrack) -> list[Finding]:
     good = np.isfinite(common.values[:, 2])
     if not good.any():
         return []
@@ -202,7 +204,7 @@ def _attitude(config: Any, common: _Common) -> list[Finding]:
     return _heading_against_course(config, kept, common.values[good, 2], "give it by mounting_rpy_deg")
 
 
-def _magnetometer(config: Any, common: _Common) -> list[Finding]:
+def _magnetometer(config: Any, common: _SampledTrack) -> list[Finding]:
     """Compare the level heading: roll and pitch are neglected, 2 deg for each degree where the field dips by 63 deg."""
     m = common.values
     heading = np.arctan2(-m[:, 1], m[:, 0]) + np.radians(config.declination_deg)
@@ -213,7 +215,7 @@ def _magnetometer(config: Any, common: _Common) -> list[Finding]:
     return [*findings, _judged(config, text, told)]
 
 
-def _position(config: Any, common: _Common) -> list[Finding]:
+def _position(config: Any, common: _SampledTrack) -> list[Finding]:
     radius = 6.371e6
     lat, lon, h = (common.values - common.place).T
     apart = np.column_stack([lat * radius, lon * radius * np.cos(common.place[:, 0])])
@@ -236,7 +238,7 @@ def _position(config: Any, common: _Common) -> list[Finding]:
     return [_judged(config, text, told)]
 
 
-def _velocity(config: Any, common: _Common) -> list[Finding]:
+def _velocity(config: Any, common: _SampledTrack) -> list[Finding]:
     apart = common.values - common.v_n
     rms = float(np.sqrt(np.nanmedian(apart[:, :2] ** 2)))
     swapped = float(np.sqrt(np.nanmedian((common.values[:, (1, 0)] - common.v_n[:, :2]) ** 2)))
@@ -257,7 +259,7 @@ def _judged(config: Any, text: str, told: list[str]) -> Finding:
     return Finding("warning" if told else "ok", config.label, text, "; ".join(told))
 
 
-_CHECKS: Final[dict[str, Callable[[Any, _Common], list[Finding]]]] = {
+_CHECKS: Final[dict[str, Callable[[Any, _SampledTrack], list[Finding]]]] = {
     "odometer": _odometer,
     "barometer": _barometer,
     "magnetometer": _magnetometer,

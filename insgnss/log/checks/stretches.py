@@ -15,24 +15,24 @@ import numpy as np
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import NS_PER_S, WGS84_OMEGA_RADPS
 from insgnss.geodesy.gravity import normal_gravity_ecef
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.track import GnssTrack
 from insgnss.tables import Float64, ImuTable, Int64
 from insgnss.units import S_PER_H
 
 # A stretch is so short that a gyro's bias turns it less than this, within these bounds
 MOST_TURN_DEG: Final = 2.0
-SHORTEST_S: Final = 20.0
-LONGEST_S: Final = 45.0
+SHORTEST_STRETCH_S: Final = 20.0
+LONGEST_STRETCH_S: Final = 45.0
 MIN_SHARE: Final = 0.4
 STEP_S: Final = 0.05  # of the inertial path
 SPACING_S: Final = 0.2  # epochs nearer than this share their noise
-GAP_STEPS: Final = 2.5
+GNSS_GAP_STEPS: Final = 2.5
 IMU_GAP_S: Final = 0.3  # over a longer one the mean rate of the next sample does not hold
 GAP_MIN_S: Final = 1.2  # of two epochs whose difference is still used
 MIN_EPOCHS: Final = 8
 
 
-class Stretch(NamedTuple):
+class GnssStretch(NamedTuple):
     """One stretch without a gap of the GNSS."""
 
     t_s: Float64  # (k,) after the track's origin
@@ -53,7 +53,7 @@ class InertialGrid(NamedTuple):
     until_s: float
 
 
-def stretches(track: Track, length_s: float, spans_s: list[tuple[float, float]]) -> list[Stretch]:
+def stretches(track: GnssTrack, length_s: float, spans_s: list[tuple[float, float]]) -> list[GnssStretch]:
     """Return the track inside spans of time, cut into stretches of about ``length_s``, most motion first.
 
     ``spans_s``: from and until, counted from the track's origin; where the inertial log has samples.
@@ -63,7 +63,7 @@ def stretches(track: Track, length_s: float, spans_s: list[tuple[float, float]])
     if len(t) < MIN_EPOCHS:
         return []
     pulls = _pulls(track.r_e[keep], v)
-    limit = max(GAP_STEPS * float(np.median(np.diff(t))), GAP_MIN_S)
+    limit = max(GNSS_GAP_STEPS * float(np.median(np.diff(t))), GAP_MIN_S)
     found = []
     for from_s, until_s in spans_s:
         first, last = np.searchsorted(t, (from_s, until_s))
@@ -98,7 +98,7 @@ def spans_without_gaps(
 def length_for(grade: ImuGrade) -> float:
     """Return how long a stretch may be that a gyro of this grade does not turn it too far [s]."""
     drift = max(grade.gyro_bias_deg_per_h, 1e-6) / S_PER_H
-    return float(np.clip(MOST_TURN_DEG / drift, SHORTEST_S, LONGEST_S))
+    return float(np.clip(MOST_TURN_DEG / drift, SHORTEST_STRETCH_S, LONGEST_STRETCH_S))
 
 
 def _spaced(t_s: Float64) -> Int64:
@@ -121,7 +121,7 @@ def _pulls(r_e: Float64, v_e: Float64) -> Float64:
     return g_e
 
 
-def _stretch(t_s: Float64, v_e: Float64, sd: Float64, pulls: Float64) -> Stretch:
+def _stretch(t_s: Float64, v_e: Float64, sd: Float64, pulls: Float64) -> GnssStretch:
     dt = np.diff(t_s)[:, None]
     gained = np.concatenate((np.zeros((1, 3)), np.cumsum(0.5 * dt * (pulls[1:] + pulls[:-1]), axis=0)))
     lag = lag_of(t_s)
@@ -129,7 +129,7 @@ def _stretch(t_s: Float64, v_e: Float64, sd: Float64, pulls: Float64) -> Stretch
     noise = float(np.median(sd))
     up_e = -pulls.mean(axis=0)
     motion = float(np.sqrt(np.mean(np.sum(change**2, axis=1)) / (6.0 * noise**2)))
-    return Stretch(t_s, v_e, v_e - gained, up_e / np.linalg.norm(up_e), noise, motion)
+    return GnssStretch(t_s, v_e, v_e - gained, up_e / np.linalg.norm(up_e), noise, motion)
 
 
 def lag_of(t_s: Float64) -> int:
@@ -138,7 +138,7 @@ def lag_of(t_s: Float64) -> int:
 
 
 def inertial_grid(
-    imu: ImuTable, origin_ns: int, chosen: list[Stretch], margin_s: float, shift_s: float = 0.0
+    imu: ImuTable, origin_ns: int, chosen: list[GnssStretch], margin_s: float, shift_s: float = 0.0
 ) -> InertialGrid:
     """Return the inertial increments around stretches, ``shift_s`` added to the inertial tags.
 

@@ -6,19 +6,18 @@ from typing import Final, NamedTuple
 
 from insgnss.config.flight import FlightConfig
 from insgnss.config.log_table import TimeScale
-from insgnss.constants import NS_PER_S
+from insgnss.constants import NS_PER_S, S_PER_WEEK
 from insgnss.gpstime import leap_seconds, ns_to_datetime
 from insgnss.log.checks.axis_search import EQUAL
 from insgnss.log.checks.report import Finding, Proposal
 from insgnss.log.flight import Flight
 from insgnss.log.imu.csv_log import inertial
 
-WEEK_S: Final = 604_800
 HOUR_S: Final = 3600
 # An offset is proposed when it is many sigmas, and more than tags at 10 Hz or an antenna's filter explain; from three
 # sigmas on the tags cannot be said to agree
 SUSPECT_SIGMAS: Final = 3.0
-SIGMAS: Final = 5.0
+SIGNIFICANT_SIGMAS: Final = 5.0  # an estimate further from what was declared contradicts it
 SMALLEST_S: Final = 0.05
 MOST_SIGMA_S: Final = 0.15  # of a proposal
 NEAR_LEAP_S: Final = 0.4
@@ -45,7 +44,7 @@ def offset_findings(flight: Flight, timing: Timing, contrast: float, origin_ns: 
     offset_s, sd_s = timing.offset_s, timing.sd_s
     leap = leap_seconds(ns_to_datetime(origin_ns))
     weeks, hours, leaps, rest = split(offset_s, leap)
-    significant = abs(rest) > max(SIGMAS * sd_s, SMALLEST_S)
+    significant = abs(rest) > max(SIGNIFICANT_SIGMAS * sd_s, SMALLEST_S)
     if not (weeks or hours or leaps) and not significant:
         return [_small_offset(offset_s, sd_s)]
     side = "behind" if offset_s > 0.0 else "ahead"
@@ -74,8 +73,8 @@ def _small_offset(offset_s: float, sd_s: float) -> Finding:
 
 def split(offset_s: float, leap: int) -> tuple[int, int, int, float]:
     """Return whole weeks, whole hours, leap seconds (-1, 0 or 1 times) and the rest [s] of an offset."""
-    weeks = round(offset_s / WEEK_S)
-    left = offset_s - weeks * WEEK_S
+    weeks = round(offset_s / S_PER_WEEK)
+    left = offset_s - weeks * S_PER_WEEK
     hours = round(left / HOUR_S) if abs(left) > HOUR_S / 2 else 0
     left -= hours * HOUR_S
     for leaps in (1, -1):
@@ -102,7 +101,7 @@ def time_proposals(
 ) -> tuple[Proposal, ...]:
     """Return the keys that add so much to the inertial tags; ``leap_s`` is the leap seconds' part, with its sign."""
     time = inertial(config).time
-    added = weeks * WEEK_S + hours * HOUR_S + rest_s
+    added = weeks * S_PER_WEEK + hours * HOUR_S + rest_s
     proposals = []
     if leap_s:
         scale = scale_for(time, leap_s)
@@ -114,7 +113,7 @@ def time_proposals(
     if weeks and _week_is_of_the_imu_alone(config):
         why = "the IMU tags are whole weeks off the GNSS log, which tells its week itself"
         proposals.append(Proposal("gps_week", config.gps_week + weeks, why))
-        added -= weeks * WEEK_S
+        added -= weeks * S_PER_WEEK
     if added:
         why = "found by holding gyros and accelerometers against the GNSS velocity"
         proposals.append(Proposal("imu.time.offset_s", round(time.offset_s + added, 3), why))
@@ -147,6 +146,6 @@ def overlapping_shifts(imu_ns: tuple[int, int], gnss_ns: tuple[int, int]) -> lis
     if common(0) >= wanted:
         return []
     apart = (gnss_ns[0] + gnss_ns[1] - imu_ns[0] - imu_ns[1]) / (2 * NS_PER_S)
-    weeks = round(apart / WEEK_S) * WEEK_S
+    weeks = round(apart / S_PER_WEEK) * S_PER_WEEK
     hours = [weeks + h * HOUR_S for h in range(-26, 27)] if abs(apart - weeks) < 27 * HOUR_S else [weeks]
     return sorted((s for s in hours if s and common(s) >= wanted), key=lambda s: abs(s - apart))

@@ -25,7 +25,7 @@ POSITION_SIGMA_MPS: Final = 1.0  # of a velocity out of two positions a second a
 
 
 @dataclass(frozen=True)
-class Track:
+class GnssTrack:
     """Epochs with a solution; times are GPS time, the receiver's clock taken out."""
 
     tag_ns: Int64  # (m,) receiver time tag
@@ -41,7 +41,7 @@ class Track:
     n_tested: int  # those of them that were tested: there was a redundant row
 
 
-Solve = Callable[[GnssTable], Track | None]  # the track of a GNSS log, None where nothing can be solved
+Solve = Callable[[GnssTable], GnssTrack | None]  # the track of a GNSS log, None where nothing can be solved
 
 
 def solved_share(solve: Solve, gnss: GnssTable, *, tested: bool) -> float:
@@ -58,7 +58,7 @@ def solved_share(solve: Solve, gnss: GnssTable, *, tested: bool) -> float:
     return (track.n_tested if tested else track.n_good) / track.n_epochs
 
 
-def track_of(epoch_ns: Int64, out: PointLog) -> Track:
+def track_of(epoch_ns: Int64, out: PointLog) -> GnssTrack:
     """Return the track that single-epoch solutions show, those left out that tests speak against."""
     distance = np.linalg.norm(out.r_e, axis=1)
     near = (distance > NEAREST_M) & (distance < FARTHEST_M)
@@ -71,7 +71,7 @@ def track_of(epoch_ns: Int64, out: PointLog) -> Track:
         v_e, sd = _by_positions(t_s, out.r_e, used)
     used &= np.isfinite(v_e[:, 0]) & np.isfinite(out.clock_m[:, 0])
     clock_m = out.clock_m[used, 0]
-    return Track(
+    return GnssTrack(
         epoch_ns[used],
         t_s[used] - clock_m / C_MPS,
         out.r_e[used],

@@ -8,6 +8,7 @@ import numpy as np
 
 from insgnss.log.checks.axis_search import Hypothesis
 from insgnss.log.checks.motion_fit import signed_permutations
+from insgnss.log.checks.nose_first import STEADY
 from insgnss.tables import Float64
 
 # -2 log of the belief in axes before the log is seen: as declared, turned as a whole, of reversed sign in one sensor,
@@ -18,10 +19,9 @@ STRANGE_ROW: Final = 25.0
 # Cosines of a declared axis with the direction that it should have
 AGAINST: Final = 0.5  # more than 60 deg away ...
 ALONG: Final = 0.8  # ... while another axis is nearer than 37 deg
-STEADY: Final = 0.8  # length of a mean direction: shorter ones wander by more than 40 deg
 
 
-class Axes(NamedTuple):
+class VehicleAxes(NamedTuple):
     """Maps from sensor columns to body axes, and what speaks for them."""
 
     accel: Float64  # (3, 3) A
@@ -48,19 +48,19 @@ def relative(accel: Float64, gyro: Float64) -> Float64:
     return np.asarray(np.rint(np.linalg.det(accel)) * accel.T @ gyro)
 
 
-def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> list[Axes]:
+def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> list[VehicleAxes]:
     """Return the declarations that the hypotheses allow, the most credible first, each with its cost above that.
 
     A with det A = handed turns the mean motion forward and mean gravity down, and G = det(A) A H; declared axes that
     nothing speaks against stay. Stranger declarations need more evidence: in a coordinated flight the accelerometers
     see no side force, and only belief tells a reversed axis from a right one.
     """
-    found: dict[tuple[tuple[str, ...], tuple[str, ...], float], Axes] = {}
+    found: dict[tuple[tuple[str, ...], tuple[str, ...], float], VehicleAxes] = {}
     for one in sorted(ranked, key=lambda one: one.cost):
         accel = _accel(one, accel_0)
         gyro = one.handed * accel @ one.gyro_map
         turned = not np.array_equal(accel, accel_0)
-        axes = Axes(
+        axes = VehicleAxes(
             accel,
             gyro,
             one.factor,
@@ -73,7 +73,7 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
     return sorted(found.values(), key=credibility)
 
 
-def credibility(axes: Axes) -> float:
+def credibility(axes: VehicleAxes) -> float:
     """Return -2 log of how credible a declaration is, with the evidence of the log: the least is the best."""
     if axes.rank < len(STRANGE):
         twice = axes.rank == 2 and axes.turned and not axes.gyro_kept
@@ -82,7 +82,7 @@ def credibility(axes: Axes) -> float:
     return axes.cost + STRANGE_FIRST_ROW + STRANGE_ROW * rows
 
 
-def strangeness(axes: Axes) -> float:
+def strangeness(axes: VehicleAxes) -> float:
     """Return -2 log of the belief in a declaration among those that the log leaves: what a mounting gives comes first.
 
     A whole log of the wrong hand, or a sensor of the wrong sign, is hardly likelier than one column that is wrong.

@@ -17,7 +17,7 @@ from insgnss.tables import Event, Float64, Int64
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ColumnSelection:
     """Which columns of a file are read, and how strictly.
 
     A row whose ``numeric`` or ``exact`` cell is not a finite number is refused. An ``optional`` column may be absent,
@@ -81,7 +81,7 @@ class CsvRows:
     block: Float64 | None = None  # (n, k) the columns wanted together, where they lie so
 
 
-def column_places(dialect: Dialect, wanted: Wanted, path: Path) -> dict[str, int]:
+def column_places(dialect: Dialect, wanted: ColumnSelection, path: Path) -> dict[str, int]:
     """Return the position of each wanted column that the file has."""
     for name in (*wanted.required, *wanted.chosen):
         if dialect.place(name) is None:

@@ -23,7 +23,7 @@ import pyarrow.compute as pc
 from insgnss.errors import ColumnError
 from insgnss.log.csv.calendar import Calendar
 from insgnss.log.csv.cells import EMPTY_CELLS, date_advice, floats, foreign_number, integers, number_advice
-from insgnss.log.csv.columns import CsvRows, TextColumn, Wanted
+from insgnss.log.csv.columns import ColumnSelection, CsvRows, TextColumn
 from insgnss.log.csv.dialect import DELIMITER_NAMES, Dialect, decoded
 from insgnss.log.first_events import first_events
 from insgnss.tables import Event, Int64
@@ -80,7 +80,7 @@ def _lacks_exponent_digits(cell: bytes, before: list[bytes]) -> bool:
 
 
 def read_exact(
-    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: Wanted
+    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: ColumnSelection
 ) -> CsvRows:
     """Read the wanted columns line by line.
 

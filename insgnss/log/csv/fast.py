@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from insgnss.log.csv.cells import DECIMALS, EMPTY_CELLS, decimals_to_int64
-from insgnss.log.csv.columns import CsvRows, TextColumn, Wanted
+from insgnss.log.csv.columns import ColumnSelection, CsvRows, TextColumn
 from insgnss.log.csv.dialect import Dialect
 from insgnss.tables import Float64
 
@@ -32,10 +32,10 @@ class _NotPlainError(Exception):
 
 
 def read_fast(
-    stream: BinaryIO, size: int, dialect: Dialect, places: dict[str, int], wanted: Wanted
+    stream: BinaryIO, size: int, dialect: Dialect, places: dict[str, int], wanted: ColumnSelection
 ) -> CsvRows | None:
     """Return the wanted columns of ``size`` bytes, None when anything in them needs the exact path."""
-    parser, room = _Parser(dialect, places, wanted), _Room(size, wanted)
+    parser, room = _Parser(dialect, places, wanted), _ColumnArrays(size, wanted)
     waiting: deque[tuple[Future[_Columns], int]] = deque()
     workers = min(pa.cpu_count(), MOST_WORKERS)
 
@@ -72,7 +72,7 @@ def _pieces(stream: BinaryIO) -> Iterator[bytes]:
 class _Parser:
     """Arrow's reader with the settings for one file."""
 
-    def __init__(self, dialect: Dialect, places: dict[str, int], wanted: Wanted) -> None:
+    def __init__(self, dialect: Dialect, places: dict[str, int], wanted: ColumnSelection) -> None:
         types = dict.fromkeys((*wanted.numeric, *wanted.optional), pa.float64())
         types |= dict.fromkeys(wanted.exact, DECIMALS)
         types |= dict.fromkeys(wanted.dates, pa.string())
@@ -119,10 +119,10 @@ class _Parser:
         return values
 
 
-class _Room:
+class _ColumnArrays:
     """Arrays for all rows, filled piece by piece; the first piece tells how many rows there will be."""
 
-    def __init__(self, size: int, wanted: Wanted) -> None:
+    def __init__(self, size: int, wanted: ColumnSelection) -> None:
         self.size = size
         self.together = wanted.together
         self.integers = wanted.integers

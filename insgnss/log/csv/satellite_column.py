@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insgnss.config.flight import Observations
+from insgnss.config.flight import ObservationLog
 from insgnss.errors import ColumnError
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.satellites import bare_number, normalised_name, numbered_name, system_letter
 from insgnss.tables import Event, Int16, Int64
 
 
-class _Written(NamedTuple):
+class _SatelliteCell(NamedTuple):
     """A satellite as the table writes it; ``system`` is None without a column of constellations."""
 
     satellite: str
@@ -26,7 +26,7 @@ class _Written(NamedTuple):
 
 
 def read_satellites(
-    table: CsvTable, config: Observations, path: Path
+    table: CsvTable, config: ObservationLog, path: Path
 ) -> tuple[Int16, tuple[str, ...], list[Event]]:
     """Return each row's index into the satellites' names, -1 where the cells name none, and an event of such cells.
 
@@ -53,18 +53,18 @@ def read_satellites(
     return of_code[codes], distinct, events
 
 
-def _distinct(table: CsvTable, config: Observations) -> tuple[Int64, list[_Written]]:
+def _distinct(table: CsvTable, config: ObservationLog) -> tuple[Int64, list[_SatelliteCell]]:
     """Return each row's index into the distinct cells."""
     column, system = table.text[config.columns.sv], table.text.get(config.columns.system)
     if system is None:
-        return column.codes.astype(np.int64), [_Written(word, None) for word in column.words]
+        return column.codes.astype(np.int64), [_SatelliteCell(word, None) for word in column.words]
     pairs = column.codes.astype(np.int64) * len(system.words) + system.codes
     used, codes = np.unique(pairs, return_inverse=True)
     cells = [divmod(pair, len(system.words)) for pair in used.tolist()]
-    return codes, [_Written(column.words[i], system.words[k]) for i, k in cells]
+    return codes, [_SatelliteCell(column.words[i], system.words[k]) for i, k in cells]
 
 
-def _name(written: _Written, config: Observations) -> str | None:
+def _name(written: _SatelliteCell, config: ObservationLog) -> str | None:
     """Return the satellite's name; where both columns tell the constellation, they must agree."""
     own, number = normalised_name(written.satellite), bare_number(written.satellite)
     if written.system is None:
@@ -75,7 +75,7 @@ def _name(written: _Written, config: Observations) -> str | None:
     return numbered_name(letter, number)
 
 
-def _nameless(first: _Written, config: Observations, path: Path) -> ColumnError:
+def _nameless(first: _SatelliteCell, config: ObservationLog, path: Path) -> ColumnError:
     names = config.columns
     column, advice = names.sv, "write satellites as in RINEX 3, the system's letter and the number: G05, E11"
     if first.system is not None and system_letter(first.system, config.system_codes) is None:

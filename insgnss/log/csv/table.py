@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from insgnss.errors import InputError
-from insgnss.log.csv.columns import CsvRows, TextColumn, Wanted, column_places, unread_columns
+from insgnss.log.csv.columns import ColumnSelection, CsvRows, TextColumn, column_places, unread_columns
 from insgnss.log.csv.dialect import DELIMITER_NAMES, FALLBACK_ENCODING, Dialect, detect_dialect
 from insgnss.log.csv.exact import last_line_is_cut, read_exact
 from insgnss.log.csv.fast import read_fast
@@ -59,7 +59,7 @@ class CsvTable(CsvRows):
         )
 
 
-def read_csv_table(path: Path, wanted: Wanted) -> CsvTable:
+def read_csv_table(path: Path, wanted: ColumnSelection) -> CsvTable:
     """Read the wanted columns of a CSV file (plain or gzipped).
 
     Raises
@@ -98,7 +98,7 @@ def _dialect_events(path: Path, dialect: Dialect, unread: Sequence[str]) -> list
 
 
 def _read_fast(
-    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: Wanted
+    buffer: pa.Buffer, path: Path, dialect: Dialect, places: dict[str, int], wanted: ColumnSelection
 ) -> CsvRows | None:
     """Return the table as Arrow reads it, None when anything in the file needs the exact path."""
     if dialect.delimiter == " " or last_line_is_cut(memoryview(buffer), dialect.delimiter):

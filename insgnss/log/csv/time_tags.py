@@ -15,7 +15,7 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import TimeError
 from insgnss.gpstime import UNIX_TO_GPS_S, leap_seconds, ns_to_datetime
 from insgnss.log.csv.calendar import Calendar
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable
 from insgnss.log.first_events import first_events
 from insgnss.tables import Event, Int64
@@ -37,7 +37,7 @@ def is_exact(scale: TimeScale) -> bool:
     return scale.origin != "gps_week"
 
 
-def wanted_with_time(log: LogTable, wanted: Wanted) -> Wanted:
+def wanted_with_time(log: LogTable, wanted: ColumnSelection) -> ColumnSelection:
     """Return ``wanted`` with the columns of time added in the way their scale needs, and the decimal mark."""
     names, scale = log.columns, log.time
     wanted = replace(wanted, decimal=log.decimal)

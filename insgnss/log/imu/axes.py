@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.flight import Imu
+from insgnss.config.flight import ImuConfig
 from insgnss.errors import ConfigError
 from insgnss.tables import Float64
 
@@ -14,7 +14,7 @@ from insgnss.tables import Float64
 ORTHONORMAL_TOLERANCE: Final = 1e-3
 
 
-def mounting_matrix(config: Imu) -> Float64:
+def mounting_matrix(config: ImuConfig) -> Float64:
     """Return C_bs, (3, 3), sensor axes to body axes (forward-right-down): ``f_b = C_bs @ f_s``.
 
     Raises
@@ -45,7 +45,7 @@ def mounting_matrix(config: Imu) -> Float64:
     return C_bs
 
 
-def gyro_mounting_matrix(config: Imu) -> Float64:
+def gyro_mounting_matrix(config: ImuConfig) -> Float64:
     """Return the (3, 3) matrix that turns the gyros' columns into body axes: ``w_b = C @ w_s``.
 
     Raises

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from insgnss.config.flight import FlightConfig, Imu, ImuGrade
+from insgnss.config.flight import FlightConfig, ImuConfig, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError, InputError
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import read_csv_table
 from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.log.imu.axes import gyro_mounting_matrix, mounting_matrix, to_body_axes
-from insgnss.log.imu.faults import Axes, fault_events
+from insgnss.log.imu.faults import SensorTriad, fault_events
 from insgnss.log.imu.frozen import frozen_events
 from insgnss.log.imu.increment_steps import increment_intervals
 from insgnss.log.imu.time import gap_events, increasing_samples
@@ -29,18 +29,18 @@ from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
 
 
 @dataclass
-class _Raw:
+class _RawColumns:
     """The columns of an inertial log as they stand in the file, sensor axes."""
 
     t_ns: Int64
     gyro: list[Float64]
     accel: list[Float64]
 
-    def take(self, kept: Int64) -> _Raw:
-        return _Raw(self.t_ns[kept], [c[kept] for c in self.gyro], [c[kept] for c in self.accel])
+    def take(self, kept: Int64) -> _RawColumns:
+        return _RawColumns(self.t_ns[kept], [c[kept] for c in self.gyro], [c[kept] for c in self.accel])
 
 
-def read_imu(config: Imu, week: int, grade: ImuGrade | None = None) -> tuple[ImuTable, list[Event]]:
+def read_imu(config: ImuConfig, week: int, grade: ImuGrade | None = None) -> tuple[ImuTable, list[Event]]:
     """Read an inertial log of one or several files.
 
     Parameters
@@ -69,7 +69,7 @@ def read_imu(config: Imu, week: int, grade: ImuGrade | None = None) -> tuple[Imu
     return table, events + converted + check_units(table, config, grade, median_ns, file)
 
 
-def read_imu_as_logged(config: Imu, week: int) -> ImuTable:
+def read_imu_as_logged(config: ImuConfig, week: int) -> ImuTable:
     """Read an inertial log in the sensor's own axes, by its declared units, held against nothing.
 
     Raises
@@ -83,7 +83,7 @@ def read_imu_as_logged(config: Imu, week: int) -> ImuTable:
     return _to_table(raw, step, own, file)[0]
 
 
-def _increasing(config: Imu, week: int, file: str) -> tuple[_Raw, list[Event]]:
+def _increasing(config: ImuConfig, week: int, file: str) -> tuple[_RawColumns, list[Event]]:
     """Return the samples of all files whose time increases, at least two."""
     parts, events = _read_files(config, week)
     raw = parts[0]
@@ -95,25 +95,27 @@ def _increasing(config: Imu, week: int, file: str) -> tuple[_Raw, list[Event]]:
     return raw, events
 
 
-def _in_order(raw: _Raw, file: str) -> tuple[_Raw, list[Event]]:
+def _in_order(raw: _RawColumns, file: str) -> tuple[_RawColumns, list[Event]]:
     kept, refused = increasing_samples(raw.t_ns, file)
     return (raw if kept is None else raw.take(kept)), refused
 
 
-def _axes(raw: _Raw, config: Imu, grade: ImuGrade | None, median_ns: float) -> tuple[Axes, Axes]:
+def _axes(
+    raw: _RawColumns, config: ImuConfig, grade: ImuGrade | None, median_ns: float
+) -> tuple[SensorTriad, SensorTriad]:
     """Return the sensor axes as they stand in the file, with their units and ranges."""
     per_step = NS_PER_S / median_ns if config.values == "increments" else 1.0
     gyro_range = None if grade is None else grade.gyro_range_deg_per_s
     accel_range = None if grade is None else grade.accel_range_g
     return (
-        Axes(
+        SensorTriad(
             "gyro",
             raw.gyro,
             config.columns.gyro,
             SI_PER_UNIT[config.gyro_unit] * per_step,
             None if gyro_range is None else gyro_range * RAD_PER_DEG,
         ),
-        Axes(
+        SensorTriad(
             "accel",
             raw.accel,
             config.columns.accel,
@@ -123,10 +125,10 @@ def _axes(raw: _Raw, config: Imu, grade: ImuGrade | None, median_ns: float) -> t
     )
 
 
-def _read_files(config: Imu, week: int) -> tuple[list[_Raw], list[Event]]:
+def _read_files(config: ImuConfig, week: int) -> tuple[list[_RawColumns], list[Event]]:
     """Return the samples of each file, in order, the files ordered by their first time."""
     events: list[Event] = []
-    parts: list[_Raw] = []
+    parts: list[_RawColumns] = []
     for path in config.files:
         previous = int(parts[-1].t_ns[-1]) if parts else None
         part, found = _read_file(config, path, week, previous)
@@ -135,29 +137,31 @@ def _read_files(config: Imu, week: int) -> tuple[list[_Raw], list[Event]]:
     return sorted(parts, key=lambda part: int(part.t_ns[0])), events
 
 
-def _joined(parts: list[_Raw]) -> _Raw:
-    return _Raw(
+def _joined(parts: list[_RawColumns]) -> _RawColumns:
+    return _RawColumns(
         np.concatenate([part.t_ns for part in parts]),
         [np.concatenate([part.gyro[axis] for part in parts]) for axis in range(3)],
         [np.concatenate([part.accel[axis] for part in parts]) for axis in range(3)],
     )
 
 
-def _read_file(config: Imu, path: Path, week: int, previous_ns: int | None) -> tuple[_Raw, list[Event]]:
+def _read_file(
+    config: ImuConfig, path: Path, week: int, previous_ns: int | None
+) -> tuple[_RawColumns, list[Event]]:
     names = config.columns
-    wanted = wanted_with_time(config, Wanted(numeric=(*names.gyro, *names.accel)))
+    wanted = wanted_with_time(config, ColumnSelection(numeric=(*names.gyro, *names.accel)))
     table = read_csv_table(path, wanted)
     t_ns, rows, events = gps_times(table, config, week)
     columns = [
         table.columns[name] if rows is None else table.columns[name][rows]
         for name in (*names.gyro, *names.accel)
     ]
-    raw, refused = _in_order(_Raw(t_ns, columns[:3], columns[3:]), str(path))
+    raw, refused = _in_order(_RawColumns(t_ns, columns[:3], columns[3:]), str(path))
     raw.t_ns, continued = continued_week(raw.t_ns, previous_ns, str(path))
     return raw, table.events + events + refused + continued
 
 
-def _to_table(raw: _Raw, step: Int64, config: Imu, file: str) -> tuple[ImuTable, list[Event]]:
+def _to_table(raw: _RawColumns, step: Int64, config: ImuConfig, file: str) -> tuple[ImuTable, list[Event]]:
     """Return the samples in SI units and body axes, as means over the interval that ends at each tag."""
     factor: float | Float64 = 1.0
     events: list[Event] = []
@@ -181,7 +185,7 @@ def _trapezoid(values: Float64) -> Float64:
     return mean
 
 
-def inertial(config: FlightConfig) -> Imu:
+def inertial(config: FlightConfig) -> ImuConfig:
     """Return the entry of a flight's inertial log.
 
     Raises

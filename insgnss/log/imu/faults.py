@@ -25,7 +25,7 @@ MIN_PINNED: Final = {"gyro": 100.0 * RAD_PER_DEG, "accel": 1.5 * STANDARD_GRAVIT
 
 
 @dataclass(frozen=True)
-class Axes:
+class SensorTriad:
     """Three sensor axes of one kind as they stand in the log, and what one unit of them is."""
 
     kind: str  # "gyro" or "accel"
@@ -35,7 +35,7 @@ class Axes:
     range_si: float | None  # measuring range [rad/s or m/s^2], None when not known
 
 
-def fault_events(t_ns: Int64, axes: Axes, file: str) -> list[Event]:
+def fault_events(t_ns: Int64, axes: SensorTriad, file: str) -> list[Event]:
     """Return an event for each stretch in which an axis is stuck, and one for each axis that saturates."""
     longest = [_equal_runs(column) for column in axes.columns]
     events: list[Event] = []
@@ -58,7 +58,7 @@ def runs_of(same: npt.NDArray[np.bool_]) -> tuple[Int64, Int64]:
     return np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
 
 
-def _stuck(t_ns: Int64, axes: Axes, axis: int, runs: tuple[Int64, Int64], file: str) -> list[Event]:
+def _stuck(t_ns: Int64, axes: SensorTriad, axis: int, runs: tuple[Int64, Int64], file: str) -> list[Event]:
     first, last = runs
     long = np.flatnonzero(t_ns[last] - t_ns[first] > STUCK_S * NS_PER_S)
     events = []
@@ -73,7 +73,7 @@ def _stuck(t_ns: Int64, axes: Axes, axis: int, runs: tuple[Int64, Int64], file: 
     return shortened(events, file)
 
 
-def _saturated(t_ns: Int64, axes: Axes, axis: int, file: str) -> list[Event]:
+def _saturated(t_ns: Int64, axes: SensorTriad, axis: int, file: str) -> list[Event]:
     """Return an event when values lie at the declared range, or are pinned at the largest magnitude of the log."""
     column = axes.columns[axis]
     top = float(max(column.max(), -column.min()))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S
 from insgnss.log.first_events import shortened
-from insgnss.log.imu.faults import Axes, runs_of
+from insgnss.log.imu.faults import SensorTriad, runs_of
 from insgnss.tables import Event, Float64, Int64
 from insgnss.units import RAD_PER_DEG
 
@@ -37,7 +37,7 @@ MOVES: Final = {"gyro": 10.0 * RAD_PER_DEG, "accel": 0.5}
 NAMES: Final = {"gyro": "gyros", "accel": "accelerometers"}
 
 
-def frozen_events(t_ns: Int64, sensors: tuple[Axes, Axes], file: str) -> list[Event]:
+def frozen_events(t_ns: Int64, sensors: tuple[SensorTriad, SensorTriad], file: str) -> list[Event]:
     """Return an event for each stretch in which a sensor is frozen, kind ``FROZEN``.
 
     One that is frozen for more than half of the log is told once, as ``DEAD``.
@@ -61,7 +61,7 @@ def frozen_events(t_ns: Int64, sensors: tuple[Axes, Axes], file: str) -> list[Ev
     return events
 
 
-def _repeats(sensor: Axes) -> Bool:
+def _repeats(sensor: SensorTriad) -> Bool:
     """Return (n - 1,) which samples are equal to the one before in all three columns."""
     same: Bool = sensor.columns[0][1:] == sensor.columns[0][:-1]
     for column in sensor.columns[1:]:
@@ -93,8 +93,8 @@ def _short_runs(same: Bool, outside: Bool) -> float:
 
 def _told(
     t_ns: Int64,
-    own: list[Axes],
-    other: Axes | None,
+    own: list[SensorTriad],
+    other: SensorTriad | None,
     same: Bool,
     name: str,
     file: str,
@@ -128,7 +128,7 @@ def _events(t_ns: Int64, runs: list[tuple[int, int]], name: str, file: str) -> l
     return shortened(events, file)
 
 
-def _change_steps(sensor: Axes, outside: Bool) -> tuple[Float64, bool]:
+def _change_steps(sensor: SensorTriad, outside: Bool) -> tuple[Float64, bool]:
     """Return (3,) resolution steps as the changes outside the runs show them, and whether all are fine."""
     steps, fine = np.full(3, np.inf), True
     for axis, column in enumerate(sensor.columns):
@@ -142,7 +142,7 @@ def _change_steps(sensor: Axes, outside: Bool) -> tuple[Float64, bool]:
     return steps, fine
 
 
-def _leaps(sensor: Axes, steps: Float64, last: int) -> bool:
+def _leaps(sensor: SensorTriad, steps: Float64, last: int) -> bool:
     """Return whether a column goes on after a run with a leap of many resolution steps."""
     if last + 1 >= len(sensor.columns[0]):
         return False
@@ -150,7 +150,7 @@ def _leaps(sensor: Axes, steps: Float64, last: int) -> bool:
     return bool((leap > LEAP_STEPS * steps).any())
 
 
-def _moves(t_ns: Int64, other: Axes, first: int, last: int) -> bool:
+def _moves(t_ns: Int64, other: SensorTriad, first: int, last: int) -> bool:
     """Return whether the other sensor shows motion during a long run."""
     if t_ns[last] - t_ns[first] < LONG_S * NS_PER_S:
         return False

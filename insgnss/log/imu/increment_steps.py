@@ -17,7 +17,7 @@ from insgnss.tables import Event, Float64, Int64
 Bool = npt.NDArray[np.bool_]
 
 LONG_STEP: Final = 1.5  # so many usual steps: shorter ones are jitter, which the tags carry
-BLOCK: Final = 64  # samples that share a usual step: half of it is known after half a block
+STEP_BLOCK: Final = 64  # samples that share a usual step: half of it is known after half a block
 NEIGHBOURS: Final = 5  # samples on either side that say what the specific force is
 MIN_NEIGHBOURS: Final = 3
 # Scatter of the neighbours, in distances from one reading to the middle between both, that still lets them decide
@@ -61,10 +61,10 @@ def usual_steps(step: Int64) -> Float64:
 
     Next to a block of longer steps it is theirs.
     """
-    whole = len(step) // BLOCK * BLOCK
-    medians = np.median(step[:whole].reshape(-1, BLOCK), axis=1)
-    last = np.median(step[-BLOCK:])
-    usual = np.concatenate((np.repeat(medians, BLOCK), np.full(len(step) - whole, last)))
+    whole = len(step) // STEP_BLOCK * STEP_BLOCK
+    medians = np.median(step[:whole].reshape(-1, STEP_BLOCK), axis=1)
+    last = np.median(step[-STEP_BLOCK:])
+    usual = np.concatenate((np.repeat(medians, STEP_BLOCK), np.full(len(step) - whole, last)))
     wide = np.pad(usual, NEIGHBOURS, mode="edge")
     return np.asarray(np.maximum(usual, np.maximum(wide[: len(usual)], wide[2 * NEIGHBOURS :])))
 
@@ -74,7 +74,7 @@ def _covers_its_step(
 ) -> Bool:
     """Return for each long step whether its increment was gathered over all of it."""
     long = np.flatnonzero(is_long)
-    near = _Window(long, len(interval))
+    near = _MovingSums(long, len(interval))
     count = near.sums(~is_long)
     known = np.maximum(count, 1.0)
     rates = [np.where(is_long, 0.0, axis / interval) for axis in dv]
@@ -92,7 +92,7 @@ def _covers_its_step(
     return np.asarray(np.where(tells, q > middle, pattern))
 
 
-class _Window:
+class _MovingSums:
     """Sums over the samples around each of some samples, themselves included."""
 
     def __init__(self, centres: npt.NDArray[np.intp], n: int) -> None:

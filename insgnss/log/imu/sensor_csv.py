@@ -27,7 +27,7 @@ from insgnss.errors import InputError
 from insgnss.geodesy.ellipsoid import ecef_to_geodetic
 from insgnss.geodesy.sea_level import geoid_height
 from insgnss.geodesy.standard_atmosphere import pressure_altitude
-from insgnss.log.csv.columns import Wanted
+from insgnss.log.csv.columns import ColumnSelection
 from insgnss.log.csv.table import CsvTable, read_csv_table
 from insgnss.log.csv.time_tags import continued_week, gps_times, wanted_with_time
 from insgnss.log.imu.sensor_axes import body_rotation, magnetometer_axes
@@ -89,10 +89,10 @@ def _in_time_order(
     return SensorTable(config.label, t_ns, values[order], _si_sigma(config, sigma[order])), events
 
 
-def _wanted(config: Sensor) -> Wanted:
+def _wanted(config: Sensor) -> ColumnSelection:
     needed = tuple(name for name in config.value_columns if name != NO_COLUMN)
     optional = (*needed, *(name for name in config.sigma_columns if name != NO_COLUMN))
-    return Wanted(optional=optional, chosen=(*needed, *config.columns.chosen_names()))
+    return ColumnSelection(optional=optional, chosen=(*needed, *config.columns.chosen_names()))
 
 
 def _column(table: CsvTable, name: str) -> Float64:

@@ -10,9 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.config.flight import Imu, ImuGrade
+from insgnss.config.flight import ImuConfig, ImuGrade
 from insgnss.constants import NS_PER_S, STANDARD_GRAVITY_MPS2
 from insgnss.errors import UnitsError
+from insgnss.inertial.sensor_model import OVER_RANGE
 from insgnss.log.imu.windows import Bool, ImuWindows, imu_windows
 from insgnss.tables import Event, Float64, ImuTable
 from insgnss.units import RAD_PER_DEG, SI_PER_UNIT
@@ -35,12 +36,11 @@ REST_NEAR_G: Final = 0.03  # in a steady turn or on a rate table the rate lies w
 REST_ACROSS: Final = 0.5  # ... so a rate that lies more than 30 deg off f contradicts a steady f
 REST_STEADY: Final = 0.2  # share by which a bias changes from window to window: rolls about f vary more
 WHOLE_STEPS: Final = 1.5  # a longer step lost a sample
-OVER_RANGE: Final = 2.0  # no sensor shows twice its range
 OVER_RANGE_SHARE: Final = 0.01
 
 
 def check_units(
-    imu: ImuTable, config: Imu, grade: ImuGrade | None, median_ns: float, file: str
+    imu: ImuTable, config: ImuConfig, grade: ImuGrade | None, median_ns: float, file: str
 ) -> list[Event]:
     """Hold an inertial log against the declared units.
 
@@ -74,7 +74,7 @@ def check_units(
 
 
 def _check_accelerometer(
-    windows: ImuWindows, quiet: Bool, config: Imu, mean_ns: float, file: str
+    windows: ImuWindows, quiet: Bool, config: ImuConfig, mean_ns: float, file: str
 ) -> list[Event]:
     size = np.linalg.norm(windows.f_b, axis=1) / STANDARD_GRAVITY_MPS2
     at_rest = int(quiet.sum()) >= MIN_QUIET_WINDOWS
@@ -102,7 +102,7 @@ def _check_accelerometer(
     return [Event(None, "units_suspicion", f"{file}: {found}; {advice}")]
 
 
-def fitting_accel_units(imu: ImuTable, config: Imu) -> list[str]:
+def fitting_accel_units(imu: ImuTable, config: ImuConfig) -> list[str]:
     """Return the units that make |f| g in the middle of a log or at rest; the declared one first if it does.
 
     Parameters
@@ -123,7 +123,7 @@ def fitting_accel_units(imu: ImuTable, config: Imu) -> list[str]:
     return [config.accel_unit, *fits] if declared else fits
 
 
-def keys_of_accel_unit(unit: str, config: Imu) -> tuple[tuple[str, str], ...]:
+def keys_of_accel_unit(unit: str, config: ImuConfig) -> tuple[tuple[str, str], ...]:
     """Return the keys of the flight file, and their values, that declare a unit of the accelerometers.
 
     Where rates become increments, or increments rates, the gyros' unit goes with them.
@@ -146,13 +146,13 @@ def _values_of(accel_unit: str) -> str:
     return "increments" if accel_unit in ("m/s", "g*s") else "rates"
 
 
-def _declaration(unit: str, config: Imu) -> str:
+def _declaration(unit: str, config: ImuConfig) -> str:
     values = _values_of(unit)
     prefix = "" if values == config.values else f"values = '{values}' with "
     return f"{prefix}accel_unit = '{unit}'"
 
 
-def _other_units(config: Imu, mean_ns: float) -> list[tuple[str, float]]:
+def _other_units(config: ImuConfig, mean_ns: float) -> list[tuple[str, float]]:
     """Return every other unit and how many times larger it would make the specific force."""
     per_second = NS_PER_S / mean_ns
     factors = {
@@ -177,7 +177,7 @@ def _fits(size_g: Float64, ratio: float, at_rest: bool) -> bool:
 # ------------------------------------------------------------------------------------------------------------- gyros
 
 
-def _check_range(imu: ImuTable, config: Imu, grade: ImuGrade | None, file: str) -> None:
+def _check_range(imu: ImuTable, config: ImuConfig, grade: ImuGrade | None, file: str) -> None:
     if grade is None or grade.gyro_range_deg_per_s is None:
         return
     limit = OVER_RANGE * grade.gyro_range_deg_per_s * RAD_PER_DEG
@@ -194,7 +194,7 @@ def _check_range(imu: ImuTable, config: Imu, grade: ImuGrade | None, file: str) 
         )
 
 
-def _check_gyro(windows: ImuWindows, quiet: Bool, config: Imu, file: str) -> list[Event]:
+def _check_gyro(windows: ImuWindows, quiet: Bool, config: ImuConfig, file: str) -> list[Event]:
     """Hold the turning of f's direction against the gyros, at rest and in motion."""
     size = np.linalg.norm(windows.f_b, axis=1)
     g = float(np.median(size[quiet])) if quiet.any() else STANDARD_GRAVITY_MPS2
@@ -203,7 +203,7 @@ def _check_gyro(windows: ImuWindows, quiet: Bool, config: Imu, file: str) -> lis
     return events
 
 
-def _check_rest(windows: ImuWindows, near_g: Bool, config: Imu, file: str) -> list[Event]:
+def _check_rest(windows: ImuWindows, near_g: Bool, config: ImuConfig, file: str) -> list[Event]:
     """Refuse rates that would turn gravity while it stands still: a bias in deg/s read as rad/s."""
     turn, across = windows.turns()
     w = np.linalg.norm(windows.mid_rate(), axis=1)
@@ -237,7 +237,7 @@ def _gyro_error(found: str, file: str, unit: str) -> UnitsError:
     return error
 
 
-def _check_turns(windows: ImuWindows, near_g: Bool, config: Imu, file: str) -> None:
+def _check_turns(windows: ImuWindows, near_g: Bool, config: ImuConfig, file: str) -> None:
     """Refuse rates that are 57.3 times too large or too small for the turning of gravity they go with.
 
     Judged only where the sensor tilts so far at |f| near g that no acceleration can be taken for it.

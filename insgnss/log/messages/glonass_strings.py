@@ -9,18 +9,16 @@ import datetime as dt
 import math
 from typing import Final
 
-from insgnss.constants import NS_PER_S, S_PER_DAY
-from insgnss.gpstime import leap_seconds, ns_to_datetime
+from insgnss.constants import M_PER_KM, NS_PER_S, S_PER_DAY
+from insgnss.gnss.signals import UNKNOWN_CHANNEL
+from insgnss.gpstime import MOSCOW_MINUS_UTC_S, leap_seconds, ns_to_datetime
 from insgnss.log.messages.bits import sign_and_magnitude
 from insgnss.log.messages.broadcast import Broadcast, StateVector
 
 LENGTH: Final = 85
-MOSCOW_MINUS_UTC_S: Final = 3 * 3600  # GLONASS time, ICD 3.3.3
 _CHECK_BITS: Final = 8
-_KM: Final = 1000.0
 # Strings 1 to 4 are sent within 8 s; the receiver's epochs around them are known to a few seconds
 _FRAME_NS: Final = 15 * NS_PER_S
-_UNKNOWN_CHANNEL: Final = -128
 
 
 def _check_masks() -> tuple[int, ...]:
@@ -105,14 +103,14 @@ class GlonassMessages:
         state = StateVector(
             sv,
             nearest_in_day(in_day_s, near_ns),
-            tuple(_number(s, 35, 9, -11) * _KM for s in strings[:3]),
-            tuple(_number(s, 64, 41, -20) * _KM for s in strings[:3]),
-            tuple(_number(s, 40, 36, -30) * _KM for s in strings[:3]),
+            tuple(_number(s, 35, 9, -11) * M_PER_KM for s in strings[:3]),
+            tuple(_number(s, 64, 41, -20) * M_PER_KM for s in strings[:3]),
+            tuple(_number(s, 40, 36, -30) * M_PER_KM for s in strings[:3]),
             -_number(fourth, 80, 59, -30),
             _number(third, 79, 69, -40),
             math.nan if bits_of(fourth, 58, 54) == 0b10000 else delay,  # minus zero: not given
             float(unhealthy),
-            _UNKNOWN_CHANNEL if channel is None else channel,
+            UNKNOWN_CHANNEL if channel is None else channel,
         )
         self._broadcast.states.setdefault(state)
 

@@ -14,17 +14,16 @@ from typing import Any, Final
 import numpy as np
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.gnss.signals import CHANNELS
+from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, LATEST_WEEK
 from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.gps_lnav import LnavMessages
 from insgnss.log.novatel.frames import NovatelFrames, records
-from insgnss.log.novatel.signals import CHANNEL_OFFSET, satellite_name
+from insgnss.log.novatel.signals import satellite_name
 
 _BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S
 _GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))
-_UNKNOWN_CHANNEL: Final = -128
 _QZSS_FIRST: Final = 193
 _ELEMENTS: Final = (
     *("toe", "af0", "af1", "af2", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n"),
@@ -251,7 +250,7 @@ def _glonass(found: Broadcast, row: Any, near_ns: int, _: set[tuple[str, int]]) 
             float(row["gamma"]),
             float(row["delta_tau"]) if math.isfinite(row["delta_tau"]) else math.nan,
             float(int(row["health"]) & 0b1111 != 0),
-            channel if channel in CHANNELS else _UNKNOWN_CHANNEL,
+            channel if channel in CHANNELS else UNKNOWN_CHANNEL,
         )
     )
 

@@ -15,18 +15,17 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import C_MPS
-from insgnss.gnss.signals import B1I_HZ, CHANNELS, G1_HZ, G1_STEP_HZ, L1_HZ, carrier_hz
+from insgnss.gnss.signals import B1I_HZ, CHANNEL_OFFSET, CHANNELS, G1_HZ, G1_STEP_HZ, L1_HZ, carrier_hz
 from insgnss.log.carrier_slips import slipped_rows
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.novatel.frames import Frame, NovatelFrames, records
-from insgnss.log.novatel.signals import CHANNEL_OFFSET, SIGNALS, SIGNALS_2, SYSTEMS, satellite_name
-from insgnss.tables import Event, Float64, GnssTable, Int64
+from insgnss.log.novatel.signals import SIGNALS, SIGNALS_2, SYSTEMS, satellite_name
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Event, Float64, GnssTable, Int64
 
 RANGE, RANGECMP, RANGECMP2 = 43, 140, 1273
 COMPRESSED_FURTHER: Final = {1734: "RANGECMP3", 2050: "RANGECMP4", 2537: "RANGECMP5"}
 Bool = npt.NDArray[np.bool_]
 _PHASE_LOCK, _PARITY_KNOWN, _CODE_LOCK, _HALF_CYCLE = 1 << 10, 1 << 11, 1 << 12, 1 << 28
-_SLIP, _HALF_OPEN = 1, 2  # bits of the loss-of-lock indicator
 _RANGE: Final = np.dtype(
     [
         *(("prn", "<u2"), ("channel", "<i2"), ("range_m", "<f8"), ("sd_range", "<f4"), ("adr", "<f8")),
@@ -50,7 +49,7 @@ _MOST_RANGE_M: Final = 1e9
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _RangeColumns:
     """Measurements of one kind of message, one entry each."""
 
     t_ns: Int64
@@ -66,8 +65,8 @@ class _Rows:
     status: Int64  # bits of the channel tracking status
     ceiling_ms: Int64
 
-    def keep(self, rows: npt.NDArray[Any]) -> _Rows:
-        return _Rows(**{name: values[rows] for name, values in vars(self).items()})
+    def keep(self, rows: npt.NDArray[Any]) -> _RangeColumns:
+        return _RangeColumns(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Event]]:
@@ -75,7 +74,7 @@ def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Eve
 
     Of an epoch that was logged in several kinds of message the fullest kind counts: RANGE before its compressed forms.
     """
-    parts: list[_Rows] = []
+    parts: list[_RangeColumns] = []
     events: list[Event] = []
     seen: set[int] = set()
     for kind, rows_of in ((RANGE, _plain), (RANGECMP, _compressed), (RANGECMP2, _compressed_2)):
@@ -85,7 +84,9 @@ def measurements(files: list[NovatelFrames]) -> tuple[GnssTable | None, list[Eve
             events += told
         seen |= {int(t) for t in np.unique(np.concatenate([part.t_ns for part in parts]))}
     file = str(files[0].path)
-    rows = _Rows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    rows = _RangeColumns(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
+    )
     if not len(rows.t_ns):
         return None, events
     table, told = _table(rows, file)
@@ -137,13 +138,13 @@ def _codes(system: npt.NDArray[Any], number: Int64, signals: dict[str, dict[int,
     return found
 
 
-def _plain(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
+def _plain(frames: NovatelFrames, chosen: list[Frame]) -> _RangeColumns:
     starts, t_ns = _places(frames, chosen, _RANGE.itemsize)
     rows = records(frames.data, starts, _RANGE)
     status = rows["status"].astype(np.int64)
     system = _letters(status)
     lock_ms = np.nan_to_num(np.ceil(rows["lock_s"].astype(np.float64) * 1e3), nan=0.0, posinf=0.0, neginf=0.0)
-    return _Rows(
+    return _RangeColumns(
         t_ns,
         system,
         rows["prn"].astype(np.int64),
@@ -169,7 +170,7 @@ def _carriers(system: npt.NDArray[Any], code: npt.NDArray[Any], channel: Int64) 
     return np.array(hz, np.float64)[index] if len(unique) else np.zeros(0)
 
 
-def _compressed(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
+def _compressed(frames: NovatelFrames, chosen: list[Frame]) -> _RangeColumns:
     starts, t_ns = _places(frames, chosen, _COMPRESSED.itemsize)
     rows = records(frames.data, starts, _COMPRESSED)
     status, both = rows["status"].astype(np.int64), rows["doppler_range"]
@@ -181,7 +182,7 @@ def _compressed(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
     hz = _carriers(system, code, channel)
     adr = rows["adr"] / 256.0
     wraps = np.rint((-range_m * hz / C_MPS - adr) / _ADR_CYCLE)
-    return _Rows(
+    return _RangeColumns(
         t_ns,
         system,
         rows["prn"].astype(np.int64),
@@ -201,7 +202,7 @@ def _signed(values: Int64, bits: int) -> Int64:
     return values - (values >> bits - 1 << bits)
 
 
-def _compressed_2(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
+def _compressed_2(frames: NovatelFrames, chosen: list[Frame]) -> _RangeColumns:
     satellites: list[int] = []
     signals: list[int] = []
     t_ns: list[int] = []
@@ -233,7 +234,7 @@ def _compressed_2(frames: NovatelFrames, chosen: list[Frame]) -> _Rows:
     doppler = _signed(_bits(fields, 39, 21), 21) + _signed(_bits(second, 47, 17), 17) / 256.0
     # numbers of GLONASS's satellites are slots here
     prn = heads["prn"].astype(np.int64) + np.where(letter == "R", 37, 0)
-    return _Rows(
+    return _RangeColumns(
         np.array(t_ns, np.int64),
         letter,
         prn,
@@ -256,7 +257,7 @@ def _bits(values: npt.NDArray[np.uint64], place: int, count: int) -> Int64:
 # ------------------------------------------------------------------------------------------------------------- table
 
 
-def _table(rows: _Rows, file: str) -> tuple[GnssTable | None, list[Event]]:
+def _table(rows: _RangeColumns, file: str) -> tuple[GnssTable | None, list[Event]]:
     """Return the rows of known satellites and signals in the order of time, each once."""
     pairs, index = np.unique(
         np.char.add(rows.system.astype("U1"), rows.prn.astype("U8")), return_inverse=True
@@ -297,7 +298,7 @@ def _table(rows: _Rows, file: str) -> tuple[GnssTable | None, list[Event]]:
         tuple(map(str, sv_names)),
         tuple(map(str, codes)),
         carrier_cycles=np.where(phase, chosen.cycles, np.nan),
-        lli=np.where(half_open, _HALF_OPEN, 0).astype(np.int8),
+        lli=np.where(half_open, LLI_HALF_CYCLE, 0).astype(np.int8),
         glonass_channels=_stated_channels(names, chosen.channel),
     ).take(order)
     assert table.lli is not None
@@ -307,7 +308,7 @@ def _table(rows: _Rows, file: str) -> tuple[GnssTable | None, list[Event]]:
         chosen.status[order] & _HALF_CYCLE != 0,
         chosen.ceiling_ms[order],
     )
-    table.lli[slips] |= _SLIP
+    table.lli[slips] |= LLI_SLIP
     table, reordered = in_time_order(table, file)
     return table, events + reordered
 

@@ -7,7 +7,6 @@ from typing import Final
 from insgnss.log.satellites import MAX_NUMBER
 
 SYSTEMS: Final = "GRSECJI"  # bits 16 to 18 of the channel tracking status
-CHANNEL_OFFSET: Final = 7
 # First number of a constellation's satellites, what is taken from it to get the number of RINEX
 _NUMBERS: Final = {"R": (38, 37), "S": (120, 100), "J": (193, 192)}
 # Bits 21 to 25 of the channel tracking status, as codes of RINEX

@@ -42,7 +42,7 @@ class ParsedText:
     refused: list[tuple[int, str]] = field(default_factory=list)
 
 
-class _Stretch(NamedTuple):
+class _CellLine(NamedTuple):
     """A line of cells: its number in the epoch, its satellite, the place of its first cell and where that begins."""
 
     line: int
@@ -106,14 +106,14 @@ def without_damaged_cells(epoch: str, header: str, first_line: int) -> tuple[str
     return "\n".join(lines), tuple(cells)
 
 
-def _stretches_3(lines: list[str]) -> Iterator[_Stretch]:
+def _stretches_3(lines: list[str]) -> Iterator[_CellLine]:
     """Yield the line of each satellite, RINEX 3 and 4."""
     for k, line in enumerate(lines[1:], start=1):
         if _NAME.fullmatch(line[:3]):
-            yield _Stretch(k, _full_name(line[:3], "G"), 0, 3)
+            yield _CellLine(k, _full_name(line[:3], "G"), 0, 3)
 
 
-def _stretches_2(lines: list[str], header: str) -> Iterator[_Stretch]:
+def _stretches_2(lines: list[str], header: str) -> Iterator[_CellLine]:
     """Yield the lines of each satellite, RINEX 2; its epoch names all satellites before the first number."""
     types, count = _TYPES_2.search(header), lines[0][29:32].strip()
     if types is None or not count.isdigit():
@@ -127,7 +127,7 @@ def _stretches_2(lines: list[str], header: str) -> Iterator[_Stretch]:
         for k in range(per_satellite):
             line, name = n_first + i * per_satellite + k, names[3 * i : 3 * i + 3]
             if line < len(lines) and _NAME.fullmatch(name):
-                yield _Stretch(line, _full_name(name, own_system), k * _CELLS_PER_LINE_2, 0)
+                yield _CellLine(line, _full_name(name, own_system), k * _CELLS_PER_LINE_2, 0)
 
 
 def _full_name(name: str, own_system: str) -> str:

@@ -14,8 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S, NS_PER_WEEK
+from insgnss.constants import M_PER_KM, NS_PER_S, NS_PER_WEEK
 from insgnss.errors import InputError
+from insgnss.gnss.signals import UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET, leap_seconds, ns_to_datetime
 from insgnss.tables import EphemerisTable, NavigationData, StateVectorTable
 
@@ -24,9 +25,7 @@ _TRANSMISSION_UNKNOWN: Final = 0.9999e9
 # Galileo data sources (table A8): I/NAV of E1 and E5b with the E1/E5b clock, F/NAV of E5a with the E1/E5a clock
 _GALILEO_SOURCES: Final = {"INAV": 0b10_0000_0101, "FNAV": 0b01_0000_0010}
 _NO_ACCURACY: Final = {"E": -1.0}  # "no accuracy prediction available"
-_CHANNEL_UNKNOWN: Final = -128
 _UNKNOWN_URA: Final = 15.0
-_KM: Final = 1000.0
 # Ionosphere: names of the header lines for each set of coefficients
 _IONOSPHERE: Final = {
     "gps": ("GPSA", "GPSB"),
@@ -133,11 +132,11 @@ def _state_vector(states: StateVectorTable, row: int, leap: int | None) -> list[
     channel = int(states.channel[row])
     ends: list[float | None] = [float(states.health[row]), None, None]
     if glonass:
-        ends = [float(states.health[row] != 0), None if channel == _CHANNEL_UNKNOWN else channel, 0.0]
+        ends = [float(states.health[row] != 0), None if channel == UNKNOWN_CHANNEL else channel, 0.0]
     head = [float(states.clock_s[row]), float(states.clock_rate[row]), seconds_of_week]
     lines = [f"{sv} {_date(when)}{_numbers(head)}"]
     for axis, end in enumerate(ends):
-        vectors = [float(v[row, axis]) / _KM for v in (states.r_e, states.v_e, states.a_e)]
+        vectors = [float(v[row, axis]) / M_PER_KM for v in (states.r_e, states.v_e, states.a_e)]
         lines.append(f"    {_numbers([*vectors, end])}".rstrip())
     if glonass:
         unhealthy = float(int(states.health[row]) >> 1 & 1)

@@ -17,18 +17,13 @@ import numpy as np
 from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import NavigationDataError
 from insgnss.gnss import late_sidereon as sidereon
+from insgnss.gnss.signals import UNKNOWN_CHANNEL
 from insgnss.gpstime import BDT_MINUS_GPST_S, BDT_WEEK_OFFSET
 from insgnss.log.files import file_text
 from insgnss.log.first_events import first_events
+from insgnss.log.messages.broadcast import StateVector
 from insgnss.log.rinex.ionosphere import read_ionosphere
-from insgnss.log.rinex.states import (
-    IMPOSSIBLE_DATE,
-    NO_CHANNEL,
-    StateVector,
-    is_date,
-    read_state_vectors,
-    state_vector_table,
-)
+from insgnss.log.rinex.states import IMPOSSIBLE_DATE, is_date, read_state_vectors, state_vector_table
 from insgnss.tables import EphemerisTable, Event, Float64, NavigationData
 
 MESSAGES: Final = {
@@ -49,7 +44,7 @@ _ELEMENTS: Final = (
 
 
 @dataclass
-class _Found:
+class _NavigationContents:
     """What the files gave so far."""
 
     keplerian: list[Any] = field(default_factory=list)
@@ -72,7 +67,7 @@ def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]
     ------
     NavigationDataError : a file is no RINEX navigation file, or there is no ephemeris in any
     """
-    found = _Found()
+    found = _NavigationContents()
     for path in paths:
         text = _navigation_text(path)
         _read_records(text, path, found)
@@ -118,7 +113,7 @@ def _navigation_text(path: Path) -> str:
     return text
 
 
-def _read_records(text: str, path: Path, found: _Found) -> None:
+def _read_records(text: str, path: Path, found: _NavigationContents) -> None:
     """Add the messages of a file, and an event for what is damaged or of another kind."""
     try:
         parsed = sidereon.parse_rinex_nav_lenient(text)
@@ -167,7 +162,9 @@ def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[E
 
 def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:
     """Add an event that names the GLONASS satellites whose channel the file does not tell."""
-    without = sorted({state.sv for state in states if state.sv[0] == "R" and state.channel == NO_CHANNEL})
+    without = sorted(
+        {state.sv for state in states if state.sv[0] == "R" and state.channel == UNKNOWN_CHANNEL}
+    )
     if without:
         detail = f"{path}: no frequency channel for {', '.join(without)}: taken from the observations, if they have it"
         events.append(Event(None, "glonass_channel_missing", detail))

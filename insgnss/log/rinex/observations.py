@@ -23,14 +23,13 @@ from insgnss.log.rinex.damage import DamagedCell, ParsedStretch, ParsedText, par
 from insgnss.log.rinex.hatanaka import sound_start
 from insgnss.log.rinex.header import mended_header
 from insgnss.log.rinex.rows import UNREADABLE, ObservationValues, observation_rows
-from insgnss.log.rinex.states import IMPOSSIBLE_DATE, is_date
+from insgnss.log.rinex.states import IMPOSSIBLE_DATE, NO_DATE, is_date
 from insgnss.log.rinex.text import split_epochs
 from insgnss.tables import Event, Float64, GnssTable
 
 # 1: after a power failure, the values are good; 2 to 6 carry no measurements
 OBSERVATION_FLAGS: Final = (0, 1)
 _LINE_END: Final = re.compile(r"\r*\n|\r")
-_NO_DATE: Final = -1
 
 
 def read_rinex_obs(paths: Sequence[Path], offset_s: float = 0.0) -> tuple[GnssTable, list[Event]]:
@@ -151,7 +150,7 @@ def _collect(
         epoch = product.epoch(index)
         civil_ns = None if epoch.epoch is None else _civil_ns(epoch.epoch, epoch.epoch_picoseconds)
         t_ns = None if civil_ns is None else civil_ns + shift_ns
-        if t_ns is not None and (civil_ns == _NO_DATE or not is_date(t_ns)):
+        if t_ns is not None and (civil_ns == NO_DATE or not is_date(t_ns)):
             detail = f"{path}: epoch of {epoch.epoch.year:04d}-{epoch.epoch.month:02d} passed over: {IMPOSSIBLE_DATE}"
             events.append(Event(None, "rinex_event", detail))
             continue
@@ -186,7 +185,7 @@ def _civil_ns(civil: Any, picoseconds: int | None = None) -> int:
     try:
         minute = dt.datetime(civil.year, civil.month, civil.day, civil.hour, civil.minute)
     except ValueError:  # the year 0
-        return _NO_DATE
+        return NO_DATE
     fraction = float(civil.second) * NS_PER_S + (picoseconds or 0) / 1000.0
     return datetime_to_ns(minute) + round(fraction)
 

@@ -24,7 +24,7 @@ _LLI_BITS: Final = 7.0  # RINEX 3.05, table A3: bits 0 to 2
 
 
 @dataclass(frozen=True)
-class Layout:
+class EpochLayout:
     """The rows of an epoch with these satellites and codes, sorted by satellite and signal."""
 
     satellites: tuple[str, ...]  # of each row
@@ -39,7 +39,7 @@ class ObservationValues:
     """All observations of a file, in the order they stand in it."""
 
     version: float = 3.0
-    layouts: list[Layout] = field(default_factory=list)
+    layouts: list[EpochLayout] = field(default_factory=list)
     t_ns: list[int] = field(default_factory=list)  # of each epoch
     layout_of: list[int] = field(default_factory=list)  # of each epoch
     values: list[Float64] = field(default_factory=list)  # of each epoch
@@ -59,7 +59,7 @@ class ObservationValues:
         self.lli.append(lli)
 
 
-def _layout(satellites: Sequence[str], codes: Sequence[str], shared: bool) -> Layout:
+def _layout(satellites: Sequence[str], codes: Sequence[str], shared: bool) -> EpochLayout:
     place: dict[tuple[str, str], int] = {}
     for index, (sv, code) in enumerate(zip(satellites, codes, strict=True)):
         if _CODE.fullmatch(code):
@@ -74,7 +74,7 @@ def _layout(satellites: Sequence[str], codes: Sequence[str], shared: bool) -> La
         end = 2 if shared and kind != "C" else 3
         return np.array([place.get((sv, kind + code[1:end]), missing) for sv, code in rows], dtype=np.int64)
 
-    return Layout(
+    return EpochLayout(
         tuple(sv for sv, _ in rows), tuple(code for _, code in rows), {k: source(k) for k in KINDS}, missing
     )
 

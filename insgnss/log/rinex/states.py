@@ -12,33 +12,18 @@ from typing import Any, Final
 
 import numpy as np
 
+from insgnss.constants import M_PER_KM
 from insgnss.gnss import late_sidereon as sidereon
-from insgnss.gnss.signals import CHANNELS
+from insgnss.gnss.signals import CHANNELS, UNKNOWN_CHANNEL
 from insgnss.gpstime import datetime_to_ns, utc_to_ns
-from insgnss.tables import Float64, StateVectorTable
+from insgnss.log.messages.broadcast import StateVector
+from insgnss.tables import StateVectorTable
 
-NO_CHANNEL: Final = -128
+NO_DATE: Final = -1  # [ns] for the year 1 and its like
 _J2000: Final = dt.datetime(2000, 1, 1, 12)
 IMPOSSIBLE_DATE: Final = "its date is impossible"
 _LATEST_NS: Final = datetime_to_ns(dt.datetime(2100, 1, 1))
 _FIELD: Final = 19  # characters of a number
-_KILO: Final = 1000.0
-
-
-@dataclass(frozen=True, eq=False)
-class StateVector:
-    """One message."""
-
-    sv: str
-    t_ns: int
-    r_e: Float64
-    v_e: Float64
-    a_e: Float64
-    clock_s: float
-    clock_rate: float
-    group_delay_s: float  # NaN when not given
-    health: float
-    channel: int
 
 
 @dataclass(frozen=True)
@@ -103,15 +88,15 @@ def _glonass(record: Any) -> StateVector:
     return StateVector(
         sv=record.satellite,
         t_ns=_utc_j2000_to_ns(record.toe_utc_j2000_s),
-        r_e=np.asarray(record.position_m),
-        v_e=np.asarray(record.velocity_m_s),
-        a_e=np.asarray(record.acceleration_m_s2),
+        r_e=tuple(np.asarray(record.position_m).tolist()),
+        v_e=tuple(np.asarray(record.velocity_m_s).tolist()),
+        a_e=tuple(np.asarray(record.acceleration_m_s2).tolist()),
         clock_s=record.clock_bias_s,
         clock_rate=record.gamma_n,
         group_delay_s=float("nan") if delay is None else delay,
         # B_n, and l_n and C_n where the file has them
         health=0.0 if record.is_healthy else max(float(record.sv_health), 1.0),
-        channel=record.freq_channel if record.freq_channel in CHANNELS else NO_CHANNEL,
+        channel=record.freq_channel if record.freq_channel in CHANNELS else UNKNOWN_CHANNEL,
     )
 
 
@@ -172,7 +157,7 @@ def _without_channel(block: list[str], *, old: bool) -> list[str]:
     if len(block) <= at:
         return block
     start = (3 if old else 4) + 3 * _FIELD
-    return [*block[:at], f"{block[at][:start]:{start}}{NO_CHANNEL:{_FIELD}.12E}", *block[at + 1 :]]
+    return [*block[:at], f"{block[at][:start]:{start}}{UNKNOWN_CHANNEL:{_FIELD}.12E}", *block[at + 1 :]]
 
 
 def _sbas(block: list[str], *, old: bool) -> StateVector:
@@ -189,14 +174,14 @@ def _sbas(block: list[str], *, old: bool) -> StateVector:
     return StateVector(
         sv=sv,
         t_ns=datetime_to_ns(when),
-        r_e=rows[:, 0] * _KILO,
-        v_e=rows[:, 1] * _KILO,
-        a_e=rows[:, 2] * _KILO,
+        r_e=tuple((rows[:, 0] * M_PER_KM).tolist()),
+        v_e=tuple((rows[:, 1] * M_PER_KM).tolist()),
+        a_e=tuple((rows[:, 2] * M_PER_KM).tolist()),
         clock_s=clock_s,
         clock_rate=clock_rate,
         group_delay_s=float("nan"),
         health=float(rows[0, 3]),
-        channel=NO_CHANNEL,
+        channel=UNKNOWN_CHANNEL,
     )
 
 

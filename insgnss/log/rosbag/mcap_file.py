@@ -71,7 +71,7 @@ def read_topics(
         raise InputError("MCAP files need mcap and mcap-ros2-support, which are not installed", file=path,
                          advice=INSTALL) from error  # fmt: skip
     stream = io.BytesIO(file_buffer(path).to_pybytes())
-    gathered = _Gathered(wanted, within, DecoderFactory())
+    gathered = _RecordCollector(wanted, within, DecoderFactory())
     try:
         for record in StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_LIMIT).records:
             gathered.take(record)
@@ -84,7 +84,7 @@ def read_topics(
     return gathered.topics, shortened(gathered.events, "chunks")
 
 
-class _Gathered:
+class _RecordCollector:
     """Collects topics and messages from records as they come."""
 
     def __init__(self, wanted: Collection[str], within: Collection[str], factory: Any) -> None:

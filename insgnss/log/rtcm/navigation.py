@@ -10,19 +10,16 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from insgnss.constants import NS_PER_S, NS_PER_WEEK
-from insgnss.gnss.signals import CHANNELS
+from insgnss.constants import M_PER_KM, NS_PER_S, NS_PER_WEEK
+from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, UNKNOWN_CHANNEL
 from insgnss.log.messages.bits import angle, power
 from insgnss.log.messages.broadcast import Broadcast, Ephemeris, StateVector, nearest_in_week
 from insgnss.log.messages.galileo import sisa_m
 from insgnss.log.messages.glonass_strings import nearest_in_day
 from insgnss.log.messages.gps_lnav import fit_interval_s, ura_m
-from insgnss.log.rtcm.observations import CHANNEL_OFFSET
 from insgnss.log.rtcm.time import BDT_TO_GPS_NS, GPS_WEEKS_SENT
 from insgnss.log.satellites import MAX_NUMBER
 
-_UNKNOWN_CHANNEL: Final = -128
-_KM: Final = 1000.0
 _FAR_NS: Final = 2 * 86_400 * NS_PER_S  # of a message's week from that of the epochs
 _GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))  # they send D2
 _ANGLES: Final = {
@@ -162,7 +159,7 @@ def _glonass(found: Broadcast, message: Any, near_ns: int) -> None:
         return
     channel = row.frequency_channel - CHANNEL_OFFSET
     r_e, v_e, a_e = (
-        tuple(getattr(row, f"{axis}n{dots}") * power(scale) * _KM for axis in "xyz")
+        tuple(getattr(row, f"{axis}n{dots}") * power(scale) * M_PER_KM for axis in "xyz")
         for dots, scale in (("", -11), ("_dot", -20), ("_dot_dot", -30))
     )
     state = StateVector(
@@ -175,7 +172,7 @@ def _glonass(found: Broadcast, message: Any, near_ns: int) -> None:
         row.gamma_n * power(-40),
         row.delta_tau_n * power(-30),
         float(int(row.b_n_msb) | int(row.m_l_n_third) << 1),
-        channel if channel in CHANNELS else _UNKNOWN_CHANNEL,
+        channel if channel in CHANNELS else UNKNOWN_CHANNEL,
     )
     found.states.setdefault(state)
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from insgnss.constants import C_MPS
 from insgnss.gnss import late_sidereon as sidereon
-from insgnss.gnss.signals import CHANNELS, carrier_hz
+from insgnss.gnss.signals import CHANNEL_OFFSET, CHANNELS, carrier_hz
 from insgnss.log.rtcm.time import NS_PER_MS, EpochTimes
 from insgnss.log.satellites import MAX_NUMBER
 from insgnss.tables import Event, Float64, GnssTable
@@ -42,7 +42,6 @@ _FINE: Final = {
     **dict.fromkeys((6, 7), (20, 2.0**-29, 24, 2.0**-31, 0.0625)),
 }
 _SBAS_OFFSET: Final = 19  # satellite 1 is PRN 120, S20
-CHANNEL_OFFSET: Final = 7  # of a GLONASS frequency channel, as sent
 _FIRST_SBAS: Final = 40  # of the GPS numbers of 1002 and 1004: PRN 120
 _MODULUS_M: Final = {"G": C_MPS / 1000.0, "R": 2.0 * C_MPS / 1000.0}
 _LEGACY_CODES: Final = {
@@ -59,7 +58,7 @@ _LEGACY_RANK: Final = 0  # below the kinds of MSM: of a signal sent twice the fi
 
 
 @dataclass
-class Cells:
+class RtcmObservations:
     """All observations of a stream as they come, a list for each column."""
 
     t_ns: list[int] = field(default_factory=list)
@@ -216,7 +215,9 @@ def _satellite(system: str, seen: Any, kind: int) -> tuple[str, float, float, in
 # ------------------------------------------------------------------------------------------------------------- table
 
 
-def observation_table(cells: Cells, channels: dict[str, int], file: str) -> tuple[GnssTable, list[Event]]:
+def observation_table(
+    cells: RtcmObservations, channels: dict[str, int], file: str
+) -> tuple[GnssTable, list[Event]]:
     """Return the rows of the station that has most of them, each epoch, satellite and signal once.
 
     Parameters
@@ -268,7 +269,9 @@ def _carrier_hz(sv: str, code: str, channel: int | None) -> float:
     return carrier_hz("G" if sv[0] == "S" else sv[0], code, channel)
 
 
-def _chosen(cells: Cells, file: str) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], list[Event]]:
+def _chosen(
+    cells: RtcmObservations, file: str
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], list[Event]]:
     """Return the rows that are used, sorted by epoch, satellite and signal, and what became of the others."""
     events = []
     if cells.unknown:

@@ -20,7 +20,7 @@ from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
 from insgnss.log.receiver import ReceiverLog
 from insgnss.log.rtcm.navigation import EPHEMERIDES, broadcast, stated_channels
-from insgnss.log.rtcm.observations import OBSERVATIONS, Cells, observation_table
+from insgnss.log.rtcm.observations import OBSERVATIONS, RtcmObservations, observation_table
 from insgnss.log.rtcm.time import EpochTimes, StreamDate, stream_date
 from insgnss.tables import Event
 
@@ -80,7 +80,7 @@ def read_rtcm_bytes(data: bytes, file: str, date: dt.date | None = None) -> Rece
 
 def _tables(messages: list[Any], known: StreamDate, file: str) -> ReceiverLog:
     """Return the stream's tables and what was noticed while they were made."""
-    times, cells, ephemerides = EpochTimes(known.near_ns), Cells(), []
+    times, cells, ephemerides = EpochTimes(known.near_ns), RtcmObservations(), []
     for message in messages:
         number = message.message_number
         if number in OBSERVATIONS:

@@ -55,7 +55,7 @@ def measurements(data: bytes, blocks: Blocks) -> tuple[GnssTable, list[Event]]:
     starts = np.array(blocks.starts.get(MEAS_EPOCH, []), dtype=np.int64)[timed]
     heads = heads[timed]
     t_ns = block_times_ns(heads)
-    channels = _Channels(data, starts, heads)
+    channels = _SubBlocks(data, starts, heads)
     table, events = _table(channels, t_ns, heads["flags"])
     if not timed.all():
         detail = f"{int((~timed).sum())} epoch(s) before the receiver knew the time left out"
@@ -63,7 +63,7 @@ def measurements(data: bytes, blocks: Blocks) -> tuple[GnssTable, list[Event]]:
     return table, events + _clock_jumps(t_ns, heads["clock_jumps_ms"])
 
 
-class _Channels:
+class _SubBlocks:
     """Where the sub-blocks of all epochs are, type 2 with the type 1 it belongs to."""
 
     def __init__(self, data: bytes, starts: Int64, heads: Records) -> None:
@@ -111,7 +111,7 @@ class _Channels:
         return np.where(low == _EXTENDED, (self.both("info") >> 3) + 32, low)
 
 
-def _table(channels: _Channels, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> tuple[GnssTable, list[Event]]:
+def _table(channels: _SubBlocks, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> tuple[GnssTable, list[Event]]:
     number = channels.numbers()
     svid = channels.svid()
     channel = _glonass_channels(channels, number)
@@ -150,7 +150,7 @@ def _table(channels: _Channels, t_ns: Int64, flags: npt.NDArray[np.uint8]) -> tu
     return table, _events(channels, main, known)
 
 
-def _events(channels: _Channels, main: Bool, known: Bool) -> list[Event]:
+def _events(channels: _SubBlocks, main: Bool, known: Bool) -> list[Event]:
     told = (
         (int((~main).sum()), "sbf_other_antenna", "measurement(s) of auxiliary antennas left out"),
         (
@@ -167,7 +167,7 @@ def _events(channels: _Channels, main: Bool, known: Bool) -> list[Event]:
     return [Event(None, kind, f"{count} {what}") for count, kind, what in told if count]
 
 
-def _glonass_channels(channels: _Channels, number: Int64) -> Int64:
+def _glonass_channels(channels: _SubBlocks, number: Int64) -> Int64:
     """Return each row's frequency channel, which type 1 states for its satellite, zero for other systems."""
     stated = np.where(np.isin(number[: len(channels.first)], (8, 9, 10, 11)), channels.first["info"] >> 3, 8)
     own = stated.astype(np.int64) - CHANNEL_OFFSET
@@ -182,7 +182,7 @@ def _carriers(number: Int64, channel: Int64) -> Float64:
     return np.asarray(centre[number] + step[number] * channel)
 
 
-def _code_and_doppler(channels: _Channels, carrier_hz: Float64) -> tuple[Float64, Float64]:
+def _code_and_doppler(channels: _SubBlocks, carrier_hz: Float64) -> tuple[Float64, Float64]:
     """Return pseudorange [m] and Doppler [Hz] of all rows, NaN where missing."""
     first, second, parent = channels.first, channels.second, channels.parent
     code_mm = (first["misc"].astype(np.int64) & 0x0F) << 32 | first["code_lsb"].astype(np.int64)
@@ -201,7 +201,7 @@ def _code_and_doppler(channels: _Channels, carrier_hz: Float64) -> tuple[Float64
     return np.concatenate((code_1, code_2)), np.concatenate((doppler_1, doppler_2))
 
 
-def _carrier_phase(channels: _Channels, pseudorange: Float64, carrier_hz: Float64) -> Float64:
+def _carrier_phase(channels: _SubBlocks, pseudorange: Float64, carrier_hz: Float64) -> Float64:
     msb, lsb = channels.both("carrier_msb"), channels.both("carrier_lsb")
     missing = (msb == _CARRIER_MISSING) & (lsb == 0)
     cycles = pseudorange * (carrier_hz / C_MPS) + (msb * 65_536 + lsb) * 1e-3

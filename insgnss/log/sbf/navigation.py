@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.constants import NS_PER_S
+from insgnss.constants import M_PER_KM, NS_PER_S
 from insgnss.gpstime import BDT_MINUS_GPST_S
 from insgnss.log.messages.broadcast import (
     ELEMENTS,
@@ -43,7 +43,6 @@ from insgnss.log.sbf.blocks import (
 from insgnss.log.sbf.signals import CHANNEL_OFFSET, SATELLITES
 
 _BDT_TO_GPS_NS: Final = -BDT_MINUS_GPST_S * NS_PER_S
-_KM: Final = 1000.0
 _INAV, _FNAV = 2, 16
 _GEOSTATIONARY: Final = frozenset(f"C{n:02d}" for n in (*range(1, 6), *range(59, 64)))  # they send D2
 _SEMICIRCLES: Final = ("i0", "omega0", "omega", "m0", "delta_n", "omega_dot", "idot")
@@ -160,7 +159,7 @@ def _glonass(found: Broadcast, row: Any) -> None:
     sv = SATELLITES.get(int(row["svid"]), "")
     received_ns = _received_ns(row)
     r_e, v_e, a_e = (
-        tuple((row[name].astype(np.float64) * _KM).tolist()) for name in ("r_km", "v_kmps", "a_kmps2")
+        tuple((row[name].astype(np.float64) * M_PER_KM).tolist()) for name in ("r_km", "v_kmps", "a_kmps2")
     )
     clock_s, clock_rate = -float(row["tau"]), float(row["gamma"])  # ICD: t_GLONASS = t_satellite + tau
     if (

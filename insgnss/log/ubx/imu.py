@@ -135,7 +135,7 @@ def _values(offset: Int64, tag: npt.NDArray[np.uint32], data: npt.NDArray[np.uin
 
 
 @dataclass(frozen=True)
-class _Samples:
+class _ImuReadings:
     tag: Int64  # (n,) ascending
     values: Float64  # (n, 6)
     left_out: int  # tags that come again or fall back
@@ -152,7 +152,7 @@ class _Samples:
         return told
 
 
-def _samples(values: SensorValues) -> _Samples:
+def _samples(values: SensorValues) -> _ImuReadings:
     """Return the six channels at the times of the first; others with other times are interpolated."""
     tags, series, left_out = [], [], 0
     for kind in _TYPES:
@@ -164,12 +164,12 @@ def _samples(values: SensorValues) -> _Samples:
         tags.append(tag[forward])
         series.append(values.value[rows][forward].astype(np.float64))
     if not all(len(tag) for tag in tags):
-        return _Samples(np.zeros(0, np.int64), np.zeros((0, 6)), left_out, False)
+        return _ImuReadings(np.zeros(0, np.int64), np.zeros((0, 6)), left_out, False)
     first, last = max(tag[0] for tag in tags), min(tag[-1] for tag in tags)
     common = tags[0][(tags[0] >= first) & (tags[0] <= last)]
     together = all(np.isin(common, tag).all() for tag in tags)
     columns = [np.interp(common, tag, channel) for tag, channel in zip(tags, series, strict=True)]
-    return _Samples(common, np.stack(columns, axis=1), left_out, not together)
+    return _ImuReadings(common, np.stack(columns, axis=1), left_out, not together)
 
 
 # -------------------------------------------------------------------------------------------------------------- time

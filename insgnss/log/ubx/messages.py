@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from insgnss.gnss.signals import CHANNEL_OFFSET
 from insgnss.log.messages.beidou import information_bits
 from insgnss.log.messages.beidou_d1 import D1Messages
 from insgnss.log.messages.beidou_d2 import D2Messages
@@ -23,7 +24,7 @@ from insgnss.log.messages.glonass_strings import GlonassMessages
 from insgnss.log.messages.gps_lnav import LnavMessages, data_bits
 from insgnss.log.ubx.frames import UbxFrames
 from insgnss.log.ubx.legacy import add_legacy_subframes
-from insgnss.log.ubx.observations import CHANNEL_OFFSET, SYSTEMS, satellite_name
+from insgnss.log.ubx.observations import SYSTEMS, satellite_name
 from insgnss.tables import Event, Int64
 
 SFRBX: Final = 0x0213

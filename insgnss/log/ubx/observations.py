@@ -14,13 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.constants import NS_PER_S, NS_PER_WEEK, S_PER_WEEK
+from insgnss.gnss.signals import CHANNEL_OFFSET
 from insgnss.gpstime import LATEST_WEEK
 from insgnss.log.carrier_slips import slipped_rows
 from insgnss.log.first_events import first_events
 from insgnss.log.gnss_rows import in_time_order
-from insgnss.log.satellites import MAX_NUMBER
+from insgnss.log.satellites import MAX_NUMBER, SBAS_OFFSET
 from insgnss.log.ubx.frames import UbxFrames
-from insgnss.tables import Event, Float64, GnssTable, Int64
+from insgnss.tables import LLI_HALF_CYCLE, LLI_SLIP, Event, Float64, GnssTable, Int64
 
 RAWX: Final = 0x0215
 _EPOCH: Final = np.dtype(
@@ -45,12 +46,9 @@ MEASUREMENT: Final = np.dtype(
 LEAP_KNOWN, CLOCK_RESET = 1, 2  # bits of the epoch's status
 # bits of the measurement's status
 RANGE_VALID, CARRIER_VALID, HALF_CYCLE_KNOWN, HALF_CYCLE_SUBTRACTED = 1, 2, 4, 8
-SLIP, HALF_CYCLE_OPEN = 1, 2  # bits of the loss-of-lock indicator (RINEX 3.05, table A3)
 LOCK_CEILING_MS: Final = 64_500  # the lock time counts no further
-CHANNEL_OFFSET: Final = 7
 
 SYSTEMS: Final = {0: "G", 1: "S", 2: "E", 3: "C", 5: "J", 6: "R", 7: "I"}  # 4 is IMES, indoors
-SBAS_OFFSET: Final = 100  # S20 is PRN 120
 
 # Signal identifiers of each system as RINEX codes (interface description, 1.5.4 "Signal identifiers")
 SIGNALS: Final[dict[str, dict[int, str]]] = {
@@ -146,7 +144,7 @@ def observation_table(files: list[RawEpochs], path: Path) -> tuple[GnssTable, li
     slips = np.zeros(len(order), np.bool_)
     slips[order] = slipped_rows(table.take(order), lock_ms[order], halved[order], LOCK_CEILING_MS)
     assert table.lli is not None
-    table.lli[slips] |= SLIP
+    table.lli[slips] |= LLI_SLIP
     table, reordered = in_time_order(table, str(path))
     return table, events + unknown + reordered
 
@@ -181,27 +179,27 @@ def _rows(
         signal.names,
         bad_cells=np.flatnonzero(unreadable).astype(np.int64),
         carrier_cycles=carrier,
-        lli=np.where(is_open, HALF_CYCLE_OPEN, 0).astype(np.int8),
+        lli=np.where(is_open, LLI_HALF_CYCLE, 0).astype(np.int8),
         glonass_channels=_channels(measured),
     )
     return table, measured["lock_ms"].astype(np.int64), status & HALF_CYCLE_SUBTRACTED > 0, events
 
 
 @dataclass(frozen=True)
-class _Names:
+class _SatelliteNames:
     index: npt.NDArray[np.intp]  # of each measurement into the names, -1 when it has none
     names: tuple[str, ...]  # sorted
 
 
 def _named(
     system: npt.NDArray[np.uint8], number: npt.NDArray[np.uint8], name_of: Callable[[int, int], str | None]
-) -> _Names:
+) -> _SatelliteNames:
     """Return names for pairs of system and number; ``name_of`` gives None for what is not known."""
     pairs, index = np.unique(system.astype(np.int64) * 256 + number, return_inverse=True)
     words = [name_of(int(pair) >> 8, int(pair) & 255) for pair in pairs]
     names = tuple(sorted({word for word in words if word is not None}))
     place = np.array([-1 if word is None else names.index(word) for word in words] + [-1], dtype=np.intp)
-    return _Names(place[index], names)
+    return _SatelliteNames(place[index], names)
 
 
 def satellite_name(gnss: int, number: int) -> str | None:

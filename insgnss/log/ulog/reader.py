@@ -30,7 +30,6 @@ from insgnss.tables import Event, Float64, ImuTable, Int64
 INERTIAL: Final = ("vehicle_imu", "sensor_combined", "sensor_gyro")
 DUMP: Final = "gps_dump"
 _USED: Final = frozenset((*INERTIAL, "sensor_accel", DUMP, *FIXES, *SOLUTION))
-_NS_PER_US: Final = 1000
 _RELATIVE_MISSING: Final = 2**31 - 1
 _TO_DEVICE: Final = 0x80  # bit of a dump's length: sent to the receiver, not by it
 _AXES: Final = "012"

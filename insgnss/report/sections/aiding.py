@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.report.charts import Chart, Rows, colour_of, dash_of, line_trace
+from insgnss.report.charts import Chart, ChartRows, colour_of, dash_of, line_trace
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
 from insgnss.runs.result import Run
@@ -45,7 +45,7 @@ def section(run: Run) -> Section | None:
 def _by_satellite(
     table: pd.DataFrame, name: str, title: str, columns: tuple[tuple[str, str], ...], *, log: bool
 ) -> Chart:
-    rows = Rows([words for _, words in columns])
+    rows = ChartRows([words for _, words in columns])
     place_of, names = satellites_of(table)
     for place, sv in enumerate(names):
         mine = table[place_of == place]
@@ -64,7 +64,7 @@ def _by_satellite(
 
 def _budget(budget: pd.DataFrame) -> Chart:
     """Return the median over the satellites of each part of the Doppler's sigma."""
-    rows = Rows(["sigma of the rate, m/s"])
+    rows = ChartRows(["sigma of the rate, m/s"])
     names = [f"sd_rate_{part}_mps" for part in _PARTS if f"sd_rate_{part}_mps" in budget.columns]
     middle = budget.groupby("time_s")[names].median()
     time_s = middle.index.to_numpy(np.float64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insgnss.constants import STANDARD_GRAVITY_MPS2
-from insgnss.report.charts import Chart, Rows, band_trace, colour_of, line_trace
+from insgnss.report.charts import Chart, ChartRows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
 from insgnss.runs.result import Run
@@ -31,7 +31,7 @@ def section(run: Run) -> Section:
 
 def _biases(run: Run, sensor: str, ending: str, factor: float, unit: str, title: str) -> Chart:
     time_s = run.nav["time_s"].to_numpy()
-    rows = Rows([f"{axis}, {unit}" for axis in ("forward", "right", "down")])
+    rows = ChartRows([f"{axis}, {unit}" for axis in ("forward", "right", "down")])
     for row, axis in enumerate("xyz"):
         column = f"{sensor}_bias_{axis}_{ending}"
         values, sigma = (factor * run.nav[name].to_numpy() for name in (column, f"sd_{column}"))
@@ -47,7 +47,7 @@ def _clock(run: Run) -> Chart:
     time_s, bias = nav["time_s"].to_numpy(), nav["clock_bias_m"].to_numpy()
     centred = time_s - time_s.mean()
     slope, level = np.polyfit(centred, bias, 1) if len(bias) > 2 else (0.0, float(bias.mean()))
-    rows = Rows(["bias less its line, m", "drift, m/s"])
+    rows = ChartRows(["bias less its line, m", "drift, m/s"])
     _band(rows, 0, time_s, bias - (level + slope * centred), nav["sd_clock_bias_m"].to_numpy())
     _band(rows, 1, time_s, nav["clock_drift_mps"].to_numpy(), nav["sd_clock_drift_mps"].to_numpy())
     caption = f"Taken off the bias: a line of {slope:.3f} m/s; at the first row the bias itself was {bias[0]:.1f} m."
@@ -56,7 +56,7 @@ def _clock(run: Run) -> Chart:
 
 def _optional(run: Run, names: list[str]) -> Chart:
     time_s = run.nav["time_s"].to_numpy()
-    rows = Rows(["offset less its median"])
+    rows = ChartRows(["offset less its median"])
     for place, name in enumerate(names):
         values = run.nav[name].to_numpy()
         middle = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
@@ -68,6 +68,6 @@ def _optional(run: Run, names: list[str]) -> Chart:
     return rows.chart("chart-offsets", "Clock offsets and optional states", row_px=240, caption=caption)
 
 
-def _band(rows: Rows, row: int, time_s: Float64, values: Float64, sigma: Float64) -> None:
+def _band(rows: ChartRows, row: int, time_s: Float64, values: Float64, sigma: Float64) -> None:
     rows.add(row, band_trace(time_s, values, sigma, colour_of(row)))
     rows.add(row, line_trace(time_s, values, "estimate", colour_of(row)))

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from insgnss.report.charts import BAND_SIGMAS, Chart, Rows, band_trace, colour_of, line_trace
+from insgnss.report.charts import BAND_SIGMAS, Chart, ChartRows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section, table
 from insgnss.report.labels import label, row_of_numbers
 from insgnss.report.sections.motion import SIGMA_GROUPS
@@ -52,7 +52,7 @@ def opening_range(values: Float64, band: Float64) -> tuple[float, float]:
 def _chart(errors: pd.DataFrame, group: str, columns: tuple[str, ...], known_s: float | None) -> Chart:
     time_s = errors["time_s"].to_numpy()
     settled = time_s >= (-np.inf if known_s is None or known_s > time_s[-1] else known_s)
-    rows = Rows([label(column).axis() for column in columns])
+    rows = ChartRows([label(column).axis() for column in columns])
     for row, column in enumerate(columns):
         values, sigma = errors[f"d_{column}"].to_numpy(), errors[f"sd_{column}"].to_numpy()
         rows.add(row, band_trace(time_s, np.zeros(len(values)), sigma, colour_of(row)))

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.report.charts import Chart, Rows, Trace, colour_of, log_ticks, packed, translucent, unpacked
+from insgnss.report.charts import Chart, ChartRows, Trace, colour_of, log_ticks, packed, translucent, unpacked
 from insgnss.report.html import Section
 from insgnss.runs.result import Run
 from insgnss.tables import Float64
@@ -27,7 +27,7 @@ def section(run: Run) -> Section | None:
 
 
 def _over_time(table: pd.DataFrame) -> Chart:
-    rows = Rows([words for _, _, words in _SENSORS])
+    rows = ChartRows([words for _, _, words in _SENSORS])
     time_s = table["time_s"].to_numpy()
     for row, (sensor, unit, _) in enumerate(_SENSORS):
         for place, (axis, words) in enumerate(_AXES):

@@ -12,7 +12,7 @@ from scipy.special import gammaincinv
 from insgnss.report.charts import (
     PALETTE,
     Chart,
-    Rows,
+    ChartRows,
     Trace,
     colour_of,
     marker_trace,
@@ -104,7 +104,7 @@ def _charts(rows: pd.DataFrame, kind: str, unit: str, *, of_satellites: bool) ->
 
 def _over_time(rows: pd.DataFrame, used: pd.DataFrame, kind: str, unit: str) -> Chart:
     """Return innovations in their unit, and divided by their sigma, with the 95 % bound."""
-    chart, words = Rows([f"innovation, {unit}", "innovation / sigma"]), kind.replace("_", " ")
+    chart, words = ChartRows([f"innovation, {unit}", "innovation / sigma"]), kind.replace("_", " ")
     place_of, names = satellites_of(used)
     each = max(_POINTS // max(len(names), 1), 40)
     for place, name in enumerate(names):
@@ -132,7 +132,7 @@ def _marker(place: int) -> dict[str, Any]:
 
 
 def _add(
-    chart: Rows, rows: pd.DataFrame, name: str, at_most: int, marker: dict[str, Any], group: str
+    chart: ChartRows, rows: pd.DataFrame, name: str, at_most: int, marker: dict[str, Any], group: str
 ) -> None:
     innovation = rows["innovation"].to_numpy()
     kept = envelope(innovation, at_most)

@@ -10,7 +10,7 @@ import pandas as pd
 from insgnss.report.charts import (
     TIME_AXIS,
     Chart,
-    Rows,
+    ChartRows,
     Trace,
     colour_of,
     line_trace,
@@ -66,7 +66,7 @@ def _errors(run: Run) -> pd.DataFrame | None:
 
 
 def _over_time(run: Run) -> Chart:
-    rows = Rows([f"{name}, m" for name in _LEVELS])
+    rows = ChartRows([f"{name}, m" for name in _LEVELS])
     for row, (name, level) in enumerate(_LEVELS.items()):
         values = _finite(run.nav[level].to_numpy())
         rows.add(

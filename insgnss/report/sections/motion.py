@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from insgnss.report.charts import BAND_SIGMAS, Chart, Rows, band_trace, colour_of, line_trace
+from insgnss.report.charts import BAND_SIGMAS, Chart, ChartRows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
 from insgnss.runs.result import Run
@@ -48,7 +48,7 @@ def _banded(
 ) -> Chart:
     nav = run.nav
     time_s = nav["time_s"].to_numpy()
-    rows = Rows([label(column).axis() for column, _, _ in columns])
+    rows = ChartRows([label(column).axis() for column, _, _ in columns])
     for row, (column, sigma, period) in enumerate(columns):
         colour, values = colour_of(row), nav[column].to_numpy()
         rows.add(row, band_trace(time_s, values, nav[sigma].to_numpy(), colour, period=period))
@@ -63,7 +63,7 @@ def _banded(
 def _sigmas(run: Run) -> Chart:
     """Return one sigma of position, velocity and attitude over time, in the colours of the axes above."""
     time_s = run.nav["time_s"].to_numpy()
-    rows = Rows([f"{group}, {unit}" for group, unit, _ in SIGMA_GROUPS])
+    rows = ChartRows([f"{group}, {unit}" for group, unit, _ in SIGMA_GROUPS])
     for row, (_, _, columns) in enumerate(SIGMA_GROUPS):
         rows.kinds[row] = "log"
         for place, column in enumerate(columns):

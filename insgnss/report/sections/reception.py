@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.report.charts import Chart, Rows, colour_of, dash_of, line_trace
+from insgnss.report.charts import Chart, ChartRows, colour_of, dash_of, line_trace
 from insgnss.report.epochs import satellites_of
 from insgnss.report.html import Section
 from insgnss.runs.result import Run
@@ -29,7 +29,7 @@ def section(run: Run) -> Section | None:
 def _cn0(table: pd.DataFrame) -> Chart | None:
     if "cn0_dbhz" not in table or not table["cn0_dbhz"].notna().any():
         return None
-    rows = Rows(["C/N0, dBHz"])
+    rows = ChartRows(["C/N0, dBHz"])
     place_of, names = satellites_of(table)
     each = max(_POINTS // max(len(names), 1), 150)
     for place, sv in enumerate(names):
@@ -54,7 +54,7 @@ def _dop(table: pd.DataFrame) -> Chart | None:
     )
     if not np.isfinite(dop).any():
         return None
-    rows = Rows(["dilution"])
+    rows = ChartRows(["dilution"])
     for place, name in enumerate(("PDOP", "HDOP", "VDOP")):
         values = np.where(dop[:, place] <= _MOST_DOP, dop[:, place], np.nan)
         rows.add(0, line_trace(time_s, values, name, colour_of(place)))

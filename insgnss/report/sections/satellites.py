@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 from pandas.api.types import union_categoricals
 
-from insgnss.report.charts import TIME_AXIS, Chart, Rows, Trace, line_trace, packed
+from insgnss.report.charts import TIME_AXIS, Chart, ChartRows, Trace, line_trace, packed
 from insgnss.report.epochs import of_satellites, satellites_of, satellites_used
 from insgnss.report.html import Section
 from insgnss.report.thinning import columns_of_time
@@ -48,7 +48,7 @@ def section(run: Run) -> Section | None:
     """Return the satellites' timeline and number, None where the run has seen none."""
     if run.satellites.empty:
         return None
-    rows = Rows(["satellites used"])
+    rows = ChartRows(["satellites used"])
     time_s, used = satellites_used(run)
     step = {"shape": "hv"}
     rows.add(0, line_trace(time_s, used.astype(np.float64), "used", "#0072b2", line=step, fill="tozeroy"))

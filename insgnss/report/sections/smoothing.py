@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.errors import ResultError
-from insgnss.report.charts import Chart, Rows, band_trace, colour_of, line_trace
+from insgnss.report.charts import Chart, ChartRows, band_trace, colour_of, line_trace
 from insgnss.report.html import Section
 from insgnss.report.labels import label
 from insgnss.report.run_time import gps_week
@@ -58,7 +58,7 @@ def _chart(
     taken: list[Float64],
     settled: npt.NDArray[np.bool_],
 ) -> Chart:
-    rows = Rows([label(column).axis() for column in columns])
+    rows = ChartRows([label(column).axis() for column in columns])
     for row, column in enumerate(columns):
         rows.add(row, band_trace(time_s, np.zeros(len(time_s)), taken[row], colour_of(row)))
         rows.add(row, line_trace(time_s, values[row], label(column).words, colour_of(row)))

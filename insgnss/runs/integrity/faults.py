@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from insgnss.config.integrity import Integrity
 from insgnss.errors import ConfigError
-from insgnss.gnss.observation_rows import N_BANDS, Rows, satellite_name
+from insgnss.gnss.observation_rows import N_BANDS, GnssRows, satellite_name
 from insgnss.status import SWITCHED_OFF, USED
 from insgnss.tables import Int64
 
@@ -23,7 +23,7 @@ class Fault(NamedTuple):
     probability: float
 
 
-def faults_of(blocks: Sequence[Rows], config: Integrity) -> list[Fault]:
+def faults_of(blocks: Sequence[GnssRows], config: Integrity) -> list[Fault]:
     """Return a fault for each satellite that a filter may use, and one for each of two constellations or more."""
     numbers = np.unique(np.concatenate([_numbers(rows)[_tried(rows)] for rows in blocks]))
     names = [satellite_name(int(number)) for number in numbers]
@@ -38,7 +38,7 @@ def faults_of(blocks: Sequence[Rows], config: Integrity) -> list[Fault]:
     return faults
 
 
-def risk_left(blocks: Sequence[Rows], config: Integrity) -> float:
+def risk_left(blocks: Sequence[GnssRows], config: Integrity) -> float:
     """Return the risk that two faults at once leave, which no sub-filter is without.
 
     Equation: risk - (n p_satellite + m p_constellation)^2 / 2, n and m the most satellites and constellations at once
@@ -66,7 +66,7 @@ def risk_left(blocks: Sequence[Rows], config: Integrity) -> float:
     return config.risk - two
 
 
-def without(rows: Rows, satellites: Int64) -> Rows:
+def without(rows: GnssRows, satellites: Int64) -> GnssRows:
     """Return a copy of rows of which none of some satellites is used."""
     off = np.isin(_numbers(rows), satellites)
     observation, carrier = rows.observation.copy(), rows.carrier.copy()
@@ -76,9 +76,9 @@ def without(rows: Rows, satellites: Int64) -> Rows:
     return rows._replace(observation=observation, carrier=carrier)
 
 
-def _numbers(rows: Rows) -> Int64:
+def _numbers(rows: GnssRows) -> Int64:
     return np.asarray(rows.observation["slot"], np.int64) // N_BANDS
 
 
-def _tried(rows: Rows) -> npt.NDArray[np.bool_]:
+def _tried(rows: GnssRows) -> npt.NDArray[np.bool_]:
     return np.asarray((rows.observation["status"] == USED).any(axis=1))

@@ -31,7 +31,7 @@ from insgnss.errors import StartError
 from insgnss.filter.output.writing import NAV_COLUMNS, Table
 from insgnss.filter.setup import FilterSetup
 from insgnss.filter.whole_log import OutputRate, run_blocks
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.runs.integrity.faults import Fault, faults_of, risk_left, without
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
@@ -46,7 +46,7 @@ class Job(NamedTuple):
 
     setup: FilterSetup
     imu: ImuTable
-    blocks: list[Rows]
+    blocks: list[GnssRows]
     output: OutputRate
     smooth: bool
 

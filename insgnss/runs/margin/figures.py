@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from insgnss.errors import ResultError
-from insgnss.results.matplotlib_figure import new_figure
+from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure
 from insgnss.results.saving import saving
 from insgnss.runs.margin.study import FlownMargin
 
@@ -28,7 +28,6 @@ _STATES: Final = (
     ("the loop without aiding alone", "#ef8a62"),
     ("neither", UNAIDED),
 )
-_MOST_LABELS: Final = 40
 
 
 def picture(study: FlownMargin, path: str | Path) -> Path:
@@ -51,7 +50,7 @@ def picture(study: FlownMargin, path: str | Path) -> Path:
 
 def flown_figure(study: FlownMargin) -> Figure:
     """Return J/S and limits (median and span over satellites), numbers in lock, and each satellite's timeline."""
-    names = sorted(study.satellites["sv"].astype("str").unique())[:_MOST_LABELS]
+    names = sorted(study.satellites["sv"].astype("str").unique())[:MOST_LABELS]
     rows = max(len(names), 4)
     figure = new_figure(10.0, 6.5 + 0.22 * rows)
     upper, middle, lower = figure.subplots(

@@ -9,7 +9,7 @@ import numpy as np
 import pymap3d
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import Limits, look_at_all, new_looks
+from insgnss.antenna.visibility import VisibilityLimits, look_at_all, new_looks
 from insgnss.config.interference import Emitter, LoopReceiver
 from insgnss.constants import C_MPS, WGS84_A_M
 from insgnss.runs.margin.path import FlownPath
@@ -71,7 +71,7 @@ def emitter_gain(C_nb: Float64, u_n: Float64, antennas: Installation, airframe_l
     if not len(antennas.lever_b):
         return np.zeros(u_n.shape[:2])
     looks = new_looks(*u_n.shape[:2])
-    every_gain = Limits(-1e9, 0.0, 0.0, math.inf)
+    every_gain = VisibilityLimits(-1e9, 0.0, 0.0, math.inf)
     C = np.ascontiguousarray(C_nb)
     look_at_all(C, np.zeros_like(C), np.ascontiguousarray(u_n), antennas, every_gain, looks)
     found = np.nan_to_num(looks.gain[..., 0], nan=0.0)

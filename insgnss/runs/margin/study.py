@@ -35,7 +35,7 @@ from insgnss.config.strict import load_toml
 from insgnss.errors import ConfigError, ResultError
 from insgnss.interference.margin import db, ratio
 from insgnss.results.saving import saving
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
 from insgnss.runs.margin.link import Link, emitter_gain, link
 from insgnss.runs.margin.loops import Disturbances, SignalLoop, disturbances, signal_loop, unaided_and_aided
@@ -48,7 +48,7 @@ LOOPS: Final = ("unaided", "aided")
 
 
 @dataclass(frozen=True, repr=False)
-class FlownMargin(Shown):
+class FlownMargin(ResultDisplay):
     """What ``flown_margin`` gives. Tables are DataFrames."""
 
     satellites: pd.DataFrame

@@ -13,12 +13,12 @@
 from __future__ import annotations
 
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
-from insgnss.runs.visibility.sky import Sky, sky_of_navigation, sky_of_table
+from insgnss.runs.visibility.sky import SatelliteDirections, sky_of_navigation, sky_of_table
 from insgnss.runs.visibility.study import VisibilityStudy, visibility
 
 __all__ = [
     "AttitudeHistory",
-    "Sky",
+    "SatelliteDirections",
     "VisibilityStudy",
     "sky_of_navigation",
     "sky_of_table",

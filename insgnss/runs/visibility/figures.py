@@ -15,7 +15,7 @@ from insgnss.antenna.equipment import limits_of
 from insgnss.antenna.gain_map import gain_map
 from insgnss.antenna.visibility import DECISIONS
 from insgnss.errors import ResultError
-from insgnss.results.matplotlib_figure import new_figure
+from insgnss.results.matplotlib_figure import MOST_LABELS, new_figure
 from insgnss.results.saving import saving
 from insgnss.runs.visibility.study import VisibilityStudy
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 COLOURS: Final = dict(zip(DECISIONS, ("#b2182b", "#1b7837", "#ef8a62", "#7fbf7b"), strict=True))
 _BELOW: Final = "#cccccc"  # under the elevation mask
-_MOST_LABELS: Final = 40
 _GRID_DEG: Final = 2.0  # of the pattern's picture
 
 
@@ -93,7 +92,7 @@ def timeline_figure(study: VisibilityStudy) -> Figure:
     """Return a line per satellite, coloured by what was decided; grey while it stands under the elevation mask."""
     table = study.satellites
     shown = table.loc[table["reason"] != "masked_elevation", "sv"]
-    names = sorted(shown.astype("str").unique())[:_MOST_LABELS]
+    names = sorted(shown.astype("str").unique())[:MOST_LABELS]
     figure = new_figure(9.0, 1.5 + 0.25 * max(len(names), 4))
     axes = figure.add_subplot()
     for row, name in enumerate(names):

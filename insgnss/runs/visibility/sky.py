@@ -18,7 +18,7 @@ from insgnss.tables import Float64, GnssTable, NavigationData
 
 
 @dataclass(frozen=True)
-class Sky:
+class SatelliteDirections:
     """Directions of s satellites at n times; NaN where a satellite's place is not known."""
 
     sv_names: tuple[str, ...]
@@ -33,7 +33,7 @@ class Sky:
         )
 
 
-def sky_of_navigation(attitude: AttitudeHistory, navigation: NavigationData) -> Sky:
+def sky_of_navigation(attitude: AttitudeHistory, navigation: NavigationData) -> SatelliteDirections:
     """Return where every satellite stands whose healthy broadcast message is valid at the time.
 
     Neglects: the flight time's difference from 75 ms and the Earth's turn meanwhile (1e-5 rad).
@@ -69,12 +69,12 @@ def sky_of_navigation(attitude: AttitudeHistory, navigation: NavigationData) -> 
             "no satellite has a message of the time of the trajectory",
             advice="check gps_week and the date of the navigation files",
         )
-    return Sky(names, np.asarray(azimuth).reshape(n, s), np.asarray(elevation).reshape(n, s))
+    return SatelliteDirections(names, np.asarray(azimuth).reshape(n, s), np.asarray(elevation).reshape(n, s))
 
 
 def sky_of_table(
     attitude: AttitudeHistory, table: pd.DataFrame, week: int, longest_gap_s: float = math.inf
-) -> Sky:
+) -> SatelliteDirections:
     """Return the sky of a table with the columns time_s, sv, az_deg, el_deg, linearly between its rows.
 
     A satellite is not known before its first and after its last row, nor within a gap longer than ``longest_gap_s``.
@@ -99,4 +99,4 @@ def sky_of_table(
         if len(at) > 1:
             in_gap = (at[after] - at[after - 1] > longest_gap_s) & ~np.isin(since, at)
             azimuth[in_gap, k] = elevation[in_gap, k] = math.nan
-    return Sky(tuple(sv for sv, _ in groups), azimuth, elevation)
+    return SatelliteDirections(tuple(sv for sv, _ in groups), azimuth, elevation)

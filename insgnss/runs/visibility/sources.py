@@ -16,7 +16,7 @@ from insgnss.log.reference import read_reference
 from insgnss.log.rinex.navigation import read_navigation
 from insgnss.runs.result import Run
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
-from insgnss.runs.visibility.sky import Sky, sky_of_navigation, sky_of_table
+from insgnss.runs.visibility.sky import SatelliteDirections, sky_of_navigation, sky_of_table
 from insgnss.runs.visibility.study import VisibilityStudy, visibility
 from insgnss.tables import Event, NavigationData
 
@@ -28,7 +28,7 @@ class Sources:
     """The inputs of a study, read."""
 
     attitude: AttitudeHistory
-    sky: Sky
+    sky: SatelliteDirections
     antennas: Installation
     events: list[Event]
 

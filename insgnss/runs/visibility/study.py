@@ -26,11 +26,11 @@ from insgnss.constants import NS_PER_S, NS_PER_WEEK
 from insgnss.errors import ResultError
 from insgnss.gpstime import ns_to_week_seconds
 from insgnss.results.saving import saving
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.results.table_files import table_files, write_table
 from insgnss.runs.result_tables import event_table
 from insgnss.runs.visibility.attitude_history import AttitudeHistory
-from insgnss.runs.visibility.sky import Sky
+from insgnss.runs.visibility.sky import SatelliteDirections
 from insgnss.status import MASKED_ELEVATION, NAMES, USED
 from insgnss.tables import Event, Float64, Int8, Int64
 
@@ -42,7 +42,7 @@ _FEWEST: Final = 4  # satellites of one clock that fix a position
 
 
 @dataclass(frozen=True, repr=False)
-class VisibilityStudy(Shown):
+class VisibilityStudy(ResultDisplay):
     """What ``visibility`` gives. Tables are DataFrames."""
 
     satellites: pd.DataFrame
@@ -74,7 +74,7 @@ class VisibilityStudy(Shown):
 
 def visibility(
     attitude: AttitudeHistory,
-    sky: Sky,
+    sky: SatelliteDirections,
     antennas: Installation,
     settings: Visibility | None = None,
     *,
@@ -105,7 +105,7 @@ def visibility(
     above = sky.elevation >= np.radians(elevation_mask_deg)  # false for NaN
     seen = above & ((decision & IS_VISIBLE) == 1) if settings.on else above
     reason[~above] = MASKED_ELEVATION
-    names = _Names(attitude.t_ns, week, sky)
+    names = _SkyTimes(attitude.t_ns, week, sky)
     table = _satellite_table(names, attitude, u_n, decision, reason, antenna, gain, settings)
     found = [*events, *_waiting(attitude, settings), *_blind_spells(attitude.t_ns, above, seen)]
     if settings.on:
@@ -120,14 +120,14 @@ def visibility(
 
 
 @dataclass(frozen=True)
-class _Names:
+class _SkyTimes:
     t_ns: Int64
     week: int
-    sky: Sky
+    sky: SatelliteDirections
 
 
 def _satellite_table(
-    names: _Names,
+    names: _SkyTimes,
     attitude: AttitudeHistory,
     u_n: Float64,
     decision: Int8,

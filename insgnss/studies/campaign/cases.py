@@ -27,7 +27,7 @@ from insgnss.studies.matched_flight import BLOCKS, flight_in_memory, matched_fli
 from insgnss.studies.outage.study import Periodic, outage_study
 from insgnss.studies.outage.windows import Removal
 from insgnss.studies.receiver.comparison import receiver_row
-from insgnss.studies.receiver.scene import ReceiverOptions, Scene, scene_of
+from insgnss.studies.receiver.scene import ReceiverOptions, StudyScene, scene_of
 from insgnss.studies.scenario_equipment import filter_of, without_fault_tests
 
 _AXES: Final = {"position": "m", "velocity": "mps", "attitude": "rad"}
@@ -133,7 +133,7 @@ def receiver(case: Mapping[str, Any], seed: int) -> list[Row]:
 @lru_cache(maxsize=8)
 def _receiver_scene(
     scenario: str, tracking: str, imu: str, oscillator: str | float, changed: tuple[tuple[str, Any], ...]
-) -> Scene:
+) -> StudyScene:
     clock = oscillator if isinstance(oscillator, str) else {"drift_density": float(oscillator)}
     return scene_of(scenario, tracking, imu or None, clock, ReceiverOptions(**dict(changed)))
 

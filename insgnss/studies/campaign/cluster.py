@@ -10,10 +10,8 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 from insgnss.errors import ResultError
-from insgnss.studies.campaign.tasks import Task, TaskReport, run_task
+from insgnss.studies.campaign.tasks import AHEAD, Task, TaskReport, run_task
 
-# tasks a worker that the scheduler knows of: no worker waits, and a million tasks cost no memory
-AHEAD: Final = 4
 PATIENCE_S: Final = 10.0  # for a scheduler to answer
 _RETRIES: Final = 3  # of a task whose worker died
 

@@ -9,11 +9,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import Final
 
-from insgnss.studies.campaign.tasks import Task, TaskReport, run_task
-
-AHEAD: Final = 4  # tasks a process that wait in its queue: a million tasks cost no memory
+from insgnss.studies.campaign.tasks import AHEAD, Task, TaskReport, run_task
 
 
 def on_processes(tasks: Sequence[Task], workers: int | None) -> Iterator[TaskReport]:

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import pandas as pd
 
 from insgnss.errors import ConfigError
-from insgnss.studies.campaign.cluster import AHEAD
+from insgnss.studies.campaign.tasks import AHEAD
 
 _PLAYED_TASKS: Final = 50  # a worker, at least: beyond, throughput does not change
 _LEAST_TASKS: Final = 2000

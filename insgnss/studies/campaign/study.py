@@ -34,7 +34,7 @@ from insgnss.config.library import file_of
 from insgnss.config.strict import StrictModel, load_toml
 from insgnss.errors import ConfigError, ResultError
 from insgnss.results.saving import write_file
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.studies.campaign import cluster
 from insgnss.studies.campaign.processes import on_processes
 from insgnss.studies.campaign.tasks import CAMPAIGN_FILE, RESULTS, Task, TaskReport, case_function, run_task
@@ -79,7 +79,7 @@ class CampaignConfig(StrictModel):
 
 
 @dataclass(frozen=True, repr=False)
-class CampaignDone(Shown):
+class CampaignDone(ResultDisplay):
     """What is known when a campaign has run: its folder, runs, those found done and those that failed."""
 
     folder: Path

@@ -16,6 +16,8 @@ import pyarrow.parquet as pq
 
 from insgnss.errors import ConfigError
 
+AHEAD: Final = 4  # tasks a worker that wait for it: no worker idles, and a million tasks cost no memory
+
 CAMPAIGN_FILE: Final = "campaign.json"
 RESULTS: Final = "results"
 SHIPPED: Final = "insgnss.studies.campaign.cases"

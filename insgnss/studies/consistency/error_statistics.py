@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from insgnss.runs.agreement import Heading
+from insgnss.runs.agreement import HeadingAgreement
+from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.tables import Float64
 
 BLOCKS: Final = {
@@ -31,11 +32,10 @@ SIGMAS: Final = (
 )
 # of its first sigma: below, what is known of a bias comes from the flight, not its grade
 BIAS_KNOWN_AT: Final = 0.5
-_LEAST_ROWS: Final = 10
-_DECIMALS: Final = 6
+LEAST_ROWS: Final = 10
 
 
-class ErrorOf(NamedTuple):
+class ErrorComponent(NamedTuple):
     """One component or block of components against its sigma."""
 
     component: str
@@ -52,10 +52,10 @@ class ErrorOf(NamedTuple):
     share_3_sigma: float  # 0.997
 
 
-def error_rows(errors: pd.DataFrame, from_s: float, confidence: float) -> list[ErrorOf]:
+def error_rows(errors: pd.DataFrame, from_s: float, confidence: float) -> list[ErrorComponent]:
     """Return the statistics of each component with a reference, then of each whole block, from a time on."""
     table = errors[errors["time_s"] >= from_s]
-    found: list[ErrorOf] = []
+    found: list[ErrorComponent] = []
     for block, names in BLOCKS.items():
         scaled = [_scaled(table, name) for name in names]
         parts = [_component(table, name, z, confidence) for name, z in zip(names, scaled, strict=True)]
@@ -69,14 +69,14 @@ def _scaled(table: pd.DataFrame, name: str) -> Float64:
     return np.asarray((table[f"d_{name}"] / table[f"sd_{name}"]).to_numpy(np.float64))
 
 
-def _component(table: pd.DataFrame, name: str, z: Float64, confidence: float) -> ErrorOf | None:
+def _component(table: pd.DataFrame, name: str, z: Float64, confidence: float) -> ErrorComponent | None:
     known = np.isfinite(z)
-    if np.count_nonzero(known) < _LEAST_ROWS:
+    if np.count_nonzero(known) < LEAST_ROWS:
         return None
     z, error = z[known], table[f"d_{name}"].to_numpy()[known]
     count = independent_in_time(z)
     low, high = _bounds(1, count, confidence)
-    return ErrorOf(
+    return ErrorComponent(
         name,
         1,
         len(z),
@@ -92,7 +92,7 @@ def _component(table: pd.DataFrame, name: str, z: Float64, confidence: float) ->
     )
 
 
-def _block(name: str, scaled: Sequence[Float64], confidence: float) -> ErrorOf:
+def _block(name: str, scaled: Sequence[Float64], confidence: float) -> ErrorComponent:
     z = np.array(scaled)
     z = z[:, np.isfinite(z).all(axis=0)]
     count = min(independent_in_time(row) for row in z)
@@ -100,7 +100,7 @@ def _block(name: str, scaled: Sequence[Float64], confidence: float) -> ErrorOf:
     low, high = _bounds(1, count, confidence)
     none = float("nan")
     nees = float(np.mean(z**2))
-    return ErrorOf(name, len(z), z.shape[1], count, none, none, none, nees, low, high, none, none)
+    return ErrorComponent(name, len(z), z.shape[1], count, none, none, none, nees, low, high, none, none)
 
 
 def _bounds(dof: int, count: float, confidence: float) -> tuple[float, float]:
@@ -127,7 +127,7 @@ def independent_in_time(z: Float64) -> float:
     return float(n / (1.0 + 2.0 * np.sum(rho[1:last] ** 2)))
 
 
-def observability_table(nav: pd.DataFrame, heading: Heading) -> pd.DataFrame:
+def observability_table(nav: pd.DataFrame, heading: HeadingAgreement) -> pd.DataFrame:
     """Return, per state, its sigma at first and last, by what it came down, and from when on it counts as known.
 
     When the heading became known is what ``heading`` says. A bias is known below half its first sigma: ``known_s`` is
@@ -162,4 +162,4 @@ def known_from(time_s: Float64, sigma: Float64, limit: float) -> float:
     """Return the first time from which sigma stays below a limit, NaN where it does not in the end."""
     above = np.flatnonzero(~(sigma < limit))
     first = int(above[-1]) + 1 if len(above) else 0
-    return round(float(time_s[first]), _DECIMALS) if first < len(time_s) else float("nan")
+    return round(float(time_s[first]), MOMENT_DECIMALS) if first < len(time_s) else float("nan")

@@ -23,6 +23,7 @@ from scipy import optimize, stats
 
 from insgnss.runs.result import Run
 from insgnss.studies.consistency.epoch_residuals import fitted
+from insgnss.studies.consistency.error_statistics import LEAST_ROWS
 from insgnss.tables import Float64
 
 GATE_KEYS: Final = {
@@ -39,17 +40,16 @@ _DEFAULT_GATE: Final = 5.0
 _LARGEST_GATE: Final = 30.0  # sigmas: a wider one cuts nothing off
 _MAD_TO_SIGMA: Final = 1.482602218505602  # of a normal distribution
 _LARGEST_FACTOR: Final = 30.0
-_LEAST_ROWS: Final = 10  # fewer say nothing
 
 
-class Judged(NamedTuple):
+class InnovationRows(NamedTuple):
     """The rows of a ledger that were judged by their innovation, and what they need for the statistics."""
 
     table: pd.DataFrame  # time_s sv signal kind z share used residual leverage; z is innovation over sigma
     gates: dict[str, float]  # sigmas, by kind
 
 
-def judged_rows(run: Run, from_s: float) -> Judged:
+def judged_rows(run: Run, from_s: float) -> InnovationRows:
     """Return the used rows and those refused for their innovation, from a time on.
 
     ``share`` is D / S, the part of an innovation's variance that is the state's: by it the rows of an epoch share the
@@ -76,7 +76,7 @@ def judged_rows(run: Run, from_s: float) -> Judged:
         rows = (table["used"] & (table["kind"] == kind)).to_numpy()
         table.loc[rows, ["residual", "leverage"]] = np.column_stack(fitted(_for_fit(table[rows], kind)))
     columns = ["time_s", "sv", "signal", "kind", "z", "used", "share", "residual", "leverage"]
-    return Judged(table[columns], gates_of(run.settings))
+    return InnovationRows(table[columns], gates_of(run.settings))
 
 
 def _for_fit(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
@@ -143,7 +143,7 @@ def nis_of(rows: pd.DataFrame, gate: float, confidence: float, of_kind: float | 
     own.
     """
     used = rows[rows["used"]]
-    if len(used) < _LEAST_ROWS:
+    if len(used) < LEAST_ROWS:
         return None
     z, share = used["z"].to_numpy(), used["share"].to_numpy()
     count = independent_count(used["time_s"].to_numpy(), share)
@@ -194,7 +194,7 @@ def common_factor(used: pd.DataFrame, gate: float) -> float:
     """
     rows = used[np.isfinite(used["residual"])]
     freedom = 1.0 - rows["leverage"].to_numpy()
-    if freedom.sum() < _LEAST_ROWS:
+    if freedom.sum() < LEAST_ROWS:
         return math.nan
     found = float(np.sum(rows["residual"].to_numpy() ** 2 * freedom) / freedom.sum())
     share = float(rows["share"].mean())
@@ -218,7 +218,7 @@ def satellite_factor(used: pd.DataFrame, of_kind: float) -> float:
               f, e over sqrt(r (1 - h)): the residual against the fit of the other rows has r (f^2 + h / (1 - h))
     """
     rows = used[np.isfinite(used["residual"])]
-    if len(rows) < _LEAST_ROWS or not of_kind > 0.0:
+    if len(rows) < LEAST_ROWS or not of_kind > 0.0:
         return math.nan
     z2, h = (rows["residual"].to_numpy() / of_kind) ** 2, rows["leverage"].to_numpy()
 
@@ -256,7 +256,7 @@ def whiteness_of(rows: pd.DataFrame, period_s: float, lags: int, confidence: flo
     lags : how many
     """
     n_rows = len(rows)
-    if n_rows <= _LEAST_ROWS + lags:
+    if n_rows <= LEAST_ROWS + lags:
         return None
     step = np.rint((rows["time_s"].to_numpy() - rows["time_s"].min()) / period_s).astype(np.int64)
     series = rows.groupby(["sv", "signal"], sort=False).ngroup().to_numpy()

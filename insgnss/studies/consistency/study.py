@@ -27,14 +27,19 @@ import numpy as np
 import pandas as pd
 
 from insgnss.errors import ConfigError, ResultError
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.runs.agreement import heading_of
 from insgnss.runs.result import Run
 from insgnss.studies.consistency import pictures
-from insgnss.studies.consistency.error_statistics import SIGMAS, ErrorOf, error_rows, observability_table
+from insgnss.studies.consistency.error_statistics import (
+    SIGMAS,
+    ErrorComponent,
+    error_rows,
+    observability_table,
+)
 from insgnss.studies.consistency.innovation_statistics import (
     GATE_KEYS,
-    Judged,
+    InnovationRows,
     Nis,
     judged_rows,
     nis_of,
@@ -52,7 +57,7 @@ _WHITENESS: Final = ("correlation", "bound", "pairs")
 
 
 @dataclass(frozen=True, repr=False)
-class Consistency(Shown):
+class Consistency(ResultDisplay):
     """What ``consistency_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     kinds: pd.DataFrame
@@ -129,7 +134,7 @@ def consistency_study(
     satellites = _satellite_table(judged, kinds, confidence)
     white = _whiteness_table(judged, lags, confidence)
     errors = [] if run.errors is None else error_rows(run.errors, start_s, confidence)
-    states = pd.DataFrame(errors, columns=list(ErrorOf._fields))
+    states = pd.DataFrame(errors, columns=list(ErrorComponent._fields))
     filter_settings = run.settings.get("filter", {})
     heading = heading_of(run)
     seen = observability_table(run.nav, heading)
@@ -145,7 +150,7 @@ def _start(run: Run) -> float:
     return float(run.nav["time_s"].iloc[0]) if known_s is None else known_s
 
 
-def _kind_table(judged: Judged, confidence: float) -> pd.DataFrame:
+def _kind_table(judged: InnovationRows, confidence: float) -> pd.DataFrame:
     rows = []
     for kind in GATE_KEYS:
         found = nis_of(judged.table[judged.table["kind"] == kind], judged.gates[kind], confidence)
@@ -154,7 +159,7 @@ def _kind_table(judged: Judged, confidence: float) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["kind", *Nis._fields])
 
 
-def _satellite_table(judged: Judged, kinds: pd.DataFrame, confidence: float) -> pd.DataFrame:
+def _satellite_table(judged: InnovationRows, kinds: pd.DataFrame, confidence: float) -> pd.DataFrame:
     """Return the same for each satellite, the chance of a false alarm shared out among them."""
     factor = kinds.set_index("kind")["factor"]
     rows = []
@@ -168,7 +173,7 @@ def _satellite_table(judged: Judged, kinds: pd.DataFrame, confidence: float) -> 
     return pd.DataFrame(rows, columns=["kind", "sv", *Nis._fields])
 
 
-def _whiteness_table(judged: Judged, lags: int, confidence: float) -> pd.DataFrame:
+def _whiteness_table(judged: InnovationRows, lags: int, confidence: float) -> pd.DataFrame:
     tables = []
     for kind in GATE_KEYS:
         rows = judged.table[(judged.table["kind"] == kind) & judged.table["used"]]

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.runs.agreement import AGREES_WITHIN, Heading, times_their_sigma
+from insgnss.runs.agreement import AGREES_WITHIN, HeadingAgreement, times_their_sigma
 
 NOISE_WORDS: Final = {
     "pseudorange": "range noise",
@@ -32,7 +32,7 @@ def verdict(
     states: pd.DataFrame,
     observability: pd.DataFrame,
     alarm: float,
-    heading: Heading,
+    heading: HeadingAgreement,
     *,
     adapts: bool,
 ) -> tuple[str, ...]:
@@ -125,7 +125,7 @@ def _of_error(row: Mapping[Any, Any]) -> str:
     return f"{errors}: the filter is too {'confident' if nees > high else 'modest'}"
 
 
-def _of_heading(heading: Heading) -> str:
+def _of_heading(heading: HeadingAgreement) -> str:
     sigma = f"sigma {heading.first_deg:.3g} to {heading.last_deg:.3g} deg"
     if heading.known_s is None:
         return f"heading never known ({sigma})"

@@ -16,7 +16,7 @@ from insgnss.antenna.installation import Installation
 from insgnss.antenna.visibility import (
     IS_VISIBLE,
     UNDECIDED,
-    Limits,
+    VisibilityLimits,
     attitude_covariance,
     look_at,
     variance_along,
@@ -75,7 +75,7 @@ class CovarianceRun:
     par: npt.NDArray[Any]
     scratch: Scratch
     antennas: Installation
-    limits: Limits
+    limits: VisibilityLimits
     seen: Int8  # (n,) the visibility stage's decisions so far
     by_bank: bool
     sensors_bank: bool

@@ -17,7 +17,7 @@ import pandas as pd
 from insgnss.config.library import scenario_config
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.studies import figures
 from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, OutageCause, Sensors, Update
 from insgnss.studies.result_files import write_study
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class HiddenVariance(Shown):
+class HiddenVariance(ResultDisplay):
     """What ``hidden_satellite_variance`` gives.
 
     ``table`` has one row for each satellite and update: time_s sv az_deg el_deg body_el_deg hidden waits

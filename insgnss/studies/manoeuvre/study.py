@@ -27,8 +27,8 @@ from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.filter.state import DR, copy_bank
 from insgnss.gnss.dilution import dilution
-from insgnss.gnss.least_squares import RANGE, Bool, FitRows, Workspace, free_clocks
-from insgnss.results.shown import Shown
+from insgnss.gnss.least_squares import RANGE, Bool, FitRows, FitWorkspace, free_clocks
+from insgnss.results.shown import ResultDisplay
 from insgnss.studies.manoeuvre import pictures
 from insgnss.studies.manoeuvre.covariance_run import CovarianceRun, Update
 from insgnss.studies.result_files import write_study
@@ -43,7 +43,7 @@ _TABLES: Final = ("cases", "satellites")
 
 
 @dataclass(frozen=True, repr=False)
-class ManoeuvreStudy(Shown):
+class ManoeuvreStudy(ResultDisplay):
     """What ``manoeuvre_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     cases: pd.DataFrame
@@ -133,7 +133,7 @@ def manoeuvre_study(
 
 
 @dataclass(frozen=True)
-class _Levelled:
+class _LevelCovariance:
     """A covariance that has come to the beginning of the outage, level on a heading."""
 
     run: CovarianceRun
@@ -144,7 +144,7 @@ class _Levelled:
 
 def _levelled(
     config: ScenarioConfig, imu: str, clock: str | None, pattern: str, heading_deg: float
-) -> _Levelled:
+) -> _LevelCovariance:
     antenna = config.antenna.model_copy(update={"pattern": pattern})
     turned = config.bank.model_copy(update={"heading_deg": heading_deg})
     scenario = config.model_copy(update={"antenna": antenna, "bank": turned})
@@ -157,7 +157,7 @@ def _levelled(
     if last is None:
         advice = "let the outage begin after the first update"
         raise ConfigError("there is no update before the outage", key="outage.from_s", advice=advice)
-    return _Levelled(run, last, _sd_position(run), count + 1)
+    return _LevelCovariance(run, last, _sd_position(run), count + 1)
 
 
 def _sd_position(run: CovarianceRun) -> float:
@@ -172,14 +172,14 @@ def _dilutions(run: CovarianceRun, t_s: float, seen: Bool) -> tuple[float, float
     sat = np.ascontiguousarray(np.concatenate([states.r_e[0], states.v_e[0]], axis=1))
     one_clock = np.zeros(n, np.int64)
     rows = FitRows(RANGE, sat, np.zeros(n), np.ones(n), one_clock, free_clocks(1), run.sky.r_e)
-    work = Workspace(np.zeros(3), np.zeros(3), np.zeros((4, 4)), np.zeros(4))
+    work = FitWorkspace(np.zeros(3), np.zeros(3), np.zeros((4, 4)), np.zeros(4))
     dop = np.full(5, np.nan)
     x = np.append(run.sky.r_e, 0.0)
     dilution(rows, seen, x, np.ascontiguousarray(run.sky.C_ne), work, np.zeros((4, 4)), dop)
     return float(dop[0]), float(dop[1])
 
 
-def _banked(level: _Levelled, bank_deg: float) -> tuple[dict[str, Any], pd.DataFrame]:
+def _banked(level: _LevelCovariance, bank_deg: float) -> tuple[dict[str, Any], pd.DataFrame]:
     """Return a manoeuvre's row and its satellites', from a copy of the covariance."""
     base = level.run.scenario
     scenario = base.model_copy(update={"bank": base.bank.model_copy(update={"roll_deg": bank_deg})})

@@ -15,13 +15,13 @@ from insgnss.config.library import imu_grade, oscillator
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.constants import NS_PER_S
 from insgnss.gpstime import week_seconds_to_ns
-from insgnss.simulation.course import Course
+from insgnss.simulation.course import ManoeuvreSequence
 from insgnss.simulation.imu import accelerometer_model, gyro_model, measure
 from insgnss.simulation.observations import (
     NoiseTerms,
-    Observations,
-    Receiver,
+    SignalObservations,
     SignalPaths,
+    SimulatedReceiver,
     antenna_motion,
     observe_paths,
     paths_to,
@@ -30,16 +30,16 @@ from insgnss.simulation.oscillator import simulate_clock
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.sky_law import SkyLaw
 from insgnss.simulation.trajectory import Trajectory
+from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import sky_of
 from insgnss.tables import Float64, ImuTable, ReferenceTable
 from insgnss.units import deg_to_rad
 
 # of no meaning: the scenario begins with the week, so that seconds of the week are its own
-GPS_WEEK: Final = 2385
-START_NS: Final = int(week_seconds_to_ns(GPS_WEEK, 0.0))
+SCENARIO_WEEK: Final = 2385
+START_NS: Final = int(week_seconds_to_ns(SCENARIO_WEEK, 0.0))
 _TURN_STEP_S: Final = 0.01  # of the integral of the turn rate; it changes over ``roll_s``
 _LOOK_S: Final = 0.01  # how finely the true moments of loss and return are told
-_DECIMALS: Final = 6  # of moments in seconds
 _REFERENCE_HZ: Final = 10.0
 _M_PER_RAD: Final = 6.37e6  # to shift a start by some metres
 
@@ -57,7 +57,7 @@ class FlightDraw:
     """One realisation of all errors but those of false locks: every satellite observed all the time."""
 
     imu: ImuTable
-    observations: Observations
+    observations: SignalObservations
     paths: SignalPaths
     start: GivenStart
 
@@ -145,14 +145,14 @@ class BankedFlight:
         )
 
 
-def course_of(scenario: ScenarioConfig) -> Course:
+def course_of(scenario: ScenarioConfig) -> ManoeuvreSequence:
     """Return straight flight, the bank held from the outage's beginning to its end, straight flight.
 
     The turn is coordinated, rate = g tan(bank) / speed; rolling in ends when the outage begins.
     """
     flight, outage = scenario.flight, scenario.outage
     roll, roll_s = deg_to_rad(scenario.bank.roll_deg), flight.roll_s
-    course = Course(flight.speed_mps)
+    course = ManoeuvreSequence(flight.speed_mps)
     course.bank.steps += [(outage.from_s - roll_s, roll_s, roll), (outage.until_s, roll_s, -roll)]
     return course.hold(flight.duration_s)
 
@@ -165,10 +165,10 @@ def first_heading_deg(scenario: ScenarioConfig) -> float:
     return scenario.bank.heading_deg - float(np.degrees(turned))
 
 
-def receiver_of(scenario: ScenarioConfig) -> Receiver:
+def receiver_of(scenario: ScenarioConfig) -> SimulatedReceiver:
     """Return a receiver at the IMU with the scenario's white noise; its C/N0 follows the cardioid."""
     m = scenario.measurements
-    return Receiver(
+    return SimulatedReceiver(
         rate_hz=m.rate_hz,
         first_tag_s=1.0,
         horizon_mask_deg=-90.0,
@@ -200,6 +200,6 @@ def true_spells(scenario: ScenarioConfig, sky: SkyLaw, trajectory: Trajectory) -
         edges = np.flatnonzero(np.diff(hidden[:, i].astype(np.int8), prepend=0, append=0))
         for first, last in edges.reshape(-1, 2):
             # rounded, so that a tag at the border lies on one side of it wherever it is looked at
-            ends = (round(float(t_s[k]), _DECIMALS) for k in (first, min(last, len(t_s) - 1)))
+            ends = (round(float(t_s[k]), MOMENT_DECIMALS) for k in (first, min(last, len(t_s) - 1)))
             spells.append(Spell(sv, *ends))
     return tuple(spells)

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from insgnss.config.filter import FilterConfig
-from insgnss.config.flight import FlightConfig, Gnss, Imu
+from insgnss.config.flight import FlightConfig, Gnss, ImuConfig
 from insgnss.log.flight import FlightInMemory, FlightLogs
 from insgnss.runs.replay import replay
 from insgnss.runs.result import Run
@@ -19,7 +19,7 @@ from insgnss.runs.setup import setup_filter
 from insgnss.simulation.faults import outage
 from insgnss.simulation.observations import Fault
 from insgnss.simulation.sky_law import table_with_states
-from insgnss.studies.masking.banked_flight import GPS_WEEK, START_NS, BankedFlight, FlightDraw
+from insgnss.studies.masking.banked_flight import SCENARIO_WEEK, START_NS, BankedFlight, FlightDraw
 from insgnss.studies.masking.receiver_channels import (
     SEARCHED,
     ChannelSpell,
@@ -27,11 +27,11 @@ from insgnss.studies.masking.receiver_channels import (
     unsupervised_channels,
 )
 from insgnss.studies.masking.supervised_receiver import SupervisedChannels, supervised_channels_of
+from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.studies.scenario_equipment import antennas_of
 from insgnss.tables import GnssTable
 
 _NO_MASK_DEG: Final = -90.0
-_DECIMALS: Final = 6  # of moments in seconds, as those of the channels
 _BELIEVED: Final = ("used", "used_for_start")
 
 
@@ -129,8 +129,8 @@ def _log(drawn: FlightDraw, faults: Sequence[Fault], channels: SupervisedChannel
 def _flight_in_memory(flight: BankedFlight, drawn: FlightDraw, gnss: GnssTable) -> FlightInMemory:
     config = FlightConfig(
         name=flight.scenario.name,
-        gps_week=GPS_WEEK,
-        imu=Imu(files=(Path("imu.csv"),), grade=flight.grade),
+        gps_week=SCENARIO_WEEK,
+        imu=ImuConfig(files=(Path("imu.csv"),), grade=flight.grade),
         gnss=Gnss(
             files=(Path("gnss.csv"),),
             lever_arm_m=(0.0, 0.0, 0.0),
@@ -164,7 +164,7 @@ def _marked(run: Run, channels: Sequence[ChannelSpell]) -> pd.DataFrame:
     """Return the ledger with the name of the false lock behind each row."""
     table = run.measurements.astype({"sv": "str", "kind": "str", "status": "str", "signal": "str"})
     lock = np.full(len(table), "", dtype=object)
-    time_s, sv = np.round(table["time_s"].to_numpy(), _DECIMALS), table["sv"].to_numpy()
+    time_s, sv = np.round(table["time_s"].to_numpy(), MOMENT_DECIMALS), table["sv"].to_numpy()
     for channel in channels:
         within = (time_s >= channel.false_from_s) & (time_s < channel.false_until_s)
         if channel.lock != SEARCHED:

@@ -34,8 +34,8 @@ from insgnss.antenna.visibility import (
     DEWEIGHT,
     IS_UNCERTAIN,
     IS_VISIBLE,
-    Limits,
     Looks,
+    VisibilityLimits,
     look_at_all,
     new_looks,
 )
@@ -144,7 +144,7 @@ def position_sigma(u_n: Float64, used: Bool, assumed_m2: Float64, true_m2: Float
 
 
 def _look(
-    antennas: Installation, limits: Limits, scenario: ScenarioConfig, C_nb: Float64, P_b: Float64
+    antennas: Installation, limits: VisibilityLimits, scenario: ScenarioConfig, C_nb: Float64, P_b: Float64
 ) -> tuple[Int8, Float64]:
     """Return decisions (n, s) and gains (n, s, 3), every attitude on its own."""
     u_n = _directions(scenario)

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pandas as pd
 
-from insgnss.studies.figures import COLOURS, new_figure, shade
+from insgnss.studies.figures import COLOURS, SHOWN_AROUND_S, new_figure, shade
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Axes, Figure
 
-_AROUND_S: Final = 30.0  # shown before an outage, and twice that after
 _BELIEVED_FALSE, _REFUSED_FALSE, _USED_TRUE, _REFUSED_TRUE = "#b2182b", "#ef8a62", "#1b7837", "#7b3294"
 _LINES: Final = {"a": (3.0, "-"), "b": (1.2, "--"), "c": (2.4, "-"), "d": (1.2, "--")}
 
@@ -32,7 +31,7 @@ def error_figure(
     figure = new_figure(9.0, 5.0)
     axes = figure.add_subplot()
     shade(axes, outage_s)
-    shown = errors[errors["time_s"].between(outage_s[0] - _AROUND_S, outage_s[1] + 2.0 * _AROUND_S)]
+    shown = errors[errors["time_s"].between(outage_s[0] - SHOWN_AROUND_S, outage_s[1] + 2.0 * SHOWN_AROUND_S)]
     for k, (case, name) in enumerate(words.items()):
         rows = shown[shown["case"] == case].assign(square=lambda t: t["error_m"] ** 2)
         rms = np.sqrt(rows.groupby("time_s")["square"].mean())

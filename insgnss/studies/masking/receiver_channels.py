@@ -17,7 +17,7 @@ from typing import Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from insgnss.config.scenario import FalseLock, ScenarioConfig
+from insgnss.config.scenario import FalseLockModel, ScenarioConfig
 from insgnss.config.search import Search
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import signal_scale, unsupervised_sweep_s
@@ -26,9 +26,9 @@ from insgnss.receiver.tracking_state import TRACK
 from insgnss.simulation.faults import false_lock, outage
 from insgnss.simulation.observations import Fault
 from insgnss.studies.masking.banked_flight import Spell
+from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.tables import Float64
 
-_DECIMALS: Final = 6  # of moments in seconds, as those of the spells
 SEARCHED: Final = "searched"  # nothing was found until the satellite was back
 How = Literal["captured", "released", "searched", "supervised", "never"]
 
@@ -90,7 +90,7 @@ def unsupervised_channels(
 
 def _unsupervised(
     spell: Spell,
-    lock: FalseLock | None,
+    lock: FalseLockModel | None,
     sweep_s: float,
     scenario: ScenarioConfig,
     place: Float64,
@@ -106,7 +106,7 @@ def _unsupervised(
     own, false = float(place[0]), float(place[1])
     pull_in_s = scenario.search.guards.pull_in_s
     at_once = lock is not None and lock.begins == "at_loss"
-    first_s = lost if at_once else round(lost + false * sweep_s, _DECIMALS)
+    first_s = lost if at_once else round(lost + false * sweep_s, MOMENT_DECIMALS)
     if lock is None or first_s >= back:
         found_s = _next_pass(lost, sweep_s, own, back)
         searched = found_s - lost
@@ -127,7 +127,7 @@ def _unsupervised(
         rate_error = growth
     off_m = offset + growth * (back - first_s)
     captured = within_aperture(off_m, rate_error, scenario.search)
-    until_s = round(back if captured else back + scenario.channels.release_s, _DECIMALS)
+    until_s = round(back if captured else back + scenario.channels.release_s, MOMENT_DECIMALS)
     again_s = 0.0 if captured else own * sweep_s
     return ChannelSpell(
         spell.sv,

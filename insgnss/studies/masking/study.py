@@ -38,7 +38,7 @@ from insgnss.config.scenario import ScenarioConfig
 from insgnss.errors import ConfigError
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import unsupervised_sweep_s
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.studies.masking import pictures
 from insgnss.studies.masking.banked_flight import BankedFlight, Spell
 from insgnss.studies.masking.cases import CASES, CaseResult, fly
@@ -51,13 +51,13 @@ if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
 
 TABLES: Final = ("cases", "false_locks", "reacquisition", "errors", "rows", "sweeps", "decisions")
-SEED: Final = 2015
-_AROUND_S: Final = 30.0
+STUDY_SEED: Final = 2015
+_COMPARED_S: Final = 30.0
 _SENSITIVITIES_DBHZ: Final = (35.0, 30.0, 25.0, 20.0)  # the paper's table 1
 
 
 @dataclass(frozen=True, repr=False)
-class MaskingStudy(Shown):
+class MaskingStudy(ResultDisplay):
     """What ``masking_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     cases: pd.DataFrame
@@ -119,7 +119,7 @@ def masking_study(
     imu: str | None = None,
     oscillator: str | None = None,
     runs: int = 20,
-    seed: int = SEED,
+    seed: int = STUDY_SEED,
     filter: str | Path | FilterConfig | None = None,
     settings: Mapping[str, Any] | None = None,
     fault_tests: bool = True,
@@ -217,9 +217,9 @@ def _case_table(
     rows = []
     for case in CASES:
         e, m, r = (table[table["case"] == case.name] for table in (errors, ledger, reacquisition))
-        before = e.loc[e["time_s"].between(window[0] - _AROUND_S, window[0], inclusive="left"), "error_m"]
+        before = e.loc[e["time_s"].between(window[0] - _COMPARED_S, window[0], inclusive="left"), "error_m"]
         during = e.loc[e["time_s"].between(*window), "error_m"]
-        after = e.loc[e["time_s"].between(window[1], window[1] + _AROUND_S, inclusive="right"), "error_m"]
+        after = e.loc[e["time_s"].between(window[1], window[1] + _COMPARED_S, inclusive="right"), "error_m"]
         false = m["lock"] != ""
         rows.append(
             {

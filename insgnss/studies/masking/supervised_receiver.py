@@ -8,18 +8,18 @@ import numpy as np
 
 from insgnss.aiding.satellite_arcs import PIECE_NS, PIECE_S, Arcs, SatelliteArcs, hermite_pieces
 from insgnss.aiding.table import AidingSetup
-from insgnss.aiding.trace import Samples, traced
+from insgnss.aiding.trace import TraceSamples, traced
 from insgnss.config.aiding import AidingConfig
 from insgnss.config.scenario import ScenarioConfig
 from insgnss.constants import NS_PER_S
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.whole_log import TraceWanted, run_filter
+from insgnss.filter.whole_log import TraceIntervals, run_filter
 from insgnss.inertial.clock_model import clock_model
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.receiver import SupervisionSetup, outlook
 from insgnss.receiver.supervisor import Supervision, supervise
 from insgnss.receiver.tracking_state import TRACK
-from insgnss.simulation.observations import Observations
+from insgnss.simulation.observations import SignalObservations
 from insgnss.simulation.sky_law import SkyLaw
 from insgnss.studies.masking.banked_flight import START_NS, Spell
 from insgnss.studies.masking.receiver_channels import presence_of
@@ -37,7 +37,7 @@ class SupervisedChannels:
     sv_names: tuple[str, ...]  # (m,)
     supervision: Supervision
 
-    def lets_through(self, observations: Observations) -> Observations:
+    def lets_through(self, observations: SignalObservations) -> SignalObservations:
         """Return the observations of the channels that the supervisor has in track; all of them before it begins."""
         at = np.searchsorted(self.t_s, observations.tag_s + 1e-9) - 1
         columns = [self.sv_names.index(name) for name in observations.sv_names]
@@ -78,8 +78,10 @@ def supervised_channels_of(
     imu, gnss : the log; the rows that the filter has while a satellite is hidden bear on D
     """
     rate_hz = scenario.channels.supervisor_rate_hz
-    out, _ = run_filter(setup, imu, setup.rows(gnss, None), "gnss", trace=TraceWanted(rate_hz, 1.0 / rate_hz))
-    found = traced(out.trace, Samples(imu.t_ns, imu.w_ib_b, imu.f_b))
+    out, _ = run_filter(
+        setup, imu, setup.rows(gnss, None), "gnss", trace=TraceIntervals(rate_hz, 1.0 / rate_hz)
+    )
+    found = traced(out.trace, TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b))
     aiding = AidingSetup(
         AidingConfig(horizon_deg=-90.0, sigma_interval_s=1.0 / rate_hz),
         sensor_model(setup.grade),

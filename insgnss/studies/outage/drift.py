@@ -12,6 +12,7 @@ import pymap3d
 
 from insgnss.runs.reference_errors import errors_against
 from insgnss.studies.outage.replays import OutageLog
+from insgnss.studies.result_files import MOMENT_DECIMALS
 from insgnss.tables import Float64
 
 _POSITION: Final = ("n_m", "e_m", "d_m")
@@ -25,7 +26,6 @@ MEASURES: Final = {
     "velocity_mps": _VELOCITY,
     "attitude_deg": _ATTITUDE,
 }
-_DECIMALS: Final = 6  # of moments in seconds
 _BACK: Final = 1.1  # sigma over the undisturbed one's that counts as back
 
 
@@ -67,7 +67,7 @@ def to_reference(nav: pd.DataFrame, log: OutageLog, from_s: float) -> pd.DataFra
 def _lengths(
     time_s: Float64, from_s: float, parts: Mapping[str, Float64], variance: Mapping[str, Float64]
 ) -> pd.DataFrame:
-    columns = {"time_s": time_s, "since_s": np.round(time_s - from_s, _DECIMALS)}
+    columns = {"time_s": time_s, "since_s": np.round(time_s - from_s, MOMENT_DECIMALS)}
     for measure, names in MEASURES.items():
         columns[measure] = np.sqrt(sum((parts[name] ** 2 for name in names), np.zeros(len(time_s))))
     for measure, names in MEASURES.items():
@@ -126,4 +126,4 @@ def _stays(time_s: Float64, holds: npt.NDArray[np.bool_]) -> float:
     """Return the first time from which a condition holds to the last, NaN where it does not hold there."""
     fails = np.flatnonzero(~holds)
     first = int(fails[-1]) + 1 if len(fails) else 0
-    return round(float(time_s[first]), _DECIMALS) if first < len(time_s) else float("nan")
+    return round(float(time_s[first]), MOMENT_DECIMALS) if first < len(time_s) else float("nan")

@@ -23,12 +23,12 @@ from insgnss.filter.imu.inertial_stream import screened
 from insgnss.filter.loop import run_to
 from insgnss.filter.navigator import Navigator, Snapshot
 from insgnss.filter.output.writing import Output, new_output
-from insgnss.filter.prediction import Imu
+from insgnss.filter.prediction import ImuSamples
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.start.carried_start import Carried, kept_over
+from insgnss.filter.start.carried_start import CarriedState, kept_over
 from insgnss.filter.whole_log import output_times
 from insgnss.gnss.antenna_phases import MATCH_NS
-from insgnss.gnss.observation_rows import Rows
+from insgnss.gnss.observation_rows import GnssRows
 from insgnss.gpstime import week_seconds_to_ns
 from insgnss.log.flight import Flight, FlightInMemory, FlightLogs
 from insgnss.runs.further_antennas import require_common_epochs
@@ -36,8 +36,8 @@ from insgnss.runs.gnss_rows import row_corrections
 from insgnss.runs.result_tables import nav_table
 from insgnss.runs.setup import setup_filter
 from insgnss.studies.outage.windows import (
+    OutageWindow,
     Removal,
-    Window,
     further_without,
     switch_off,
     switched_off,
@@ -73,7 +73,7 @@ class OutageLog:
         """GPS time at which the flight's week begins."""
         return int(week_seconds_to_ns(self.flight.config.gps_week, 0.0))
 
-    def rows(self, taken: npt.NDArray[np.intp] | slice) -> Rows:
+    def rows(self, taken: npt.NDArray[np.intp] | slice) -> GnssRows:
         """Return rows of the log as the filter's."""
         index = np.arange(len(self.logs.gnss.t_ns))[taken]
         parts = (None if m is None else m[index] for m in (self.ionosphere_l1, self.correction_m))
@@ -99,24 +99,24 @@ class OutageLog:
 class Checkpoint:
     """The filter before the first epoch of a window."""
 
-    window: Window
+    window: OutageWindow
     saved: Snapshot
-    imu: Imu  # of the unbroken stretch
+    imu: ImuSamples  # of the unbroken stretch
 
 
 @dataclass(frozen=True)
 class Branch:
     """What a filter without the rows of a window gives, from the window's beginning on."""
 
-    window: Window
+    window: OutageWindow
     nav: pd.DataFrame
     n_taken: int  # rows taken away
     events: list[Event]
 
 
 def undisturbed(
-    log: OutageLog, windows: Sequence[Window]
-) -> tuple[pd.DataFrame, list[Checkpoint], list[Window]]:
+    log: OutageLog, windows: Sequence[OutageWindow]
+) -> tuple[pd.DataFrame, list[Checkpoint], list[OutageWindow]]:
     """Run the filter over the whole log; return its solution, a checkpoint a window, and the windows without one.
 
     A window has none where the filter is not started, or no inertial sample is, at its beginning.
@@ -131,7 +131,7 @@ def undisturbed(
     ordered = sorted((window_ns(window, log.week_ns)[0], window) for window in windows)
     kept: list[Checkpoint] = []
     started = False
-    carried: Carried | None = None
+    carried: CarriedState | None = None
     for part, cut in samples.stretches():
         carried = carried if cut is None else kept_over(carried, cut)
         if len(part.t_ns) < 2:
@@ -156,7 +156,7 @@ def undisturbed(
     return log.nav(out), kept, [window for window in windows if window not in has_one]
 
 
-def _carry_on(navigator: Navigator, imu: Imu, stop_ns: int, rows: Rows, out: Output) -> None:
+def _carry_on(navigator: Navigator, imu: ImuSamples, stop_ns: int, rows: GnssRows, out: Output) -> None:
     if navigator.bank is not None:
         run_to(navigator.bank, stop_ns, imu, navigator.parameters, out, navigator.workspace(rows))
 
@@ -181,7 +181,7 @@ def branch(log: OutageLog, checkpoint: Checkpoint, removal: Removal, after_s: fl
 
 def _rows_without(
     log: OutageLog, removal: Removal, from_ns: int, until_ns: int, end_ns: int
-) -> tuple[Rows, PhaseLog | None, int]:
+) -> tuple[GnssRows, PhaseLog | None, int]:
     """Return rows and phases of the epochs from the one before a window to ``end_ns``, and how many rows were taken."""
     gnss = log.logs.gnss
     before = int(np.searchsorted(gnss.t_ns, from_ns))
@@ -229,7 +229,7 @@ def branches(
         return list(pool.map(lambda kept: branch(log, kept, removal, after_s), checkpoints))
 
 
-def flight_without(flight: Flight, window: Window, removal: Removal) -> Flight:
+def flight_without(flight: Flight, window: OutageWindow, removal: Removal) -> Flight:
     """Return a flight whose GNSS log lacks whole satellites in a window: what a branch must agree with."""
     logs = flight.read()
     week_ns = int(week_seconds_to_ns(flight.config.gps_week, 0.0))

@@ -32,14 +32,14 @@ from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError
 from insgnss.log.flight import Flight
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.studies.outage import pictures
 from insgnss.studies.outage.drift import back_after, differences, percentile_table, to_reference
 from insgnss.studies.outage.replays import Branch, OutageLog, branches, undisturbed
 from insgnss.studies.outage.windows import (
     ALL_MEASUREMENTS,
+    OutageWindow,
     Removal,
-    Window,
     banked_windows,
     checked,
     periodic_windows,
@@ -82,7 +82,7 @@ Windows = Sequence[tuple[float, float]] | Periodic | Random | Banked
 
 
 @dataclass(frozen=True, repr=False)
-class OutageStudy(Shown):
+class OutageStudy(ResultDisplay):
     """What ``outage_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     windows: pd.DataFrame
@@ -90,7 +90,7 @@ class OutageStudy(Shown):
     errors: pd.DataFrame
     percentiles: pd.DataFrame
     undisturbed: pd.DataFrame  # its navigation table, at the output times
-    skipped: tuple[Window, ...]  # windows at whose beginning the filter was not running
+    skipped: tuple[OutageWindow, ...]  # windows at whose beginning the filter was not running
     asked: Mapping[str, Any]
     took: Mapping[str, float]  # read_s pass_s branches_s
 
@@ -181,7 +181,7 @@ def outage_study(
     return _study(log, nav, found, skipped, asked, took)
 
 
-def _placed(log: OutageLog, windows: Windows) -> list[Window]:
+def _placed(log: OutageLog, windows: Windows) -> list[OutageWindow]:
     """Return the windows; to place them by bank or after the start takes a pass of its own."""
     if not isinstance(windows, Periodic | Random | Banked):
         return checked(windows)
@@ -206,7 +206,7 @@ def _study(
     log: OutageLog,
     nav: pd.DataFrame,
     found: list[Branch],
-    skipped: list[Window],
+    skipped: list[OutageWindow],
     asked: dict[str, Any],
     took: dict[str, float],
 ) -> OutageStudy:

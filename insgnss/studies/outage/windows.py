@@ -15,7 +15,7 @@ from insgnss.errors import ConfigError
 from insgnss.filter.antennas.phase_log import KIND as ATTITUDE_DIFFERENCE
 from insgnss.filter.antennas.phase_log import PhaseLog, new_ledger
 from insgnss.gnss.antenna_phases import epoch_of
-from insgnss.gnss.observation_rows import ABSENT, CARRIER, PSEUDORANGE, RANGE_RATE, Rows
+from insgnss.gnss.observation_rows import ABSENT, CARRIER, PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.status import SWITCHED_OFF, USED
 from insgnss.tables import GnssTable
 
@@ -23,7 +23,7 @@ KIND_NUMBERS: Final = {"pseudorange": PSEUDORANGE, "range_rate": RANGE_RATE, "ca
 KINDS: Final = (*KIND_NUMBERS, ATTITUDE_DIFFERENCE)
 
 
-class Window(NamedTuple):
+class OutageWindow(NamedTuple):
     """A time without the measurements that are taken away: from_s <= t < until_s, seconds of the week."""
 
     from_s: float
@@ -126,7 +126,7 @@ def switched_off(log: PhaseLog, removal: Removal, from_ns: int, until_ns: int) -
 
 
 def switch_off(
-    rows: Rows, kinds: Sequence[str], chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
+    rows: GnssRows, kinds: Sequence[str], chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
 ) -> None:
     """Tell the filter, in place, not to use some kinds of the ``chosen`` rows (n,) within an outage."""
     t_ns = np.repeat(rows.epoch_ns, np.diff(rows.first))
@@ -143,7 +143,9 @@ def switch_off(
         status[off & (status == USED) & (status != ABSENT)] = SWITCHED_OFF
 
 
-def periodic_windows(first_s: float, until_s: float, *, length_s: float, every_s: float) -> list[Window]:
+def periodic_windows(
+    first_s: float, until_s: float, *, length_s: float, every_s: float
+) -> list[OutageWindow]:
     """Return windows of a length, one each period, that end before ``until_s``.
 
     Raises
@@ -154,12 +156,12 @@ def periodic_windows(first_s: float, until_s: float, *, length_s: float, every_s
     if not every_s > 0.0:
         raise ConfigError(f"a period of {every_s} s is none", key="every_s", advice="give seconds, above 0")
     count = max(int(np.floor((until_s - length_s - first_s) / every_s + 1e-9)) + 1, 0)
-    return [Window(first_s + k * every_s, first_s + k * every_s + length_s) for k in range(count)]
+    return [OutageWindow(first_s + k * every_s, first_s + k * every_s + length_s) for k in range(count)]
 
 
 def random_windows(
     first_s: float, until_s: float, *, length_s: float, count: int, rng: np.random.Generator
-) -> list[Window]:
+) -> list[OutageWindow]:
     """Return windows at random that do not overlap, in the order of time.
 
     Raises
@@ -177,10 +179,10 @@ def random_windows(
     # gaps before each are ordered points of the free time: every placing is as likely as any other
     free = np.sort(rng.uniform(0.0, room, count))
     starts = first_s + free + length_s * np.arange(count)
-    return [Window(float(start), float(start) + length_s) for start in starts]
+    return [OutageWindow(float(start), float(start) + length_s) for start in starts]
 
 
-def banked_windows(nav: pd.DataFrame, bank_deg: float) -> list[Window]:
+def banked_windows(nav: pd.DataFrame, bank_deg: float) -> list[OutageWindow]:
     """Return the times in which the roll of a solution is beyond an angle, to either side.
 
     Raises
@@ -190,7 +192,7 @@ def banked_windows(nav: pd.DataFrame, bank_deg: float) -> list[Window]:
     t_s, beyond = nav["time_s"].to_numpy(), (nav["roll_deg"].abs() > bank_deg).to_numpy()
     edges = np.flatnonzero(np.diff(beyond.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
     step = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
-    found = [Window(float(t_s[a]), float(t_s[b - 1]) + step) for a, b in edges]
+    found = [OutageWindow(float(t_s[a]), float(t_s[b - 1]) + step) for a, b in edges]
     if not found:
         raise ConfigError(
             f"the bank is never beyond {bank_deg:g} deg",
@@ -200,12 +202,12 @@ def banked_windows(nav: pd.DataFrame, bank_deg: float) -> list[Window]:
     return found
 
 
-def window_ns(window: Window, week_ns: int) -> tuple[int, int]:
+def window_ns(window: OutageWindow, week_ns: int) -> tuple[int, int]:
     """Return the GPS times of a window's ends."""
     return week_ns + round(window.from_s * NS_PER_S), week_ns + round(window.until_s * NS_PER_S)
 
 
-def checked(windows: Sequence[tuple[float, float]]) -> list[Window]:
+def checked(windows: Sequence[tuple[float, float]]) -> list[OutageWindow]:
     """Return given windows.
 
     Raises
@@ -215,7 +217,7 @@ def checked(windows: Sequence[tuple[float, float]]) -> list[Window]:
     for a, b in windows:
         if not (np.isfinite(a) and np.isfinite(b) and a < b):
             raise ConfigError(f"{a:g} to {b:g} s is no window", key="windows", advice="from before until")
-    return [Window(float(a), float(b)) for a, b in windows]
+    return [OutageWindow(float(a), float(b)) for a, b in windows]
 
 
 def _check_length(length_s: float) -> None:

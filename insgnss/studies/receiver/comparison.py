@@ -40,13 +40,13 @@ from insgnss.config.simulation import SimulationConfig
 from insgnss.constants import C_MPS
 from insgnss.errors import ConfigError
 from insgnss.interference.linear_threshold import LOWEST_CN0_DBHZ
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.studies.receiver import pictures
 from insgnss.studies.receiver.jammed_sky import emitters_of, jammed_cn0_dbhz
 from insgnss.studies.receiver.limits import linear_threshold_dbhz, threshold_table
-from insgnss.studies.receiver.masking import Masking, gain_dbic
+from insgnss.studies.receiver.masking import ReceiverMasking, gain_dbic
 from insgnss.studies.receiver.runs import ReceiverRun, run_many, run_once
-from insgnss.studies.receiver.scene import ReceiverOptions, Scene, scene_of
+from insgnss.studies.receiver.scene import ReceiverOptions, StudyScene, scene_of
 from insgnss.studies.receiver.tables import channel_rows, epoch_rows, search_rows, summary_row
 from insgnss.studies.receiver.variants import USUAL_VARIANTS, VARIANTS, Variant, variant_of
 from insgnss.studies.result_files import write_study
@@ -64,7 +64,7 @@ Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, repr=False)
-class ReceiverStudy(Shown):
+class ReceiverStudy(ResultDisplay):
     """What ``receiver_study`` gives. Tables are DataFrames, the module's text has their columns."""
 
     summary: pd.DataFrame
@@ -192,7 +192,7 @@ def receiver_study(
 
 
 def receiver_row(
-    scene: Scene,
+    scene: StudyScene,
     name: str,
     cn0_dbhz: float,
     seed: int,
@@ -216,7 +216,7 @@ def receiver_row(
     return kept | {"lost_s": float(run.lost_s.min())}
 
 
-def _masked(scene: Scene, options: ReceiverOptions, antennas: Installation | None) -> Scene:
+def _masked(scene: StudyScene, options: ReceiverOptions, antennas: Installation | None) -> StudyScene:
     """Return a scene whose receivers mask by attitude, where that is asked for.
 
     Raises
@@ -228,12 +228,12 @@ def _masked(scene: Scene, options: ReceiverOptions, antennas: Installation | Non
     if antennas is None or scene.setting.inertial is None:
         advice = "give antennas, and an inertial system that tells the attitude"
         raise ConfigError("nothing tells which satellites are hidden", key="masking", advice=advice)
-    masking = Masking(antennas, limits_of(Visibility()))
+    masking = ReceiverMasking(antennas, limits_of(Visibility()))
     return replace(scene, setting=replace(scene.setting, masking=masking))
 
 
 def _profiles(
-    scene: Scene,
+    scene: StudyScene,
     levels: list[float],
     emitters: InterferenceConfig | str | Path | None,
     antennas: Installation | None,

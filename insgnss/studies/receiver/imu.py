@@ -16,7 +16,7 @@ import numpy as np
 from insgnss.config.flight import ImuGrade
 from insgnss.constants import STANDARD_GRAVITY_MPS2
 from insgnss.errors import ConfigError
-from insgnss.simulation.closed_loop_sky import ToldMotion
+from insgnss.simulation.closed_loop_sky import InertialAiding
 from insgnss.tables import Float64
 from insgnss.units import RAD_PER_DEG
 
@@ -38,12 +38,12 @@ class UnknownMotion:
 
 
 def with_gaps(
-    told: ToldMotion,
+    told: InertialAiding,
     since_s: Float64,
     grade: ImuGrade,
     gaps_s: Sequence[tuple[float, float]],
     unknown: UnknownMotion,
-) -> tuple[ToldMotion, Float64]:
+) -> tuple[InertialAiding, Float64]:
     """Return what is told with samples missing, and the densities of the motion that is not shown, (n, 2).
 
     Parameters
@@ -61,7 +61,7 @@ def with_gaps(
     turning = 2.0 * TURNING[0] ** 2 * TURNING[1]
     densities[missing | _is_full(rate, grade.gyro_range_deg_per_s, RAD_PER_DEG), 0] = turning
     densities[missing | _is_full(force, grade.accel_range_g, STANDARD_GRAVITY_MPS2), 1] = unknown.density
-    return ToldMotion(rate, force, ahead), densities
+    return InertialAiding(rate, force, ahead), densities
 
 
 def _is_full(values: Float64, limit: float | None, unit: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -20,7 +20,7 @@ from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
 from insgnss.simulation.local_level import geodetic, ned_axes
 from insgnss.tables import Float64
 
-_STEP_S: Final = 0.1  # at which the link is looked at
+LINK_STEP_S: Final = 0.1  # at which the link and the gains are evaluated
 _SATELLITE: Final = "G01"  # any of GPS: they have one signal
 
 
@@ -51,7 +51,7 @@ def jammed_cn0_dbhz(
     start_s : seconds of the week at the trajectory's t = 0
     antennas : of the vehicle; None: 0 dBic everywhere
     """
-    every = max(round(_STEP_S / truth.step_s), 1)
+    every = max(round(LINK_STEP_S / truth.step_s), 1)
     pick = np.unique(np.append(np.arange(0, len(truth.t_s), every), len(truth.t_s) - 1))
     place = geodetic(truth.r_e[pick])
     C_ne = ned_axes(place)

@@ -18,7 +18,7 @@ from insgnss.interference.margin import PhaseLoop
 from insgnss.interference.phase_models import UnknownAcceleration, channel_model, one_stage_model
 from insgnss.studies.receiver.loop import ONE_STAGE, SCALAR
 from insgnss.studies.receiver.manoeuvring_covariance import ManoeuvringReceiver
-from insgnss.studies.receiver.scene import Scene
+from insgnss.studies.receiver.scene import StudyScene
 from insgnss.studies.receiver.variants import Variant
 from insgnss.tables import Float64
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
@@ -29,7 +29,9 @@ _INS_ERROR: Final = UnknownAcceleration(0.06, 100.0, 0.1, 1e-3)  # what an aided
 _NAMES: Final = {"q": "Q", "iq": "IQ", "sign": "sign(I)Q", "atan": "atan(Q/I)"}
 
 
-def threshold_table(summary: pd.DataFrame, linear_dbhz: Mapping[str, float], scene: Scene) -> pd.DataFrame:
+def threshold_table(
+    summary: pd.DataFrame, linear_dbhz: Mapping[str, float], scene: StudyScene
+) -> pd.DataFrame:
     """Return where half of the runs lose lock, a row a receiver; NaN where no share passes one half."""
     rows = []
     for name, table in summary.groupby("variant", sort=False):
@@ -62,7 +64,7 @@ def crossing(cn0_dbhz: Float64, share: Float64) -> float:
     return float(cn0_dbhz[k] + part * (cn0_dbhz[k + 1] - cn0_dbhz[k]))
 
 
-def linear_threshold_dbhz(scene: Scene, variant: Variant) -> float:
+def linear_threshold_dbhz(scene: StudyScene, variant: Variant) -> float:
     """Return the threshold of the linear theory; NaN of what it does not know: no phase tracking, other discriminators.
 
     A channel's, without INS with the vehicle's acceleration, with INS with the error of one; of one stage that of its

@@ -44,7 +44,7 @@ from insgnss.tracking.vector_loop import (
     SEEN_POWER,
     SEEN_RANGE,
     SEEN_RATE,
-    Channels,
+    ChannelConstants,
     observe_channel,
 )
 
@@ -56,7 +56,7 @@ HELD: Final = -1
 RECORDED: Final = (*range(DR, DR + N_MOTION), CLOCK, DRIFT)
 
 
-class Receiver(NamedTuple):
+class ReceiverDesign(NamedTuple):
     """What fixes a receiver."""
 
     kind: int
@@ -72,7 +72,7 @@ class Receiver(NamedTuple):
     steps: tuple[float, float]
 
 
-class Arriving(NamedTuple):
+class SignalArrivals(NamedTuple):
     """What arrives over n integrations, m channels."""
 
     ranges: Float64  # (n, m) with the receiver's clock [m]
@@ -81,7 +81,7 @@ class Arriving(NamedTuple):
     apart: Float64  # (n, m) ranges by the phase less those by the code [m]
 
 
-class Told(NamedTuple):
+class AidingInputs(NamedTuple):
     """What the receiver is told over n integrations."""
 
     satellites: Float64  # (n, m, 6)
@@ -125,7 +125,7 @@ class ChannelRoom(NamedTuple):
     done: Int64  # (1,) integrations so far
 
 
-class Found(NamedTuple):
+class ReceiverHistory(NamedTuple):
     """What is kept of a run."""
 
     state: Float64  # (k, 12) r_e, v_e, q_eb, clock, drift at the recorded integrations
@@ -141,14 +141,14 @@ class Found(NamedTuple):
 
 @kernel
 def run_receiver(
-    receiver: Receiver,
-    channels: Channels,
-    arriving: Arriving,
-    told: Told,
+    receiver: ReceiverDesign,
+    channels: ChannelConstants,
+    arriving: SignalArrivals,
+    told: AidingInputs,
     f: FilterRoom,
     room: ChannelRoom,
     noise: Float64,
-    found: Found,
+    found: ReceiverHistory,
 ) -> None:
     """Run a receiver over a block of integrations.
 
@@ -240,8 +240,8 @@ def led_wrongly(C: Float64, ahead_b: Float64, u: Float64) -> tuple[float, float]
 
 @kernel(inline=True)
 def take_observation(
-    receiver: Receiver,
-    channels: Channels,
+    receiver: ReceiverDesign,
+    channels: ChannelConstants,
     row: Float64,
     estimate: Float64,
     f: FilterRoom,
@@ -271,7 +271,7 @@ def in_steps(estimate: float, led: float, step: float) -> float:
 
 
 @kernel(inline=True)
-def lead_channels(receiver: Receiver, dt: float, with_filter: bool, room: ChannelRoom) -> None:
+def lead_channels(receiver: ReceiverDesign, dt: float, with_filter: bool, room: ChannelRoom) -> None:
     """Carry the channels on, by their own rates and by how the filter's predictions have changed.
 
     Equation: x <- F x + [r_k - r_(k-1) - T r'_(k-1), r'_k - r'_(k-1)], r the filter's prediction; P <- F P F^T + W
@@ -318,7 +318,7 @@ def correct_channel(room: ChannelRoom, c: int, variances: tuple[float, float]) -
 
 
 @kernel(inline=True)
-def take_channels(receiver: Receiver, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
+def take_channels(receiver: ReceiverDesign, level: Int64, f: FilterRoom, room: ChannelRoom) -> None:
     """Update the filter with what its channels say; the intervals' sums begin anew."""
     for c in range(room.x.shape[0]):
         if receiver.kind == INTERVAL_MESSAGE:
@@ -343,7 +343,9 @@ def restart_channel(f: FilterRoom, room: ChannelRoom, c: int) -> None:
 
 
 @kernel(inline=True)
-def count_offset(receiver: Receiver, offset: Float64, c: int, step: int, found: Found) -> None:
+def count_offset(
+    receiver: ReceiverDesign, offset: Float64, c: int, step: int, found: ReceiverHistory
+) -> None:
     """Count a channel's offset, and find out whether it is lost."""
     if found.lost_at[c] != HELD:
         return
@@ -363,13 +365,13 @@ def count_offset(receiver: Receiver, offset: Float64, c: int, step: int, found: 
 
 @kernel(inline=True)
 def record(
-    receiver: Receiver,
-    arriving: Arriving,
+    receiver: ReceiverDesign,
+    arriving: SignalArrivals,
     k: int,
     f: FilterRoom,
     room: ChannelRoom,
     at: int,
-    found: Found,
+    found: ReceiverHistory,
 ) -> None:
     """Write filter and channels, after their updates, into row ``at``."""
     m, state = f.state[0], found.state[at]

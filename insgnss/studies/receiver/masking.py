@@ -23,28 +23,28 @@ import numpy as np
 import numpy.typing as npt
 
 from insgnss.antenna.installation import Installation
-from insgnss.antenna.visibility import IS_VISIBLE, UNDECIDED, Limits, look_at_all, new_looks
+from insgnss.antenna.visibility import IS_VISIBLE, UNDECIDED, VisibilityLimits, look_at_all, new_looks
 from insgnss.filter.state import PSI
 from insgnss.runs.margin.link import emitter_gain
 from insgnss.simulation.closed_loop_sky import ClosedLoopTruth
 from insgnss.simulation.local_level import geodetic, ned_axes
+from insgnss.studies.receiver.jammed_sky import LINK_STEP_S
 from insgnss.studies.receiver.loop import FilterRoom
 from insgnss.tables import Float64, Int8
 
-_STEP_S: Final = 0.1  # at which gains are looked at
 AIRFRAME_LOSS_DB: Final = 30.0  # of a signal whose way ends at the airframe
 
 
-class Masking(NamedTuple):
+class ReceiverMasking(NamedTuple):
     """What a receiver knows of its antennas."""
 
     antennas: Installation
-    limits: Limits
+    limits: VisibilityLimits
 
 
 def gain_dbic(truth: ClosedLoopTruth, antennas: Installation) -> Float64:
     """Return the antennas' gain towards each channel's satellite at each integration, (n, m)."""
-    every = max(round(_STEP_S / truth.step_s), 1)
+    every = max(round(LINK_STEP_S / truth.step_s), 1)
     pick = np.unique(np.append(np.arange(0, len(truth.t_s), every), len(truth.t_s) - 1))
     C_ne = ned_axes(geodetic(truth.r_e[pick]))
     u_n = np.einsum("kij,kmj->kmi", C_ne, truth.directions(pick))
@@ -56,7 +56,7 @@ def gain_dbic(truth: ClosedLoopTruth, antennas: Installation) -> Float64:
 class AttitudeMask:
     """The masking of one run: it remembers what it has decided."""
 
-    def __init__(self, masking: Masking, count: int) -> None:
+    def __init__(self, masking: ReceiverMasking, count: int) -> None:
         self._masking = masking
         self._decision: Int8 = np.full((2, count), UNDECIDED, np.int8)
 

@@ -20,19 +20,19 @@ from insgnss.studies.receiver.loop import (
     HELD,
     NO_SIGNAL,
     RECORDED,
-    Arriving,
+    AidingInputs,
     ChannelRoom,
     FilterRoom,
-    Found,
-    Receiver,
-    Told,
+    ReceiverDesign,
+    ReceiverHistory,
+    SignalArrivals,
     run_receiver,
 )
-from insgnss.studies.receiver.masking import Masking
+from insgnss.studies.receiver.masking import ReceiverMasking
 from insgnss.studies.receiver.search import Searches, SearchRow
 from insgnss.studies.receiver.variants import (
-    Begin,
-    Start,
+    InitialSigmas,
+    TrueStart,
     Variant,
     feeling_nothing,
     filter_room,
@@ -46,7 +46,7 @@ from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.discriminator_outputs import PHASE_KINDS
 from insgnss.tracking.lock_detectors import SLIP_SHARE
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
-from insgnss.tracking.vector_loop import N_SEEN, Channels, levels_of, noise_count
+from insgnss.tracking.vector_loop import N_SEEN, ChannelConstants, levels_of, noise_count
 
 _BLOCK_S: Final = 0.5  # of integrations run at once, and the window of the estimator of C/N0
 _LOST_HZ: Final = 100.0  # a frequency offset beyond it is lost, where the phase is not tracked ...
@@ -60,13 +60,13 @@ class Setting:
     truth: ClosedLoopTruth
     inertial: InertialTruth | None  # None: no INS
     grade: ImuGrade | None
-    channels: Channels
+    channels: ChannelConstants
     carrier_hz: float
     drift_density: float  # of the oscillator, one-sided [rad^2/s^3]
     interval: int  # integrations between two updates of a second stage
     record_every: int  # integrations
     settle: int  # integrations that do not count
-    start: Start
+    start: InitialSigmas
     unknown: UnknownMotion  # of a receiver without INS
     latency_s: float = 0.0
     # without inertial samples, from the first integration on
@@ -75,7 +75,7 @@ class Setting:
     least_cn0_dbhz: float = -math.inf  # below it a channel is not used
     # C/N0 that a receiver takes for true, whatever arrives; None: the true one
     told_cn0_dbhz: float | None = None
-    masking: Masking | None = None  # by the filter's attitude
+    masking: ReceiverMasking | None = None  # by the filter's attitude
     divergence_density: float = 0.0  # of phase and code ranges, two-sided [m^2/s]
     steps: tuple[float, float] = (0.0, 0.0)  # in which replicas are set: range [m], rate [m/s]
 
@@ -149,7 +149,7 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
         grade = without_ins(setting.unknown)
         motion, unknown = feeling_nothing(truth.r_e[0], count), np.zeros((count, 2))
     directions = truth.directions(slice(0, 1))[0] if variant.with_code else None
-    begin, density = Begin.of(truth, clock), setting.divergence_density
+    begin, density = TrueStart.of(truth, clock), setting.divergence_density
     f = filter_room(grade, oscillator, setting.start, begin, rng, ins, directions, density)
     receiver = receiver_of(
         variant,
@@ -166,11 +166,11 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     found = new_found(receiver, count, m, _block(truth))
     cn0 = np.broadcast_to(cn0_dbhz, (count, m))
     level = np.where(np.isnan(cn0), NO_SIGNAL, levels_of(cn0))
-    arriving = Arriving(ranges, rates, level, _apart(variant, density, truth, rng))
+    arriving = SignalArrivals(ranges, rates, level, _apart(variant, density, truth, rng))
     masking = setting.masking
     searches = Searches(channels, setting.carrier_hz, m, masking) if variant.has_filter else None
-    rooms = _Rooms(receiver, channels, f, room, found)
-    whole = Told(truth.satellites, motion.rate_b, motion.force_b, motion.ahead_b, level, unknown)
+    rooms = _ReceiverWorkspace(receiver, channels, f, room, found)
+    whole = AidingInputs(truth.satellites, motion.rate_b, motion.force_b, motion.ahead_b, level, unknown)
     estimates = _run_blocks(setting, rooms, arriving, whole, cn0, searches, rng)
     found.apart[:, :, 0] -= arriving.apart[:: setting.record_every]
     state_errors = _errors(setting, found, np.column_stack([clock.bias_m, clock.drift_mps]), ins)
@@ -178,14 +178,14 @@ def run_once(setting: Setting, variant: Variant, cn0_dbhz: Float64, rng: np.rand
     return _run_of(setting, variant, found, state_errors, estimates, rows)
 
 
-class _Rooms(NamedTuple):
+class _ReceiverWorkspace(NamedTuple):
     """A receiver and all that it works on."""
 
-    receiver: Receiver
-    channels: Channels
+    receiver: ReceiverDesign
+    channels: ChannelConstants
     f: FilterRoom
     room: ChannelRoom
-    found: Found
+    found: ReceiverHistory
 
 
 def _block(truth: ClosedLoopTruth) -> int:
@@ -204,9 +204,9 @@ def _apart(variant: Variant, density: float, truth: ClosedLoopTruth, rng: np.ran
 
 def _run_blocks(
     setting: Setting,
-    rooms: _Rooms,
-    arriving: Arriving,
-    whole: Told,
+    rooms: _ReceiverWorkspace,
+    arriving: SignalArrivals,
+    whole: AidingInputs,
     cn0: Float64,
     searches: Searches | None,
     rng: np.random.Generator,
@@ -220,7 +220,7 @@ def _run_blocks(
     block, taken, estimates = _block(truth), arriving.level[0], []
     for first in range(0, count, block):
         part = slice(first, min(first + block, count))
-        here = Arriving(
+        here = SignalArrivals(
             arriving.ranges[part], arriving.rates[part], arriving.level[part], arriving.apart[part]
         )
         told_level = np.where(cn0[part] >= setting.least_cn0_dbhz, here.level, NO_SIGNAL)
@@ -232,7 +232,7 @@ def _run_blocks(
             before = max(first - 1, 0)
             off = np.column_stack([arriving.ranges[before], arriving.rates[before]]) - room.predicted
             told_level = searches.told(told_level, cn0[first], truth.step_s * first, f, room, off)
-        told = Told(
+        told = AidingInputs(
             whole.satellites[part],
             whole.rate_b[part],
             whole.force_b[part],
@@ -250,7 +250,12 @@ def _run_blocks(
 
 
 def channel_room(
-    receiver: Receiver, ranges: Float64, rates: Float64, start: Start, rng: np.random.Generator, step_s: float
+    receiver: ReceiverDesign,
+    ranges: Float64,
+    rates: Float64,
+    start: InitialSigmas,
+    rng: np.random.Generator,
+    step_s: float,
 ) -> ChannelRoom:
     """Return channels that begin with errors of the start's sigmas.
 
@@ -281,10 +286,10 @@ def channel_room(
     )
 
 
-def new_found(receiver: Receiver, count: int, m: int, block: int) -> Found:
+def new_found(receiver: ReceiverDesign, count: int, m: int, block: int) -> ReceiverHistory:
     """Return room for what is kept of a run of ``count`` integrations."""
     records = (count - 1) // receiver.record_every + 1
-    return Found(
+    return ReceiverHistory(
         state=np.zeros((records, 12)),
         covariance=np.zeros((records, len(RECORDED), len(RECORDED))),
         offsets=np.zeros((records, m, 2)),
@@ -297,7 +302,7 @@ def new_found(receiver: Receiver, count: int, m: int, block: int) -> Found:
     )
 
 
-def _errors(setting: Setting, found: Found, clock: Float64, ins: bool) -> Float64:
+def _errors(setting: Setting, found: ReceiverHistory, clock: Float64, ins: bool) -> Float64:
     """Return the errors (k, 11) of the filter."""
     truth, state = setting.truth, found.state
     pick = slice(None, None, setting.record_every)
@@ -312,7 +317,7 @@ def _errors(setting: Setting, found: Found, clock: Float64, ins: bool) -> Float6
 def _run_of(
     setting: Setting,
     variant: Variant,
-    found: Found,
+    found: ReceiverHistory,
     error: Float64,
     cn0_dbhz: Float64,
     searches: tuple[SearchRow, ...],
@@ -345,7 +350,7 @@ def normalised(error: Float64, P: Float64) -> Float64:
     return np.asarray(np.sum(error / scale * solved[..., 0], axis=1) / error.shape[1])
 
 
-def _least_squares(setting: Setting, found: Found) -> Float64:
+def _least_squares(setting: Setting, found: ReceiverHistory) -> Float64:
     """Return the errors (k, 11) of position, velocity and clock that all channels' ranges and rates give."""
     solved = -np.einsum("kij,kjc->kic", setting.solution, found.offsets)
     nothing = np.full((len(solved), 3), np.nan)

@@ -81,7 +81,7 @@ class ReceiverOptions:
 
 
 @dataclass(frozen=True)
-class Scene:
+class StudyScene:
     """A study's setting, and what its tables say of it."""
 
     name: str
@@ -108,7 +108,7 @@ def scene_of(
     imu: str | ImuGrade | None,
     oscillator: str | Mapping[str, float],
     options: ReceiverOptions,
-) -> Scene:
+) -> StudyScene:
     """Return the scene of a study.
 
     Raises
@@ -153,7 +153,7 @@ def scene_of(
         steps=(o.replica_step_m, o.replica_step_mps),
     )
     azimuth, elevation = (np.asarray(x, float) for x in (o.azimuth_deg, o.elevation_deg))
-    return Scene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
+    return StudyScene(name, setting, trajectory, azimuth, elevation, o.chip_hz, config.start_s)
 
 
 def _steps(o: ReceiverOptions) -> tuple[int, int, int]:

@@ -18,9 +18,9 @@ from insgnss.filter.update.replica_offsets import offset_covariance
 from insgnss.receiver.detection import detector
 from insgnss.receiver.search_window import SignalScale, search_window
 from insgnss.studies.receiver.loop import NO_SIGNAL, ChannelRoom, FilterRoom
-from insgnss.studies.receiver.masking import AttitudeMask, Masking
+from insgnss.studies.receiver.masking import AttitudeMask, ReceiverMasking
 from insgnss.tables import Float64, Int64
-from insgnss.tracking.vector_loop import Channels
+from insgnss.tracking.vector_loop import ChannelConstants
 
 
 class SearchRow(NamedTuple):
@@ -43,7 +43,11 @@ class Searches:
     """The channels' search over a run."""
 
     def __init__(
-        self, channels: Channels, carrier_hz: float, count: int, masking: Masking | None = None
+        self,
+        channels: ChannelConstants,
+        carrier_hz: float,
+        count: int,
+        masking: ReceiverMasking | None = None,
     ) -> None:
         self.settings = Search()
         self.need = detector(self.settings.detection)

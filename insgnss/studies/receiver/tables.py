@@ -12,7 +12,7 @@ import pandas as pd
 from scipy import stats
 
 from insgnss.studies.receiver.runs import ReceiverRun, Setting
-from insgnss.studies.receiver.scene import Scene
+from insgnss.studies.receiver.scene import StudyScene
 from insgnss.studies.receiver.search import SearchRow
 from insgnss.tables import Float64
 
@@ -34,7 +34,7 @@ def _held(runs: list[ReceiverRun]) -> list[ReceiverRun]:
     return [run for run in runs if not run.lost]
 
 
-def summary_row(scene: Scene, name: str, level: float, runs: list[ReceiverRun]) -> dict[str, Any]:
+def summary_row(scene: StudyScene, name: str, level: float, runs: list[ReceiverRun]) -> dict[str, Any]:
     """Return one row of ``summary``."""
     setting, held = scene.setting, _held(runs)
     after = _after(setting)
@@ -68,7 +68,7 @@ def summary_row(scene: Scene, name: str, level: float, runs: list[ReceiverRun]) 
     }
 
 
-def channel_rows(scene: Scene, name: str, level: float, runs: list[ReceiverRun]) -> pd.DataFrame:
+def channel_rows(scene: StudyScene, name: str, level: float, runs: list[ReceiverRun]) -> pd.DataFrame:
     """Return one row for each channel."""
     held = _held(runs)
     rms = (

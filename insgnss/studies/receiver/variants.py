@@ -42,7 +42,7 @@ from insgnss.geodesy.gravity import normal_gravity_ecef
 from insgnss.geodesy.rotations import matrix_to_quaternion
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.interference.riccati import discretised
-from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, ToldMotion
+from insgnss.simulation.closed_loop_sky import ClosedLoopTruth, InertialAiding
 from insgnss.simulation.oscillator import ClockTruth
 from insgnss.simulation.trajectory import EARTH_RATE_E
 from insgnss.studies.receiver.imu import UnknownMotion
@@ -52,7 +52,7 @@ from insgnss.studies.receiver.loop import (
     SCALAR,
     TWO_STAGE,
     FilterRoom,
-    Receiver,
+    ReceiverDesign,
 )
 from insgnss.tables import Float64
 from insgnss.tracking.admissible import require_known
@@ -110,7 +110,7 @@ def variant_of(name: str | Variant) -> Variant:
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialSigmas:
     """One sigma of the errors that a receiver begins with: signals are found, the inertial system is aligned."""
 
     position_m: float
@@ -123,8 +123,8 @@ class Start:
 
 # a loop that tracks the phase begins within the discriminator's aperture
 STARTS: Final = {
-    "coherent": Start(0.003, 0.02, 0.005, 0.003, 0.02, 1.0),
-    "noncoherent": Start(5.0, 0.5, 0.005, 5.0, 0.5, 1.0),
+    "coherent": InitialSigmas(0.003, 0.02, 0.005, 0.003, 0.02, 1.0),
+    "noncoherent": InitialSigmas(5.0, 0.5, 0.005, 5.0, 0.5, 1.0),
 }
 # position and clock where the code is tracked beside the phase, and each phase less its code
 _FOUND_M: Final = 5.0
@@ -163,15 +163,17 @@ def without_ins(unknown: UnknownMotion) -> ImuGrade:
     )
 
 
-def feeling_nothing(r_e: Float64, count: int) -> ToldMotion:
+def feeling_nothing(r_e: Float64, count: int) -> InertialAiding:
     """Return what such an inertial system tells: the Earth's turn and the weight at ``r_e``, in ECEF axes."""
     gravity = np.empty(3)
     normal_gravity_ecef(np.ascontiguousarray(r_e), gravity)
-    return ToldMotion(np.tile(EARTH_RATE_E, (count, 1)), np.tile(-gravity, (count, 1)), np.zeros((count, 6)))
+    return InertialAiding(
+        np.tile(EARTH_RATE_E, (count, 1)), np.tile(-gravity, (count, 1)), np.zeros((count, 6))
+    )
 
 
 @dataclass(frozen=True)
-class Begin:
+class TrueStart:
     """Where a run begins, in truth."""
 
     r_e: Float64
@@ -182,7 +184,7 @@ class Begin:
     acceleration_e: Float64  # relative to the Earth [m/s^2]
 
     @classmethod
-    def of(cls, truth: ClosedLoopTruth, clock: ClockTruth) -> Begin:
+    def of(cls, truth: ClosedLoopTruth, clock: ClockTruth) -> TrueStart:
         """Return the first middle."""
         acceleration = (truth.v_e[1] - truth.v_e[0]) / truth.step_s
         bias, drift = float(clock.bias_m[0]), float(clock.drift_mps[0])
@@ -204,8 +206,8 @@ def phase_states(count: int, density: float) -> Layout:
 def filter_room(
     grade: ImuGrade,
     oscillator: Oscillator,
-    start: Start,
-    at: Begin,
+    start: InitialSigmas,
+    at: TrueStart,
     rng: np.random.Generator,
     with_ins: bool,
     directions: Float64 | None = None,
@@ -297,7 +299,7 @@ def receiver_of(
     record_every: int,
     settle: int,
     steps: tuple[float, float] = (0.0, 0.0),
-) -> Receiver:
+) -> ReceiverDesign:
     """Return a receiver whose channels are designed for the oscillator, and for the motion where it is unknown.
 
     Parameters
@@ -313,7 +315,7 @@ def receiver_of(
         A[2, 2] = -1.0 / unknown.time_s
         Q[2, 2] = 2.0 * unknown.sigma_mps2**2 / unknown.time_s
     F, walk = discretised(A, Q, step_s)
-    return Receiver(
+    return ReceiverDesign(
         variant.kind,
         interval,
         variant.inflation,

@@ -20,7 +20,7 @@ from insgnss.tracking.delay_discriminators import DelayDiscriminator
 from insgnss.tracking.discriminators import equivalent_variance
 from insgnss.tracking.loop_filters import LoopFilter, assisted_filter, digital_filter
 from insgnss.tracking.phase_discriminators import PhaseDiscriminator
-from insgnss.tracking.signal import Samples, Sampling
+from insgnss.tracking.signal import Sampling, SignalSamples
 
 
 def loop_designs(
@@ -73,7 +73,7 @@ def loop_sigmas(design: ChannelDesign, cn0_dbhz: float) -> tuple[float, float]:
 class RecordingBuffer:
     """The newest samples of a recording, fed block by block."""
 
-    blocks: Iterator[Samples]
+    blocks: Iterator[SignalSamples]
     keep: int  # samples that stay when a block is added, at least
     first: int = 0  # number of the first one
     in_phase: Float64 = field(default_factory=lambda: np.zeros(0))
@@ -91,8 +91,8 @@ class RecordingBuffer:
             self.quadrature = np.concatenate([self.quadrature[drop:], block.quadrature])
         return True
 
-    def cut(self, sampling: Sampling, first: int, last: int) -> Samples:
+    def cut(self, sampling: Sampling, first: int, last: int) -> SignalSamples:
         """Return some of the samples."""
         span = slice(first - self.first, last - self.first)
         quadrature = self.quadrature[span] if sampling.is_complex else self.quadrature
-        return Samples(sampling, self.in_phase[span], quadrature)
+        return SignalSamples(sampling, self.in_phase[span], quadrature)

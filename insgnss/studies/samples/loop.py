@@ -42,7 +42,7 @@ from insgnss.tracking.cn0_estimators import moment_cn0_dbhz
 from insgnss.tracking.codes import GPS_BIT_S, RangingCode
 from insgnss.tracking.lock_detectors import phase_lock
 from insgnss.tracking.sample_channel import LoopAiding, SampleChannels
-from insgnss.tracking.signal import Samples, Sampling
+from insgnss.tracking.signal import Sampling, SignalSamples
 
 SEARCHING: Final = ("control_detection", "search")  # states of the supervisor in which a receiver looks
 _JUDGED_S: Final = 1.0  # over which lock and C/N0 are estimated
@@ -110,7 +110,7 @@ class SampleLoop:
         """Take the filter's aiding of one instant."""
         self._table, self._week = table, week
 
-    def run(self, blocks: Iterator[Samples]) -> None:
+    def run(self, blocks: Iterator[SignalSamples]) -> None:
         """Run over a recording, from its first sample to the last inertial sample inside.
 
         Raises

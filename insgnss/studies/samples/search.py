@@ -13,7 +13,7 @@ import pandas as pd
 
 from insgnss.aiding.satellite_arcs import SatelliteArcs
 from insgnss.aiding.table import AidingSetup, AidingTable
-from insgnss.aiding.trace import Covariances, Samples, Trace, Traced
+from insgnss.aiding.trace import Covariances, FilterTrace, Trace, TraceSamples
 from insgnss.aiding.uncertainty import SD_DOPPLER, SD_RANGE
 from insgnss.config.flight import GivenStart
 from insgnss.config.sample_receiver import SampleReceiver
@@ -31,7 +31,7 @@ from insgnss.receiver.search_window import SearchWindow
 from insgnss.tables import Float64, ImuTable
 from insgnss.tracking.acquisition import Acquisition, SearchSpan, acquire
 from insgnss.tracking.codes import GPS_BIT_S, GPS_CA_CHIP_HZ, RangingCode, gps_ca
-from insgnss.tracking.signal import Samples as SignalSamples
+from insgnss.tracking.signal import SignalSamples
 
 # half width: the cells of the transform are a quarter of a chip, their noise is shared
 LEAST_WINDOW_CHIPS = 1.0
@@ -112,7 +112,9 @@ def start_outlook(
         t_ns, np.zeros(1, np.int64), r_e[None, :], v_e, (C_ne.T @ C_nb)[None], none, none,
         np.zeros((1, 2)), np.zeros((1, 0)),
     )  # fmt: skip
-    found = Traced(trace, Covariances(t_ns, np.diag(sd**2)[None]), Samples(imu.t_ns, imu.w_ib_b, imu.f_b))
+    found = FilterTrace(
+        trace, Covariances(t_ns, np.diag(sd**2)[None]), TraceSamples(imu.t_ns, imu.w_ib_b, imu.f_b)
+    )
     return outlook(SupervisionSetup(setup, search=settings.search), arcs, found)
 
 

@@ -38,7 +38,7 @@ from insgnss.constants import NS_PER_S
 from insgnss.errors import ConfigError
 from insgnss.filter.setup import FilterSetup
 from insgnss.log.iq_file import IqFile, rounded, write_iq
-from insgnss.results.shown import Shown
+from insgnss.results.shown import ResultDisplay
 from insgnss.simulation.reference import reference_table
 from insgnss.simulation.signal_samples import SignalSky, sample_blocks, signal_sky
 from insgnss.simulation.simulated_log import Scenario, SimulatedLog
@@ -47,7 +47,7 @@ from insgnss.studies.samples.loop import SampleEquipment, SampleLoop
 from insgnss.studies.samples.pictures import sample_figure
 from insgnss.studies.samples.search import expected_at_start, start_outlook
 from insgnss.studies.samples.tables import channel_table, epoch_table, search_table, summary_of
-from insgnss.tracking.signal import Samples, Sampling
+from insgnss.tracking.signal import Sampling, SignalSamples
 
 if TYPE_CHECKING:
     from insgnss.studies.figures import Figure
@@ -72,7 +72,7 @@ class SimulatedFlight(Protocol):
 
 
 @dataclass(frozen=True, repr=False)
-class SampleStudy(Shown):
+class SampleStudy(ResultDisplay):
     """What the receivers on samples did."""
 
     summary: pd.DataFrame
@@ -239,7 +239,11 @@ def given_start(scenario: Scenario, t_ns: int, rng: np.random.Generator) -> Give
 
 
 def _run(
-    name: str, sky: SignalSky, equipment: SampleEquipment, flight: SimulatedFlight, blocks: Iterator[Samples]
+    name: str,
+    sky: SignalSky,
+    equipment: SampleEquipment,
+    flight: SimulatedFlight,
+    blocks: Iterator[SignalSamples],
 ) -> _Tables:
     """Return the four tables of one receiver."""
     began = time.perf_counter()
@@ -258,7 +262,7 @@ def _run(
 
 def _blocks(
     sky: SignalSky, settings: SampleReceiver, seed: int, recording: str | Path | None
-) -> Iterator[Samples]:
+) -> Iterator[SignalSamples]:
     """Return the samples as the front end gives them: integers."""
     if recording is not None:
         sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
@@ -266,7 +270,7 @@ def _blocks(
     return (rounded(block, settings.sample_type) for block in _samples(sky, settings, seed))
 
 
-def _samples(sky: SignalSky, settings: SampleReceiver, seed: int) -> Iterator[Samples]:
+def _samples(sky: SignalSky, settings: SampleReceiver, seed: int) -> Iterator[SignalSamples]:
     """Return the samples of a sky with the noise of a seed."""
     sampling = Sampling(settings.rate_hz, settings.intermediate_hz, settings.is_complex)
     noise = int(np.random.SeedSequence(seed, spawn_key=(_NOISE,)).generate_state(1)[0])

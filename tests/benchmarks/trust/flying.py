@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import insgnss
-from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuGrade, MountedAntenna
-from insgnss.config.flight import Imu as ImuEntry
+from insgnss.config.flight import FlightConfig, GivenStart, Gnss, ImuConfig, ImuGrade, MountedAntenna
 from insgnss.config.library import find
 from insgnss.config.simulation import SimulationConfig
 from insgnss.config.strict import load_toml
@@ -155,7 +154,7 @@ def _flight(row: Row, ready: Prepared, case: Case, seed: int) -> FlightInMemory:
     config = FlightConfig(
         name=row.name,
         gps_week=WEEK,
-        imu=ImuEntry(files=(Path("imu.csv"),), grade=made.grade),
+        imu=ImuConfig(files=(Path("imu.csv"),), grade=made.grade),
         gnss=Gnss(
             files=(Path("gnss.csv"),),
             lever_arm_m=tuple(map(float, made.receiver.lever_arm_b)),
@@ -206,4 +205,4 @@ def _read_again(case: Case, grade: ImuGrade) -> tuple[ImuTable, list[Event]]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "imu.csv"
         write_imu(path, case.imu, WEEK)
-        return read_imu(ImuEntry(files=(path,), grade=grade), WEEK, grade)
+        return read_imu(ImuConfig(files=(path,), grade=grade), WEEK, grade)

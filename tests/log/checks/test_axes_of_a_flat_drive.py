@@ -18,9 +18,9 @@ from insgnss.cli.main import app
 from insgnss.constants import NS_PER_S
 from insgnss.log.checks.axes_findings import axes_findings
 from insgnss.log.checks.axis_search import Match, search, with_noses
-from insgnss.log.checks.declaration import Declared
+from insgnss.log.checks.declaration import AxesDeclaration
 from insgnss.log.checks.report import CheckReport, Finding
-from insgnss.log.checks.stretches import Stretch
+from insgnss.log.checks.stretches import GnssStretch
 from insgnss.log.checks.vehicle_axes import candidates
 from insgnss.runs.simulate import simulate
 from insgnss.tables import ImuTable
@@ -71,10 +71,10 @@ class LevelDrive:
         assert found is not None
         return found
 
-    def _stretch(self, first_s: float, rng: np.random.Generator) -> Stretch:
+    def _stretch(self, first_s: float, rng: np.random.Generator) -> GnssStretch:
         at = np.flatnonzero((self.t_s >= first_s) & (self.t_s < first_s + LENGTH_S))[:: int(RATE_HZ)]
         v_e = self.v_n[at] @ self.C_en.T + rng.normal(0.0, SIGMA_MPS, (len(at), 3))
-        return Stretch(
+        return GnssStretch(
             self.t_s[at], v_e, v_e - 9.81 * self.t_s[at][:, None] * DOWN_E, -DOWN_E, SIGMA_MPS, 30.0
         )
 
@@ -92,7 +92,9 @@ def _about_y(angle: Float64) -> Float64:
 def finding(drive: LevelDrive, accel: Float64, gyro: Float64) -> Finding:
     match = drive.match(accel, gyro)
     unit = np.eye(3)
-    declared = Declared(ImuTable(np.zeros(0, np.int64), unit, unit), unit, unit, False, (1.0,), ("rad/s",))
+    declared = AxesDeclaration(
+        ImuTable(np.zeros(0, np.int64), unit, unit), unit, unit, False, (1.0,), ("rad/s",)
+    )
     told = axes_findings(declared, candidates(match.readings, unit, unit), match)
     assert len(told) == 1
     return told[0]

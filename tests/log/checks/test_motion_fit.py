@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from insgnss.constants import NS_PER_S
 from insgnss.log.checks.axis_search import Match, search
 from insgnss.log.checks.motion_fit import fit_costs, integrate, rotate, signed_permutations
-from insgnss.log.checks.refinement import BIAS_A, BIAS_G, LEVER, TAU, Refined, refine
-from insgnss.log.checks.stretches import STEP_S, InertialGrid, Stretch, inertial_grid
+from insgnss.log.checks.refinement import BIAS_A, BIAS_G, LEVER, TAU, RefinedEstimate, refine
+from insgnss.log.checks.stretches import STEP_S, GnssStretch, InertialGrid, inertial_grid
 from insgnss.log.checks.vehicle_axes import candidates, names
 from insgnss.tables import ImuTable
 
@@ -47,13 +47,13 @@ class Drive:
         mean_f[1:] = 0.5 * (self.f_b[1:] + self.f_b[:-1])
         return ImuTable(t_ns, self.w_b, mean_f)
 
-    def stretch(self, lever_b: Float64, rng: np.random.Generator, sigma: float) -> Stretch:
+    def stretch(self, lever_b: Float64, rng: np.random.Generator, sigma: float) -> GnssStretch:
         """Return the antenna's velocity at 5 Hz."""
         at = np.flatnonzero((self.t_s >= 0.0) & (self.t_s <= LENGTH_S))[::20]
         arm = self.C_nb.apply(np.cross(self.w_b, lever_b))
         v_e = (self.v_n + arm)[at] @ self.C_en.T + rng.normal(0.0, sigma, (len(at), 3))
         s_e = v_e - 9.81 * self.t_s[at][:, None] * DOWN_E
-        return Stretch(self.t_s[at], v_e, s_e, -DOWN_E, max(sigma, 0.01), 30.0)
+        return GnssStretch(self.t_s[at], v_e, s_e, -DOWN_E, max(sigma, 0.01), 30.0)
 
 
 ORIGIN_NS = int(START_S) * NS_PER_S
@@ -65,11 +65,11 @@ def drive() -> Drive:
     return Drive()
 
 
-def grid_of(imu: ImuTable, stretch: Stretch) -> InertialGrid:
+def grid_of(imu: ImuTable, stretch: GnssStretch) -> InertialGrid:
     return inertial_grid(imu, ORIGIN_NS, [stretch], 1.5)
 
 
-def refined(drive: Drive, rng: np.random.Generator, lever_b: Float64, imu: ImuTable) -> Refined:
+def refined(drive: Drive, rng: np.random.Generator, lever_b: Float64, imu: ImuTable) -> RefinedEstimate:
     stretch = drive.stretch(lever_b, rng, 0.03)
     return refine([stretch], grid_of(imu, stretch), np.eye(3), 1, ZERO)
 
@@ -161,7 +161,7 @@ def test_biases_are_recovered_within_their_sigma(drive: Drive, rng: np.random.Ge
 
 
 def test_standing_vehicle_gives_no_match(rng: np.random.Generator) -> None:
-    still = Stretch(np.arange(50) * 0.2, np.zeros((50, 3)), np.zeros((50, 3)), -DOWN_E, 0.03, 0.7)
+    still = GnssStretch(np.arange(50) * 0.2, np.zeros((50, 3)), np.zeros((50, 3)), -DOWN_E, 0.03, 0.7)
     n = int(60.0 / STEP_S)
     imu = ImuTable(np.arange(n) * 50_000_000, np.zeros((n, 3)), np.tile([0.0, 0.0, -9.81], (n, 1)))
     assert search(imu, 0, [still], np.eye(3), (1.0,)) is None

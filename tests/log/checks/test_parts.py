@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 
 from insgnss.config.library import imu_grade
-from insgnss.constants import C_MPS, NS_PER_S
+from insgnss.constants import C_MPS, NS_PER_S, S_PER_WEEK
 from insgnss.log.checks.clock import clock_findings
 from insgnss.log.checks.gap_cost import START_SD_MPS, gap_findings, outage_sigmas
 from insgnss.log.checks.imu import GroundSpeed, imu_findings
-from insgnss.log.checks.time_offset import HOUR_S, WEEK_S, Timing, offset_findings, overlapping_shifts, split
-from insgnss.log.checks.track import Track
+from insgnss.log.checks.time_offset import (
+    HOUR_S,
+    Timing,
+    offset_findings,
+    overlapping_shifts,
+    split,
+)
+from insgnss.log.checks.track import GnssTrack
 from insgnss.log.flight import Flight
 from insgnss.tables import ImuTable
 from insgnss.units import MPS2_PER_MG
@@ -44,8 +50,8 @@ def test_shifts_are_sought_only_where_logs_do_not_overlap() -> None:
     assert overlapping_shifts(span, (100 * NS_PER_S, 700 * NS_PER_S)) == []
     late = (HOUR_S * NS_PER_S, (HOUR_S + 600) * NS_PER_S)
     assert overlapping_shifts(late, span) == [-HOUR_S]
-    early = (-WEEK_S * NS_PER_S, (600 - WEEK_S) * NS_PER_S)
-    assert overlapping_shifts(early, span) == [WEEK_S]
+    early = (-S_PER_WEEK * NS_PER_S, (600 - S_PER_WEEK) * NS_PER_S)
+    assert overlapping_shifts(early, span) == [S_PER_WEEK]
     assert (
         overlapping_shifts((1800 * NS_PER_S, 2400 * NS_PER_S), span) == []
     )  # half an hour is no label's error
@@ -89,7 +95,7 @@ def test_gap_of_the_imu_costs_what_the_motion_of_the_log_may_have_done() -> None
 def clock(clock_m: Float64, drift_mps: Float64) -> str:
     t_s = np.arange(len(clock_m)).astype(float)
     zeros = np.zeros((len(t_s), 3))
-    track = Track(
+    track = GnssTrack(
         t_s.astype(np.int64), t_s, zeros, zeros, t_s, clock_m, drift_mps, 0, len(t_s), len(t_s), len(t_s)
     )
     return "\n".join(finding.line() for finding in clock_findings(track))
