@@ -92,6 +92,7 @@ class StateRecord(Record):
     adapted_ns: int  # when they were last moved
     adapted_count: int
     explained: Annotated[Float64, 2, 3]  # means of what the epochs say of the prediction, see ``integrity``
+    explained_variance: Annotated[Float64, 2]  # of these means while the filter is right
     explained_ns: int
     crept_ns: int  # when a satellite was last found by its range rate to run away
     stuck_ns: int  # when many range rates were last repeats of what was there before
@@ -208,6 +209,8 @@ def copy_state(source: StateRecord, target: StateRecord) -> None:
     target.adapted_ns, target.adapted_count = source.adapted_ns, source.adapted_count
     for i in range(3):
         target.explained[0, i], target.explained[1, i] = source.explained[0, i], source.explained[1, i]
+    for i in range(2):
+        target.explained_variance[i] = source.explained_variance[i]
     target.explained_ns, target.suspicion = source.explained_ns, source.suspicion
     target.crept_ns, target.rates_out_ns = source.crept_ns, source.rates_out_ns
     target.stuck_ns, target.stuck_since_ns = source.stuck_ns, source.stuck_since_ns

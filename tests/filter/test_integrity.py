@@ -10,8 +10,11 @@ import pytest
 from insgnss.constants import NS_PER_S
 from insgnss.filter.diagnosis.resetting import doubt_sensors, reset_kinematics
 from insgnss.filter.layout import Layout
+from insgnss.filter.measurements.range_rate import COLUMNS as RATE_COLUMNS
 from insgnss.filter.start.fix import Fix
 from insgnss.filter.state import BA, BG, CLOCK, DR, DV, OFFSETS, Bank
+from insgnss.filter.update.epoch_space import new_epoch
+from insgnss.filter.update.integrity import follow_explained
 from insgnss.gnss.observation_rows import PSEUDORANGE, RANGE_RATE, GnssRows
 from insgnss.inertial.sensor_model import sensor_model
 from insgnss.status import DRIFTING, USED
@@ -30,8 +33,10 @@ from tests.filter.scene import (
     sky,
 )
 from tests.layouts import layout_with
+from tests.statistics_bounds import mean_chi_square_bounds
 
 N = 12
+VELOCITY = RATE_COLUMNS.index(DV)
 EPOCHS = 90
 SETTLED = {DR: 1.0, DV: 0.05, CLOCK: 1.0}
 
@@ -127,6 +132,28 @@ def test_code_and_doppler_that_run_away_together_are_found_by_the_doppler(
 
 
 # ------------------------------------------------------------------------------------------------ reset
+
+
+@pytest.mark.parametrize("outage_s", [1, 5, 20, 60])
+def test_suspicion_is_chi_square_also_after_an_outage(rng: np.random.Generator, outage_s: int) -> None:
+    """Range rates of a filter that is right: ten epochs, an outage, three epochs; chi^2 of three each time."""
+    work, par = new_epoch(N, OFFSETS), parameters()[0]
+    lines, u = work.lines, sky(place())[:, :3] - place().r_e
+    G = np.column_stack([-u / np.linalg.norm(u, axis=1)[:, None], np.ones(N)])
+    lines["h"][:, RANGE_RATE, VELOCITY : VELOCITY + 3] = G[:, :3]
+    lines["status"][:, RANGE_RATE], lines["variance"][:, RANGE_RATE] = USED, RATE_SIGMA_MPS**2
+    prior = np.diag(np.full(OFFSETS, 0.04**2))
+    after = np.cumsum([*[1] * 10, outage_s, 1, 1])
+    found = np.zeros((400, len(after)))
+    for k in range(len(found)):
+        m = new_filter(place()).state[0]
+        for i, at_s in enumerate(after):
+            x, noise = 0.04 * rng.normal(size=4), RATE_SIGMA_MPS * rng.normal(size=N)
+            lines["innovation"][:, RANGE_RATE] = G @ x + noise
+            follow_explained(m, prior, par, lines, work.fit, START_NS + int(at_s) * NS_PER_S)
+            found[k, i] = m.suspicion
+    low, high = mean_chi_square_bounds(3, len(found))
+    assert low < found.mean(axis=0).min() and found.mean(axis=0).max() < high
 
 
 def fix_of(bank: Bank, lever_b: np.ndarray, w_ib_b: np.ndarray, n_offsets: int) -> Fix:

@@ -253,10 +253,11 @@ def follow_explained(
 ) -> None:
     """Carry on what the epochs say of the filter's own prediction, and write how much of it is beyond chance.
 
-    Equation: L s = x, L L^T = C + P, mean <- mean + a (s - mean), suspicion = (2 - a) / a |mean|^2
+    Equation: L s = x, L L^T = C + P, mean <- mean + a (s - mean), V <- (1 - a)^2 V + a^2, suspicion = |mean|^2 / V
     which is chi^2 of three while the filter is right: x has the covariance C + P then, and one epoch's is independent
-    of the next. L turns as slowly as the satellites move. Range rates are the witness, pseudoranges where there are
-    none, and the carriers beside.
+    of the next. After an outage a is near one, so V is that of one epoch and falls again with the epochs that follow.
+    L turns as slowly as the satellites move. Range rates are the witness, pseudoranges where there are none, and the
+    carriers beside.
     """
     if t_ns - m.explained_ns < INTERVAL_NS:
         return
@@ -277,15 +278,15 @@ def follow_explained(
                 for j in range(3):
                     fit[i, j] += own_covariance(prior, par, kind, i, j)
         in_sigmas = count > 0 and whiten(fit)
+        kept = 1.0 - share if since <= _FORGOTTEN_S else 0.0
+        m.explained_variance[witness] = kept * kept * m.explained_variance[witness] + share * share
         total = 0.0
         for i in range(3):
             sigmas = max(min(fit[X, i], _MOST_SIGMAS), -_MOST_SIGMAS) if in_sigmas else 0.0
-            if since > _FORGOTTEN_S:
-                m.explained[witness, i] = 0.0
-            m.explained[witness, i] += share * (sigmas - m.explained[witness, i])
+            m.explained[witness, i] = kept * m.explained[witness, i] + share * sigmas
             total += m.explained[witness, i] * m.explained[witness, i]
         if share > 0.0:
-            m.suspicion = max(m.suspicion, (2.0 - share) / share * total)
+            m.suspicion = max(m.suspicion, total / m.explained_variance[witness])
 
 
 @kernel(inline=True)
