@@ -49,7 +49,7 @@ def needed_run(s: ScreenRecord, axis: int) -> int:
 
 @kernel(apart=True)
 def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
-    """Return whether an axis that holds its value at sample ``k`` of ``x`` (n, 3) is out from there on.
+    """Return whether an axis is out from sample ``k`` of ``x`` (n, 3) on, whose value it holds.
 
     STUCK or SATURATED when it is, 0 when not, -1 when that takes samples which are not there yet.
     """
@@ -57,7 +57,7 @@ def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
     if needed == 0:
         return 0
     i = axis % 3
-    run, j = s.run[axis] + 1, k + 1
+    run, j = s.run[axis] + 1 if x[k, i] == s.x[axis] else 0, k + 1
     while run < needed and j < x.shape[0] and x[j, i] == x[k, i]:
         run += 1
         j += 1
