@@ -11,7 +11,7 @@ from insgnss.config.integrity import Integrity
 from insgnss.config.search import Search
 from insgnss.config.strict import StrictModel
 
-# Their upper limit is the field's own, or that of all settings (``strict``): a second one here would override the field's
+# Upper limits are the field's own, or those of all settings (``strict``): one given here would override the field's
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 # One sigma of a measurement: below a micrometre there is none, beyond a million metres nothing is left of one

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 Vector3 = tuple[float, float, float]
-# Their upper limit is the field's own, or that of all settings (``strict``): a second one here would override the field's
+# Upper limits are the field's own, or those of all settings (``strict``): one given here would override the field's
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 # Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers

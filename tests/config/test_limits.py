@@ -68,7 +68,9 @@ DECLARED = [
 
 
 @pytest.mark.parametrize(
-    ("schema", "name", "limit", "larger"), DECLARED, ids=[f"{s.__name__}.{n}-{v:g}" for s, n, v, _ in DECLARED]
+    ("schema", "name", "limit", "larger"),
+    DECLARED,
+    ids=[f"{s.__name__}.{n}-{v:g}" for s, n, v, _ in DECLARED],
 )
 def test_value_above_a_declared_limit_is_refused(
     schema: type[BaseModel], name: str, limit: float, larger: Any
