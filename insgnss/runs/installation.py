@@ -27,6 +27,13 @@ PLAUSIBLE: Final = 4.0  # declared sigmas: a larger error is rarer than a wrong 
 _LEVER: Final = "gnss.lever_arm_m"
 _TIME: Final = "imu.time.offset_s"
 _TIME_SIGMA: Final = ("filter", "process", "imu_time_sigma_s")
+_LEVER_SIGMA: Final = ("filter", "process", "lever_arm_sigma_m")
+# An error of one looks like one of the other where only one is a state: with tags 20 ms late a jet's lever arm was 154
+# sigmas off, with a lever arm 0.5 m too short its tags were 11 sigmas off
+_MISTAKEN: Final = {
+    _LEVER: "an error of the IMU's time tags looks like a lever arm; replay with process.imu_time_sigma_s as well",
+    _TIME: "an error of the lever arm looks like late time tags; replay with process.lever_arm_sigma_m as well",
+}
 _SLIP: Final = "vehicle.non_holonomic"
 
 
@@ -40,10 +47,7 @@ class _Part(NamedTuple):
 
 
 PARTS: Final = (
-    *(
-        _Part(f"lever_arm_{axis}_m", _LEVER, i, ("filter", "process", "lever_arm_sigma_m"))
-        for i, axis in enumerate("xyz")
-    ),
+    *(_Part(f"lever_arm_{axis}_m", _LEVER, i, _LEVER_SIGMA) for i, axis in enumerate("xyz")),
     _Part("imu_time_offset_s", _TIME, None, _TIME_SIGMA),
     *(
         _Part(column, f"{_SLIP}.{column}", None, ("flight", *_SLIP.split("."), "mounting_sd_deg"))
@@ -129,7 +133,7 @@ def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
             advice = f"{key} has changed since the run: replay the flight again"
             findings += [Finding("warning", "run", estimate.words(), advice) for estimate in same]
         else:
-            findings += _findings_of_key(same, now, _time_state(estimates, run.settings))
+            findings += _findings_of_key(same, now, _are_both_states(estimates, run.settings))
     return findings
 
 
@@ -165,13 +169,13 @@ def refuse_other_flight(settings: Mapping[str, Any], config: FlightConfig) -> No
             )
 
 
-def _time_state(estimates: list[InstallationEstimate], settings: Mapping[str, Any]) -> bool:
-    """Return whether a run estimated the IMU's time, and did not come to an implausible error of it."""
-    plausible = all(estimate.is_plausible for estimate in estimates if estimate.part.key == _TIME)
-    return plausible and bool(_value(settings, _TIME_SIGMA))
+def _are_both_states(estimates: list[InstallationEstimate], settings: Mapping[str, Any]) -> bool:
+    """Return whether a run had lever arm and IMU time as states, and determined no implausible error of either."""
+    plausible = all(one.is_plausible for one in estimates if one.part.key in (_LEVER, _TIME))
+    return plausible and all(_value(settings, sigma) for sigma in (_LEVER_SIGMA, _TIME_SIGMA))
 
 
-def _findings_of_key(estimates: list[InstallationEstimate], now: Any, time_state: bool) -> list[Finding]:
+def _findings_of_key(estimates: list[InstallationEstimate], now: Any, both: bool) -> list[Finding]:
     """Return the findings of one key of the flight file, whose value is ``now``, as it was in the run."""
     key = estimates[0].part.key
     if not all(estimate.is_plausible for estimate in estimates):
@@ -181,13 +185,7 @@ def _findings_of_key(estimates: list[InstallationEstimate], now: Any, time_state
             f" {key}, the time tags and the axes, or declare a larger sigma and replay"
         )
         return [Finding("warning", "run", estimate.words(), advice) for estimate in estimates]
-    if key == _LEVER and not time_state:
-        sure = (
-            "likely: an error of the IMU's time tags looks like a lever arm, and the run did not determine both;"
-            " replay with process.imu_time_sigma_s as well"
-        )
-    else:
-        sure = "sure: determined by a run"
+    sure = "sure: determined by a run" if both or key not in _MISTAKEN else f"likely: {_MISTAKEN[key]}"
     significant = [estimate for estimate in estimates if estimate.is_significant]
     findings = []
     for estimate in estimates:
@@ -222,7 +220,7 @@ def _declared(flight: Mapping[str, Any], key: str) -> Any:
     """
     value = _value(flight, tuple(key.split(".")))
     if value is None and key == _LEVER:
-        antennas = _value(flight, ("gnss", "antenna")) or ({},)
+        antennas: Any = _value(flight, ("gnss", "antenna")) or ({},)
         value = antennas[0].get("lever_arm_m") or (0.0, 0.0, 0.0)
     return list(value) if isinstance(value, tuple) else value
 

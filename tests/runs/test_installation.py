@@ -69,6 +69,16 @@ def test_lever_arm_is_likely_where_the_run_took_the_tags_as_exact_and_sure_else(
     assert set(proposed(installation_findings(both, config))[1]) == {"gnss.lever_arm_m"}
 
 
+def test_time_is_likely_where_the_run_took_the_lever_arm_as_exact_and_sure_else(config: FlightConfig) -> None:
+    """A jet whose lever arm is 0.5 m too short comes to a time 11 sigmas off."""
+    late = {"imu_time_offset_s": -0.03}
+    alone = installation_findings(run_of(config, late, {"process.imu_time_sigma_s": SIGMA_S}), config)
+    likely, sure = proposed(alone)
+    assert likely == {"imu.time.offset_s": pytest.approx(-0.03)} and not sure
+    assert "process.lever_arm_sigma_m" in alone[0].sure
+    assert proposed(installation_findings(run_of(config, late, BOTH), config))[1] == likely
+
+
 def test_only_components_that_are_contradicted_are_changed(config: FlightConfig) -> None:
     """y is 0.002 m with a sigma of 0.002 m."""
     likely, _ = proposed(installation_findings(run_of(config, LEVER, LEVER_ONLY), config))

@@ -1,0 +1,145 @@
+"""The faults that protection levels bound: counted per epoch; the others are no more probable than is taken off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insgnss.config.integrity import Integrity
+from insgnss.constants import NS_PER_S
+from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, satellite_name
+from insgnss.runs.integrity.alerts import Separations, alert_events, fault_table
+from insgnss.runs.integrity.faults import Fault, FaultModel, fault_model, satellites_in_view
+from insgnss.status import SWITCHED_OFF, USED
+from insgnss.tables import Int64
+from tests.statistics_bounds import share_below_bounds
+
+NUMBERS = {satellite_name(number): number for number in range(240)}
+
+
+def rows_of(epochs: list[tuple[float, list[str]]]) -> Rows:
+    """Return rows of one signal a satellite: time [s] and names at each epoch."""
+    names = [name for _, here in epochs for name in here]
+    observation = np.zeros(len(names), OBSERVATION_DTYPE)
+    observation["slot"] = [NUMBERS[name] * N_BANDS for name in names]
+    observation["status"] = USED
+    epoch_ns = np.array([round(time_s * NS_PER_S) for time_s, _ in epochs], np.int64)
+    first = np.concatenate([[0], np.cumsum([len(here) for _, here in epochs])])
+    none = np.zeros((0, 8))
+    return Rows(epoch_ns, first, observation, none, np.zeros(8), observation[:0], none, epoch_ns)
+
+
+def satellites(letters: str, count: int) -> list[str]:
+    """Return the names of as many satellites of each constellation."""
+    return [f"{letter}{number:02d}" for letter in letters for number in range(1, count + 1)]
+
+
+def in_view_of(model_blocks: list[Rows]) -> list[int]:
+    """Return how many satellites count as in view at each epoch."""
+    epoch_ns = np.concatenate([rows.epoch_ns for rows in model_blocks])
+    return [int(n) for n in satellites_in_view(model_blocks, epoch_ns)[1].sum(axis=0)]
+
+
+def test_satellites_are_counted_at_each_epoch_and_not_over_the_log() -> None:
+    """Sixty satellites over a log, thirty at once: in view for a minute before and after, in an outage as before it."""
+    early, late = satellites("G", 30), satellites("E", 30)
+    times = [0.0, 100.0, 200.0, 300.0, 330.0, 500.0, 900.0]
+    rows = rows_of([(t, early if t < 310.0 else late if t < 600.0 else []) for t in times])
+    assert in_view_of([rows]) == [30, 30, 30, 60, 60, 30, 30]
+    two = [rows_of([(0.0, early), (100.0, early)]), rows_of([(200.0, late)])]
+    assert in_view_of(two) == [30, 30, 30]
+    rows.observation["status"] = SWITCHED_OFF
+    assert in_view_of([rows]) == [0] * 7
+    assert fault_model([rows], Integrity()).faults == []
+
+
+def test_one_constellation_takes_its_pairs_off_the_risk_at_each_epoch() -> None:
+    few, many = satellites("G", 10), satellites("G", 32)
+    model = fault_model([rows_of([(0.0, few), (200.0, many)])], Integrity())
+    assert model.unmonitored == pytest.approx([45e-10, 496e-10])
+    assert model.unmonitored_at(np.array([-1, 0, 10, 200, 999]) * NS_PER_S) == pytest.approx(
+        [45e-10] * 3 + [496e-10] * 2
+    )
+    assert [fault.name for fault in model.faults] == many
+
+
+@pytest.mark.parametrize("count", [8, 12, 15])
+def test_modern_receiver_keeps_half_of_its_risk(count: int) -> None:
+    """Four constellations of up to 15 satellites: 60 in view; pairs of constellations are monitored when needed."""
+    model = fault_model([rows_of([(0.0, satellites("GECR", count))])], Integrity())
+    assert model.unmonitored.max() <= 0.5e-7
+    pairs = [fault for fault in model.faults if "+" in fault.name]
+    assert bool(pairs) == (count > 8)
+    for pair in pairs:
+        assert len(pair.satellites) == 2 * count
+        assert pair.probability == pytest.approx((count * 1e-5 + 1e-6) ** 2)
+    assert len({fault.name for fault in model.faults}) == len(model.faults)
+
+
+def test_pair_that_leaves_no_solution_is_not_monitored() -> None:
+    model = fault_model([rows_of([(0.0, [*satellites("GE", 30), "C01", "C02"])])], Integrity())
+    assert not any(fault.name == "E+G" for fault in model.faults)
+    assert model.unmonitored[0] > 0.5e-7
+
+
+@pytest.mark.parametrize(
+    ("letters", "count", "p", "q"),
+    [("G", 9, 0.02, 0.01), ("GE", 6, 0.02, 0.01), ("GECR", 5, 0.02, 0.01), ("GEC", 7, 0.01, 0.03)],
+)
+def test_faults_that_are_drawn_are_monitored_or_as_rare_as_is_taken_off_the_risk(
+    rng: np.random.Generator, letters: str, count: int, p: float, q: float
+) -> None:
+    """Each draw is of one fault of the model, or of none; each as rare as the model has it."""
+    names, n = satellites(letters, count), 200_000
+    config = Integrity(risk=2e-3, satellite_fault=p, constellation_fault=q)
+    model = fault_model([rows_of([(0.0, names)])], config)
+    numbers = np.array([NUMBERS[name] for name in names])
+    of_constellation = np.array([name[0] for name in names])
+    faulty = rng.uniform(size=(n, len(names))) < p
+    for letter in letters if len(letters) > 1 else "":
+        faulty |= (rng.uniform(size=n) < q)[:, None] & (of_constellation == letter)
+    explained = ~faulty.any(axis=1)
+    for fault in sorted(model.faults, key=lambda fault: len(fault.satellites)):
+        # by the smallest set of satellites that holds all faulty ones
+        by_fault = ~explained & ~faulty[:, ~np.isin(numbers, fault.satellites)].any(axis=1)
+        assert by_fault.mean() <= share_below_bounds(min(fault.probability, 1.0), n)[1]
+        explained |= by_fault
+    assert (~explained).mean() <= share_below_bounds(min(float(model.unmonitored[0]), 1.0), n)[1]
+
+
+def separations(d: dict[str, list[float]]) -> tuple[Separations, Int64]:
+    """Return separations north, in limits of 1 m, of each fault."""
+    faults = [Fault(name, np.array([NUMBERS[name]]), 1e-5) for name in d]
+    values = np.zeros((len(d), 3, len(next(iter(d.values())))))
+    values[:, 0] = list(d.values())
+    times = np.arange(values.shape[2])
+    return Separations(faults, values, np.ones(values.shape), times.astype(np.float64)), times
+
+
+def test_alert_names_the_suspect_and_the_satellites_it_drags_along() -> None:
+    """The healthy G02 exceeds its limit first, the faulty G03 is farther beyond it."""
+    both, times = separations({"G01": [0.0] * 6, "G02": [0, 1.5, 2, 2, 0, 0], "G03": [0, 1.2, 5, -9, 0, 3]})
+    (event,) = alert_events(both, times)
+    assert event.detail.startswith("suspect G03: ") and "-9.00 m n at 3.0 s" in event.detail
+    assert event.detail.endswith("due to the suspect: G02") and "alert in 4 row(s)" in event.detail
+    assert event.t_ns == 1
+    assert fault_table(both)["alert_rows"].tolist() == [0, 3, 4]
+
+
+def test_alerts_of_two_suspects_at_two_times_are_two_events() -> None:
+    both, times = separations({"G01": [0, 0, 0, 0, 7], "G02": [0, 3, 0, 0, 2]})
+    assert [event.detail[:11] for event in alert_events(both, times)] == ["suspect G01", "suspect G02"]
+    assert [event.t_ns for event in alert_events(both, times)] == [4, 1]
+
+
+def test_no_alert_and_no_solution_give_no_event() -> None:
+    both, times = separations({"G01": [0.5, np.nan, 0.2]})
+    assert alert_events(both, times) == []
+    assert fault_table(both)["rows_without"].tolist() == [1]
+    assert alert_events(Separations([], np.zeros((0, 3, 2)), np.zeros((0, 3, 2)), np.zeros(2)), times) == []
+
+
+def test_model_without_epochs_has_nothing_unmonitored() -> None:
+    assert (
+        FaultModel([], np.zeros(0, np.int64), np.zeros(0)).unmonitored_at(np.arange(3)).tolist() == [0.0] * 3
+    )
