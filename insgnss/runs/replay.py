@@ -157,7 +157,7 @@ def replay(
     )
     events += reading_events(setup.own, entries)
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
-    separation = None if job is None else separation_of(job, out.nav[: out.counts[0].nav], tell)
+    separation = None if job is None else separation_of(job, out.nav[: out.counts[0].nav], ledger, tell)
     del job
     filtered = time.perf_counter()
     samples = Samples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)

@@ -8,14 +8,17 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 import insgnss
+from insgnss.cli.main import app
 from insgnss.config.flight import FlightConfig
 from insgnss.config.library import filter_config
 from insgnss.errors import ConfigError, ResultError
 from insgnss.log.checks.report import CheckReport, Finding
 from insgnss.log.files import sha256
 from insgnss.runs.installation import installation_findings
+from tests.report.runs import made_run
 from tests.runs.scenes import flight, turns
 
 LEVER = dict(zip(("lever_arm_x_m", "lever_arm_y_m", "lever_arm_z_m"), (0.5, 0.002, -0.3), strict=True))
@@ -172,3 +175,27 @@ def test_changed_key_is_left_alone(config: FlightConfig) -> None:
     findings = installation_findings(run_of(config, LEVER, LEVER_ONLY), changed)
     assert findings and not any(finding.proposals for finding in findings)
     assert all("changed since the run" in finding.advice for finding in findings)
+
+
+def complete(run: insgnss.Run) -> insgnss.Run:
+    """Return a run with all columns, so that it can be saved and loaded."""
+    made = made_run(3.0)
+    estimates = run.nav.drop(columns="time_s").set_index(made.nav.index)
+    return replace(made, nav=pd.concat([made.nav, estimates], axis=1), settings=run.settings)
+
+
+def test_command_refuses_a_run_of_another_flight_and_writes_no_likely_key(
+    config: FlightConfig, tmp_path: Path
+) -> None:
+    sample = Path(__file__).resolve().parents[2] / "data" / "sample_flight" / "flight.toml"
+    complete(run_of(config, LEVER, LEVER_ONLY)).save(tmp_path / "other")
+    refused = CliRunner().invoke(app, ["check", str(sample), "--run", str(tmp_path / "other")])
+    assert refused.exit_code == 2 and "another flight" in refused.output and "reading" not in refused.output
+    flown = insgnss.Flight.load(sample).config
+    assert flown.imu is not None
+    hashes = {str(path): sha256(path) for path in (*flown.imu.files, *flown.gnss.files)}
+    complete(run_of(flown, LEVER, LEVER_ONLY, settings={"input_sha256": hashes})).save(tmp_path / "run")
+    arguments = ["check", str(sample), "--run", str(tmp_path / "run"), "--write", str(tmp_path / "new.toml")]
+    done = CliRunner().invoke(app, arguments)
+    assert "proposed: gnss.lever_arm_m" in done.output and "likely: an error of the IMU's time" in done.output
+    assert not (tmp_path / "new.toml").exists()

@@ -7,11 +7,12 @@ import pytest
 
 from insgnss.config.integrity import Integrity
 from insgnss.constants import NS_PER_S
+from insgnss.filter.output.writing import new_ledger
+from insgnss.filter.whole_log import LedgerPart
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, satellite_name
-from insgnss.runs.integrity.alerts import Separations, alert_events, fault_table
+from insgnss.runs.integrity.alerts import Separations, alert_events, epoch_misfit, fault_table
 from insgnss.runs.integrity.faults import Fault, FaultModel, fault_model, satellites_in_view
 from insgnss.status import SWITCHED_OFF, USED
-from insgnss.tables import Int64
 from tests.statistics_bounds import share_below_bounds
 
 NUMBERS = {satellite_name(number): number for number in range(240)}
@@ -107,36 +108,61 @@ def test_faults_that_are_drawn_are_monitored_or_as_rare_as_is_taken_off_the_risk
     assert (~explained).mean() <= share_below_bounds(min(float(model.unmonitored[0]), 1.0), n)[1]
 
 
-def separations(d: dict[str, list[float]]) -> tuple[Separations, Int64]:
-    """Return separations north, in limits of 1 m, of each fault."""
+def separations(d: dict[str, list[float]], misfit: dict[str, float]) -> Separations:
+    """Return separations north, in limits of 1 m, of each fault, and the misfit of its sub-filter at each epoch."""
     faults = [Fault(name, np.array([NUMBERS[name]]), 1e-5) for name in d]
     values = np.zeros((len(d), 3, len(next(iter(d.values())))))
     values[:, 0] = list(d.values())
-    times = np.arange(values.shape[2])
-    return Separations(faults, values, np.ones(values.shape), times.astype(np.float64)), times
+    t_ns = np.arange(values.shape[2])
+    misfits = np.repeat([[misfit.get(name, 0.0)] for name in d], len(t_ns), axis=1)
+    return Separations(faults, values, np.ones(values.shape), t_ns, t_ns.astype(np.float64), misfits, t_ns)
 
 
 def test_alert_names_the_suspect_and_the_satellites_it_drags_along() -> None:
-    """The healthy G02 exceeds its limit first, the faulty G03 is farther beyond it."""
-    both, times = separations({"G01": [0.0] * 6, "G02": [0, 1.5, 2, 2, 0, 0], "G03": [0, 1.2, 5, -9, 0, 3]})
-    (event,) = alert_events(both, times)
+    """The healthy G02 exceeds its limit by more; without G03 the other measurements agree. G01 has no alert."""
+    d = {"G01": [0.0] * 6, "G02": [0, 1.5, 20, 20, 0, 0], "G03": [0, 1.2, 5, -9, 0, 3]}
+    both = separations(d, {"G01": -99.0, "G02": 7.0, "G03": -9.0})
+    (event,) = alert_events(both)
     assert event.detail.startswith("suspect G03: ") and "-9.00 m n at 3.0 s" in event.detail
     assert event.detail.endswith("due to the suspect: G02") and "alert in 4 row(s)" in event.detail
     assert event.t_ns == 1
     assert fault_table(both)["alert_rows"].tolist() == [0, 3, 4]
 
 
+def test_misfit_is_that_of_the_other_measurements_and_two_for_each_that_is_left_out() -> None:
+    """Two epochs of three satellites; G02 is left out in the second run, which predicts the others ten times better."""
+    rows = rows_of([(0.0, satellites("G", 3)), (1.0, satellites("G", 3))])
+    full, sub = (LedgerPart(*new_ledger(rows)) for _ in range(2))
+    full.entries["innovation"], full.entries["variance"] = 10.0, 4.0
+    sub.entries["innovation"], sub.entries["variance"] = 1.0, 5.0
+    sub.entries["innovation"][1::3] = sub.entries["variance"][1::3] = np.nan
+    each = 2 * (1.0 / 5.0 + np.log(5.0 / 4.0)) + 2.0 - 3 * 25.0
+    assert epoch_misfit([rows], [sub], [full]) == pytest.approx([2 * each, 2 * each])  # codes and rates
+    assert epoch_misfit([], [], []).tolist() == []
+
+
+def test_satellite_is_preferred_to_its_constellation_where_both_explain_the_rest() -> None:
+    """Three satellites of one constellation, the first of them wrong, and three of another."""
+    rows = rows_of([(0.0, satellites("GE", 3))])
+    full, satellite, constellation = (LedgerPart(*new_ledger(rows)) for _ in range(3))
+    for part, left_out in ((full, 0), (satellite, 1), (constellation, 3)):
+        part.entries["innovation"], part.entries["variance"] = 0.9, 1.0
+        part.entries["innovation"][:left_out] = np.nan
+    full.entries["innovation"][0] = 20.0
+    misfits = [epoch_misfit([rows], [part], [full])[0] for part in (satellite, constellation)]
+    assert misfits[0] < misfits[1] < 0.0
+
+
 def test_alerts_of_two_suspects_at_two_times_are_two_events() -> None:
-    both, times = separations({"G01": [0, 0, 0, 0, 7], "G02": [0, 3, 0, 0, 2]})
-    assert [event.detail[:11] for event in alert_events(both, times)] == ["suspect G01", "suspect G02"]
-    assert [event.t_ns for event in alert_events(both, times)] == [4, 1]
+    events = alert_events(separations({"G01": [0, 0, 0, 0, 7], "G02": [0, 3, 0, 0, 0.5]}, {}))
+    assert [event.detail[:11] for event in events] == ["suspect G01", "suspect G02"]
+    assert [event.t_ns for event in events] == [4, 1]
 
 
 def test_no_alert_and_no_solution_give_no_event() -> None:
-    both, times = separations({"G01": [0.5, np.nan, 0.2]})
-    assert alert_events(both, times) == []
-    assert fault_table(both)["rows_without"].tolist() == [1]
-    assert alert_events(Separations([], np.zeros((0, 3, 2)), np.zeros((0, 3, 2)), np.zeros(2)), times) == []
+    one = separations({"G01": [0.5, np.nan, 0.2]}, {})
+    assert alert_events(one) == []
+    assert fault_table(one)["rows_without"].tolist() == [1]
 
 
 def test_model_without_epochs_has_nothing_unmonitored() -> None:

@@ -117,7 +117,7 @@ EVENTS: Final = Sheet(
     """
 time_s: seconds of the GPS week; empty for what concerns a whole file
 kind: one word: imu_gap, heading_known, clock_jump, ...; installation_known (lever arm, IMU time or mounting, where
-  it is uncertain and has come to a fifth of its sigma at the start); of further sensors sensor_refused (for ten
+  its sigma has fallen to a fifth of the declared one); of further sensors sensor_refused (for ten
   seconds and more), sensor_agrees (again), sensor_frozen, sensor_bad_values, sensor_no_overlap,
   sensor_readings_left_out, ...
 detail: the same in a sentence, with numbers

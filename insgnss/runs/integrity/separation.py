@@ -34,9 +34,9 @@ from insgnss.config.integrity import Integrity
 from insgnss.errors import StartError
 from insgnss.filter.output.writing import NAV_COLUMNS, Table
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.whole_log import OutputRate, run_blocks
+from insgnss.filter.whole_log import LedgerPart, OutputRate, run_blocks
 from insgnss.gnss.observation_rows import Rows
-from insgnss.runs.integrity.alerts import AXES, Separations, alert_events, fault_table
+from insgnss.runs.integrity.alerts import AXES, Separations, alert_events, epoch_misfit, fault_table
 from insgnss.runs.integrity.faults import Fault, fault_model, without
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
@@ -62,6 +62,8 @@ class Separation(NamedTuple):
     unmonitored: Float64  # (n,) probability of the faults that no sub-filter covers
     d: Float64  # (k, 3, n) north, east, down [m]
     sigma: Float64  # (k, 3, n)
+    misfit: Float64  # (k, m) of the measurements at each epoch (``alerts.epoch_misfit``)
+    epoch_ns: Int64  # (m,)
 
 
 class Protection(NamedTuple):
@@ -73,20 +75,23 @@ class Protection(NamedTuple):
     events: list[Event]
 
 
-def separation_of(job: Job, nav: Table, tell: Callable[[str], None]) -> Separation:
+def separation_of(job: Job, nav: Table, ledger: list[LedgerPart], tell: Callable[[str], None]) -> Separation:
     """Return how far the solution without each fault's satellites is from a solution's navigation rows.
 
-    The sub-filters share the processor's cores, unless the rows include a measurement of the user's own.
+    ``ledger`` is that of the solution. The sub-filters share the processor's cores, unless the rows include a
+    measurement of the user's own.
     """
     model = fault_model(job.blocks, job.setup.config.integrity)
     tell(f"running {len(model.faults)} sub-filters")
     threads = (os.cpu_count() or 1) if job.setup.own is None else 1
     with ThreadPoolExecutor(threads) as pool:
-        solutions = list(pool.map(lambda fault: _sub_filter(job, fault, nav), model.faults))
+        solutions = list(pool.map(lambda fault: _sub_filter(job, fault, nav, ledger), model.faults))
     d, sigma = (
         np.array([one[i] for one in solutions]).reshape(len(solutions), len(AXES), len(nav)) for i in (0, 1)
     )
-    return Separation(model.faults, model.unmonitored_at(np.asarray(nav["t_ns"])), d, sigma)
+    misfit = np.array([one[2] for one in solutions]).reshape(len(solutions), len(model.epoch_ns))
+    unmonitored = model.unmonitored_at(np.asarray(nav["t_ns"]))
+    return Separation(model.faults, unmonitored, d, sigma, misfit, model.epoch_ns)
 
 
 def protection_of(separation: Separation, nav: pd.DataFrame, t_ns: Int64, config: Integrity) -> Protection:
@@ -103,8 +108,11 @@ def protection_of(separation: Separation, nav: pd.DataFrame, t_ns: Int64, config
         for i, share in enumerate(_SHARES)
     ]
     limit = _quantile(config.false_alert / (len(AXES) * max(len(p), 1))) * of_faults
-    separations = Separations(separation.faults, separation.d, limit, nav["time_s"].to_numpy())
-    events = alert_events(separations, t_ns) + _spent_risk(separation.unmonitored, t_ns, config)
+    separations = Separations(
+        *(separation.faults, separation.d, limit, t_ns, nav["time_s"].to_numpy()),
+        *(separation.misfit, separation.epoch_ns),
+    )
+    events = alert_events(separations) + _spent_risk(separation.unmonitored, t_ns, config)
     return Protection(np.hypot(levels[0], levels[1]), levels[2], fault_table(separations), events)
 
 
@@ -150,14 +158,16 @@ def _spent_risk(unmonitored: Float64, t_ns: Int64, config: Integrity) -> list[Ev
     return [Event(int(t_ns[rows[0]]), "integrity_risk_spent", detail)]
 
 
-def _sub_filter(job: Job, fault: Fault, nav: Table) -> tuple[Float64, Float64]:
-    """Return a sub-filter's solution less the full one and its sigma, (3, n) each, NaN where it has no row."""
+def _sub_filter(
+    job: Job, fault: Fault, nav: Table, ledger: list[LedgerPart]
+) -> tuple[Float64, Float64, Float64]:
+    """Return a sub-filter's solution less the full one and its sigma, (3, n), NaN where it has none, and its misfit."""
     d, sigma = np.full((3, len(nav)), np.nan), np.full((3, len(nav)), np.nan)
     blocks = [without(rows, fault.satellites) for rows in job.blocks]
     try:
-        out, *_ = run_blocks(job.setup, job.imu, blocks, job.output, smooth=job.smooth)
+        out, own_ledger, _ = run_blocks(job.setup, job.imu, blocks, job.output, smooth=job.smooth)
     except StartError:
-        return d, sigma
+        return d, sigma, np.zeros(sum(len(rows.epoch_ns) for rows in job.blocks))
     rows = out.nav[: out.counts[0].nav]
     _, here, there = np.intersect1d(nav["t_ns"], rows["t_ns"], return_indices=True)
     full, sub = nav["value"][here], rows["value"][there]
@@ -169,4 +179,4 @@ def _sub_filter(job: Job, fault: Fault, nav: Table) -> tuple[Float64, Float64]:
     ]
     d[:, here] = pymap3d.ecef2nedv(*difference, full[:, 0], full[:, 1])
     sigma[:, here] = sub[:, _SIGMA].T
-    return d, sigma
+    return d, sigma, epoch_misfit(job.blocks, own_ledger, ledger)
