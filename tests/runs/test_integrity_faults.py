@@ -9,6 +9,7 @@ from insgnss.config.integrity import Integrity
 from insgnss.constants import NS_PER_S
 from insgnss.filter.output.writing import new_ledger
 from insgnss.filter.whole_log import LedgerPart
+from insgnss.gnss.carrier_rows import CARRIER_DTYPE
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, Rows, satellite_name
 from insgnss.runs.integrity.alerts import Separations, alert_events, epoch_misfit, fault_table
 from insgnss.runs.integrity.faults import Fault, FaultModel, fault_model, satellites_in_view
@@ -27,7 +28,7 @@ def rows_of(epochs: list[tuple[float, list[str]]]) -> Rows:
     epoch_ns = np.array([round(time_s * NS_PER_S) for time_s, _ in epochs], np.int64)
     first = np.concatenate([[0], np.cumsum([len(here) for _, here in epochs])])
     none = np.zeros((0, 8))
-    return Rows(epoch_ns, first, observation, none, np.zeros(8), observation[:0], none, epoch_ns)
+    return Rows(epoch_ns, first, observation, none, np.zeros(8), np.zeros(0, CARRIER_DTYPE), none, epoch_ns)
 
 
 def satellites(letters: str, count: int) -> list[str]:
