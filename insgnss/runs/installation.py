@@ -86,7 +86,7 @@ def installation_estimates(nav: pd.DataFrame, settings: Mapping[str, Any]) -> li
     estimates = []
     for part in PARTS:
         declared = _value(settings, part.declared)
-        if part.column not in nav or not len(nav) or not isinstance(declared, int | float):
+        if part.column not in nav or not len(nav) or not isinstance(declared, int | float) or declared <= 0.0:
             continue
         sigma = nav[f"sd_{part.column}"].to_numpy()
         determined = sigma <= DETERMINED * declared
