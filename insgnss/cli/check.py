@@ -28,7 +28,7 @@ def check(
     run: Annotated[
         Path | None,
         typer.Option(
-            help="A saved run of this flight: what it has found of the installation is proposed as well."
+            help="A saved run of this flight: its lever arm, IMU time and mounting are proposed as well."
         ),
     ] = None,
 ) -> None:
@@ -43,11 +43,10 @@ def check(
 
         began = time.perf_counter()
         loaded = Flight.load(flight)
+        of_run = [] if run is None else installation_findings(Run.load(run), loaded.config)
         with telling("reading and checking") as tell:
             report = examine(loaded, tell)
-        if run is not None:
-            of_run = installation_findings(Run.load(run), loaded.config)
-            report = replace(report, findings=(*report.findings, *of_run))
+        report = replace(report, findings=(*report.findings, *of_run))
         sure = report.sure_proposals
         written = write_corrected(loaded, sure, write) if write and sure else None
     files = loaded.files()

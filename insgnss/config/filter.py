@@ -11,9 +11,9 @@ from insgnss.config.integrity import Integrity
 from insgnss.config.search import Search
 from insgnss.config.strict import StrictModel
 
-# No setting is larger: the square of a number beyond, times a few others, leaves what single precision holds
-Positive = Annotated[float, Field(gt=0.0, le=1e9)]
-NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
+# Upper limits are the field's own, or those of all settings (``strict``): one given here would override the field's
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
 # One sigma of a measurement: below a micrometre there is none, beyond a million metres nothing is left of one
 Sigma = Annotated[float, Field(ge=1e-6, le=1e6)]
 SigmaOrNone = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -192,7 +192,10 @@ class Process(StrictModel):
         0.0, le=100.0, description="of each component of the antenna's lever arm, then estimated; 0: exact"
     )
     imu_time_sigma_s: NotNegative = Field(
-        0.0, le=1.0, description="of what the IMU's tags are off by, then estimated; 0: exact"
+        0.0,
+        le=0.1,
+        description="of the error of the IMU's time tags, then estimated; 0: exact; declare a larger one with"
+        " imu.time.offset_s, which insgnss check finds",
     )
 
 

@@ -7,9 +7,9 @@ from typing import Annotated
 from pydantic import Field
 
 Vector3 = tuple[float, float, float]
-# No sensor, clock or time is larger in the units used here; squares of these are numbers still
-PositiveFloat = Annotated[float, Field(gt=0.0, le=1e9)]
-NonNegativeFloat = Annotated[float, Field(ge=0.0, le=1e9)]
+# Upper limits are the field's own, or those of all settings (``strict``): one given here would override the field's
+PositiveFloat = Annotated[float, Field(gt=0.0)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 # Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers
 Arm = Annotated[float, Field(ge=-1e3, le=1e3)]
 Speed = Annotated[float, Field(ge=-2e4, le=2e4)]

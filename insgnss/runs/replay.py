@@ -61,6 +61,7 @@ from insgnss.runs.wanted_rows import (
     described,
     further_of,
     output_of,
+    refuse_integrity,
     refuse_smoothing,
     times_without_row,
     with_further,
@@ -109,8 +110,8 @@ def replay(
     smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
         outages and while several headings were open too (``filter.smoothing.smoother``); the measurements are then
         still those of the filter
-    integrity : whether ``run.nav`` has protection levels ``hpl_m`` and ``vpl_m``, and ``run.integrity`` tells of each
-        satellite and constellation how far the solution without it is; the filter runs once for each, its settings are
+    integrity : whether ``run.nav`` has protection levels ``hpl_m`` and ``vpl_m``, and ``run.integrity`` the separation
+        of the solution without each satellite and constellation; the filter runs once more for each, its settings are
         the filter's ``[integrity]``
     states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
     measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
@@ -120,7 +121,7 @@ def replay(
     Raises
     ------
     ConfigError : no such output, times or point; smoothing gives neither aiding nor supervision, which live on the
-        past; the risk of ``[integrity]`` is less than that of two faults at once
+        past; protection levels are asked for and there is no raw GNSS data
     MeasurementError : a measurement's name, times or gate, or a row that it gives, cannot be used
     InsGnssError : a log or a setting cannot be used; StartError when no epoch allowed a start, NavigationDataError when
         aiding or supervision is asked for and nothing says where the satellites are
@@ -132,6 +133,7 @@ def replay(
     config = filter_config(filter, settings)
     aided = None if aiding is None else aiding_config(aiding, config.aiding)
     refuse_smoothing(flight, smooth=smooth, beside=aided is not None or supervise)
+    refuse_integrity(flight, integrity=integrity)
     rows_at = output_of(output, flight.config.gps_week, has_epochs=bool(flight.config.gnss.files))
     further = further_of(flight, point, quaternion=quaternion, covariance=covariance)
     setup, work, record = _prepared(flight, config, aided, supervise, (states, measurements), tell)
@@ -155,7 +157,7 @@ def replay(
     )
     events += reading_events(setup.own, entries)
     events += times_without_row(rows_at, out.nav["t_ns"][: out.counts[0].nav], flight.config.gps_week)
-    apart = None if job is None else separation_of(job, out.nav[: out.counts[0].nav], tell)
+    separation = None if job is None else separation_of(job, out.nav[: out.counts[0].nav], ledger, tell)
     del job
     filtered = time.perf_counter()
     samples = TraceSamples(work[0].t_ns, work[0].w_ib_b, work[0].f_b)
@@ -168,7 +170,7 @@ def replay(
     settled = time.perf_counter()
     del work, found, samples  # a big log's samples take as much room as a table
     tell("writing the tables")
-    run = _as_run(flight, record, setup, (out, ledger, apart), events, further)
+    run = _as_run(flight, record, setup, (out, ledger, separation), events, further)
     run.measurements = with_own_rows(run.measurements, entries, setup.own, flight.config.gps_week)
     run.filtered = None if forward is None else filtered_table(forward, flight.config.gps_week)
     run.aiding, run.aiding_budget = (None, None) if aids is None else aids
@@ -275,15 +277,15 @@ def _as_run(
     events: list[Event],
     further: PointColumnValues | None,
 ) -> Run:
-    week, (out, ledger, apart) = flight.config.gps_week, found
+    week, (out, ledger, separation) = flight.config.gps_week, found
     nav = with_further(nav_table(out, week, setup), further)
     if not setup.config.process.range_bias_states:  # the sigmas hold the slow errors then
         slow = slow_variances(ledger, record.keys, record.names, setup)
         nav = nav.assign(**slow_columns(slow, out.nav["t_ns"][: len(nav)]))
     protection = None
-    if apart is not None:
-        t_ns, false_alert = out.nav["t_ns"][: len(nav)], setup.config.integrity.false_alert
-        protection = protection_of(apart, nav, t_ns, false_alert)
+    if separation is not None:
+        t_ns = out.nav["t_ns"][: len(nav)]
+        protection = protection_of(separation, nav, t_ns, setup.config.integrity)
         nav = nav.assign(hpl_m=protection.hpl_m, vpl_m=protection.vpl_m)
         events = events + protection.events
     errors = None

@@ -95,6 +95,18 @@ def refuse_smoothing(flight: Flight, *, smooth: bool, beside: bool) -> None:
     raise ConfigError(message, key="smooth", advice="replay without smoothing, or give [gnss]")
 
 
+def refuse_integrity(flight: Flight, *, integrity: bool) -> None:
+    """Refuse protection levels where there is no satellite that they could be without.
+
+    Raises
+    ------
+    ConfigError : they are asked for, and the flight has no raw GNSS data
+    """
+    if integrity and not flight.config.gnss.files:
+        message = "a flight without raw GNSS data has no protection levels: they are for faults of satellites"
+        raise ConfigError(message, key="integrity", advice="replay without integrity, or give [gnss]")
+
+
 def output_of(output: AtTimes, week: int, *, has_epochs: bool = True) -> OutputRate:
     """Return the output as the filter takes it: times [s] of the GPS week become nanoseconds.
 

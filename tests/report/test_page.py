@@ -164,7 +164,12 @@ def with_levels(run: Run, beyond: int) -> Run:
     hpl = np.where(np.arange(len(error)) < beyond, 0.5, 2.0) * error
     run.nav = run.nav.assign(hpl_m=hpl, vpl_m=np.inf)
     columns = ("fault", "separation_m", "axis", "time_s", "limit_m", "alert_rows")
-    run.integrity = pd.DataFrame([("G05", -1.25, "e", 293_712.0, 2.5, 3)], columns=list(columns))
+    faults = [
+        ("G07", np.nan, "n", 293_700.0, np.nan, 0),
+        ("G02", 3.0, "n", 293_711.0, 2.0, 1),
+        ("G05", -6.25, "e", 293_712.0, 2.5, 3),
+    ]
+    run.integrity = pd.DataFrame(faults, columns=list(columns))
     return run
 
 
@@ -178,7 +183,9 @@ def test_protection_levels_stand_against_the_errors_and_those_beyond_are_counted
     below = unpacked(horizontal["x"]) > unpacked(horizontal["y"])
     assert below.sum() == 7
     assert np.isnan(unpacked(charts["chart-protection-levels"]["data"][1]["y"])).all()
-    assert "<td>G05</td>" in page
+    assert (
+        page.index("<td>G05</td>") < page.index("<td>G02</td>") < page.index("<td>G07</td>")
+    )  # suspects first
     assert "integrity" not in Page(report_html(made_run())).ids
 
 

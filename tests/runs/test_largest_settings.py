@@ -14,6 +14,7 @@ import insgnss
 from insgnss.config.filter import FilterConfig
 from insgnss.config.library import filter_config
 from insgnss.config.strict import largest_size
+from insgnss.errors import InsGnssError
 from insgnss.runs.result import Run
 from insgnss.runs.simulate import simulate
 
@@ -49,7 +50,7 @@ def test_largest_settings_leave_every_column_a_number(tmp_path: Path) -> None:
     simulate("turning_flight", duration_s=DURATION_S).save(tmp_path)
     flight = insgnss.Flight.load(tmp_path / "flight.toml")
     usual = filter_config("tight17")
-    tried, spoilt = 0, {}
+    tried, spoilt, refused = 0, {}, []
     for path, schema, value in numbers(usual):
         largest = largest_size(schema, path[-1])
         if largest is None:  # it has a limit of its own
@@ -58,8 +59,12 @@ def test_largest_settings_leave_every_column_a_number(tmp_path: Path) -> None:
         for key in path[:-1]:
             table = table[key]
         table[path[-1]] = type(value)(largest)
-        run = insgnss.replay(flight, FilterConfig.model_validate(settings), aiding=1.0, supervise=True)
+        try:
+            run = insgnss.replay(flight, FilterConfig.model_validate(settings), aiding=1.0, supervise=True)
+        except InsGnssError:  # a start that waits for years, a mask above every signal
+            refused.append(path)
+            continue
         tried, spoilt[path] = tried + 1, wild(run)
 
-    assert tried > 20
+    assert tried > 80 and len(refused) < 10
     assert {path: columns for path, columns in spoilt.items() if columns} == {}

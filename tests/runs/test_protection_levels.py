@@ -9,11 +9,14 @@ import pandas as pd
 import pytest
 
 import insgnss
+from insgnss.config.integrity import Integrity
 from insgnss.errors import ConfigError
 from insgnss.log.flight import FlightInMemory
-from insgnss.runs.integrity.separation import protection_level
+from insgnss.runs.integrity.faults import Fault, fault_model
+from insgnss.runs.integrity.separation import Separation, protection_level, protection_of
 from insgnss.tables import Float64
 from tests.runs.scenes import flight, turns
+from tests.sensors.test_fixes_alone import fixes_alone
 from tests.statistics_bounds import share_below_bounds
 
 # the simulated messages and air are true
@@ -109,8 +112,8 @@ def test_fault_that_the_filter_believes_is_within_the_levels_and_told(size_m: fl
     assert run.integrity is not None and run.errors is not None
     if abs(size_m) > 20.0:
         assert np.hypot(run.errors["d_n_m"], run.errors["d_e_m"]).max() > 3.0  # the filter does believe it
-        told = run.events[run.events["kind"] == "integrity_alert"]["detail"]
-        assert told.str.startswith(f"without {sv} ").any()
+        details = run.events[run.events["kind"] == "integrity_alert"]["detail"].tolist()
+        assert [detail.startswith(f"suspect {sv}: ") for detail in details] == [True]
 
 
 def test_levels_hold_the_errors_that_last() -> None:
@@ -134,9 +137,39 @@ def test_levels_are_saved_and_loaded(tmp_path_factory: pytest.TempPathFactory) -
     assert {"hpl_m", "vpl_m"} <= set(loaded.nav.columns)
 
 
-def test_risk_below_that_of_two_faults_at_once_is_refused() -> None:
-    with pytest.raises(ConfigError, match="wrong at once") as refused:
-        insgnss.replay(
-            flight(turns(20.0), seed=904), settings={"integrity.satellite_fault": 1e-2}, integrity=True
-        )
-    assert refused.value.key == "integrity.risk"
+def test_rows_whose_risk_two_faults_spend_have_no_level_and_one_event_says_so() -> None:
+    settings = {"integrity.satellite_fault": 1e-2}
+    run = insgnss.replay(flight(turns(20.0), seed=904), settings=settings, integrity=True)
+    assert np.isinf(run.nav[["hpl_m", "vpl_m"]].to_numpy()).all()
+    (detail,) = run.events[run.events["kind"] == "integrity_risk_spent"]["detail"]
+    assert f"{len(run.nav)} of {len(run.nav)} rows" in detail and "integrity.risk" in detail
+
+
+def test_only_rows_with_too_many_satellites_are_without_a_level() -> None:
+    """The risk of each row is its own, not that of the worst row of the log."""
+    sigma, none = np.ones((3, 4)), np.zeros((1, 3, 4))
+    nav = pd.DataFrame({f"sd_{axis}_m": sigma[0] for axis in "ned"} | {"time_s": np.arange(4.0)})
+    fault = Fault("G01", np.array([1]), 1e-5)
+    unmonitored = np.array([0.0, 5e-8, 1e-7, 2e-7])
+    separation = Separation([fault], unmonitored, none, none + 1.0, np.zeros((1, 4)), np.arange(4))
+    protection = protection_of(separation, nav, np.arange(4), Integrity())
+    assert np.isfinite(protection.hpl_m).tolist() == [True, True, False, False]
+    assert protection.hpl_m[0] < protection.hpl_m[1] < 1.1 * protection.hpl_m[0]
+    (event,) = protection.events
+    assert event.kind == "integrity_risk_spent" and "2 of 4 rows" in event.detail and event.t_ns == 2
+
+
+def test_log_without_a_usable_satellite_has_the_levels_of_its_sigmas() -> None:
+    assert fault_model([], Integrity()).faults == []
+    nav = pd.DataFrame({f"sd_{axis}_m": np.ones(2) for axis in "ned"} | {"time_s": np.arange(2.0)})
+    separation = Separation([], np.zeros(2), *[np.zeros((0, 3, 2))] * 2, np.zeros((0, 2)), np.arange(2))
+    protection = protection_of(separation, nav, np.arange(2), Integrity())
+    assert np.isfinite(protection.hpl_m).all() and not protection.events and not len(protection.faults)
+    assert "separation_m" in protection.faults
+
+
+def test_flight_without_raw_gnss_data_is_refused_before_it_is_read() -> None:
+    said: list[str] = []
+    with pytest.raises(ConfigError, match="without raw GNSS data") as refused:
+        insgnss.replay(fixes_alone(turns(90.0), 2), integrity=True, progress=said.append)
+    assert refused.value.key == "integrity" and not said

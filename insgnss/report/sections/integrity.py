@@ -50,9 +50,11 @@ def section(run: Run) -> Section | None:
             ]
         )
     names = ["fault", "separation_m", "axis", "time_s", "limit_m", "alert_rows"]
+    ratio = (run.integrity["separation_m"].abs() / run.integrity["limit_m"]).fillna(0.0)
+    suspects_first = run.integrity.loc[ratio.sort_values(ascending=False, kind="stable").index, names]
     rows = [
         (fault, number(moved), axis, f"{time_s:.1f}", number(limit), alerts)
-        for fault, moved, axis, time_s, limit, alerts in run.integrity[names].to_numpy()
+        for fault, moved, axis, time_s, limit, alerts in suspects_first.to_numpy()
     ]
     return Section("integrity", "Protection levels", before=before, charts=charts, after=table(_HEADS, rows))
 

@@ -55,8 +55,9 @@ sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that persist for minutes (orbit
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
   empty where no epoch of the log has used ranges enough to tell; absent where `process.range_bias_states` makes
   states of them, as sd_n_m sd_e_m sd_d_m then include them
-hpl_m vpl_m: protection levels, horizontal and vertical: the error is larger, and nothing says so, with the risk of
-  `[integrity]`; infinite where the solution without a satellite does not exist; with `--integrity`
+hpl_m vpl_m: protection levels, horizontal and vertical: the probability that the error is larger and there is no alert
+  is the risk of `[integrity]`; infinite where a solution without a satellite does not exist, in rows before `sd_slow_*`
+  is known, and where two faults at once spend the risk; with `--integrity`
 q_nb_w q_nb_x q_nb_y q_nb_z: attitude as a quaternion, body to north-east-down, scalar first and not negative;
   with `--quaternion`
 cov_n_n_m2 cov_n_e_m2 cov_n_d_m2 cov_e_e_m2 cov_e_d_m2 cov_d_d_m2: covariance of position north, east, down; this
@@ -116,7 +117,7 @@ EVENTS: Final = Sheet(
     """
 time_s: seconds of the GPS week; empty for what concerns a whole file
 kind: one word: imu_gap, heading_known, clock_jump, ...; installation_known (lever arm, IMU time or mounting, where
-  it is uncertain and has come to a fifth of its sigma at the start); of further sensors sensor_refused (for ten
+  its sigma has fallen to a fifth of the declared one); of further sensors sensor_refused (for ten
   seconds and more), sensor_agrees (again), sensor_frozen, sensor_bad_values, sensor_no_overlap,
   sensor_readings_left_out, ...
 detail: the same in a sentence, with numbers
@@ -243,14 +244,14 @@ gyro_x_degps_per_sqrt_hz gyro_y_degps_per_sqrt_hz gyro_z_degps_per_sqrt_hz: ampl
 accel_x_mps2_per_sqrt_hz accel_y_mps2_per_sqrt_hz accel_z_mps2_per_sqrt_hz: of the specific force
 """
 _INTEGRITY: Final = """
-fault: satellite, or letter of the constellation, that the solution beside was without
-probability: that it is faulty, as `[integrity]` has it
+fault: satellite, letter of the constellation, or letters of two constellations ("E+G"), that the sub-filter is without
+probability: of the fault, from `[integrity]`; of a constellation with that of two of its satellites
 time_s: when the separation was largest against its limit, seconds of the GPS week
 axis: n, e or d: along which it was
-separation_m: solution without it minus the solution, then and there
-limit_m: what the sigma of that solution lets expect, with the probability of a false alert
+separation_m: solution of the sub-filter minus the solution, at that time and along that axis
+limit_m: that the separation exceeds without a fault with the probability of a false alert
 alert_rows: navigation rows in which a separation was beyond its limit
-rows_without: navigation rows for which there was no solution without it
+rows_without: navigation rows for which the sub-filter has no solution
 """
 RUN_SHEETS: Final = (
     Sheet("nav", "output time", _NAV),

@@ -2,6 +2,7 @@
 
 | file           | what it holds |
 |----------------|---------------|
-| ``faults``     | the faults that are looked at, and the rows without the satellites of one |
-| ``separation`` | a sub-filter for each fault, its separation from the solution, levels and alerts |
+| ``faults``     | the faults that are monitored, the probability of all others, rows without satellites |
+| ``separation`` | a sub-filter for each fault, its separation from the solution, and the levels |
+| ``alerts``     | the largest separation of each fault, and the suspects |
 """

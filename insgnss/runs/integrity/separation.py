@@ -1,17 +1,21 @@
 """Solution separation: a sub-filter for each fault runs over the log without its satellites, from the start on.
 
-Its solution x_k, of sigma s_k, has no part in the fault. The full solution x_0 is d_k = x_k - x_0 away from it, so its
-error is at most |d_k| more than that of x_k, whatever the fault has done to x_0. With the fault's probability p_k and
-the same part r of the risk for each of the faults and for none of them,
+The fault does not affect its solution x_k, of sigma s_k. The full solution x_0 differs from it by d_k = x_k - x_0, so
+the error of x_0 is at most |d_k| larger than that of x_k, whatever the fault has done to x_0. With the fault's
+probability p_k and the same part r of the risk for each of the faults and for their absence,
 
     L = max(K(r) s_0, max_k(|d_k| + K(r / p_k) s_k)),  K(r) the normal quantile: |x| > K with probability r
 
-Both sigmas hold the errors that last: by states of the filter, or else by ``sd_slow_*`` of the solution, of which the
-solution without the satellites is taken to have more as it has more of all others.
+The risk of a row is that of the settings less the probability of the faults that no sub-filter covers (``faults``).
+Where nothing is left of it the level is infinite.
+
+Both sigmas include the errors that persist: as states of the filter, or else by ``sd_slow_*`` of the solution. No
+sub-filter has an ``sd_slow_*`` of its own: its noise sigma is multiplied by the ratio of the full solution's sigmas,
+sqrt(1 + (sd_slow / sd)^2), an approximation. Until ``sd_slow_*`` is known the level is infinite.
 
 [Brenner 1996, Integrated GPS/inertial fault detection availability, Navigation 43(2); Blanch et al. 2015, Baseline
-advanced RAIM user algorithm, IEEE Trans. Aerosp. Electron. Syst. 51(1)]. An event tells of |d_k| beyond K s_k; that the
-sub-filters have a noise level of their own makes the difference of both variances too small a measure of d_k.
+advanced RAIM user algorithm, IEEE Trans. Aerosp. Electron. Syst. 51(1)]. An alert is |d_k| beyond K s_k. The difference
+of both variances would be too small a measure of d_k: the adaptive noise levels of the sub-filters are their own.
 """
 
 from __future__ import annotations
@@ -22,27 +26,27 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pymap3d
 from scipy.special import ndtri
 
+from insgnss.config.integrity import Integrity
 from insgnss.errors import StartError
 from insgnss.filter.output.writing import NAV_COLUMNS, Table
 from insgnss.filter.setup import FilterSetup
-from insgnss.filter.whole_log import OutputRate, run_blocks
+from insgnss.filter.whole_log import LedgerPart, OutputRate, run_blocks
 from insgnss.gnss.observation_rows import GnssRows
-from insgnss.runs.integrity.faults import Fault, faults_of, risk_left, without
+from insgnss.runs.integrity.alerts import AXES, Separations, alert_events, epoch_misfit, fault_table
+from insgnss.runs.integrity.faults import Fault, fault_model, without
 from insgnss.tables import Event, Float64, ImuTable, Int64
 
-AXES: Final = ("n", "e", "d")
-_SHARES: Final = (0.25, 0.25, 0.5)  # of the risk
+_SHARES: Final = (0.25, 0.25, 0.5)  # of the risk: north, east, down
 _PLACE = slice(0, 3)  # latitude, longitude, height in a navigation row
 _SIGMA = slice(NAV_COLUMNS.index("sd_n_m"), NAV_COLUMNS.index("sd_d_m") + 1)
 
 
 class Job(NamedTuple):
-    """What a sub-filter works on: all that the full filter has worked on."""
+    """The inputs of the full filter, which its sub-filters have too."""
 
     setup: FilterSetup
     imu: ImuTable
@@ -52,16 +56,18 @@ class Job(NamedTuple):
 
 
 class Separation(NamedTuple):
-    """The solutions of all sub-filters beside the full one, k faults at n rows; NaN where a sub-filter has none."""
+    """The solutions of k sub-filters relative to the full one at n rows; NaN where a sub-filter has none."""
 
     faults: list[Fault]
-    risk: float  # what two faults at once leave of it
+    unmonitored: Float64  # (n,) probability of the faults that no sub-filter covers
     d: Float64  # (k, 3, n) north, east, down [m]
     sigma: Float64  # (k, 3, n)
+    misfit: Float64  # (k, m) of the measurements at each epoch (``alerts.epoch_misfit``)
+    epoch_ns: Int64  # (m,)
 
 
 class Protection(NamedTuple):
-    """What the sub-filters tell of a solution."""
+    """Protection levels of a solution, and how far each fault moves it."""
 
     hpl_m: Float64  # (n,) of the solution's rows
     vpl_m: Float64
@@ -69,44 +75,50 @@ class Protection(NamedTuple):
     events: list[Event]
 
 
-def separation_of(job: Job, nav: Table, tell: Callable[[str], None]) -> Separation:
+def separation_of(job: Job, nav: Table, ledger: list[LedgerPart], tell: Callable[[str], None]) -> Separation:
     """Return how far the solution without each fault's satellites is from a solution's navigation rows.
 
-    The sub-filters share the processor's cores, unless a measurement of the user's own is among the rows.
-
-    Raises
-    ------
-    ConfigError : the risk is less than that of two faults at once
+    ``ledger`` is that of the solution. The sub-filters share the processor's cores, unless the rows include a
+    measurement of the user's own.
     """
-    config = job.setup.config.integrity
-    risk, faults = risk_left(job.blocks, config), faults_of(job.blocks, config)
-    tell(f"running {len(faults)} sub-filters")
+    model = fault_model(job.blocks, job.setup.config.integrity)
+    tell(f"running {len(model.faults)} sub-filters")
     threads = (os.cpu_count() or 1) if job.setup.own is None else 1
     with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(lambda fault: _beside(job, fault, nav), faults))
-    d, sigma = (np.array(part) for part in zip(*found, strict=True))
-    return Separation(faults, risk, d, sigma)
+        solutions = list(pool.map(lambda fault: _sub_filter(job, fault, nav, ledger), model.faults))
+    d, sigma = (
+        np.array([one[i] for one in solutions]).reshape(len(solutions), len(AXES), len(nav)) for i in (0, 1)
+    )
+    misfit = np.array([one[2] for one in solutions]).reshape(len(solutions), len(model.epoch_ns))
+    unmonitored = model.unmonitored_at(np.asarray(nav["t_ns"]))
+    return Separation(model.faults, unmonitored, d, sigma, misfit, model.epoch_ns)
 
 
-def protection_of(apart: Separation, nav: pd.DataFrame, t_ns: Int64, false_alert: float) -> Protection:
-    """Return protection levels for navigation rows at ``t_ns``, and which fault moves the solution how far."""
+def protection_of(separation: Separation, nav: pd.DataFrame, t_ns: Int64, config: Integrity) -> Protection:
+    """Return protection levels for navigation rows at ``t_ns``, and how far each fault moves the solution."""
     sigma = nav[[f"sd_{axis}_m" for axis in AXES]].to_numpy().T
     slow = [f"sd_slow_{axis}_m" for axis in AXES]
     lasting = nav[slow].to_numpy().T / sigma if slow[0] in nav else np.zeros(sigma.shape)
     more = np.sqrt(1.0 + lasting**2)
-    of_faults = apart.sigma * more
-    p = np.array([fault.probability for fault in apart.faults])
+    of_faults = separation.sigma * more
+    p = np.array([fault.probability for fault in separation.faults])
+    risk = np.maximum(config.risk - separation.unmonitored, 0.0)
     levels = [
-        protection_level((sigma * more)[i], apart.d[:, i], of_faults[:, i], p, share * apart.risk)
+        protection_level((sigma * more)[i], separation.d[:, i], of_faults[:, i], p, share * risk)
         for i, share in enumerate(_SHARES)
     ]
-    limit = _quantile(false_alert / (len(AXES) * len(p))) * of_faults
-    alert = np.abs(apart.d) > limit
-    table = _table(apart, limit, alert, nav["time_s"].to_numpy())
-    return Protection(np.hypot(levels[0], levels[1]), levels[2], table, _alerts(table, alert, t_ns))
+    limit = _quantile(config.false_alert / (len(AXES) * max(len(p), 1))) * of_faults
+    separations = Separations(
+        *(separation.faults, separation.d, limit, t_ns, nav["time_s"].to_numpy()),
+        *(separation.misfit, separation.epoch_ns),
+    )
+    events = alert_events(separations) + _spent_risk(separation.unmonitored, t_ns, config)
+    return Protection(np.hypot(levels[0], levels[1]), levels[2], fault_table(separations), events)
 
 
-def protection_level(sigma: Float64, d: Float64, of_faults: Float64, p: Float64, risk: float) -> Float64:
+def protection_level(
+    sigma: Float64, d: Float64, of_faults: Float64, p: Float64, risk: Float64 | float
+) -> Float64:
     """Return what the error of one axis exceeds with no more than a risk (n,), infinite where a sub-filter has no row.
 
     Parameters
@@ -114,72 +126,57 @@ def protection_level(sigma: Float64, d: Float64, of_faults: Float64, p: Float64,
     sigma : (n,) of the full solution
     d, of_faults : (k, n) separation and sigma of the sub-filters
     p : (k,) probability of each fault; one that is rarer than its part of the risk is left out
+    risk : (n,) or for all rows; the level is infinite where it is zero
     """
-    each = risk / (len(p) + 1)
-    level = np.where(np.isnan(sigma), np.inf, _quantile(each) * sigma)
-    for k in np.flatnonzero(p > each):
-        beside = np.abs(d[k]) + _quantile(each / p[k]) * of_faults[k]
-        level = np.fmax(level, np.where(np.isnan(beside), np.inf, beside))
+    part = np.broadcast_to(np.asarray(risk) / (len(p) + 1), sigma.shape)
+    level = _finite_or_infinite(_quantile(part) * sigma)
+    for k in np.flatnonzero(p > part.min(initial=1.0)):
+        bound = np.abs(d[k]) + _quantile(np.minimum(part / p[k], 1.0)) * of_faults[k]
+        level = np.where(p[k] > part, np.maximum(level, _finite_or_infinite(bound)), level)
     return level
 
 
-def _quantile(risk: float) -> float:
+def _finite_or_infinite(level: Float64) -> Float64:
+    return np.where(np.isnan(level), np.inf, level)
+
+
+def _quantile(risk: Float64 | float) -> Float64:
     """Return K with P(|x| > K) = risk of a standard normal x."""
-    return float(-ndtri(0.5 * risk))
+    return np.asarray(-ndtri(0.5 * np.asarray(risk)))
 
 
-def _beside(job: Job, fault: Fault, nav: Table) -> tuple[Float64, Float64]:
-    """Return a sub-filter's solution less the full one and its sigma, (3, n) each, NaN where it has no row."""
+def _spent_risk(unmonitored: Float64, t_ns: Int64, config: Integrity) -> list[Event]:
+    """Return the event of rows whose level is infinite because nothing is left of the risk."""
+    rows = np.flatnonzero(unmonitored >= config.risk)
+    if not len(rows):
+        return []
+    detail = (
+        f"no protection level in {len(rows)} of {len(unmonitored)} rows: two faults at once, which no sub-filter"
+        f" covers, have a probability of up to {unmonitored.max():.1e}, integrity.risk is {config.risk:.1e}; raise it,"
+        " or lower integrity.satellite_fault and integrity.constellation_fault"
+    )
+    return [Event(int(t_ns[rows[0]]), "integrity_risk_spent", detail)]
+
+
+def _sub_filter(
+    job: Job, fault: Fault, nav: Table, ledger: list[LedgerPart]
+) -> tuple[Float64, Float64, Float64]:
+    """Return a sub-filter's solution less the full one and its sigma, (3, n), NaN where it has none, and its misfit."""
     d, sigma = np.full((3, len(nav)), np.nan), np.full((3, len(nav)), np.nan)
     blocks = [without(rows, fault.satellites) for rows in job.blocks]
     try:
-        out, *_ = run_blocks(job.setup, job.imu, blocks, job.output, smooth=job.smooth)
+        out, own_ledger, _ = run_blocks(job.setup, job.imu, blocks, job.output, smooth=job.smooth)
     except StartError:
-        return d, sigma
+        return d, sigma, np.zeros(sum(len(rows.epoch_ns) for rows in job.blocks))
     rows = out.nav[: out.counts[0].nav]
     _, here, there = np.intersect1d(nav["t_ns"], rows["t_ns"], return_indices=True)
     full, sub = nav["value"][here], rows["value"][there]
-    apart = [
+    difference = [
         b - a
         for a, b in zip(
             pymap3d.geodetic2ecef(*full[:, _PLACE].T), pymap3d.geodetic2ecef(*sub[:, _PLACE].T), strict=True
         )
     ]
-    d[:, here] = pymap3d.ecef2nedv(*apart, full[:, 0], full[:, 1])
+    d[:, here] = pymap3d.ecef2nedv(*difference, full[:, 0], full[:, 1])
     sigma[:, here] = sub[:, _SIGMA].T
-    return d, sigma
-
-
-def _table(apart: Separation, limit: Float64, alert: npt.NDArray[np.bool_], time_s: Float64) -> pd.DataFrame:
-    """Return for each fault its largest separation over the limit, where and when, and its rows with an alert."""
-    ratio = np.nan_to_num(np.abs(apart.d) / limit, nan=0.0)
-    rows = []
-    for k, fault in enumerate(apart.faults):
-        axis, row = np.unravel_index(int(np.argmax(ratio[k])), ratio[k].shape)
-        rows.append(
-            {
-                "fault": fault.name,
-                "probability": fault.probability,
-                "time_s": time_s[row],
-                "axis": AXES[axis],
-                "separation_m": apart.d[k, axis, row],
-                "limit_m": limit[k, axis, row],
-                "alert_rows": int(alert[k].any(axis=0).sum()),
-                "rows_without": int(np.isnan(apart.sigma[k, 0]).sum()),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-def _alerts(table: pd.DataFrame, alert: npt.NDArray[np.bool_], t_ns: Int64) -> list[Event]:
-    """Return an event for each fault that raises an alert, at its first."""
-    events = []
-    for k in np.flatnonzero(alert.any(axis=(1, 2))):
-        first, row = int(np.argmax(alert[k].any(axis=0))), table.iloc[k]
-        most = f"{row['separation_m']:+.2f} m {row['axis']} at {row['time_s']:.1f} s"
-        detail = (
-            f"without {row['fault']} the solution is elsewhere in {row['alert_rows']} rows, most by {most},"
-            f" limit {row['limit_m']:.2f} m"
-        )
-        events.append(Event(int(t_ns[first]), "integrity_alert", detail))
-    return events
+    return d, sigma, epoch_misfit(job.blocks, own_ledger, ledger)
