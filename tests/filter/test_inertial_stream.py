@@ -202,6 +202,19 @@ def test_sensor_that_holds_its_value_is_told_with_its_axes(
     assert np.array_equal(kept[2000:3000, 0], x[2000:3000, 0])  # the axis that measures is used
 
 
+@pytest.mark.parametrize(("first", "taken"), [(0.0, False), (None, True)], ids=["zero", "held"])
+def test_sensor_is_out_from_its_first_zero_or_first_repeat(
+    first: float | None, taken: bool, rng: np.random.Generator
+) -> None:
+    """A zero in place of the weight is replaced in the very first sample; a value that is repeated was sound once."""
+    table = log(rng, times(0.02, 2500, 0.0, rng), sway=0.0)
+    table.f_b[2000:2300] = table.f_b[2000] if first is None else first
+    found = screened(table, setup())
+    assert np.all(found.imu.unknown[2001:2300, 1] > 0.0)
+    assert abs(found.imu.f_b[2000, 2] + 9.81) < 0.2
+    assert (found.imu.f_b[2000, 2] == table.f_b[2000, 2]) == taken
+
+
 def test_gyros_back_after_long_begin_anew_and_accelerometers_do_not(rng: np.random.Generator) -> None:
     for sensor, cuts in (("w_ib_b", 1), ("f_b", 0)):
         table = log(rng, times(0.01, 9000, 0.0, rng))

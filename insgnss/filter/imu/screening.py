@@ -35,7 +35,7 @@ from insgnss.filter.imu.sensor_outage import (
     unknown_density,
     unknown_variance,
 )
-from insgnss.filter.imu.spikes import WARM, find_spike, is_possible, leap, least_spike
+from insgnss.filter.imu.spikes import WARM, find_spike, is_possible, least_spike
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64, Int64
 
@@ -49,9 +49,6 @@ MEAN_S: Final = 0.25  # over which samples are averaged to see motion in noise
 CHANGE_TIME_S: Final = 60.0  # over which the changes of the means are averaged
 CALM_TIME_S: Final = 600.0  # in which the most of it is forgotten
 USUAL_TIME_S: Final = 30.0
-LEAPT2: Final = (
-    100.0  # squared sigmas of the samples' noise: a value that leapt so far was not the sound sensor's last
-)
 # Gaps fall into manoeuvres too, which are more violent than the average of a minute
 ABOVE_AVERAGE: Final = 2.0
 
@@ -122,26 +119,32 @@ def write(edits: Edits, count: Int64, k: int, t_ns: int, kind: int, size: float)
 def repeats_decided(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
     """Find out whether an axis is out from sample ``k`` on, as far as the samples tell; return whether they do.
 
-    A sensor that leaps to a value and keeps it is out from the leap on: 20 ms of a zero in place of the weight are
-    0.2 m/s. One that keeps its last value is out from the first repeat on.
+    A sensor that keeps its last value is out from the first repeat on; one that gives zeros from the first of them on:
+    20 ms of a zero in place of the weight are 0.2 m/s.
     """
     if s.test_outages == 0 or s.n == 0:
         return True
     for axis in range(6):
         value = w[k, axis] if axis < 3 else f[k, axis - 3]
         held = value == s.x[axis]
-        x, sensor = w if axis < 3 else f, axis // 3
+        x = w if axis < 3 else f
         if s.out[axis] != 0 and not held:
             s.out[axis] = 0
         if abs(value) >= AT_RANGE * s.range[axis // 3]:
             s.out[axis] = SATURATED
-        elif s.out[axis] == 0 and (held or leap(s, x, k, sensor) ** 2 > LEAPT2 * s.wiggle2[sensor]):
+        elif s.out[axis] == 0 and (held or is_silent(x, k)):
             found = held_for_long(s, x, k, axis)
             if found < 0:
                 return False
             if found > 0:
                 s.out[axis] = found
     return True
+
+
+@kernel(inline=True)
+def is_silent(x: Float64, k: int) -> bool:
+    """Return whether a sensor gives zero in all axes at sample ``k`` of ``x`` (n, 3)."""
+    return bool(x[k, 0] == 0.0 and x[k, 1] == 0.0 and x[k, 2] == 0.0)
 
 
 @kernel(inline=True)

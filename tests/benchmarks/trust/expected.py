@@ -40,7 +40,6 @@ NOW: Final = (
     Mark("fault_ramp_2sv_0.5mps", "no false heading", UNSEEN, in_tests=False),
     Mark("fault_gyro_step", "*", A6),
     Mark("fault_ramp_3sv_1mps", "*", A6),
-    Mark("fault_accel_zero", "*", A6),
     Mark("fault_noise_20", "*", A5),
 )
 
