@@ -305,7 +305,7 @@ class Adaptation(StrictModel):
     least_factor_at_rest: Share = Field(
         0.25, description="on a pseudorange's variance while the vehicle stands"
     )
-    most_factor: Share = Field(100.0, description="on a variance")
+    most_factor: Share = Field(1000.0, description="on a variance: noise of 30 times the assumed sigma")
 
 
 class Visibility(StrictModel):
