@@ -55,6 +55,7 @@ class Rates(Record):
 RATES_DTYPE: Final = dtype_of(Rates)
 SHOWN2: Final = 25.0  # squared sigmas of its noise beyond which a rate or a force is one
 USUAL_FORCE_S: Final = 30.0  # over which a specific force becomes the usual one, whose errors are the biases'
+_FARTHEST2: Final = 4e10  # 200 km of height, beyond which the expansion says nothing
 _CURVED_M2: Final = 9e6  # 3 km, over which it leaves 3 mm/s: see ``add_gravity_curvature``
 LONGEST_STEP_S: Final = 0.125  # a longer interval is carried in pieces: the state's steps are of second order
 
@@ -144,6 +145,8 @@ def add_gravity_curvature(m: StateRecord, P: Float64, dt: float) -> None:
         for j in range(3):
             s2 += m.r_e[i] * P[DR + i, DR + j] * m.r_e[j]
     s2 /= r2
+    if not s2 < _FARTHEST2:
+        s2 = _FARTHEST2
     density = (
         27.0
         * (STANDARD_GRAVITY_MPS2 * s2 / r2) ** 2

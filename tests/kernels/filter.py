@@ -53,7 +53,7 @@ from insgnss.gnss.line_of_sight import line_of_sight
 from insgnss.gnss.observation_rows import N_BANDS, OBSERVATION_DTYPE, GnssRows, prepare_rows
 from insgnss.status import GATED, USED
 from insgnss.tables import Float64, GnssTable
-from tests.filter.scene import new_filter, perfect_rows, place, update
+from tests.filter.scene import at_rest, new_filter, perfect_rows, place, run
 from tests.filter.scene import parameters as scene_parameters
 from tests.filter.scene import rows_of as scene_rows_of
 from tests.filter.scene import sky as scene_sky
@@ -381,9 +381,9 @@ def far_epoch() -> list[Any]:
     """Return what an epoch makes of a filter that an outage has carried 40 km away."""
     at = place()
     made = new_filter(at, sigmas={DR: 4e4, CLOCK: 3e3})
-    log = perfect_rows(made, scene_parameters(), [START_NS], scene_sky(at))
+    log = perfect_rows(made, scene_parameters(), [START_NS + NS_PER_S], scene_sky(at))
     made.state["r_e"][0] += at.C_ne.T @ np.array([3e4, -2e4, 1e4])
-    update(made, log, scene_parameters())
+    run(made, log, at_rest(at, made.state[0].C_eb, 1.0, 10.0, start_ns=START_NS), scene_parameters())
     return [made.state["r_e"], made.state["v_e"], made.state["clock"], np.diag(made.P[0])]
 
 

@@ -30,7 +30,8 @@ def uncertain_lever_arm() -> list[Any]:
 
 def uncertain_imu_time() -> list[Any]:
     """Return what the loop changes and writes where the IMU's tags are off by a time that is a state."""
-    return short_log(True, True, further=(StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", 0.02),))
+    offset = StateBlock(IMU_TIME, ("imu_time_offset_s",), "s", 0.02)
+    return short_log(True, True, motion_sigma=3.0, further=(offset,))
 
 
 def range_biases() -> list[Any]:
