@@ -56,7 +56,7 @@ class LiveAiding:
     def output(
         self, bank: Bank, imu: ImuSamples, parameters: npt.NDArray[Any], work: FilterWorkspace
     ) -> AidingTable:
-        """Return the aiding of a bank that stands at the newest sample of ``imu``."""
+        """Return the aiding of a bank at the newest sample of ``imu``."""
         t_ns = int(imu.t_ns[-1])
         count = self._room.counts[0]
         count.rows = count.covariances = 0

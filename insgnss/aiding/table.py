@@ -12,8 +12,8 @@
 | age_s | time of use less the inertial sample that the value rests on |
 
 A row takes 85 bytes (12 satellites at 100 Hz: 350 MiB an hour): doubles where a receiver's phase would feel less, four
-bytes where 1e-7 of the value does not matter. What sigma are made of changes as seldom as they do and stands in a table
-of its own, ``run.aiding_budget``, one row for each satellite whenever sigma are found anew:
+bytes where 1e-7 of the value does not matter. The parts of the sigmas change as seldom as they do and are in a table
+of its own, ``run.aiding_budget``, one row for each satellite whenever sigmas are recomputed:
 
 | column | what |
 |--------|------|
@@ -21,7 +21,7 @@ of its own, ``run.aiding_budget``, one row for each satellite whenever sigma are
 | sd_rate_*_mps, cross_rate_m2ps2 | parts of the Doppler's sigma in m/s (``uncertainty.PARTS``), what correlation adds |
 | sd_acceleration_*_mps2, cross_acceleration_m2ps4 | the same of the Doppler rate in m/s^2 |
 
-At the time of an epoch the aiding is from before its update: what a receiver has at that instant. Sigma are those of
+At the time of an epoch the aiding is from before its update: which a receiver has at that instant. Sigma are those of
 the last time at which a covariance was left behind (``AidingConfig.sigma_interval_s``), those of range rate and Doppler
 carried on from there by the noise of the accelerometers and the walk of the receiver's clock.
 """
@@ -86,7 +86,7 @@ class AidingSetup:
     weather: Weather = STANDARD_WEATHER
 
     def doubts(self) -> UncertaintyTerms:
-        """Return the numbers that the sigma needs beside the covariance."""
+        """Return the numbers that the sigma needs besides the covariance."""
         use = self.config
         return UncertaintyTerms(
             gyro_density=self.sensor.gyro_density,

@@ -86,7 +86,7 @@ class Obstruction(StrictModel):
     polygon: tuple[Polygon, ...] = ()
 
     def shapes(self) -> list[Shape]:
-        """Return all that blocks."""
+        """Return the union of all obstructions."""
         return [*self.sector, *self.polygon]
 
 

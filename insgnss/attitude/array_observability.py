@@ -82,7 +82,7 @@ def _reason(array: AntennaArray, sky: Sky, lost_b: Float64) -> str:
     if is_collinear(array):
         line = array.baselines_b[0] / array.lengths_m[0]
         parts.append(
-            f"the antennas stand on one line: the rotation about it, body axes {_text(line)}, is lost"
+            f"the antennas are on one line: the rotation about it, body axes {_text(line)}, is lost"
             f" ({_angle_lost(line)})"
         )
     if directions(sky) < 2:
@@ -110,7 +110,7 @@ def _text(vector: Float64) -> str:
 
 
 def is_collinear(array: AntennaArray) -> bool:
-    """Return whether all antennas stand on one line, to 3 minutes of arc; two always do."""
+    """Return whether all antennas are on one line, to 3 minutes of arc; two always do."""
     return bool(_rank(array.baselines_b / array.lengths_m[:, None]) < 2)
 
 
@@ -134,7 +134,7 @@ def require_attitude(array: AntennaArray, sky: Sky) -> None:
     if is_collinear(array):
         line = array.baselines_b[0] / array.lengths_m[0]
         raise GeometryError(
-            f"the antennas stand on one line: the rotation about it, body axes {_text(line)}, is lost"
+            f"the antennas are on one line: the rotation about it, body axes {_text(line)}, is lost"
             f" ({_angle_lost(line)})",
             key="positions_b",
             advice="add an antenna off the line, or take the lost angle from gyros",

@@ -46,7 +46,7 @@ USED, NOT_SEEN, GATED, AMBIGUOUS = "used", "not seen", "refused by the gate", "w
 
 @dataclass(frozen=True)
 class GyroErrors:
-    """Standard deviations of what the filter has to find, and the noise of the gyros."""
+    """Standard deviations of the filter's unknowns, and the noise of the gyros."""
 
     bias_radps: float
     scale: float  # [-]
@@ -144,7 +144,7 @@ class GyroAttitude:
 
         Raises
         ------
-        ConfigError : a sample is no number
+        ConfigError : a sample is not finite
         """
         samples = np.ascontiguousarray(w_meas, np.float64)
         if samples.ndim != 2 or samples.shape[1] != 3 or not np.isfinite(samples).all():

@@ -139,7 +139,7 @@ def nearest_integers(
 
     Raises
     ------
-    ConfigError : the covariance is not positive definite, or something is no number
+    ConfigError : the covariance is not positive definite, or a value is not finite
     """
     real, Q = np.asarray(a, np.float64), np.asarray(Q, np.float64)
     n = real.size

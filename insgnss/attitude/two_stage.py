@@ -1,7 +1,7 @@
 """The two-stage way, for comparison: whole cycles first, by an integer search for each baseline, then the attitude.
 
 Stage one takes the nearest integer vectors of each baseline (``integer_search``), keeps those whose baseline has its
-known length, joins those that stand at their known angles to each other, and ranks what is left by the joint fit of all
+known length, joins those at their known angles to each other, and ranks the rest by the joint fit of all
 phases. Nothing is used unless the best one fits, and fits better than the second by a ratio.
 """
 
@@ -192,7 +192,7 @@ def _resolved(epoch: Epoch, array: AntennaArray, rough: CoarseBaselines, ratio: 
     if best.loss > _largest_loss(epoch):
         reason = f"the best whole cycles do not fit: loss {best.loss:.3g} above {_largest_loss(epoch):.3g}"
     elif second < ratio * best.loss:
-        reason = f"two sets of whole cycles fit nearly alike: ratio {second / best.loss:.2f} below {ratio:g}"
+        reason = f"two sets of whole cycles fit almost equally well: ratio {second / best.loss:.2f} below {ratio:g}"
     return Solution(not reason, reason, best.C_nb, best.covariance_n, cycles, best.loss, second / best.loss)
 
 
@@ -226,8 +226,9 @@ def _choices(rows: PhaseRows, rough: CoarseBaselines, m: int) -> list[_Choice] |
 def _likely_cycles(rows: PhaseRows, rough: CoarseBaselines, m: int) -> Int64 | None:
     """Return the whole cycles of one baseline within the chi-square limit, the likeliest first; None for too many.
 
-    A list cut off before the limit may lack the right ones, and what is left of it could pass every later check by
-    chance. The length enters as a direction drawn from all, l^2 / 3 on each axis, which costs the right ones exactly 3.
+    A list cut off before the limit may lack the right ones, and a wrong remaining set could pass every later check by
+    chance. The length enters as a direction drawn from all, l^2 / 3 on each axis, which costs the right ones exactly
+    3.
     """
     R, length = rows.phase.shape[1], float(rows.array.lengths_m[m])
     P = np.linalg.inv(np.linalg.inv(rough.covariance[m]) + 3.0 / length**2 * np.eye(3))
@@ -257,7 +258,7 @@ def _vector_sd(rows: PhaseRows) -> Float64:
 def _joined(
     array: AntennaArray, own: list[list[_Choice] | None], sd: Float64, chosen: tuple[_Choice, ...] = ()
 ) -> Iterator[tuple[_Choice, ...]]:
-    """Yield one choice for each baseline, of those that stand at their known angles to each other."""
+    """Yield one choice for each baseline, of those at their known angles to each other."""
     m = len(chosen)
     if m == len(own):
         yield chosen

@@ -28,7 +28,7 @@ def check(
     run: Annotated[
         Path | None,
         typer.Option(
-            help="A saved run of this flight: what it has found of the installation is proposed as well."
+            help="A saved run of this flight: its estimates of the installation are proposed as well."
         ),
     ] = None,
 ) -> None:

@@ -95,7 +95,7 @@ def _scales(text: str) -> tuple[float, float] | None:
         angle = velocity = 0.0
     if not (0.0 < angle < 1.0 and 0.0 < velocity < 1.0):
         raise ConfigError(
-            f"'{text}' are no two positive numbers",
+            f"'{text}' is not two positive numbers",
             key="--imu-scale",
             advice="write rad and m/s of a count: 1e-9,2e-8",
         )

@@ -122,7 +122,7 @@ def _inputs(run: Path | None, emitters: Path | None) -> list[Path]:
 def _loops(
     signal: str, kind: str, threshold: float | None, bandwidth: float | None, accumulation: float | None
 ) -> tuple[dict[str, PhaseLoop], float]:
-    """Return the loop that was asked for, with those of the other discriminators beside it, and the carrier."""
+    """Return the loop that was asked for, with those of the other discriminators, and the carrier."""
     from insgnss.interference.discriminators import DISCRIMINATORS, discriminator
     from insgnss.interference.margin import PhaseLoop
     from insgnss.interference.spectra import modulation_of, signal_named

@@ -46,7 +46,9 @@ def replay(
     covariance: Covariance = False,
     supervise: Annotated[
         bool,
-        typer.Option("--supervise", help="Also tell what the receiver should do about each satellite, when."),
+        typer.Option(
+            "--supervise", help="Also report what the receiver should do for each satellite, and when."
+        ),
     ] = False,
     integrity: Annotated[
         bool,
@@ -56,9 +58,7 @@ def replay(
     ] = False,
     aiding: Annotated[
         float | None,
-        typer.Option(
-            "--aiding", help="Rate in Hz of what the tracking loops should expect of each satellite."
-        ),
+        typer.Option("--aiding", help="Rate in Hz of the tracking loop aiding for each satellite."),
     ] = None,
     format: Annotated[str, typer.Option("--format", help="'parquet' or 'csv'.")] = "parquet",
     report: Annotated[

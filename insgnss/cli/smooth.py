@@ -1,4 +1,4 @@
-"""``insgnss smooth``: a flight's logs in, out comes what the whole log tells of each time."""
+"""``insgnss smooth``: a flight's logs in, a solution from the whole log out."""
 
 from __future__ import annotations
 

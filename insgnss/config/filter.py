@@ -14,7 +14,7 @@ from insgnss.config.strict import StrictModel
 # No setting is larger: the square of a number beyond, times a few others, leaves what single precision holds
 Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
-# One sigma of a measurement: below a micrometre there is none, beyond a million metres nothing is left of one
+# One sigma of a measurement: no measurement has less than a micrometre, and none is of use beyond a million metres
 Sigma = Annotated[float, Field(ge=1e-6, le=1e6)]
 SigmaOrNone = Annotated[float, Field(ge=0.0, le=1e6)]
 Share = Annotated[float, Field(ge=1e-6, le=1e6)]  # of a variance
@@ -76,7 +76,7 @@ class Measurements(StrictModel):
         {"R": 4.0}, description="of a constellation's pseudoranges: GLONASS chips are twice as long"
     )
     glonass_channel_bias: bool = Field(True, description="estimate a delay that grows with the channel")
-    zenith_delay: bool = Field(False, description="estimate what the model leaves of the zenith delay")
+    zenith_delay: bool = Field(False, description="estimate the residual zenith delay of the model")
     max_ephemeris_age_s: Positive | None = None
 
     def signals_of(self) -> dict[str, tuple[str, ...]]:
@@ -123,7 +123,7 @@ class Faults(StrictModel):
     )
     drift_sigma: NotNegative = Field(
         4.0,
-        description="a satellite whose range rate, in the mean of ten seconds, or whose pseudorange within half a"
+        description="a satellite whose range rate, averaged over ten seconds, or whose pseudorange within half a"
         " minute moves by that many sigmas against the others",
     )
     reflected_below_db: NotNegative = Field(
@@ -157,7 +157,7 @@ class Process(StrictModel):
     )
     motion_sigma: NotNegative = Field(
         0.0,
-        description="a horizontal specific force within so many sigmas of its own noise is no motion, and shows no"
+        description="a horizontal specific force within so many sigmas of its own noise is not motion, and shows no"
         " heading; 0: any is, as in the textbook",
     )
     inter_system_sigma_m: Positive = Field(
@@ -177,7 +177,7 @@ class Process(StrictModel):
     zenith_delay_walk_m_per_sqrt_s: NotNegative = 0.0003
     ionosphere_sigma_m: NotNegative = Field(
         0.5,
-        description="initial sigma of what the ionosphere's model leaves at the zenith on L1: a state where carriers"
+        description="initial sigma of the ionosphere model's residual at the zenith on L1: a state where carriers"
         " of one band are used, which the ionosphere advances as it delays the codes; 0: no such state",
     )
     ionosphere_walk_m_per_sqrt_s: NotNegative = Field(
@@ -216,7 +216,7 @@ class Gaps(StrictModel):
     restart_s: Positive = Field(
         2.5,
         le=600.0,
-        description="after a longer gap the filter starts anew from a fix, with the biases and what is left of the"
+        description="after a longer gap the filter restarts from a fix, with the biases and the known part of the"
         " heading",
     )
     restart_rotation_deg: Annotated[float, Field(gt=0.0, le=60.0)] = Field(
@@ -231,9 +231,7 @@ class SampleChecks(StrictModel):
         15.0,
         description="a sample that leaps so many sigmas of the log's own noise and returns is refused; 0: none is",
     )
-    sensor_outages: bool = Field(
-        True, description="notice axes that hold their value or stand at the end of their range"
-    )
+    sensor_outages: bool = Field(True, description="detect axes that hold their value or saturate")
 
 
 class HealthConfig(StrictModel):
@@ -241,7 +239,7 @@ class HealthConfig(StrictModel):
 
     lockout_epochs: Annotated[int, Field(ge=2)] = Field(
         5,
-        description="consecutive epochs with most rows refused before position, velocity and clock are set anew,"
+        description="consecutive epochs with most rows refused before position, velocity and clock are reset,"
         " or with too few satellites the clock alone",
     )
     strain_nis: Positive = Field(
@@ -255,7 +253,7 @@ class HealthConfig(StrictModel):
     )
     suspicion_sigma: NotNegative = Field(
         4.5,
-        description="of what all satellites show against the prediction over eight seconds, from which the last"
+        description="of all satellites' common deviation from the prediction over eight seconds, above which the last"
         " minute is looked at once more; a filter that is right comes to it once in several hours; 0: never",
     )
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
@@ -316,7 +314,7 @@ class Visibility(StrictModel):
     hysteresis_db: NotNegative = Field(1.0, description="more than that, for a hidden satellite to return")
     margin_sigma: NotNegative = Field(
         3.0,
-        description="of what the attitude's uncertainty makes of the gain: nearer, nothing is decided anew",
+        description="of the gain, by the attitude's uncertainty: nearer to the threshold, the decision stays",
     )
     uncertain: Literal["keep", "hide", "deweight"] = Field(
         "deweight",
@@ -347,15 +345,17 @@ class SlowErrors(StrictModel):
         description="orbit and clock of the message, along the line of sight",
     )
     precise_satellite_m: NotNegative = Field(0.05, description="the same of SP3 orbits and clocks")
-    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, what the ionosphere's model leaves")
+    ionosphere_zenith_m: NotNegative = Field(1.5, description="on L1, the residual of the ionosphere model")
     no_ionosphere_zenith_m: NotNegative = Field(
-        5.0, description="the same where there is no model, or nobody has its coefficients"
+        5.0, description="the same without a model, or without its coefficients"
     )
     ionosphere_gradient_per_1000_km: NotNegative = Field(
         0.6, description="of the zenith's error, to the north and to the east"
     )
-    troposphere_zenith_m: NotNegative = Field(0.05, description="what the troposphere's model leaves")
-    with_base_share: NotNegative = Field(0.1, description="of all of these, that a base station leaves")
+    troposphere_zenith_m: NotNegative = Field(0.05, description="the residual of the troposphere model")
+    with_base_share: NotNegative = Field(
+        0.1, description="of all of these, after corrections of a base station"
+    )
     satellite_time_s: Positive = Field(
         3600.0, description="correlation time of a satellite's error, where it is a state of the filter"
     )
@@ -372,7 +372,7 @@ class FilterConfig(StrictModel):
     name: str = ""
     based_on: str = Field(
         "",
-        description="a filter's name or file (.toml): what this file leaves out is as there, table by table",
+        description="a filter's name or file (.toml): settings that this file omits come from it, table by table",
     )
     measurements: Measurements = Measurements()
     pseudorange_noise_m: NoiseConfig = Field(

@@ -111,7 +111,7 @@ class ImuConfig(LogTable):
     @model_validator(mode="after")
     def _axes_are_given_in_one_way(self) -> ImuConfig:
         if self.gyro_axes is not None and self.mounting_matrix is not None:
-            raise ValueError("gyro_axes goes with axes: mounting_matrix turns both sensors alike")
+            raise ValueError("gyro_axes goes with axes: mounting_matrix rotates both sensors")
         if self.axes != ("+x", "+y", "+z") and self.mounting_matrix is not None:
             raise ValueError("axes and mounting_matrix say the same thing twice: give one of them")
         return self
@@ -165,7 +165,7 @@ class ObservationLog(LogTable):
         None, description="constellation of satellites written as bare numbers, by its letter in RINEX"
     )
     system_codes: dict[str, System] = Field(
-        {}, description="what the column of constellations holds where it is no name or letter: 1 = 'G'"
+        {}, description="what the column of constellations holds if it is not a name or letter: 1 = 'G'"
     )
 
     @model_validator(mode="after")
@@ -220,7 +220,7 @@ class MountedAntenna(StrictModel):
         turns = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         if max(map(abs, skew)) > _ROTATION_TOLERANCE or turns < 0.0:
             raise ValueError(
-                "mounting_matrix is no rotation: its rows are not three right-handed unit vectors"
+                "mounting_matrix is not a rotation: its rows are not three right-handed unit vectors"
             )
         return self
 
@@ -327,13 +327,13 @@ class AttitudeConfig(StrictModel):
     main_antenna: str | None = Field(None, description="the vehicle's antenna that the log of [gnss] is from")
     phase_sigma_m: PositiveFloat = Field(0.002, description="of one antenna's phase at 45 dBHz")
     phase_floor_m: NonNegativeFloat = Field(
-        0.0, description="white noise of one antenna's phase whatever its C/N0, beside that"
+        0.0, description="white noise of one antenna's phase whatever its C/N0, in addition"
     )
     phase_elevation_m: NonNegativeFloat = Field(
         0.0, description="and white noise that grows as one over the sine of the elevation"
     )
-    multipath_sigma_m: NonNegativeFloat = Field(0.003, description="of one antenna's phase, beside that")
-    multipath_time_s: NonNegativeFloat = Field(60.0, description="how long reflections stay alike")
+    multipath_sigma_m: NonNegativeFloat = Field(0.003, description="of one antenna's phase, in addition")
+    multipath_time_s: NonNegativeFloat = Field(60.0, description="correlation time of reflections")
     ratio: Annotated[float, Field(gt=1.0)] = Field(
         2.0, description="of the second best whole cycles' loss to the best's, to be believed"
     )

@@ -15,7 +15,8 @@ class Integrity(StrictModel):
     """What a protection level promises, and against which faults (``replay(..., integrity=True)``)."""
 
     risk: Probability = Field(
-        1e-7, description="that an error exceeds its protection level untold, per row; half of it vertical"
+        1e-7,
+        description="that an error exceeds its protection level without an alert, per row; half of it vertical",
     )
     false_alert: Probability = Field(1e-5, description="that a row raises an alert without a fault")
     satellite_fault: Probability = Field(1e-5, description="that a satellite in view is faulty")

@@ -152,7 +152,7 @@ def filter_config(
 
 
 def _filter_of_file(path: Path, above: tuple[Path, ...] = ()) -> FilterConfig:
-    """Return a file's settings; what it leaves out is as in the filter that it is based on."""
+    """Return a file's settings; omitted settings come from the filter that it is based on."""
     based_on = read_toml(path).get("based_on")
     if not (isinstance(based_on, str) and based_on):
         return load_toml(path, FilterConfig)

@@ -64,7 +64,7 @@ class TimeScale(StrictModel):
 
 
 class LogColumns(StrictModel):
-    """Names of the columns of a log, no two alike; a number names a column of a file without a header."""
+    """Names of the columns of a log, all different; a number names a column of a file without a header."""
 
     time: ColumnName = "time_s"
     date: ColumnName = Field(NO_COLUMN, description="of dates, where the time column holds the time of day")

@@ -137,7 +137,7 @@ class Sea(StrictModel):
 
 
 class Ascent(StrictModel):
-    """A sounding rocket: it stands on its rail, follows its nose, burns, spins, and coasts. The only manoeuvre."""
+    """A sounding rocket: it waits on its rail, flies along its axis, burns, spins, and coasts. The only manoeuvre."""
 
     kind: Literal["ascent"]
     duration_s: Positive = Field(description="of everything, the wait on the rail included")

@@ -10,7 +10,7 @@ Vector3 = tuple[float, float, float]
 # No sensor, clock or time is larger in the units used here; squares of these are numbers still
 PositiveFloat = Annotated[float, Field(gt=0.0, le=1e9)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0, le=1e9)]
-# Bounds that no vehicle passes: what lies beyond is a slip of unit or keyboard, and its square leaves the numbers
+# Bounds that no vehicle passes: a value beyond is a wrong unit or a typing error, and its square leaves the range
 Arm = Annotated[float, Field(ge=-1e3, le=1e3)]
 Speed = Annotated[float, Field(ge=-2e4, le=2e4)]
 Angle = Annotated[float, Field(ge=-360.0, le=360.0)]

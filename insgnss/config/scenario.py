@@ -18,7 +18,7 @@ Range = tuple[float, float]
 
 
 class SatelliteTrack(StrictModel):
-    """Where a satellite stands at the start and at the end; azimuth and elevation change linearly between."""
+    """A satellite's direction at the start and at the end; azimuth and elevation change linearly between."""
 
     sv: SatelliteName
     azimuth_deg: tuple[float, float]
@@ -26,7 +26,7 @@ class SatelliteTrack(StrictModel):
 
 
 class ScenarioSite(StrictModel):
-    """The point from which the tracks are seen; the user at rest stands there, the flight begins there."""
+    """The point from which the tracks are seen; the user at rest is there, the flight begins there."""
 
     lat_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     lon_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
@@ -34,7 +34,7 @@ class ScenarioSite(StrictModel):
 
 
 class ScenarioMeasurements(StrictModel):
-    """How often and how well the receiver measures; every satellite alike."""
+    """How often and how well the receiver measures; the same for every satellite."""
 
     range_variance_m2: Positive
     rate_variance_m2ps2: Positive
@@ -110,7 +110,7 @@ class FalseLockModel(StrictModel):
 
     name: Annotated[str, Field(min_length=1)]
     begins: Literal["at_loss", "in_search"] = Field(
-        "in_search", description="with the loss, or where a sweep of the search comes upon it"
+        "in_search", description="with the loss, or when a sweep of the search hits it"
     )
     offset_m: Range = Field(description="of the pseudorange, when it begins")
     growth_mps: Range = Field((0.0, 0.0), description="of that offset")
@@ -167,7 +167,7 @@ class ScenarioConfig(StrictModel):
         names = [track.sv for track in satellites]
         twice = sorted({sv for sv in names if names.count(sv) > 1})
         if twice:
-            raise ValueError(f"every satellite stands once; {', '.join(twice)} stands twice")
+            raise ValueError(f"every satellite appears once; {', '.join(twice)} appears twice")
         return satellites
 
     @field_validator("outage")

@@ -1,6 +1,6 @@
 """The schema of ``[[sensor]]`` in a scenario file, and of the faults of such sensors.
 
-Each error of a simulated sensor is drawn with the sigma that stands here, and the flight file that goes with the logs
+Each error of a simulated sensor is drawn with the sigma given here, and the flight file of the logs
 declares the same sigmas: what the filter assumes is then true, but for the faults.
 """
 
@@ -132,7 +132,7 @@ class Draught(TimedFault):
 
 
 class MagneticDisturbance(TimedFault):
-    """A motor, a current or steel beside the magnetometer."""
+    """A motor, a current or steel near the magnetometer."""
 
     kind: Literal["disturbance"]
     sensor: str = "magnetometer"

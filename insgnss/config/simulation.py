@@ -126,7 +126,7 @@ class YumaSky(_AnySky):
 
 
 class TableSatellite(StrictModel):
-    """Where a satellite stands at the start, and towards where it should go until the end."""
+    """A satellite's direction at the start, and the direction it should reach at the end."""
 
     sv: GpsSatellite
     azimuth_deg: tuple[float, float]
@@ -144,7 +144,7 @@ class TableSky(_AnySky):
     def _each_one_once(cls, rows: tuple[TableSatellite, ...]) -> tuple[TableSatellite, ...]:
         names = [row.sv for row in rows]
         if len(set(names)) != len(names):
-            raise ValueError("a satellite stands twice in the table")
+            raise ValueError("a satellite appears twice in the table")
         return rows
 
 
@@ -296,9 +296,7 @@ class SimulationConfig(StrictModel):
             raise ValueError("two sensors have the same name")
         for fault in self.sensor_faults:
             if fault.sensor not in kinds:
-                raise ValueError(
-                    f"the fault '{fault.kind}' is of a sensor '{fault.sensor}' that there is not"
-                )
+                raise ValueError(f"the fault '{fault.kind}' names an unknown sensor '{fault.sensor}'")
             alone = kinds[fault.sensor] in ("odometer", "barometer", "heading")
             if isinstance(fault, SensorStep) and len(fault.size) != (1 if alone else 3):
                 raise ValueError(f"a step of '{fault.sensor}' has {1 if alone else 3} component(s)")

@@ -3,7 +3,7 @@
 It keeps the filter as it stood after each recent epoch. An epoch that arrives late is put in its place: the filter goes
 back to the state before it and runs forward again over the samples and epochs since. Rows of a time tag that it knows
 already join that epoch, which is done again in the same way. An epoch outside the inertial samples is passed over, once
-it is certain that none will come. So what the engine says of an epoch in the end is, bit for bit, what ``replay`` says.
+it is certain that none will come. So the engine's final result for an epoch is, bit for bit, that of ``replay``.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class FilterEngine:
 
     ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
     setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
-    what has become final since the last call, ``engine.events`` all that happened.
+    what has become final since the last call, ``engine.events`` all events.
     """
 
     def __init__(self, setup: FilterSetup) -> None:
@@ -139,7 +139,7 @@ class FilterEngine:
     def _waits(self, t_ns: int) -> bool:
         """Return whether samples are still to come at or after a time.
 
-        A single sample between gaps is no stretch that a filter could run over: its own epoch waits for the second.
+        A filter cannot run over a single sample between gaps: its epoch waits for the second sample.
         """
         newest = self._samples.last_ns
         return newest is None or t_ns > newest or t_ns == newest == self._first_ns
@@ -264,7 +264,7 @@ class FilterEngine:
         return rows
 
     def _cut(self, cut: Cut) -> None:
-        """Begin anew, with what the filter leaves behind."""
+        """Restart with the filter's carried start."""
         last_ns = self._samples.last_ns
         assert last_ns is not None  # a cut has a sample before it
         self._started = self._started or self._navigator.started_ns is not None
@@ -279,7 +279,7 @@ class FilterEngine:
         self._begin(None if kept is None else kept_over(kept, cut))
 
     def _set_back(self) -> None:
-        """Begin anew after tags that were wrong: what they made of the filter goes with them."""
+        """Restart after wrong tags: the filter that they produced is dropped."""
         self._done += self._told()
         self._close(self._recent[-1].t_ns if self._recent else self._closed_ns)
         self._own.keep(self._navigator.own, (self._first_ns, self._samples.last_ns or self._first_ns))
@@ -340,7 +340,7 @@ class FilterEngine:
         if self._live is None:
             self._live = copy_bank(bank)
         if not self._carry(self._live, newest):
-            self._live = None  # a wild sample: there is no answer until an epoch starts the filter anew
+            self._live = None  # a wild sample: there is no answer until an epoch restarts the filter
 
     def _carry(self, bank: Bank, t_ns: int) -> bool:
         """Carry a bank to a sample, by way of the own rows; return whether it is finite there."""

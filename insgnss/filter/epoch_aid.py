@@ -1,6 +1,6 @@
 """What may help the filter at an epoch from outside of the compiled loop, as the navigator sees it.
 
-Only the interface stands here: a filter that nobody helps does not load what the help is made of.
+Only the interface is here: a filter without help does not load its implementation.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class EpochAid(Protocol):
         """Names of the antennas, the main one first."""
 
     def use(self, bank: Bank, t_ns: int, w_ib_b: Float64, par: Parameters) -> tuple[Bank, int]:
-        """Update a bank that stands at an epoch; return it and how many measurements were used."""
+        """Update a bank at an epoch; return it and how many measurements were used."""
 
     def take_events(self) -> list[Event]:
         """Return the events since the last call."""

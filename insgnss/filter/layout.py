@@ -125,7 +125,7 @@ class StateBlock:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which further states a filter has, and where each stands in the error state.
+    """The further states of a filter, and the place of each in the error state.
 
     Raises
     ------

@@ -58,7 +58,7 @@ def advance(
 ) -> None:
     """Carry the whole bank to ``stop_ns`` by way of the trace's times, writing the output times before it on the way.
 
-    All that the bank is carried by way of are whole samples, which changes no bit of the filter; an output between
+    The bank is carried over whole samples only, which changes no bit of the filter; an output between
     samples is made on a copy of the leader. Times of the trace up to a start are passed over: there was no filter.
     """
     count, traced = out.counts[0], out.trace.counts[0]

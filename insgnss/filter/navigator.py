@@ -68,7 +68,7 @@ class Snapshot(NamedTuple):
 
     @property
     def banks(self) -> list[Bank]:
-        """All that counts samples: what is carried along with them, and what the filter was before."""
+        """Everything that counts samples: objects carried along with them, and the earlier filter."""
         return [*banks_of(self.bank, self.trial), *self.health.banks, *self.health.past.banks]
 
 
@@ -106,7 +106,7 @@ class Navigator:
 
     @property
     def banks(self) -> list[Bank]:
-        """All that is carried along with the samples: the filter, if it has started, and its rivals on trial."""
+        """Everything carried along with the samples: the filter, if it has started, and its alternatives."""
         return [*banks_of(self.bank, self.trial), *self.health.banks]
 
     def snapshot(self) -> Snapshot:
@@ -185,7 +185,7 @@ class Navigator:
             self.own[t_ns] = update.entries
             if not is_sound(self.bank.state[head.leader], self.bank.P[head.leader]):
                 del self.own[t_ns]
-                self._restart(t_ns, "the state is not finite any more, or a variance not positive")
+                self._restart(t_ns, "the state is no longer finite, or a variance is not positive")
                 return
             if needs_pruning(self.bank, self.setup.log_drop):
                 self._prune()
@@ -193,7 +193,7 @@ class Navigator:
             self.after_own(update)
 
     def leave(self, imu: ImuSamples) -> CarriedState | None:
-        """Return what the filter leaves behind at the end of its samples, what it got itself where it never started."""
+        """Return the carried start at the end of the filter's samples, its own if it never started."""
         if self.bank is None:
             return self.starter.carried
         return left_behind(self.bank, imu, self.setup, self._parameters)
@@ -311,7 +311,7 @@ class Navigator:
             space = self.workspace(rows).epoch
             self._accept(self.health.recover(bank, imu, rows, epoch, self._parameters, space), t_ns)
         elif code == COVARIANCE_LOST:
-            self._restart(t_ns, "the state is not finite any more, or a variance not positive")
+            self._restart(t_ns, "the state is no longer finite, or a variance is not positive")
         elif code not in (DONE, SUSPICION):
             raise AssertionError(f"unknown code {code} of the compiled loop")
 
@@ -385,7 +385,7 @@ class Navigator:
         self.bank = self.opened = None
         self.health.forget()
         self.starter = Starter(self.setup, given=False)
-        self.events.append(Event(t_ns, "restart", f"{reason}: the filter starts anew"))
+        self.events.append(Event(t_ns, "restart", f"{reason}: the filter restarts"))
 
     def _collect_events(self, out: Output) -> None:
         """Turn the compiled loop's events into words."""

@@ -67,7 +67,7 @@ class _Member(NamedTuple):
 def use_own_rows(
     bank: Bank, t_ns: int, setup: FilterSetup, imu: ImuSamples, parameters: npt.NDArray[Any], scratch: Scratch
 ) -> OwnUpdate:
-    """Update a bank that stands at ``t_ns`` with the own rows of that time.
+    """Update a bank at ``t_ns`` with the own rows of that time.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def _feed_back(m: StateRecord, correction: Float64, at_clone: int) -> None:
 
 
 def _weigh(bank: Bank, log_likelihood: Float64, information: Float64, direct: Bool, par: Parameters) -> None:
-    """Let the rows judge the hypotheses: those that tell of the heading in full, the others by the shown motion."""
+    """Weigh the hypotheses by the rows: those that depend on heading in full, the others by the shown motion."""
     if len(bank.state) == 1:
         bank.head[0].log_likelihood += float(np.nansum(log_likelihood))
         return
@@ -325,7 +325,7 @@ def run_beside(
     setup: FilterSetup,
     take: Callable[[OwnUpdate], None] = lambda _: None,
 ) -> int:
-    """Run a bank beside the filter through epochs and the own rows between them; return why the loop stopped."""
+    """Run a parallel bank through epochs and the own rows between them; return why the loop stopped."""
     first, last = 0, len(rows.epoch_ns)
     while first < last:
         stop = last

@@ -91,7 +91,9 @@ class StateRecord(Record):
     noise_factor: Annotated[Float64, N_FACTORS]  # found noise levels
     adapted_ns: int  # when they were last moved
     adapted_count: int
-    explained: Annotated[Float64, 2, 3]  # means of what the epochs say of the prediction, see ``integrity``
+    explained: Annotated[
+        Float64, 2, 3
+    ]  # means of the epochs' deviation from the prediction, see ``integrity``
     explained_variance: Annotated[Float64, 2]  # of these means while the filter is right
     explained_ns: int
     crept_ns: int  # when a satellite was last found by its range rate to run away
@@ -118,7 +120,7 @@ class HeadRecord(Record):
     """What the hypotheses of a bank have in common."""
 
     now_ns: int  # time of the state
-    next: int  # index of the inertial sample whose interval the state stands in
+    next: int  # index of the inertial sample whose interval contains the state
     leader: int  # the hypothesis of the largest weight
     epoch_ns: int  # time of the last epoch; 0 before the first
     epoch_step_ns: int  # from the epoch before to it
@@ -152,7 +154,7 @@ StateArray: TypeAlias = npt.NDArray[Any]
 
 
 class Bank(NamedTuple):
-    """All hypotheses: one record and one covariance each, and what they have in common."""
+    """All hypotheses: one record and one covariance each, and their common data."""
 
     state: StateArray  # (m,) of STATE_DTYPE
     P: Float64  # (m, n, n) covariance of the error state
@@ -229,7 +231,7 @@ def copy_bank(bank: Bank) -> Bank:
 
 
 def joined_banks(bank: Bank, other: Bank) -> Bank:
-    """Return a bank of the hypotheses of both, weights as they are, what they have in common from the first."""
+    """Return a bank of the hypotheses of both, weights as they are, common data from the first."""
     n, n_states = len(bank.state), bank.P.shape[1]
     both = new_bank(n + len(other.state), n_states - OFFSETS)
     both.head[:] = bank.head

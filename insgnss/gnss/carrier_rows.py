@@ -63,7 +63,7 @@ _FASTEST_MPS: Final = 3.0e5  # a difference beyond is none to a satellite, whate
 
 
 def no_carriers() -> tuple[Carriers, Float64]:
-    """Return what stands for a log without carrier: no rows, no states of the epoch before."""
+    """Return the empty result for a log without carrier: no rows, no states of the epoch before."""
     return np.zeros(0, CARRIER_DTYPE), np.zeros((0, 8))
 
 

@@ -13,7 +13,7 @@ Rules:
 - The base's clock is the median over the satellites of a constellation at an epoch, for all its signals
   (``clock_per_signal``: for each signal, where two kinds of receivers differ in their delays between signals). A jump
   of the base's clock thus never enters. A satellite that rises or sets moves the median by a fraction of its own
-  error, for all satellites of a constellation alike: the rover's clock takes it up.
+  error, the same for all satellites of a constellation: the rover's clock absorbs it.
 - Nothing is smoothed; in time the correction is linear between the base's epochs, within ``max_age_s`` of the row.
 """
 

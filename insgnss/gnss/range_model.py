@@ -32,7 +32,7 @@ from insgnss.tables import Float64
 
 
 class RangeCorrection(NamedTuple):
-    """One term of a pseudorange: what it is, how it enters the prediction, and how large it is."""
+    """One term of a pseudorange: its name, how it enters the prediction, and its size."""
 
     name: str
     adds: str  # "+": lengthens the predicted pseudorange where positive, "-": shortens it, "in rho"

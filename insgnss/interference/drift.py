@@ -119,14 +119,12 @@ def density_of_record(
     T = float(positive("interval_s", interval_s, _TIME_ADVICE))
     if x.ndim != 1 or len(x) <= _FEWEST_SAMPLES:
         raise ConfigError(
-            f"a record of {x.size} samples tells nothing of drift",
+            f"a record of {x.size} samples is too short to show drift",
             key="samples",
             advice="give one row of at least 4; some hundreds for 10 %",
         )
     if not 0.0 < confidence < 1.0:
-        raise ConfigError(
-            f"a confidence of {confidence:g} makes no sense", key="confidence", advice="0.95, say"
-        )
+        raise ConfigError(f"invalid confidence {confidence:g}", key="confidence", advice="0.95, say")
     dx = per_unit * np.diff(x)
     n = len(dx)
     of_means = _OF_MEANS if averaged else 1.0

@@ -127,7 +127,7 @@ def signal_named(name: str) -> Signal:
         reason = reason_unsupported(letter.strip().upper(), code.strip().upper())
         near = [f"{s.system}:{s.codes[0]}" for s in SIGNALS if s.system == letter.strip().upper()]
         raise ModelError(
-            f"'{name}' is no signal: {reason}", advice=f"known: {', '.join(near) or 'G, R, E, C, J, I, S'}"
+            f"unknown signal '{name}': {reason}", advice=f"known: {', '.join(near) or 'G, R, E, C, J, I, S'}"
         )
     return named("signal", name, [(signal_name(s), s) for s in SIGNALS])
 

@@ -1,6 +1,6 @@
 """Which oscillator and which INS together allow a wanted margin: the lines of the paper's figures 4, 5 and 6.
 
-Two characteristics stand for the two drifts [Shatilov 2009, (28)]:
+Two characteristics describe the two drifts [Shatilov 2009, (28)]:
 
     c_osc = df_max^2 / T_osc [Hz^2/s],  c_INS = dV_max^2 / T_INS [m^2/s^3],
     2 (2 pi / 3)^2 c_osc + 2 (2 pi f0 / (3 c))^2 c_INS <= S_max

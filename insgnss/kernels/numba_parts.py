@@ -1,10 +1,10 @@
-"""All that the package uses of Numba's inner parts; everything else goes through ``insgnss.kernels.jit``.
+"""Everything that the package uses of Numba's internals; everything else goes through ``insgnss.kernels.jit``.
 
 ``compiled`` seals the files of machine code. ``Apart`` is a kernel that is called by its address: compiled once, apart
 from its callers, and only when it is needed. Numba links every kernel that another one calls into it, then optimises
 and translates all of it again: down the calls of the filter's loop most code would be translated four times. A kernel
-apart is reached through a pointer instead. Its callers need to know no more than the types it takes and returns, so
-they can be compiled before it, beside it in another process, or without it, where nobody ever calls it.
+apart is reached through a pointer instead. Its callers need only the types it takes and returns, so they
+can be compiled before it, in parallel in another process, or without it if it is never called.
 
 A call holds a cell in the caller's machine code, zero at first. Where it finds a zero it asks ``_find``, back in
 Python, which compiles the kernel for the types of the call or fetches it from the cache; the cell keeps the answer. The
@@ -135,7 +135,7 @@ def _seal_files(dispatcher: Any) -> None:
 
 
 _SYMBOL: Final = "insgnss_find_kernel"
-_NOT_COMPILED: Final = 0  # answers that are no addresses
+_NOT_COMPILED: Final = 0  # return values that are not addresses
 _INTERRUPTED: Final = -1
 _NUMBERS: Final[dict[Any, Any]] = {
     bool: types.boolean,

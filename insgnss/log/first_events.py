@@ -1,4 +1,4 @@
-"""Many events of one kind: the first are told one by one, the others counted."""
+"""Many events of one kind: the first are reported one by one, the others counted."""
 
 from __future__ import annotations
 

@@ -255,7 +255,7 @@ def _merge(
         into[name] = nodes | known
     if repeated:
         told = (
-            f"{path}: {len(repeated)} {what} node(s) stand in an earlier file too, up to {farthest_m:.3f} m apart; "
+            f"{path}: {len(repeated)} {what} node(s) are in an earlier file too, up to {farthest_m:.3f} m apart; "
             "the earlier file counts"
         )
         found.events.append(Event(min(repeated), "precise_overlap", told))

@@ -37,7 +37,7 @@ class Accumulation(NamedTuple):
 
 
 def _special() -> Any:
-    """Return SciPy's special functions, loaded late: a replay that does not supervise the search goes without them."""
+    """Return SciPy's special functions, loaded late: a replay without supervision does not need them."""
     from scipy import special
 
     return special
@@ -99,7 +99,7 @@ def albersheim_snr_db(pd: float, pfa: float, looks: npt.ArrayLike = 1) -> Float6
 
     Raises
     ------
-    ConfigError : pd and pfa are no pair the formula has a value for
+    ConfigError : the formula has no value for this pair of pd and pfa
     """
     _check_pair(pd, pfa)
     A, B = math.log(0.62 / pfa), math.log(pd / (1.0 - pd))
@@ -148,7 +148,7 @@ def coherent_snr_db(pd: float, pfa: float) -> float:
 def _check_pair(pd: float, pfa: float) -> None:
     if not 0.0 < pfa < pd < 1.0:
         raise ConfigError(
-            f"pd {pd:g} and pfa {pfa:g} are no probabilities of a detection and of a false alarm",
+            f"pd {pd:g} and pfa {pfa:g} are not valid probabilities of detection and false alarm",
             key="pfa" if 0.0 < pd < 1.0 else "pd",
             advice="give 0 < pfa < pd < 1",
         )

@@ -99,7 +99,7 @@ class SatelliteComparison(NamedTuple):
 
 
 class EventComparison(NamedTuple):
-    """A receiver's log beside the supervisor's history."""
+    """A receiver's log compared with the supervisor's history."""
 
     verdicts: EventVerdicts
     satellites: SatelliteComparison

@@ -183,7 +183,7 @@ class LiveSupervision:
         self._decided.append(_Decision(view, seen, result))
 
     def _end_predictions(self, now_ns: float) -> None:
-        """End every satellite's prediction where the filter has given none for long: it started anew."""
+        """End every satellite's prediction if the filter gave none for long: it restarted."""
         if self._decided_ns is None or now_ns - self._decided_ns <= longest_gap_ns(self._usual_ns):
             return
         if np.any(self._supervisor.state != ABSENT):

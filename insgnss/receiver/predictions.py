@@ -237,7 +237,7 @@ def _decisions(
         look_at_all(C_nb, P_b, u_n, antennas, limits, looks)
         decision, memory[:] = looks.decision[1:], looks.decision[-1]
         if limits.uncertain == HIDE:
-            # a receiver that goes on measuring a hidden satellite is no witness against its being hidden
+            # a receiver that keeps measuring a hidden satellite does not prove it visible
             decision[decision == UNCERTAIN_HIDDEN] = HIDDEN
     else:
         gain[~known] = np.nan

@@ -30,7 +30,7 @@ class SearchWindow(NamedTuple):
     within_aperture: npt.NDArray[np.bool_]  # the loops may be closed at the predicted place
     accumulation_s: Float64  # of one cell; inf where no allowed accumulation suffices
     delay_cells: Float64  # whole numbers; NaN where there is no prediction
-    doppler_bins: Float64  # NaN where there is no prediction, or no accumulation that suffices
+    doppler_bins: Float64  # NaN where there is no prediction, or without a sufficient accumulation
     search_s: Float64  # over all cells, once; inf where no accumulation suffices
 
 

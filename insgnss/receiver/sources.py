@@ -1,4 +1,4 @@
-"""What the supervision of a replay rests on beside the filter's trace: taken from the logs before the filter runs."""
+"""The inputs of a replay's supervision besides the filter's trace, taken from the logs before the filter runs."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def supervision_sources(
     Raises
     ------
     NavigationDataError : nothing says where satellites are that the log does not hold
-    InputError and its kin : the log of the receiver's events cannot be used
+    InputError or a subclass : the log of the receiver's events cannot be used
     """
     seen = {name[0] for name in logs.gnss.sv_names}
     setup, satellites = setup_and_satellites(filter, seen, logs.navigation, logs.gnss.glonass_channels)

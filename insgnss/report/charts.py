@@ -94,7 +94,7 @@ class ChartRows:
         return Chart(name, title, self.traces, self.layout(**layout), height, caption, linked=True)
 
 
-# plain seconds, as they stand in the tables: 293800, not 293.8k
+# plain seconds, as in the tables: 293800, not 293.8k
 TIME_AXIS: Final[Trace] = {"title": {"text": "time, s of the GPS week"}, "tickformat": "d"}
 
 
@@ -184,7 +184,7 @@ def band_trace(
 
 
 def marker_trace(time_s: Float64, values: Float64, name: str, colour: str, **more: Any) -> Trace:
-    """Return points over time, all that are given."""
+    """Return points over time, without thinning."""
     marker = {"color": colour, "size": 3} | more.pop("marker", {})
     return {
         "type": "scatter",
@@ -204,7 +204,7 @@ def translucent(colour: str, opacity: float) -> str:
 
 
 def colour_of(place: int) -> str:
-    """Return the colour of a place in a list, no two alike: the palette's, then hues spread about the circle."""
+    """Return the colour of a place in a list, all different: the palette's, then hues spread about the circle."""
     if place < len(PALETTE):
         return PALETTE[place]
     # the golden ratio spreads any number of hues evenly; light and dark in turn tells neighbours apart

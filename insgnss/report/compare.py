@@ -71,7 +71,7 @@ def compare(*runs: Run | str | Path, **named: Run | str | Path) -> Comparison:
     Parameters
     ----------
     runs : runs or their folders; each is called by its folder, or by its filter
-    named : runs or their folders, by what they are to be called
+    named : runs or their folders, by the names to use
 
     Raises
     ------
@@ -81,12 +81,12 @@ def compare(*runs: Run | str | Path, **named: Run | str | Path) -> Comparison:
     names = [name if called.count(name) == 1 else f"{name} ({i})" for i, name in enumerate(called, 1)]
     given = [*zip(names, runs, strict=True), *named.items()]
     if len(dict(given)) < len(given):
-        raise ResultError("two runs have one name", advice="call them otherwise, as in compare(gps=a, all=b)")
+        raise ResultError("two runs have the same name", advice="name them apart, as compare(gps=a, all=b)")
     return compare_runs({name: run if isinstance(run, Run) else Run.load(run) for name, run in given})
 
 
 def _called(run: Run | str | Path) -> str:
-    """Return what a run is called that nobody gave a name: its folder, or its filter."""
+    """Return the default name of a run: its folder, or its filter."""
     if not isinstance(run, Run):
         return Path(run).resolve().name
     filter_ = dict(run.settings.get("filter") or {}).get("name") or "run"

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from insgnss.runs.result import Run
 
-_NOT_SETTINGS: Final = ("made", "took")  # of no two runs alike
+_NOT_SETTINGS: Final = ("made", "took")  # different in every run
 _ABSENT: Final = "-"
 
 

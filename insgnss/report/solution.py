@@ -49,7 +49,7 @@ def solution(run: Run) -> NavSolution:
     epochs, count = satellites_used(run)
     if len(epochs) == 0:
         epochs, count = np.array([-np.inf]), np.array([0])
-    # a row stands at its epoch to the nanosecond, but seconds of the week round
+    # a row is at its epoch to the nanosecond, but seconds of the week round
     latest = np.maximum(np.searchsorted(epochs, time_s + 1e-6, side="right") - 1, 0)
     usual_s = float(np.median(np.diff(epochs))) if len(epochs) > 1 else np.inf
     age_s = time_s - epochs[latest]

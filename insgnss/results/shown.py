@@ -15,7 +15,7 @@ _PLAIN: Final = (str, int, float, bool, Path)
 
 
 class ResultDisplay:
-    """A dataclass that says in one line what it is; ``_about`` gives the sentences, the tables are found."""
+    """A dataclass with a one-line summary; ``_about`` gives the sentences, the tables are found."""
 
     def _about(self) -> Iterator[str]:
         """Yield what the result is, in a few words each: by default its plain values."""
@@ -26,7 +26,7 @@ class ResultDisplay:
                 yield f"{name}={str(value) if isinstance(value, Path) else value!r}"
 
     def _sentences(self) -> Iterator[str]:
-        """Yield what Jupyter shows above the tables."""
+        """Yield the lines that Jupyter shows above the tables."""
         yield from self._about()
 
     def _shown_tables(self) -> dict[str, pd.DataFrame]:

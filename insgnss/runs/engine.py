@@ -33,7 +33,7 @@ class Engine(FilterEngine):
 
     ``engine.imu(...)`` for every inertial sample, ``engine.gnss(...)`` for every epoch, at most ``latency_s`` (a
     setting of the filter) after the samples of its time; ``engine.state`` is the answer now, ``engine.take_results()``
-    what has become final since the last call, ``engine.events`` all that happened. Of several antennas ([attitude] in
+    what has become final since the last call, ``engine.events`` all events. Of several antennas ([attitude] in
     the flight file) ``engine.gnss(epoch, "ahead")`` takes the epochs of a further one by its name, and
     ``EpochResult.differences`` has what became of their phases. ``engine.sensor("odometer", t_ns, speed)`` takes the
     readings of further sensors ([[sensor]]).
@@ -76,7 +76,7 @@ class Engine(FilterEngine):
         """
         if (aiding is None) != (on_aiding is None):
             raise ConfigError(
-                "aiding needs a rate and somebody who takes it",
+                "aiding needs a rate and a receiver of its rows",
                 advice="give both aiding=... and on_aiding=..., or neither",
             )
         self._aiding: LiveAiding | None = None
@@ -179,7 +179,7 @@ class Engine(FilterEngine):
                 self._expect(self._supervision, tag_of(epoch))
 
     def _expect(self, supervision: LiveSupervision, t_ns: int) -> None:
-        """Hand over what the filter expects at ``t_ns``, as it stands at the last sample before."""
+        """Pass on the filter's prediction at ``t_ns``, from the last sample before."""
         bank, sample_ns = self._navigator.bank, self._samples.last_before(t_ns)
         if bank is None or t_ns - sample_ns > LATEST_SAMPLE_NS or bank.head[0].now_ns > sample_ns:
             return

@@ -14,7 +14,7 @@ from insgnss.kernels.compiled_ahead import compiled_ahead, is_complete
 
 # run in processes of its own: one that finds everything compiled does not load it
 _LIST: Final = "insgnss.runs.kernel_list"
-_ABOUT: Final = "compiling, once per installation (half a minute to a minute)"
+_ABOUT: Final = "compiling once per installation (half a minute to a minute)"
 
 
 @contextmanager

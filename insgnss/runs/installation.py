@@ -1,6 +1,7 @@
 """What a run has found of the installation: the antenna's lever arm, the IMU's time, the IMU's mounting in the vehicle.
 
-Each is a state where the settings or the flight file doubt it. It is told when its sigma has fallen to a fifth of that
+Each is a state where the settings or the flight file doubt it. It is reported when its sigma has fallen to a fifth of
+that
 doubt, and ``insgnss check FLIGHT --run DIR`` proposes the corrected keys.
 """
 
@@ -24,12 +25,12 @@ _SLIP: Final = "vehicle.non_holonomic"
 
 
 class _InstallationNumber(NamedTuple):
-    """A number of the flight file and where its error stands in a run."""
+    """A number of the flight file and the place of its error in a run."""
 
     column: str  # of ``nav``: what has to be added to the number
     key: str
     place: int | None  # in a key that holds several numbers
-    doubt: tuple[str, ...]  # where its sigma at the start stands in the run's settings
+    doubt: tuple[str, ...]  # path of its initial sigma in the run's settings
 
 
 PARTS: Final = (
@@ -66,7 +67,7 @@ class InstallationEstimate(NamedTuple):
 
 
 def known_parts(nav: pd.DataFrame, settings: Mapping[str, Any]) -> list[InstallationEstimate]:
-    """Return what a run knows at its end, with the time since when; ``settings`` are the run's."""
+    """Return a run's estimates at its end, with the time of convergence; ``settings`` are the run's."""
     found = []
     for part in PARTS:
         if part.column not in nav or not len(nav):
@@ -99,7 +100,7 @@ def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
         run.settings["flight"],
     )
     if not known:
-        told = "the run has found nothing of lever arm, IMU time or mounting"
+        told = "the run has no estimate of lever arm, IMU time or mounting"
         advice = "process.lever_arm_sigma_m and process.imu_time_sigma_s make them states; they need turns and stops"
         return [Finding("ok", "run", told, advice)]
     findings = []
@@ -110,7 +111,7 @@ def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
             advice = f"{one.part.key} is not what the run was made with: replay the flight again"
             findings.append(Finding("warning", "run", one.words(), advice))
         elif abs(one.value) < SIGNIFICANT * one.sigma:
-            findings.append(Finding("ok", "run", f"{one.words()}: nothing speaks against {one.part.key}"))
+            findings.append(Finding("ok", "run", f"{one.words()}: consistent with {one.part.key}"))
         else:
             value = _corrected([k for k in known if k.part.key == one.part.key], given)
             proposal = Proposal(one.part.key, value, f"found in a run, sigma {one.sigma:.2g}")

@@ -106,16 +106,17 @@ def replay(
         aiding
     supervise : whether the search supervisor says at each epoch what the receiver should do about every satellite:
         ``run.supervision``, ``run.transitions``, ``run.search_times``; its settings are the filter's ``[search]``
-    smooth : whether ``run.nav`` has what the whole log tells of each time, not only what came before it, inside
+    smooth : whether ``run.nav`` uses the whole log for each time, not only the data before it, inside
         outages and while several headings were open too (``filter.smoothing.smoother``); the measurements are then
         still those of the filter
-    integrity : whether ``run.nav`` has protection levels ``hpl_m`` and ``vpl_m``, and ``run.integrity`` tells of each
+    integrity : whether ``run.nav`` has protection levels ``hpl_m`` and ``vpl_m``, and ``run.integrity`` reports on
+    each
         satellite and constellation how far the solution without it is; the filter runs once for each, its settings are
         the filter's ``[integrity]``
     states : further states that the filter is to estimate, as scale factors of a sensor: ``insgnss.StateBlock``
     measurements : of the user's own, between epochs or at one, before it: objects with ``name``, ``times_ns`` and
-        ``rows(state, layout)``, see ``Measurement``. Their rows stand in ``run.measurements`` by their name
-    progress : is told in words what is being done
+        ``rows(state, layout)``, see ``Measurement``. Their rows are in ``run.measurements`` by their name
+    progress : is called with a description of the current step
 
     Raises
     ------
@@ -235,7 +236,7 @@ def _prepared(
     also: tuple[Sequence[StateBlock], Sequence[Measurement]],
     tell: Progress,
 ) -> tuple[FilterSetup, tuple[ImuTable, list[GnssRows]], _RunRecord]:
-    """Return the filter's setup, what it works on, and what the tables need; nothing else of the logs is kept."""
+    """Return the filter's setup, its inputs, and the tables' inputs; nothing else of the logs is kept."""
     tell("reading the logs")
     with compiled(tell), ThreadPoolExecutor(1) as beside:
         reading = beside.submit(flight.read)

@@ -130,7 +130,7 @@ def _from_csv(path: Path) -> pd.DataFrame:
         pa.ArrowException,
     ) as error:
         raise ResultError(
-            f"the table cannot be read as {COLUMN_TYPES} beside it says: {error}",
+            f"the table does not match {COLUMN_TYPES} in its folder: {error}",
             file=path,
             advice=_SAVE_AGAIN,
         ) from error
@@ -194,7 +194,7 @@ def _settings(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    ResultError : the file is missing, is no JSON, or an entry is of another kind
+    ResultError : the file is missing, is not JSON, or an entry is of another kind
     """
     if not path.is_file():
         raise ResultError(f"no {SETTINGS} in the folder", file=path.parent, advice=_SAVE_AGAIN)
@@ -223,7 +223,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _at(settings: Mapping[str, Any], keys: Sequence[str]) -> Any:
-    """Return what stands at a path of keys, None where there is no such path."""
+    """Return the value at a path of keys, None where there is no such path."""
     value: Any = settings
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None

@@ -1,4 +1,4 @@
-"""The settings of a run: all that is needed to repeat it, with the versions it was made by."""
+"""The settings of a run: everything needed to repeat it, with the versions of the software."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from insgnss.version import __version__
 
 
 def run_settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetup) -> dict[str, Any]:
-    """Return all that is needed to repeat the run."""
+    """Return everything needed to repeat the run."""
     settings: dict[str, Any] = {
         "flight": flight.config.model_dump(mode="json"),
         "filter": setup.config.model_dump(mode="json"),

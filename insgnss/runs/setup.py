@@ -63,7 +63,8 @@ def engine_settings(
     flight : the flight or its file
     filter : a name in the library, a file, or the settings themselves
     settings : of the filter, to be otherwise, as in ``replay``
-    signals : constellation and RINEX code of all that the receiver will send, as ("G", "C1C"); when None every band of
+    signals : constellation and RINEX code of all signals that the receiver will send, as ("G", "C1C"); when None every
+    band of
         the filter's settings gets its clock, for each constellation that has an ephemeris
     carrier : whether the epochs will bring carrier phases; with several antennas they do
     states : further states that the filter is to estimate, as in ``replay``
@@ -112,7 +113,7 @@ def _refuse_uncertain_time(flight: Flight, config: FilterConfig) -> None:
         at_tags.append("[attitude]")
     if at_tags:
         raise ConfigError(
-            f"the IMU's time cannot be estimated beside {' and '.join(at_tags)}, taken at the IMU's tags",
+            f"the IMU's time offset cannot be estimated together with {' and '.join(at_tags)}, taken at the IMU's tags",
             key="process.imu_time_sigma_s",
             advice="find the offset without them, declare it as imu.time.offset_s, and leave the setting at 0",
         )

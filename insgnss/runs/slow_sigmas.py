@@ -1,4 +1,4 @@
-"""The navigation table's ``sd_slow_*``: what errors that stay alike for minutes add to the filter's own sigma."""
+"""The navigation table's ``sd_slow_*``: the part of slowly varying errors, in addition to the filter's own sigma."""
 
 from __future__ import annotations
 

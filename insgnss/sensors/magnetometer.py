@@ -64,7 +64,7 @@ class MagnetometerMeasurement(SensorMeasurement[Magnetometer]):
         field_e = state.C_eb @ field_b
         across, along = float(across_e @ field_e), float(along_e @ field_e)
 
-        # predicted is what stands on the right less C_nb (m - b), measured is zero
+        # predicted is the right side less C_nb (m - b), measured is zero
         def partials(
             direction_e: Float64, of_strength: float, of_declination: float
         ) -> dict[str, npt.ArrayLike]:

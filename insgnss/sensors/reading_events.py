@@ -1,4 +1,4 @@
-"""What a replay tells of the readings themselves: readings left out, and a sensor that stands still while all moves."""
+"""A replay's events about the readings: readings left out, and a sensor stuck while the vehicle moves."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _frozen(source: SensorMeasurement[Any], readings: Readings, entries: Sequenc
 
     What moved is the prediction: the reading stays, so the innovation's change is the prediction's.
     """
-    # of several rows of a time the last one stands for all
+    # of several rows of a time the last one represents all
     last = {e.t_ns: e for e in entries if np.isfinite(e.innovation) and e.variance > 0.0}
     same = (readings.values[1:] == readings.values[:-1]).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))

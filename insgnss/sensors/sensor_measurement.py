@@ -102,7 +102,7 @@ class SensorMeasurement(Generic[Config]):
 
 
 def weighted(innovation: float, partials: Mapping[str, npt.ArrayLike], sigma: float, reading: Reading) -> Row:
-    """Return a row of a reading: gated with the sigma of one reading, used with what it is worth beside the others."""
+    """Return a row of a reading: gated with the sigma of one reading, used with its weight among the others."""
     return Row(float(innovation), partials, reading.weight * sigma**2, sigma**2)
 
 

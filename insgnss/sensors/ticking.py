@@ -1,4 +1,4 @@
-"""Rows at regular ticks, and how much less they tell where their errors stay alike from one to the next."""
+"""Rows at regular ticks, weighted down where their errors are correlated from one to the next."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PeriodicMeasurement:
 
     @property
     def times_ns(self) -> Int64:
-        """None beside the ticks (0,)."""
+        """None besides the ticks (0,)."""
         return np.zeros(0, np.int64)
 
     @property

@@ -7,7 +7,8 @@ and C_vb = R_z(yaw) R_y(pitch) the mounting of the IMU, the sideways and the dow
     partials: velocity C_eb a; attitude (C_eb a) x v_e; error of the gyros a x l; mounting (da/dpitch . u, da/dyaw . u)
 
 The slip has the variance s^2 = s_0^2 + (angle |u|)^2 + (tyre w_z |u|^2)^2 + (rate of turn x sigma of the axle)^2: it
-grows with the speed and in corners. It stays alike for about a second, so a row counts as ``correlated`` says. The
+grows with the speed and in corners. It is correlated over about a second, so each row is weighted by ``correlated``.
+The
 mounting is a constant state: the heading does not take over its error, and what is known in an outage is their sum.
 
 **Course** (ship, aircraft). Heading and course differ by an angle of leeway, current or wind that lasts, a Gauss-Markov
@@ -95,7 +96,7 @@ class NonHolonomic(PeriodicMeasurement):
         return log_weight(float(ahead @ state.C_eb.T @ state.v_e), self.nose_first)
 
     def _mounting(self, state: StateEstimate) -> tuple[float, float]:
-        """Return pitch and yaw of the IMU against the vehicle: as given, and what the filter has found of it."""
+        """Return pitch and yaw of the IMU against the vehicle: as given, and as estimated by the filter."""
         found = np.zeros(2) + state.optional.get(MOUNTING, 0.0)
         given = self.settings
         return (

@@ -39,7 +39,7 @@ class SkyGeometry:
 
 
 class Disturbance(Protocol):
-    """A source of errors that is no white noise."""
+    """A source of errors that is not white noise."""
 
     def __call__(self, sky: SkyGeometry, rng: np.random.Generator) -> PathErrors:
         """Return one realisation along the whole scenario."""

@@ -115,7 +115,7 @@ def carrier_false_lock(
         carrier = observations.carrier_cycles
         if carrier is not None:
             held_s = np.clip(observations.tag_s, from_s, to_s) - from_s
-            # what was lost of the carrier while beside it is not found again
+            # the carrier that was lost off the signal does not come back
             locked = np.outer(held_s, np.isin(observations.sv_names, [sv]))
             carrier = carrier - offset_hz * locked
         return replace(

@@ -51,7 +51,7 @@ class Tracking(Protocol):
     def apply(
         self, seen: SignalObservations, strength_dbhz: Float64, rng: np.random.Generator | None
     ) -> SignalObservations:
-        """Return what the receiver makes of signals whose mean C/N0 is ``strength_dbhz`` (m, n)."""
+        """Return the receiver's measurements of signals whose mean C/N0 is ``strength_dbhz`` (m, n)."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class NoiseTerms:
 
 @dataclass(frozen=True)
 class SimulatedReceiver:
-    """The antenna and what the receiver makes of the signals."""
+    """The antenna and the receiver's measurements."""
 
     lever_arm_b: tuple[float, float, float] = (0.0, 0.0, 0.0)  # IMU to antenna, forward-right-down [m]
     rate_hz: float = 1.0
@@ -105,7 +105,7 @@ class SignalObservations:
     cn0_dbhz: Float64  # (m, n)
     tracked: npt.NDArray[np.bool_]  # (m, n)
     carrier_cycles: Float64 | None = None  # (m, n)
-    lli: Int8 | None = None  # (m, n) loss-of-lock indicator, beside the carrier
+    lli: Int8 | None = None  # (m, n) loss-of-lock indicator of the carrier
 
 
 Fault = Callable[[SignalObservations], SignalObservations]

@@ -1,6 +1,6 @@
 """The two loops over samples: a signal added to a buffer, and a buffer correlated with replicas.
 
-Phases are anchored anew every 64 samples and turned by a constant rotation between, so that rounding does not grow.
+Phases are re-anchored every 64 samples and turned by a constant rotation between, so that rounding does not grow.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ Offsets are truth minus replica in metres of range and metres per second, as a n
   ``u_f = Im(Z1* Z2)``, and a delay discriminator over the whole of it, ``|L|^2 - |E|^2``
 
 An observation is the discriminator's output over its slope, as range and range rate; its variance is that of the
-output at no offset. Slopes and variances depend on C/N0 and stand in a table with a row for each 0.02 dB
+output at no offset. Slopes and variances depend on C/N0 and are in a table with a row for each 0.02 dB
 (``observation_table``): no formula of a discriminator is repeated here. Where the told C/N0 is not the true one, the
 gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
 """
@@ -64,7 +64,7 @@ class ChannelConstants(NamedTuple):
     offsets: Float64  # (3,) delays of early, prompt, late [chips]
     noise_factor: Float64  # (3, 3) of their noise
     table: Float64  # (levels, 7) of C/N0 from the least on
-    with_code: bool = False  # beside the phase
+    with_code: bool = False  # besides the phase
 
 
 def levels_of(cn0_dbhz: npt.ArrayLike) -> Int64:

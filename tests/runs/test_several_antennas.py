@@ -183,7 +183,7 @@ def test_swapped_cables_are_named_and_nothing_is_used(tmp_path: Path) -> None:
 
     told = events(run, "attitude_antennas_swapped")
     assert len(told) == 1
-    assert "the log of 'ahead' fits the place of 'right'" in told[0]
+    assert "the log of 'ahead' fits the position of 'right'" in told[0]
     assert "used" not in differences(run)
     assert run.nav["sd_yaw_deg"].iloc[-1] > 20.0
 

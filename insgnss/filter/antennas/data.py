@@ -1,4 +1,4 @@
-"""What the attitude stage of several antennas is given beside the filter."""
+"""The inputs of the attitude stage of several antennas besides the filter."""
 
 from __future__ import annotations
 

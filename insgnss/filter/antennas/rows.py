@@ -67,7 +67,7 @@ class Differences:
     wavelength_m: Float64  # (R,)
     u_e: Float64  # (R, 3) unit vectors, receiver to satellite, ECEF at reception
     white: Float64  # (R, R) covariance of the noise of each epoch [m^2]
-    slow: Float64  # (R, R) covariance of reflections, alike from epoch to epoch [m^2]
+    slow: Float64  # (R, R) covariance of reflections, constant from epoch to epoch [m^2]
     clock: Int64  # (R,) number of the unknown clock difference in each, -1 with a common clock
     names: tuple[Channel, ...]  # of each channel
 
@@ -88,7 +88,7 @@ class Differences:
         )
 
     def clocks(self) -> Float64:
-        """Return which clock difference stands in which row, (R, clocks)."""
+        """Return which clock difference is in which row, (R, clocks)."""
         numbers = np.unique(self.clock[self.clock >= 0])
         return np.asarray(self.clock[:, None] == numbers, np.float64)
 

@@ -2,7 +2,7 @@
 
 Two things can be wrong with a filter whose rows do not fit. Something failed a short while ago, a sensor or a
 satellite: then the last minute is run once more (``suspects``). Or the filter is lost: then a fix is put on trial
-beside it (``recovery``). Neither touches the filter before the rows have decided.
+in parallel (``recovery``). Neither touches the filter before the rows have decided.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Remedy(NamedTuple):
 
     bank: Bank  # that goes on: the same or another one
     events: list[Event]
-    give_up: str = ""  # why it is to start anew instead
+    give_up: str = ""  # why it has to restart instead
 
 
 def _tells(lines: Lines) -> bool:
@@ -61,7 +61,7 @@ class FilterHealth:
     resets_ns: list[int] = field(default_factory=list)
     doubt: RecoveryTest | None = None  # whether the filter is lost
     past: FilterHistory = field(default_factory=FilterHistory)  # the last minute
-    told_ns: dict[str, int] = field(default_factory=dict)  # when something that lasts was told last
+    told_ns: dict[str, int] = field(default_factory=dict)  # when a lasting condition was last reported
 
     def copied(self) -> FilterHealth:
         """Return a copy that shares nothing that changes."""
@@ -70,7 +70,7 @@ class FilterHealth:
 
     @property
     def banks(self) -> list[Bank]:
-        """All that is carried along with the samples."""
+        """Everything carried along with the samples."""
         return [] if self.doubt is None else [self.doubt.bank]
 
     def stop(self, bank: Bank, rows: GnssRows, epoch: int, last: int) -> int:
@@ -89,7 +89,7 @@ class FilterHealth:
         return self.past.unclear_ns != 0 and t_ns >= int(bank.head[0].doubted_ns)
 
     def forget(self) -> None:
-        """Forget what concerns a filter that is no more."""
+        """Clear what concerns a filter that no longer exists."""
         self.doubt, self.past, self.resets_ns = None, self.past.forgotten(), []
 
     def suspect(self, bank: Bank, imu: ImuSamples, t_ns: int, parameters: npt.NDArray[Any]) -> Remedy:

@@ -67,7 +67,7 @@ _TOGETHER: Final = {EITHER: (ACCELEROMETER, GYRO), ANY: (ACCELEROMETER, GYRO, LA
 # how long ago the fault may have begun
 _ONSETS_S: Final = (3.0, 5.0, 7.0, 9.0, 12.0, 15.0, 18.0, 22.0, 26.0, 32.0, 40.0, 50.0)
 _HALVINGS: Final = 3  # so often the distance from the likeliest onset to its neighbours: 18 s become 2 s
-_NEXT: Final = (0, 12, 2)  # so many satellites are tried beside the likeliest one and two
+_NEXT: Final = (0, 12, 2)  # so many satellites are tried with the likeliest one and two
 WITHOUT_S: Final = 30.0  # for which satellites are left out
 _LARGEST: Final = 6.0 * WIDEST  # by so many a bias does not jump: the sensor itself has failed
 _TAGS_S: Final = (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
@@ -79,7 +79,7 @@ _TAGS_EPOCHS: Final = 3
 
 
 class Verdict(NamedTuple):
-    """What has failed, the likelihood of the epochs if that is so, and the filter that knows of it."""
+    """What has failed, the likelihood of the epochs if that is so, and the filter that allows for it."""
 
     suspect: str
     log_likelihood: float
@@ -93,7 +93,7 @@ class Verdict(NamedTuple):
 
 
 class Hindsight:
-    """The filter of a minute ago and all that it could have known."""
+    """The filter of a minute ago and its inputs since then."""
 
     def __init__(
         self,
@@ -134,7 +134,7 @@ class Hindsight:
 
     @property
     def stormy(self) -> bool:
-        """Whether the noise of what the satellites show against each other has risen at a stroke."""
+        """Whether the noise between satellites has risen suddenly."""
         first, last = (bank.state["noise_factor"][0, :CARRIER] for bank in (self.before[0], self.before[-1]))
         return bool(np.any(last > NOISY * first))
 
@@ -144,7 +144,7 @@ class Hindsight:
         return any(bank.state["noise_factor"][0, PSEUDORANGE] > NOISY for bank in self.before)
 
     def suspects(self) -> Iterator[Verdict]:
-        """Yield all that may have failed."""
+        """Yield every supposed fault."""
         for suspect in (ACCELEROMETER, GYRO, LAPSE, NOISE, RATES):
             if suspect not in (ACCELEROMETER, GYRO) or bias_of(suspect, self.setup)[2].sigma > 0.0:
                 # a sensor that is said to have no bias cannot have one that jumps
@@ -373,7 +373,7 @@ class Hindsight:
         return self.to_the_end(best._replace(suspect=EITHER))
 
     def to_the_end(self, verdict: Verdict) -> Verdict | None:
-        """Return a verdict whose filter stands at the last epoch."""
+        """Return a verdict whose filter is at the last epoch."""
         if verdict.suspect in (IMU_TAGS, GNSS_TAGS):
             return verdict
         if self.until(verdict.bank, self.now_ns, self.stretches_without(verdict.satellites)) is None:

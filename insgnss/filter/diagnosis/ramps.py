@@ -67,7 +67,7 @@ def ramps(
 
 
 def ramp_evidence(written: list[EpochLog], satellite: int, par: Parameters) -> float:
-    """Return how much better a satellite's rows fit a ramp than none, as they stand in what the filter wrote."""
+    """Return how much better a satellite's rows fit a ramp than none, from the filter's output."""
     shown = _shown(written, written, (), satellite, par)
     if not shown:
         return -math.inf

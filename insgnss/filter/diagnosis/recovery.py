@@ -38,7 +38,7 @@ _GROUPS: Final = 3
 # Logarithm of the likelihood ratio, prior weights included, at which a copy is taken
 _SURE_LOG_RATIO: Final = 20.0
 _LOG_PRIOR: Final = -10.0
-_LEAST_S: Final = 3.0  # what a copy still has to find out counts for nobody
+_LEAST_S: Final = 3.0  # while a copy settles, its likelihood does not count
 _LONGEST_TEST_S: Final = 45.0
 _HOPELESS: Final = 30.0
 _CONFIRM_S: Final = 30.0  # a reflection in a street seldom lasts as long
@@ -57,7 +57,7 @@ _LEAST_ROWS: Final = 4
 
 @dataclass
 class RecoveryTest:
-    """The copies of a filter that were set to a fix, and what the rows say of them."""
+    """The copies of a filter that were set to a fix, and their likelihoods."""
 
     setup: FilterSetup
     bank: Bank  # copies of the filter's hypotheses first, then as many with the attitude kept, then with it in doubt

@@ -81,7 +81,7 @@ def reset_kinematics(
 
 
 def doubt_sensors(m: StateRecord, P: Float64, sensor: SensorModel, layout: Layout) -> None:
-    """Doubt the sensors' errors of a hypothesis and widen its attitude: what it has made of them went astray.
+    """Inflate the sensor errors of a hypothesis and its attitude: its estimates went astray.
 
     They keep their values: most of what a sensor is off by is there from the start on.
     """

@@ -49,7 +49,7 @@ from insgnss.gnss.observation_rows import N_BANDS
 _PRIOR_OF_LARGE_LIES: Final = 10.0 * LOG_PRIOR
 _LARGE_LIES: Final = (LAPSE, RATES)
 _SURE: Final = math.log(1e4)  # odds; likelihoods take for independent what lasts for seconds in a street
-_COARSE: Final = 3.0 * _SURE  # that much likelihood a ramp of one rate may lack of what a satellite has done
+_COARSE: Final = 3.0 * _SURE  # a ramp of one rate may fit a satellite worse by that much likelihood
 _WORTH_A_LOOK: Final = math.log(1e-3)  # odds; a sound log of the trust campaign stays below
 # so long what late tags have done, which the filter does not mend, looks like other faults
 _TAGS_LAST_NS: Final = 120 * NS_PER_S
@@ -189,7 +189,7 @@ def _accused(explanation: Explanation) -> frozenset[str | int]:
 def _is_excused(told: list[Explanation], past: FilterHistory, again: Hindsight) -> bool:
     """Return whether what explains most is not to be believed.
 
-    Rows that contradict each other are no sensor's fault, and no fault of the range rates alone where the pseudoranges
+    Rows that contradict each other do not mean a sensor fault, nor a fault of the range rates alone if the pseudoranges
     do so, too. Nor is a sensor at fault where few satellites explain nearly as much: a bias that is unknown explains
     much. Nor is what late tags have done to the filter a fault of anything else.
     """

@@ -24,7 +24,7 @@ _MOST_CANDIDATES: Final = 9
 FEW: Final = 3  # rows, below which nothing is said
 _FITS: Final = (0.75, 0.85)  # share of the rows of each kind that must fit what is believed
 _FITTING_EPOCHS: Final = 5
-_LARGEST_NIS: Final = (2.5, 1.7)  # in the mean of the rows that fit
+_LARGEST_NIS: Final = (2.5, 1.7)  # averaged over the rows that fit
 
 
 class KindColumns(NamedTuple):
@@ -63,7 +63,7 @@ def judged(status: Int64) -> tuple[int, int]:
 
 
 def fits(written: list[EpochLog], strict: bool) -> bool:
-    """Return whether most rows of each kind fit in the last epochs, and in the mean as well as they should.
+    """Return whether most rows of each kind fit in the last epochs, and on average as well as they should.
 
     ``strict`` is for what explains much in any case: sensors whose errors are unknown.
     """
@@ -100,7 +100,7 @@ def most_satellites(written: list[EpochLog]) -> int:
 def run_away_sets(written: list[EpochLog], end_ns: int) -> list[tuple[int, ...]]:
     """Return sets of one, two and three satellites that may run away, by two witnesses.
 
-    The means of the last seconds' range rates tell by what the satellites show against each other, whatever the filter
+    The means of the last seconds' range rates are judged by the satellites against each other, whatever the filter
     believes. What each of them showed against the prediction, many times beyond two and a half sigmas, tells where
     those are too few for that.
     """

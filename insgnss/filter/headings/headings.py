@@ -65,7 +65,7 @@ def is_prunable(bank: Bank, i: int, drop: float) -> bool:
 
 @kernel
 def same_heading(bank: Bank, i: int) -> int:
-    """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 where there is none."""
+    """Return the first heavier hypothesis that has the attitude of hypothesis ``i``, -1 if there is none."""
     state = bank.state
     own = math.sqrt(max(yaw_variance(state[i], bank.P[i]), 0.0))
     nearest = max(SMALLEST_DIFFERENCE_RAD, min(_SAME_HEADING * own, _SAME_HEADING_RAD))

@@ -18,7 +18,7 @@ class ReleasedSamples(NamedTuple):
 
     samples: list[Tagged]
     events: list[Event]
-    set_back: bool = False  # the tags before were wrong: begin anew
+    set_back: bool = False  # the tags before were wrong: restart
 
 
 @dataclass
@@ -62,7 +62,7 @@ class TagGuard:
         return ReleasedSamples(samples, events)
 
     def _fallen_back(self, new: Tagged) -> ReleasedSamples:
-        """Refuse a sample that is not later than the newest; begin anew where such samples go on for long."""
+        """Refuse a sample that is not later than the newest; restart if such samples go on for long."""
         assert self.last_ns is not None
         follows = bool(self._behind) and 0 < new[0] - self._behind[-1][0] <= LEAP_NS
         self._behind = [*self._behind, new] if follows else [new]
@@ -70,12 +70,10 @@ class TagGuard:
             samples, self._behind, self._leapt = self._behind, [], None
             back = (self.last_ns - samples[0][0]) / NS_PER_S
             self.last_ns = samples[-1][0]
-            detail = (
-                f"the inertial samples go on {back:.6g} s behind: the tags before were wrong, all starts anew"
-            )
+            detail = f"the inertial samples continue {back:.6g} s earlier: earlier tags were wrong, the filter restarts"
             return ReleasedSamples(samples, [Event(samples[0][0], "restart", detail)], set_back=True)
         if follows:
-            return ReleasedSamples([], [])  # told with the first of them
+            return ReleasedSamples([], [])  # reported with the first of them
         behind = (self.last_ns - new[0]) / NS_PER_S
         return ReleasedSamples(
             [], [_refused(new[0], f"an inertial sample {behind:.6f} s behind the one before it")]

@@ -33,7 +33,7 @@ def complete_ledger(
 
     Parameters
     ----------
-    found : the entries that there are, by time
+    found : the existing entries, by time
     spans_ns : the unbroken stretches of inertial samples, first and last time
     """
     entries: list[OwnEntry] = []

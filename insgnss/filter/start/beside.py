@@ -1,4 +1,4 @@
-"""A bank of copies and alternatives that takes the same epochs as the filter and runs beside it.
+"""A bank of copies and alternatives that takes the same epochs as the filter and runs in parallel.
 
 What it finds is written to no table. Its lock-out and strain are cleared after each epoch: they are the filter's.
 """
@@ -55,7 +55,7 @@ def update_beside(
 
 
 def clear_failures(bank: Bank) -> None:
-    """Forget the lock-out and the strain of a bank that runs beside the filter."""
+    """Clear the lock-out and the strain of a bank that runs in parallel with the filter."""
     bank.head["locked_out"] = 0
     bank.head["strained_ns"] = 0
 

@@ -86,7 +86,7 @@ class CarriedState:
 def left_behind(
     bank: Bank, imu: ImuSamples, setup: FilterSetup, parameters: npt.NDArray[Any]
 ) -> CarriedState:
-    """Return what a filter leaves at the end of its samples ``imu``."""
+    """Return the carried start at the end of a filter's samples ``imu``."""
     last, config = copy_bank(bank), setup.config
     scratch = new_scratch(last.P.shape[1])
     carry_bank(last, int(imu.t_ns[-1]), imu, parameters[0], scratch)
@@ -194,7 +194,7 @@ def _in_words(kept: CarriedState, fix: Fix, attitudes: list[StartAttitude], park
     if len(attitudes) > 1:
         yaw = f"{len(attitudes)} headings are open"
     detail = (
-        f"{away:.1f} s after the last sample of before; {how}; {fix.n_used} pseudoranges; biases kept; {yaw}"
+        f"{away:.1f} s after the last sample before; {how}; {fix.n_used} pseudoranges; biases kept; {yaw}"
     )
     return f"carried over, {detail}"
 
@@ -223,7 +223,7 @@ def _still_there(
 def _headings(
     kept: CarriedState, imu: ImuSamples, fix: Fix, v_n: Float64, variance_v: float, config: FilterConfig
 ) -> list[StartHeading] | None:
-    """Return what is left of the heading; None: nothing, the whole circle is open."""
+    """Return the remaining knowledge of the heading; None: the whole circle is open."""
     by_rates = _by_rates(kept, imu, fix, attitude(kept.state)[2], yaw_variance(kept.state, kept.P))
     by_course = _by_course(kept, fix, v_n, variance_v)
     n, unknown = config.heading.hypotheses, math.radians(config.heading.unknown_above_deg)
@@ -283,7 +283,7 @@ def _by_course(kept: CarriedState, fix: Fix, v_n: Float64, variance_v: float) ->
 def _carry_sensor_errors(
     kept: CarriedState, i: int, m: StateRecord, P: Float64, par: Parameters, fix: Fix, layout: Layout
 ) -> None:
-    """Give a hypothesis the sensors' errors of before, and the tilt its share of what they are off by.
+    """Give a hypothesis the earlier sensor errors, and the tilt its share of their uncertainty.
 
     Equation: psi = ``TILT_OF_FORCE`` e, as in ``start``: the levelled tilt is off by what the accelerometers are
     """

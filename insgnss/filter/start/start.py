@@ -76,7 +76,7 @@ class Kinematics:
     sd_clock: float
     sd_drift: float
     offsets: Float64  # (g - 1,) NaN where not known
-    of_imu: bool = False  # the sigmas are the IMU's own: no lever arm stands between
+    of_imu: bool = False  # the sigmas are the IMU's own: no lever arm is involved
 
 
 def kinematics_from_fix(fix: Fix, v_a: Float64, P_v: Float64, config: FilterConfig) -> Kinematics:
@@ -174,13 +174,13 @@ def headings_around(yaw: float, weights: list[float]) -> list[StartHeading]:
 def _gyro_bias(
     window: AlignmentWindow, at_rest: bool, w_ie_b: Float64, sensor: SensorModel
 ) -> tuple[Float64, float | None]:
-    """Return the gyro bias and its sigma: at rest the grade's prior weighed against what the gyros read, else none."""
+    """Return the gyro bias and its sigma: at rest the grade's prior combined with the gyros' readings, else none."""
     prior = sensor.gyro_bias.sigma
     if not at_rest:
         return np.zeros(3), None
-    # a sensor far worse than its grade: what it reads at rest is believed rather than the grade
+    # a sensor far worse than its grade: its readings at rest count rather than the grade
     prior = max(prior, float(np.abs(window.w_ib_b - w_ie_b).max()) / _BEYOND_GRADE)
-    # a third of the spread stands for what sways during the window; white noise averages down
+    # a third of the spread represents swaying during the window; white noise averages down
     read = math.hypot(math.sqrt(sensor.gyro_density / window.length_s), window.spread_w / 3.0)
     share = prior**2 / (prior**2 + read**2)
     return share * (window.w_ib_b - w_ie_b), prior * math.sqrt(1.0 - share) if share < 1.0 else read
@@ -196,7 +196,7 @@ def open_bank(
     t_imu_ns: np.ndarray,
     layout: Layout,
 ) -> Bank:
-    """Return the bank that stands at the start: one filter for each attitude."""
+    """Return the bank at the start: one filter for each attitude."""
     bank = new_bank(len(attitudes), layout.n_optional)
     bank.head["now_ns"] = kin.t_ns
     bank.head["next"] = np.searchsorted(t_imu_ns, kin.t_ns, side="right")
@@ -267,7 +267,7 @@ def _place_variances(
 
 
 def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, layout: Layout) -> None:
-    """Let what the gyros read at rest tell of all that makes up their error, each by its variance.
+    """Update every part of the gyros' error from their readings at rest, each by its variance.
 
     Equation: of e = J x with cov(e) = A = J P J^T, now known as e_0 with S: G = P J^T A^-1, x = G e_0 and
               P <- P - G (A - S) G^T, with which J x = e_0 and J P J^T = S

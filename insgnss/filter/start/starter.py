@@ -39,7 +39,7 @@ _LEAST_RATES = 4  # for a velocity and a clock drift
 # What the sigma of a velocity may add to the limits of rest: with a poor velocity nothing says that the vehicle stands
 _REST_ALLOWANCE_MPS = 0.5
 _WAIT_FIXES = 3  # after a gap, for a second velocity
-_VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre in which nobody can be levelled
+_VIOLENT_S = 30.0  # after a gap, for the end of a manoeuvre that prevents levelling
 _MOST_BELOW_HORIZON = 0.25  # of the satellites: a given state that sees fewer is of another place
 
 
@@ -65,7 +65,7 @@ class Starter:
     def try_start(
         self, imu: ImuSamples, rows: GnssRows, epoch: int, par: Parameters
     ) -> tuple[Bank | None, Fix | None, list[Event]]:
-        """Return the bank opened at ``epoch`` if it can be, the fix it stands on, and events to tell."""
+        """Return the bank opened at ``epoch`` if it can be, the fix it is based on, and events to report."""
         t_ns = int(rows.epoch_ns[epoch])
         if self.given:
             return self._given_start(imu, rows, epoch, par)

@@ -144,7 +144,7 @@ def begin_difference(
 
 @kernel(inline=True)
 def keep_clone_rows(P: Float64, par: Parameters, vectors: Float64) -> None:
-    """Write what a smoother needs of the epoch before, now that it goes."""
+    """Write the smoother's data of the epoch before, which is about to be replaced."""
     for i in range(N_CLONE):
         for j in range(P.shape[0]):
             vectors[CLONE_ROWS + i, j] = P[par.at_clone + i, j]
@@ -160,7 +160,7 @@ def clone_response(response: Float64, at_clone: int) -> None:
 
 @kernel(inline=True)
 def leave_out(rows: GnssRows, epoch: int, lines: Lines) -> None:
-    """Write into the lines of an epoch that there is no filter to use its rows."""
+    """Mark the rows of an epoch as unused because no filter runs."""
     first = rows.first[epoch]
     for j in range(rows.first[epoch + 1] - first):
         line = lines[j]
@@ -302,7 +302,7 @@ def use_rows(
     q <- q - K h q.
 
     ``spread`` s is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
-    of n errors that are alike over n epochs has the variance of one, not of one n-th. So n rows tell as much as n / s
+    of n errors that are equal over n epochs has the variance of one, not of one n-th. So n rows tell as much as n / s
     independent ones, of their noise r, too:
 
         ln L = -1/2 sum (y^2 / S + ln(S / (s r)) + (ln r) / s),   S = h P h^T + s r
@@ -347,7 +347,7 @@ def charge(
 def respond(line: Line, kind: int, response: Float64, vectors: Float64) -> float:
     """Correct the response to the shown motion by a row used just now; return the square of what it moved the row by.
 
-    The row's gain still stands where ``scalar_update`` has left it.
+    The row's gain is still where ``scalar_update`` wrote it.
     """
     moved = 0.0
     if response.shape[0] > 0:

@@ -13,7 +13,7 @@ from insgnss.tables import Float64, Int64
 
 @kernel
 def predicted_variance(P: Float64, h: Float64, columns: Int64) -> float:
-    """Return D = h P h^T of the row ``h`` (>= k,), whose entries stand in ``columns`` (k,) of the (n, n) covariance."""
+    """Return D = h P h^T of the row ``h`` (>= k,), whose entries are in ``columns`` (k,) of the (n, n) covariance."""
     total = 0.0
     for a in range(columns.shape[0]):
         row = columns[a]

@@ -1,4 +1,4 @@
-"""The motion that the IMU's time goes with: what the sensors have shown, not what the filter has got wrong."""
+"""The motion for the IMU's time offset: the sensors' measured motion, without the filter's corrections."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def follow_motion(m: StateRecord, P: Float64, par: Parameters) -> None:
 
         v_shown <- v_shown + share d,  share = 1 - k^2 tr P_v / |d|^2
 
-    Of the change only what the sensors have measured since the last epoch has moved the antenna. The rest was a
+    Only the measured part of the change since the last epoch has moved the antenna. The rest was a
     correction: v is better known, the antenna is where it was, so dr <- dr + share (v_corrected - v_shown) ds.
     """
     at = par.at_imu_time

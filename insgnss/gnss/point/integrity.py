@@ -35,7 +35,7 @@ from insgnss.tables import Float64
 
 OK: Final = 0  # tested, and the rows agree
 EXCLUDED: Final = 1  # the rows agree without those that were excluded
-NOT_IDENTIFIED: Final = 2  # the rows disagree, and which of them is wrong cannot be told
+NOT_IDENTIFIED: Final = 2  # the rows disagree, and the wrong one cannot be identified
 UNTESTED: Final = 3  # a solution without a redundant row
 TOO_FEW: Final = 4  # fewer rows than unknowns
 BAD_GEOMETRY: Final = 5  # singular, or dilution of precision beyond the limit
@@ -102,7 +102,7 @@ def redundancy(
 
 @kernel
 def _relief(room: Redundancy, a: int, b: int, shift: Float64) -> float:
-    """Return by how much chi-square falls without row ``a`` (and ``b`` unless negative), -1 where it cannot be told.
+    """Return by how much chi-square falls without row ``a`` (and ``b`` unless negative), -1 where it is undetermined.
 
     ``shift`` receives how far the position moves.
     """

@@ -93,7 +93,7 @@ def _discontinuities(stretch: Int64, known: Bool, t_ns: Int64, count: Int64) -> 
         Event(
             int(t_ns[k]),
             "receiver_clock_discontinuity",
-            f"hardware clock set anew (count {count[k]}): phases start again",
+            f"hardware clock reset (count {count[k]}): phases start again",
         )
         for k in starts.tolist()
     ]

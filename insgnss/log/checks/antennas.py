@@ -58,7 +58,7 @@ def _array_findings(array: AntennaArray) -> list[Finding]:
         text = f"a baseline of {array.lengths_m.max():.0f} m"
         findings.append(Finding("warning", "attitude", text, "lever_arm_m is meant in metres"))
     if is_collinear(array):
-        text = f"the antennas stand on one line: {angle_lost(array)} is left to the inertial sensors"
+        text = f"the antennas are on one line: {angle_lost(array)} comes from the inertial sensors alone"
         findings.append(Finding("warning", "attitude", text, "add an antenna off the line to measure it too"))
     return findings
 

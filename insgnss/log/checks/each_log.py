@@ -33,7 +33,7 @@ Table = TypeVar("Table")
 LONG_LEVER_ARM_M: Final = 30.0  # longer ones exist on ships; more often millimetres were taken for metres
 QUALITIES_SHOWN: Final = 5
 _SURE_OF_UNITS: Final = "sure: no other unit explains gravity at rest"
-# Events that tell how a log was read, and are no defect
+# Events that say how a log was read and report no defect
 NOTICES: Final = frozenset(
     {
         "columns_not_read",
@@ -189,7 +189,7 @@ def _check_navigation(
             ),
         )
     elif receiver.gnss.sat is not None:
-        findings.append(Finding("ok", "navigation", "satellite states stand in the GNSS log"))
+        findings.append(Finding("ok", "navigation", "the GNSS log has satellite states"))
     elif not files and not flight.config.gnss.precise:
         findings.append(_error_finding("navigation", missing_navigation(flight.path)))
 

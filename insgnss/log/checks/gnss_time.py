@@ -53,7 +53,9 @@ def gnss_time_findings(
     enough = np.flatnonzero(count >= FOUR)
     if len(enough) < LEAST_EPOCHS:
         text = f"{len(enough)} epoch(s) with four satellites and more: whether the tags are GPS time was not compared"
-        return [Finding("warning", "gnss", text, "more satellites, or the messages of those that there are")]
+        return [
+            Finding("warning", "gnss", text, "log more satellites, or add the missing navigation messages")
+        ]
     sample = _sample(gnss, enough)
     if solved_share(solve, sample, tested=False) >= AGREEING:
         return []

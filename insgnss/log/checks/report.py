@@ -23,10 +23,10 @@ class Proposal:
 
     key: str  # dotted, "imu.time.offset_s"
     value: Value
-    why: str  # one line, written beside the key in a corrected file
+    why: str  # one line, written next to the key in a corrected file
 
     def text(self) -> str:
-        """Return the entry as it stands in a flight file."""
+        """Return the entry as written in a flight file."""
         return f"{self.key} = {_toml(self.value)}"
 
 
@@ -84,7 +84,7 @@ class CheckReport:
 
     @property
     def sure_proposals(self) -> tuple[Proposal, ...]:
-        """Those that nothing in the logs speaks for otherwise: a likely one is left to its reader."""
+        """The sure proposals; a likely one is left to the reader."""
         sure = {
             p.key for finding in self.findings if finding.sure.startswith("sure") for p in finding.proposals
         }

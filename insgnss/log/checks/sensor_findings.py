@@ -1,7 +1,7 @@
 """Further sensors held against the satellites: rate and gaps, unit, sign, mounting and time of each.
 
 GNSS alone gives the antenna's position, velocity and, in motion, its course. Each sensor is compared with the one that
-it measures: a factor, an offset or a turn that no noise explains is told, with the key that would mend it. Lever arms
+it measures: a factor, an offset or a rotation beyond the noise is reported with the key that corrects it. Lever arms
 are neglected: metres and tenths of m/s.
 """
 
@@ -32,7 +32,7 @@ _FACTOR: Final = 1.1  # of an odometer: tyres differ by less
 _SHIFTS_S: Final = np.arange(-30, 31) / 10.0
 _SURE_SHIFT: Final = 0.5  # the residual's variance falls at least to this share
 _LEAST_SHIFT_S: Final = 0.2
-_CLIMB_M: Final = 30.0  # of height that a barometer's slope can be told from
+_CLIMB_M: Final = 30.0  # least change of height that shows a barometer's slope
 _TURN_DEG: Final = 20.0  # a heading further from the course than a vehicle crabs
 _STRAY_M: Final = 30.0
 _STRAY_MPS: Final = 1.0

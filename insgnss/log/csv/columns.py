@@ -1,4 +1,4 @@
-"""Which columns of a CSV file are read, how strictly, and where they stand in the file."""
+"""Which columns of a CSV file are read, how strictly, and their places in the file."""
 
 from __future__ import annotations
 

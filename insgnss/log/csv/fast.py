@@ -1,7 +1,7 @@
 """The fast CSV path: pieces of a megabyte, parsed by Arrow on all cores, gathered into arrays of their final size.
 
-Nothing but a few pieces is held beside the arrays. Whatever Arrow objects to, an empty or infinite cell where a number
-must stand, makes the whole file go the exact way (``csv_exact``).
+Besides the arrays, only a few pieces are held in memory. If Arrow rejects anything, or if a required number is empty
+or infinite, the whole file is read the exact way (``csv_exact``).
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def _rising(t_ns: Int64, values: Float64, what: str, events: list[Event]) -> tup
     finite = np.isfinite(values).all(axis=1)
     if not finite.all():
         events.append(
-            Event(None, "imu_not_finite", f"{what}: {int((~finite).sum())} sample(s) that are no number")
+            Event(None, "imu_not_finite", f"{what}: {int((~finite).sum())} sample(s) that are not a number")
         )
         t_ns, values = t_ns[finite], values[finite]
     if not len(t_ns) or (np.diff(t_ns) > 0).all():

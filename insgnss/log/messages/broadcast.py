@@ -52,7 +52,7 @@ class StateVector(NamedTuple):
 
 
 class Broadcast:
-    """All that the messages of a log gave, each distinct message once, and a count of what was not taken, by reason."""
+    """The content of a log's messages, each distinct message once, and a count of rejected messages by reason."""
 
     def __init__(self) -> None:
         self.ephemerides: dict[Ephemeris, None] = {}
@@ -63,7 +63,7 @@ class Broadcast:
         self.refused: Counter[str] = Counter()
 
     def ionosphere_of(self, system: str, coefficients: tuple[float, ...]) -> None:
-        """Keep a system's coefficients, the first that are not all zero (zero stands for "not available")."""
+        """Keep a system's coefficients, the first that are not all zero (zero means "not available")."""
         if any(coefficients):
             self.ionosphere.setdefault(system, coefficients)
 

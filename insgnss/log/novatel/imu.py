@@ -77,7 +77,7 @@ def imu_table(
         return None, events + told
     t_ns, first = np.unique(_times(rows), return_index=True)
     if len(t_ns) < len(rows):
-        detail = f"{file}: {len(rows) - len(t_ns)} samples with a time that was there already left out"
+        detail = f"{file}: {len(rows) - len(t_ns)} samples with a repeated time left out"
         events.append(Event(None, "imu_repeated", detail))
     rows = rows[first]
     if len(t_ns) < 2:
@@ -105,7 +105,7 @@ def _sound(
     events = []
     for count, kind, what in (
         (int((~timed).sum()), "imu_time_unknown", "inertial sample(s) without a time left out"),
-        (int(faulty.sum()), "imu_faulty", "inertial sample(s) in which the sensor told an error left out"),
+        (int(faulty.sum()), "imu_faulty", "inertial sample(s) with an error status of the sensor left out"),
     ):
         if count:
             events.append(Event(None, kind, f"{file}: {count} {what}"))
@@ -131,7 +131,7 @@ def _scales(
     types = set(np.unique(rows["type"]).tolist()) if is_extended else _configured(files)
     if len(types) == 1 and (kind := next(iter(types))) in SCALES:
         return SCALES[kind], []
-    why = f"of type {', '.join(map(str, sorted(types)))}" if types else "whose type no message tells"
+    why = f"of type {', '.join(map(str, sorted(types)))}" if types else "of unknown type"
     detail = f"{file}: {len(rows)} inertial samples of a sensor {why} not read: {DECLARE}"
     return None, [Event(None, "imu_not_used", detail)]
 

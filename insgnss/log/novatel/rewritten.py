@@ -71,7 +71,7 @@ def rewritten(frames: NovatelFrames) -> tuple[NovatelFrames, list[Event]]:
 
 
 def _left_to_the_library(frames: NovatelFrames) -> bytes:
-    """Return what is no message that is read here, in the order of the file."""
+    """Return everything except the messages read here, in the order of the file."""
     pieces = list(frames.gaps)
     for frame in frames.of(*COMPRESSED_FURTHER):
         pieces.append(

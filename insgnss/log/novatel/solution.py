@@ -58,7 +58,7 @@ def solution(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, bool, l
         if table is not None:
             events = []
             if left_out:
-                detail = f"{files[0].path}: {left_out} row(s) of the receiver's solution that it calls none left out"
+                detail = f"{files[0].path}: {left_out} row(s) of the receiver marked as no solution left out"
                 events.append(Event(None, "novatel_no_solution", detail))
             return table, is_inertial, events
     return None, False, []

@@ -1,4 +1,4 @@
-"""RINEX observation headers with lines out of their columns: written anew, or left out where nothing needs them."""
+"""RINEX observation headers with misaligned lines: rewritten, or left out if nothing needs them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def mended_header(
         written = _written(line, label)
         if not label or label in _NEEDED or written == line:
             break
-        what = "left out" if written is None else "written anew in its columns"
+        what = "left out" if written is None else "rewritten in its columns"
         events.append(
             Event(
                 None,

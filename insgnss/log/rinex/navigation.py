@@ -65,7 +65,7 @@ def read_navigation(paths: Sequence[Path]) -> tuple[NavigationData, list[Event]]
 
     Raises
     ------
-    NavigationDataError : a file is no RINEX navigation file, or there is no ephemeris in any
+    NavigationDataError : a file is not a RINEX navigation file, or there is no ephemeris in any
     """
     found = _NavigationContents()
     for path in paths:
@@ -102,7 +102,7 @@ def _navigation_text(path: Path) -> str:
     head = text[:400]
     if "RINEX VERSION / TYPE" not in head or head[20:21] not in "NGELJCRIHS":
         raise NavigationDataError(
-            "this is no RINEX navigation file",
+            "not a RINEX navigation file",
             file=path,
             advice="the first line must say so: 'N: GNSS NAV DATA'",
         )

@@ -135,7 +135,7 @@ def _damage(found: Any, size: int, file: str) -> list[Event]:
         detail = f"{file}: {found.crc_failures} frame(s) with a wrong check sum left out"
         events.append(Event(None, "rtcm_damaged", detail))
     if found.resync_bytes:
-        detail = f"{file}: {found.resync_bytes} of {size} bytes are no whole frame (other protocols, damage, a cut)"
+        detail = f"{file}: {found.resync_bytes} of {size} bytes are not in a whole frame (other data, damage, a cut)"
         events.append(Event(None, "rtcm_foreign_bytes", detail))
     return events
 
@@ -151,7 +151,7 @@ def _stations(messages: list[Any], file: str) -> list[Event]:
         Event(
             None,
             "rtcm_station",
-            f"{file}: station {number} stands at ECEF {x:.4f} {y:.4f} {z:.4f} m, antenna {h:.4f} m above",
+            f"{file}: station {number} is at ECEF {x:.4f} {y:.4f} {z:.4f} m, antenna {h:.4f} m above",
         )
         for number, (x, y, z, h) in places.items()
     ]

@@ -81,7 +81,7 @@ def _take(found: Broadcast, row: Any, system: str, ephemeris: Any) -> None:
         return
     message = ephemeris(sv, row, received_ns)
     if not all(map(math.isfinite, message.elements)):
-        found.refused["SBF message with a number that is none"] += 1
+        found.refused["SBF message with an invalid number"] += 1
         return
     found.ephemerides.setdefault(message)
 

@@ -84,7 +84,7 @@ class UbxMessages:
             if length >= _HEAD:
                 self._take(frames.data[offset : offset + length], near_ns)
             else:
-                self.broadcast.refused["RXM-SFRBX frame that is too short"] += 1
+                self.broadcast.refused["RXM-SFRBX frame too short"] += 1
 
     def _take(self, payload: bytes, near_ns: int | None) -> None:
         gnss, number, signal, frequency, count = payload[:5]

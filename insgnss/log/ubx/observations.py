@@ -67,7 +67,7 @@ SIGNALS: Final[dict[str, dict[int, str]]] = {
 
 @dataclass(frozen=True)
 class RawEpochs:
-    """The epochs of one file as they stand in it."""
+    """The epochs of one file in its order."""
 
     t_ns: Int64  # (m,) receiver time tag
     offset: Int64  # (m,) place of each in the file

@@ -49,7 +49,7 @@ def section(run: Run) -> Section | None:
         return None
     about = (
         "<p>An innovation is measured minus predicted. Divided by its predicted sigma, 95 % should lie within ±1.96;"
-        " its square, NIS, should be 1 in the mean. Below 1 the filter is more careful than it need be, above 1 it"
+        " its square, NIS, should be 1 on average. Below 1 the filter is more careful than necessary, above 1 it"
         " trusts too much.</p>"
     )
     told = "".join(f"<p>{text(_about_own(name, entry))}</p>" for name, entry in own.items())
@@ -182,7 +182,7 @@ def _histogram(used: pd.DataFrame, kind: str, words: str) -> Chart:
 
 
 def _by_satellite(used: pd.DataFrame, kind: str, words: str) -> Chart:
-    """Return the mean NIS of each satellite beside the bounds for as many independent values."""
+    """Return the mean NIS of each satellite with the bounds for as many independent values."""
     place_of, names = satellites_of(used)
     groups = used["nis"].groupby(place_of)
     means, counts = groups.mean(), groups.count()

@@ -60,7 +60,7 @@ def _gain(run: Run) -> Float64 | None:
     described = dict(flight.get("gnss") or {}).get("antenna")
     if not described:
         return None
-    # the flight file is the first of the files a run tells of: relative paths start in its folder
+    # the flight file is the first of a run's files: relative paths start in its folder
     first = next(iter(run.settings.get("input_sha256") or {}), "")
     try:
         antennas, _ = installation(

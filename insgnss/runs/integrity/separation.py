@@ -10,7 +10,7 @@ Both sigmas hold the errors that last: by states of the filter, or else by ``sd_
 solution without the satellites is taken to have more as it has more of all others.
 
 [Brenner 1996, Integrated GPS/inertial fault detection availability, Navigation 43(2); Blanch et al. 2015, Baseline
-advanced RAIM user algorithm, IEEE Trans. Aerosp. Electron. Syst. 51(1)]. An event tells of |d_k| beyond K s_k; that the
+advanced RAIM user algorithm, IEEE Trans. Aerosp. Electron. Syst. 51(1)]. An event reports |d_k| beyond K s_k; that the
 sub-filters have a noise level of their own makes the difference of both variances too small a measure of d_k.
 """
 
@@ -42,7 +42,7 @@ _SIGMA = slice(NAV_COLUMNS.index("sd_n_m"), NAV_COLUMNS.index("sd_d_m") + 1)
 
 
 class Job(NamedTuple):
-    """What a sub-filter works on: all that the full filter has worked on."""
+    """The inputs of a sub-filter: everything the full filter used."""
 
     setup: FilterSetup
     imu: ImuTable
@@ -52,7 +52,7 @@ class Job(NamedTuple):
 
 
 class Separation(NamedTuple):
-    """The solutions of all sub-filters beside the full one, k faults at n rows; NaN where a sub-filter has none."""
+    """The solutions of all sub-filters and of the full one, k faults at n rows; NaN where a sub-filter has none."""
 
     faults: list[Fault]
     risk: float  # what two faults at once leave of it
@@ -61,7 +61,7 @@ class Separation(NamedTuple):
 
 
 class Protection(NamedTuple):
-    """What the sub-filters tell of a solution."""
+    """The sub-filters' result for a solution."""
 
     hpl_m: Float64  # (n,) of the solution's rows
     vpl_m: Float64
@@ -107,7 +107,7 @@ def protection_of(apart: Separation, nav: pd.DataFrame, t_ns: Int64, false_alert
 
 
 def protection_level(sigma: Float64, d: Float64, of_faults: Float64, p: Float64, risk: float) -> Float64:
-    """Return what the error of one axis exceeds with no more than a risk (n,), infinite where a sub-filter has no row.
+    """Return the bound on one axis' error at a risk (n,), infinite where a sub-filter has no row.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def _alerts(table: pd.DataFrame, alert: npt.NDArray[np.bool_], t_ns: Int64) -> l
         first, row = int(np.argmax(alert[k].any(axis=0))), table.iloc[k]
         most = f"{row['separation_m']:+.2f} m {row['axis']} at {row['time_s']:.1f} s"
         detail = (
-            f"without {row['fault']} the solution is elsewhere in {row['alert_rows']} rows, most by {most},"
+            f"without {row['fault']} the solution differs in {row['alert_rows']} rows, most by {most},"
             f" limit {row['limit_m']:.2f} m"
         )
         events.append(Event(int(t_ns[first]), "integrity_alert", detail))

@@ -62,7 +62,7 @@ def disturbances(run: Run, config: InterferenceConfig) -> Disturbances:
     if walk is None:
         if oscillator is None or oscillator.h_minus2_per_s == 0.0:
             raise ConfigError(
-                "the run knows of no drift of its oscillator",
+                "the run states no drift of its oscillator",
                 key="dynamics.oscillator_density",
                 advice="give its one-sided density in rad^2/s^3 at 1575.42 MHz, 77 for a common TCXO",
             )

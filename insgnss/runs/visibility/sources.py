@@ -103,8 +103,8 @@ def _navigation(flight: Flight) -> tuple[NavigationData, list[Event]]:
         return read_navigation(gnss.navigation)
     logs = read_gnss_logs(gnss, flight.config.gps_week, flight.path)
     if logs.navigation is None:
-        advice = "name RINEX files under gnss.navigation, or study a saved run, which knows where they stood"
+        advice = "name RINEX files under gnss.navigation, or study a saved run, which has their positions"
         raise ConfigError(
-            "nothing tells where the satellites stood", file=flight.path, key="gnss.navigation", advice=advice
+            "no source of satellite positions", file=flight.path, key="gnss.navigation", advice=advice
         )
     return logs.navigation, logs.events

@@ -146,7 +146,7 @@ def masking_study(
     """
     config = scenario_config(scenario)
     if runs < 1:
-        raise ConfigError(f"{runs} runs are no study", key="runs", advice="give at least one")
+        raise ConfigError(f"invalid number of runs {runs}", key="runs", advice="give at least one")
     chosen = filter_config(filter_of(config) if filter is None else filter, settings)
     chosen = chosen if fault_tests else without_fault_tests(chosen)
     names = imu or config.equipment.imu, oscillator or config.equipment.oscillator

@@ -180,7 +180,7 @@ def _steps(o: ReceiverOptions) -> tuple[int, int, int]:
     interval = round(o.interval_s / o.step_s)
     if interval < 2 or abs(interval * o.step_s - o.interval_s) > 1e-9:
         raise ConfigError(
-            f"an interval of {o.interval_s:g} s is no whole number of integrations of {o.step_s:g} s",
+            f"an interval of {o.interval_s:g} s is not a whole number of integrations of {o.step_s:g} s",
             key="interval_s",
             advice=f"give a multiple, as {max(interval, 2) * o.step_s:g}",
         )
@@ -199,7 +199,7 @@ def _motion(scenario: str | Path | SimulationConfig) -> tuple[SimulationConfig, 
 
     Raises
     ------
-    ConfigError, ModelError : there is none, or it has no list of manoeuvres
+    ConfigError, ModelError : it does not exist, or it has no list of manoeuvres
     """
     if isinstance(scenario, SimulationConfig):
         config = scenario

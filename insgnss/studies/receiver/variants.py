@@ -102,7 +102,7 @@ def variant_of(name: str | Variant) -> Variant:
 
     Raises
     ------
-    ConfigError : there is none of this name
+    ConfigError : the name is unknown
     """
     return (
         name if isinstance(name, Variant) else VARIANTS[require_known(name, VARIANTS, "variants", "receiver")]
@@ -126,7 +126,7 @@ STARTS: Final = {
     "coherent": InitialSigmas(0.003, 0.02, 0.005, 0.003, 0.02, 1.0),
     "noncoherent": InitialSigmas(5.0, 0.5, 0.005, 5.0, 0.5, 1.0),
 }
-# position and clock where the code is tracked beside the phase, and each phase less its code
+# position and clock where code and phase are tracked, and each phase less its code
 _FOUND_M: Final = 5.0
 
 
