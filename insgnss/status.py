@@ -1,4 +1,4 @@
-"""What became of a measurement: one code for each entry of the ledger, and its name.
+"""The status of a measurement: one code for each entry of the ledger, and its name.
 
 Codes below 10 mean the row reached the filter; from 10 the satellite side refused it, from 20 the epoch did, from 30
 the carrier's history, from 39 what antennas have in common.
@@ -35,7 +35,9 @@ TOO_LATE: Final = 22  # it reached the engine after its latency limit
 CLOCK_JUMP: Final = 23
 USED_FOR_START: Final = 24  # it went into the single-point solution that started or restarted the filter
 REFUSED_AT_START: Final = 25  # the single-point solution excluded it
-NO_CHANNEL: Final = 26  # GLONASS, satellite side: neither the messages nor the log tell its frequency channel
+NO_CHANNEL: Final = (
+    26  # GLONASS, satellite side: neither the messages nor the log state its frequency channel
+)
 COMBINED: Final = 27  # its value is in another row of the satellite: the ionosphere-free combination
 # the ionosphere-free combination needs a second signal, and this satellite has one
 NO_SECOND_SIGNAL: Final = 28

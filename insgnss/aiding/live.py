@@ -23,7 +23,7 @@ from insgnss.filter.update.epoch_space import FilterWorkspace
 
 
 class AidingSink(Protocol):
-    """Whatever takes the aiding of one instant, as ``AidingStream`` does."""
+    """An object that takes the aiding of one instant, as ``AidingStream`` does."""
 
     def send(self, table: AidingTable, week: int) -> None:
         """Take a table of one time; ``week`` is the GPS week that its seconds are to count from."""

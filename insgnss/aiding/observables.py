@@ -1,4 +1,4 @@
-"""What a receiver at the antenna's phase centre observes of a satellite, and how it changes, exactly with light time.
+"""The observables of a satellite at the antenna's phase centre, and their rates, exactly with light time.
 
 Everything is formed in inertial axes, those of ECEF at the beginning of the satellites' piece (``satellite_arcs``),
 where neither the Earth's turn nor Coriolis' acceleration appears. Of the antenna: R, V, A, J (``antenna_motion``). Of
@@ -79,7 +79,7 @@ def polynomial(c: Float64, x: float) -> tuple[float, float, float, float]:
 
 @kernel
 def expand_satellite(piece: Float64, since_s: float, motion: Float64, e: Float64, j: int) -> None:
-    """Write a satellite's motion and clock about the transmission of what is received now, in lane ``j``.
+    """Write a satellite's motion and clock about the transmission time of the present signal, in lane ``j``.
 
     The time of transmission is found by Newton's method from 75 ms of light time: after two steps the rest is rounding.
 

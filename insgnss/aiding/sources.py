@@ -46,7 +46,7 @@ def aiding_sources(
     navigation: NavigationData | None = None,
     channels: Mapping[str, int] | None = None,
 ) -> AidingSources:
-    """Return what the aiding of a filter rests on.
+    """Return the inputs of a filter's aiding.
 
     Air: the troposphere as the filter has it; the ionosphere by GPS's coefficients whatever model the filter uses,
     since a receiver's code is delayed whether or not the filter combines it away (none where the settings say "none").

@@ -123,11 +123,12 @@ class _Reader:
 
 
 class AidingStream:
-    """Hands on each output: ``stream.send(table, week)`` from a live filter, ``stream.close()`` at its end.
+    """Sends each output: ``stream.send(table, week)`` from a live filter, ``stream.close()`` at its end.
 
     With a function, it is called with each message; what it raises is counted as a drop. With an address, the lines are
     sent there by UDP, or TCP readers that connect there (at any time, any number) get them from then on. ``events``
-    tells when dropping began and how much it was, ``dropped`` counts the messages (of TCP: summed over the readers).
+    says when dropping began and how many were dropped, ``dropped`` counts the messages (of TCP: summed over the
+    readers).
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class AidingStream:
         ----------
         to : a function, or host and port; port 0 lets the system choose the TCP port (see ``address``)
         protocol : "udp" or "tcp", of an address
-        backlog_bytes : what a slow TCP reader may be behind
+        backlog_bytes : the most that a slow TCP reader may be behind
 
         Raises
         ------
@@ -170,7 +171,7 @@ class AidingStream:
         self.close()
 
     def send(self, table: AidingTable, week: int) -> None:
-        """Hand on all times of a table; returns at once, whatever the readers do."""
+        """Send all times of a table; returns at once, whatever the readers do."""
         for message in messages_of(table, week, self.sent):
             self.sent += 1
             dropped = self._hand_on(message)
@@ -183,7 +184,7 @@ class AidingStream:
             self._dropping = dropped > 0
 
     def close(self) -> None:
-        """Give sockets back; what TCP readers have not taken is lost. Tells how much was dropped."""
+        """Close the sockets; bytes still pending for TCP readers are lost. Reports the number of dropped messages."""
         for reader in self._readers:
             reader.connection.close()
         self._readers = []
@@ -219,7 +220,7 @@ class AidingStream:
         return 0
 
     def _lines(self, line: bytes) -> int:
-        """Append the line to each reader's backlog that has room, and send what goes."""
+        """Append the line to each reader's backlog that has room, and send as much as possible."""
         self._accept()
         dropped = 0
         for reader in list(self._readers):
@@ -247,7 +248,7 @@ class AidingStream:
             )
 
     def _flush(self, reader: _Reader) -> bool:
-        """Send of the backlog what the system takes; return whether the reader is still there."""
+        """Send as much of the backlog as the system takes; return whether the reader is still there."""
         try:
             while reader.backlog:
                 del reader.backlog[: reader.connection.send(reader.backlog)]

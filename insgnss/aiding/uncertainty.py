@@ -86,7 +86,7 @@ def motion_rows(rho: float, line: Float64, C_eb: Float64, work: Float64, h: Floa
     ----------
     rho : range [m]
     line : (2, 3) u and W in ECEF axes of the instant
-    work : as ``place_motion`` leaves it; rows 0 to 3 are not looked at
+    work : as ``place_motion`` leaves it; rows 0 to 3 are not used
     h : (3, n) output over the error states
     s : (6, 3) scratch; row 5 is left as u_b
     """

@@ -1,4 +1,4 @@
-"""Antennas on a vehicle as arrays: where each one sits, how it is turned, what it sees and what the airframe hides."""
+"""Antennas on a vehicle as arrays: place, orientation, pattern and obstructions of each."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ UNCERTAIN_VISIBLE: Final = 3
 UNDECIDED: Final = -1  # nothing was decided yet; it counts as visible (bit 0 is set)
 IS_VISIBLE: Final = 1  # the bit: ``decision & IS_VISIBLE``
 IS_UNCERTAIN: Final = 2
-# What becomes of a satellite within the margin, ``VisibilityLimits.uncertain``
+# The treatment of a satellite within the margin, ``VisibilityLimits.uncertain``
 KEEP: Final = 0
 HIDE: Final = 1
 DEWEIGHT: Final = 2
@@ -149,7 +149,7 @@ def gain_of_antenna(
 def look_at(
     u_b: Float64, P_b: Float64, waits: bool, antennas: Installation, limits: VisibilityLimits, before: int
 ) -> Look:
-    """Return whether a satellite is seen, by which antenna, and with what gain.
+    """Return whether a satellite is seen, by which antenna, and at which gain.
 
     Equation: u_a = C_ab u_b; a rotation error phi of the body turns u_b by u_b x phi, so
     dg/dphi = grad_b g x u_b and sigma_g^2 = (dg/dphi) P_b (dg/dphi)^T    [first order]; within the margin it is hidden

@@ -47,7 +47,7 @@ class DifferenceRows:
 
 
 class Prior(NamedTuple):
-    """An attitude known beforehand, and the headings around it that are to be looked at."""
+    """An attitude known beforehand, and the headings around it to search."""
 
     C_nb: Float64  # (3, 3)
     sd_level: float  # [rad] about each level axis
@@ -204,7 +204,7 @@ def _improved(
     JW = np.swapaxes(J, 1, 2) @ W
     known, slope = JW @ J, (JW @ r[..., None])[..., 0]
     known[:, [0, 1], [0, 1]] += 1.0 / sd_level**2
-    known[:, 2, 2] += 1e-6  # a vertical baseline tells no heading
+    known[:, 2, 2] += 1e-6  # a vertical baseline gives no heading
     slope[:, :2] -= tilt / sd_level**2
     phi = np.linalg.solve(known, slope[..., None])[..., 0]
     turn = np.stack([rotation_matrix(one) for one in phi])

@@ -85,7 +85,7 @@ def search(L: Float64, D: Float64, a: Float64, limit: float, integers: Float64, 
     Parameters
     ----------
     L, D : Q = L^T diag(D) L
-    limit : squared distance from which on nothing is looked for
+    limit : squared distance at which the search ends
     integers : (count, n) result
     distance : (count,) result
     """

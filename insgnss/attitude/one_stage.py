@@ -53,7 +53,7 @@ _BACK_SHARE: Final = 0.1  # of the first offset that may be left of a start that
 
 @dataclass(frozen=True)
 class AttitudeState:
-    """What the filter knows after an epoch."""
+    """The filter's state after an epoch."""
 
     C_nb: Float64  # (3, 3)
     rpy: Float64  # (3,) [rad]; unwrapped where the filter works in Euler angles

@@ -31,7 +31,7 @@ from insgnss.errors import ConfigError
 from insgnss.tables import Float64, Int64
 
 Clocks = Literal["common", "separate"]
-CANDIDATES: Final = 2000  # looked at for each baseline: ranges to 1 m and 5 satellites leave some hundreds
+CANDIDATES: Final = 2000  # searched for each baseline: ranges to 1 m and 5 satellites leave some hundreds
 # of the second loss to the first; a loss has tens of degrees of freedom and varies by a third
 RATIO: Final = 2.0
 _SIGMAS: Final = 4.5  # of a length or a product of two baselines
@@ -57,7 +57,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class Epoch:
-    """What the receivers of all antennas measured at one moment.
+    """The measurements of all antennas' receivers at one moment.
 
     ``clocks``: "common" where one oscillator drives all receivers and the delays of the cables are taken off;
     "separate" where each has its own: then satellites are differenced too, and all need one carrier.
@@ -288,7 +288,7 @@ def _fitting_order(epoch: Epoch, rough: CoarseBaselines, ratio: float) -> tuple[
 
 
 def equivalent_orders(array: AntennaArray) -> list[tuple[int, ...]]:
-    """Return the other orders of the antennas that no measurement tells from the given one: all distances are equal.
+    """Return the orders of the antennas indistinguishable from the given one: all distances are equal.
 
     Antennas in one plane have mirror images that are rotations: two of an equilateral triangle may be swapped, and the
     attitude comes out turned over. Unequal distances between all antennas exclude it.
@@ -306,7 +306,7 @@ def equivalent_orders(array: AntennaArray) -> list[tuple[int, ...]]:
 def is_turned_over(C_nb: npt.ArrayLike, array: AntennaArray, sky: Sky) -> bool:
     """Return whether most satellites would be below the antennas (which look along minus z of the body).
 
-    That is what two swapped antennas of a symmetric array look like where lengths and angles cannot tell.
+    That is what two swapped antennas of a symmetric array look like where lengths and angles cannot decide.
     """
     up_n = -np.asarray(C_nb, np.float64)[:, 2]
     return bool(np.mean(sky.los_n @ up_n) < 0.0)

@@ -72,9 +72,9 @@ def array_of_flight(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> Anten
 
 
 def mounted_antennas(attitude: AttitudeConfig, gnss: Gnss, folder: Path) -> tuple[MountedAntenna, ...]:
-    """Return how each antenna of a flight is mounted and what it sees, that of [gnss] first.
+    """Return the mounting and field of view of each antenna of a flight, that of [gnss] first.
 
-    What the flight file says of an antenna counts before the vehicle's file; an antenna that nothing is said of is
+    The flight file's entry on an antenna takes precedence over the vehicle's file; an antenna without an entry is
     level and sees everything.
 
     Raises

@@ -27,7 +27,9 @@ def allan(
     ] = None,
     like: Annotated[
         str | None,
-        typer.Option("--like", help="A grade of the library: what rest does not show is taken from it."),
+        typer.Option(
+            "--like", help="A grade of the library, for the terms that a log at rest does not show."
+        ),
     ] = None,
     first: Annotated[
         float | None, typer.Option("--from", help="Seconds of the week: the rest begins.")

@@ -1,4 +1,4 @@
-"""``insgnss columns``: what each column of a table means."""
+"""``insgnss columns``: the meaning of each column of a table."""
 
 from __future__ import annotations
 

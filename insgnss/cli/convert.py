@@ -29,7 +29,7 @@ def convert(
             help="UBX, SBF, NovAtel OEM, RTCM 3, PX4 ULog, ROS 2 MCAP, Android GnssLogger, RINEX files."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for what is written.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the output files.")],
     date: Annotated[
         datetime | None,
         typer.Option(

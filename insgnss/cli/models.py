@@ -1,4 +1,4 @@
-"""``insgnss models``: what the model library holds, and copies of it to change."""
+"""``insgnss models``: the content of the model library, and copies to change."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def outage(
             "--kind", help="pseudorange,range_rate,carrier_difference,attitude_difference: these alone."
         ),
     ] = "",
-    after: Annotated[float, typer.Option("--after", help="Seconds looked at after each window.")] = 60.0,
+    after: Annotated[float, typer.Option("--after", help="Seconds evaluated after each window.")] = 60.0,
     rate: Annotated[float, typer.Option("--rate", help="Of the compared solution in Hz.")] = 1.0,
     filter: FilterName = "tight",
     settings: Settings = None,
@@ -68,7 +68,7 @@ def outage(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Take measurements away in windows, replay, and tell drift, predicted sigma and the time to come back."""
+    """Remove measurements in windows, replay, and report drift, predicted sigma and recovery time."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, [flight]):
         windows = _windows(window, every, random, bank, length, seed)
@@ -123,7 +123,7 @@ def _windows(
         ways.append(Banked(bank))
     if len(ways) != 1:
         what = "nothing says when" if not ways else "more than one option says when"
-        raise ConfigError(f"{what} measurements are taken away", key="--window", advice=_ADVICE)
+        raise ConfigError(f"{what} measurements are removed", key="--window", advice=_ADVICE)
     return ways[0]
 
 

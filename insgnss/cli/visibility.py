@@ -49,7 +49,7 @@ def visibility(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell which satellites antennas and airframe hid, when, and what that cost in geometry."""
+    """Report which satellites antennas and airframe hid, when, and the loss of geometry."""
     began = time.perf_counter()
     with own_errors_told(), overwriting(force, run_files(source)):
         form = table_form(format)

@@ -1,4 +1,4 @@
-"""The schema of loop aiding: for which satellites and carriers, how often, how differentiated, and what is assumed."""
+"""The schema of loop aiding: for which satellites and carriers, how often, how differentiated, and the assumptions."""
 
 from __future__ import annotations
 

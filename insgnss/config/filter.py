@@ -1,4 +1,4 @@
-"""The schema of a filter file: which measurements are used, how good they are, and what happens when they fail."""
+"""The schema of a filter file: the measurements used, their noise, and the response to faults."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DEFAULT_SIGNALS: Final[dict[Constellation, tuple[str, ...]]] = {
 
 
 class WeatherConfig(StrictModel):
-    """The air that the troposphere's model starts from; what is left out is as in the standard atmosphere."""
+    """The weather of the troposphere model; omitted values are those of the standard atmosphere."""
 
     pressure_hpa: Annotated[float, Field(gt=300.0, lt=1200.0)] | None = Field(
         None, description="at the height below, not reduced to sea level"
@@ -128,7 +128,7 @@ class Faults(StrictModel):
     )
     reflected_below_db: NotNegative = Field(
         8.0,
-        description="C/N0 that far below the strongest signal's, elevation taken off, and too long a range",
+        description="C/N0 that far below the strongest signal's, corrected for elevation, with too long a range",
     )
 
 
@@ -192,12 +192,12 @@ class Process(StrictModel):
         0.0, le=100.0, description="of each component of the antenna's lever arm, then estimated; 0: exact"
     )
     imu_time_sigma_s: NotNegative = Field(
-        0.0, le=1.0, description="of what the IMU's tags are off by, then estimated; 0: exact"
+        0.0, le=1.0, description="of the error of the IMU's tags, then estimated; 0: exact"
     )
 
 
 class Gaps(StrictModel):
-    """What happens when inertial samples are missing."""
+    """The response to missing inertial samples."""
 
     longest_step_s: Positive | None = Field(
         None,
@@ -235,7 +235,7 @@ class SampleChecks(StrictModel):
 
 
 class HealthConfig(StrictModel):
-    """When the filter concludes that it is lost, and what it does."""
+    """When the filter concludes that it is lost, and its reaction."""
 
     lockout_epochs: Annotated[int, Field(ge=2)] = Field(
         5,
@@ -249,12 +249,12 @@ class HealthConfig(StrictModel):
         10.0, description="for that long means the filter is lost though it refuses little"
     )
     recovery: bool = Field(
-        True, description="whether the filter may be set right; off: it stays as it is, whatever the rows say"
+        True, description="whether the filter may be reset; off: it stays as it is, whatever the rows show"
     )
     suspicion_sigma: NotNegative = Field(
         4.5,
         description="of all satellites' common deviation from the prediction over eight seconds, above which the last"
-        " minute is looked at once more; a filter that is right comes to it once in several hours; 0: never",
+        " minute is rerun under supposed faults; a correct filter reaches it once in several hours; 0: never",
     )
     heading_lost_resets: Annotated[int, Field(ge=1)] = Field(
         2, description="that many resets within lost_window_s mean the attitude is wrong too"
@@ -292,7 +292,7 @@ class HeadingConfig(StrictModel):
 
 
 class Adaptation(StrictModel):
-    """How far the filter may correct its assumed noise levels by what it sees."""
+    """How far the filter may correct its assumed noise levels from its residuals."""
 
     on: bool = True
     memory_s: Positive = Field(30.0, ge=1e-3, description="over which the levels follow")
@@ -318,7 +318,7 @@ class Visibility(StrictModel):
     )
     uncertain: Literal["keep", "hide", "deweight"] = Field(
         "deweight",
-        description="what becomes of a satellite within that margin: it stays in use if it was, is hidden, or stays in "
+        description="treatment of a satellite within that margin: it stays in use if it was, is hidden, or stays in "
         "use with more noise",
     )
     # A steady reflection is tens of metres too long, at most some 60; what is far larger the gate refuses. A path that
@@ -330,7 +330,7 @@ class Visibility(StrictModel):
     heading_sigma_limit_deg: Positive = Field(
         5.0, description="masking waits while the heading is less certain"
     )
-    use_masked: bool = Field(False, description="measurements of hidden satellites are used all the same")
+    use_masked: bool = Field(False, description="measurements of hidden satellites are still used")
 
 
 class SlowErrors(StrictModel):

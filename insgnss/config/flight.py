@@ -51,7 +51,7 @@ class ImuGrade(StrictModel):
     accel_scale_factor_ppm: NonNegativeFloat = 0.0
     gyro_range_deg_per_s: PositiveFloat | None = None
     accel_range_g: PositiveFloat | None = None
-    # of data sheets or an Allan deviation that tell more; quantisation and bandwidth are the simulation's alone
+    # of data sheets or an Allan deviation that say more; quantisation and bandwidth are the simulation's alone
     gyro_rate_random_walk_deg_per_h_per_sqrt_h: NonNegativeFloat = Field(0.0, description="of the bias")
     gyro_misalignment_mrad: NonNegativeFloat = Field(0.0, description="of each axis against the other two")
     gyro_g_sensitivity_deg_per_h_per_g: NonNegativeFloat = 0.0
@@ -193,7 +193,7 @@ class Base(ObservationLog):
 
 
 class MountedAntenna(StrictModel):
-    """A receiving antenna: where it sits, how it is turned, what it sees and what the airframe hides of its sky."""
+    """A receiving antenna: where it sits, how it is turned, its field of view and the airframe's obstructions."""
 
     name: str = ""
     pattern: str = Field(description="a name in models/antennas, or a file ending in .csv")
@@ -207,7 +207,7 @@ class MountedAntenna(StrictModel):
     mounting_matrix: tuple[Vector3, Vector3, Vector3] | None = Field(
         None, description="C_ba, antenna axes to body axes; instead of mounting_rpy_deg"
     )
-    obstruction: Path | None = Field(None, description="file of what the airframe hides (TOML)")
+    obstruction: Path | None = Field(None, description="file of the airframe's obstructions (TOML)")
 
     @model_validator(mode="after")
     def _is_turned_in_one_way(self) -> MountedAntenna:
@@ -226,7 +226,7 @@ class MountedAntenna(StrictModel):
 
 
 class Gnss(ObservationLog):
-    """A GNSS log, what says where the satellites were, and the antenna."""
+    """A GNSS log, the source of satellite positions, and the antenna."""
 
     navigation: tuple[Path, ...] = ()
     precise: tuple[Path, ...] = Field((), description="SP3 orbits and RINEX clocks, instead of the messages")
@@ -235,7 +235,7 @@ class Gnss(ObservationLog):
     )
     base: Base | None = None
     glonass_channels: dict[GlonassSatellite, Annotated[int, Field(ge=-7, le=6)]] = Field(
-        {}, description="frequency channels that neither log nor messages tell: R07 = -3"
+        {}, description="frequency channels that neither log nor messages state: R07 = -3"
     )
     rate_sign: Literal["standard", "reversed"] = Field(
         "standard", description="reversed: Doppler and range rates count against their standard signs"
@@ -301,7 +301,7 @@ class Reference(LogTable):
 
 
 class FurtherAntenna(MountedAntenna):
-    """An antenna beside that of [gnss], with a log of its own."""
+    """A further antenna with a log of its own."""
 
     name: str = Field(min_length=1)
     pattern: str = "isotropic"
@@ -316,7 +316,7 @@ class FurtherAntenna(MountedAntenna):
 
 
 class AttitudeConfig(StrictModel):
-    """Several antennas whose carrier phase differences tell the attitude."""
+    """Several antennas whose carrier phase differences give the attitude."""
 
     clocks: Literal["common", "separate"] = Field(
         description="one oscillator drives all receivers, or each has its own"

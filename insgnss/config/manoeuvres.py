@@ -1,4 +1,4 @@
-"""The schema of a list of manoeuvres: what a vehicle does, one after the other, in a scenario file.
+"""The schema of a list of manoeuvres: a vehicle's manoeuvres in sequence, in a scenario file.
 
 Each entry ``[[manoeuvre]]`` has a ``kind`` and the keys of that kind. Angles to the right are positive.
 """

@@ -51,7 +51,7 @@ class Equipment(StrictModel):
 
 
 class StartSigmas(StrictModel):
-    """What is known at the start, one sigma; position and velocity of each axis."""
+    """The uncertainty at the start, one sigma; position and velocity of each axis."""
 
     sd_position_m: Positive
     sd_velocity_mps: Positive
@@ -76,7 +76,7 @@ class SatelliteOutage(StrictModel):
 
 
 class ScenarioAntenna(StrictModel):
-    """The antenna as the visibility stage knows it, and what the airframe truly lets through."""
+    """The antenna as the visibility stage models it, and the airframe's true obstruction."""
 
     pattern: str
     threshold_gain_dbic: float
@@ -106,7 +106,7 @@ class ScenarioFlight(StrictModel):
 
 
 class FalseLockModel(StrictModel):
-    """What a channel reports while its satellite is hidden; sizes are drawn evenly from their ranges."""
+    """A channel's reports while its satellite is hidden; sizes are drawn evenly from their ranges."""
 
     name: Annotated[str, Field(min_length=1)]
     begins: Literal["at_loss", "in_search"] = Field(
@@ -133,7 +133,8 @@ class ReceiverChannels(StrictModel):
     """The receiver's channels."""
 
     release_s: NotNegative = Field(
-        0.5, description="a false lock out of the direct signal's reach is noticed so long after that is back"
+        0.5,
+        description="a false lock out of the direct signal's reach is noticed so long after the signal returns",
     )
     supervisor_rate_hz: Positive = Field(50.0, description="of the supervisor's decisions")
 

@@ -19,14 +19,14 @@ _CENTRE: LeverArm = (0.0, 0.0, 0.0)
 
 
 class SimulatedSensorLog(StrictModel):
-    """What every simulated sensor has."""
+    """The keys of every simulated sensor."""
 
     kind: str
     name: Name = Field("", description="its kind when left out")
     rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 10.0
     noise_time_s: NonNegativeFloat = Field(0.0, description="how long the noise lasts; 0: white")
     time_offset_s: Annotated[float, Field(ge=-10.0, le=10.0)] = Field(
-        0.0, description="by which its tags are late; the flight file does not tell"
+        0.0, description="by which its tags are late; not in the flight file"
     )
 
     @property

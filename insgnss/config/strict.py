@@ -53,7 +53,7 @@ _SMALLEST_NUMBER: Final = 1e-40  # a thousandth of a thousandth of the quietest 
 
 
 class StrictModel(BaseModel):
-    """A frozen model that refuses unknown keys, numbers that are not finite, and numbers that nothing has."""
+    """A frozen model that refuses unknown keys, numbers that are not finite, and impossible numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=False, allow_inf_nan=False)
 
@@ -120,7 +120,7 @@ def load_toml(path: str | Path, model: type[Model], base: Mapping[str, Any] | No
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return what a TOML file says, not checked against any schema.
+    """Return the content of a TOML file, not checked against any schema.
 
     Raises
     ------

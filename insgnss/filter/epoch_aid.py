@@ -1,4 +1,4 @@
-"""What may help the filter at an epoch from outside of the compiled loop, as the navigator sees it.
+"""The interface of a stage that helps the filter at an epoch from outside the compiled loop.
 
 Only the interface is here: a filter without help does not load its implementation.
 """
@@ -16,11 +16,11 @@ from insgnss.tables import Event, Float64
 class EpochAid(Protocol):
     """A stage that follows each epoch's own update, with a memory of its own."""
 
-    log: PhaseLog | None  # where it finds the phases of an epoch, and writes what became of them
+    log: PhaseLog | None  # where it finds the phases of an epoch, and writes their status
 
     @property
     def remarks(self) -> tuple[Event, ...]:
-        """What is worth telling of the antennas themselves."""
+        """Events about the antennas themselves."""
 
     @property
     def names(self) -> tuple[str, ...]:

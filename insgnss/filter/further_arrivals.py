@@ -30,7 +30,7 @@ class FurtherArrivals:
 
     @property
     def remarks(self) -> list[Event]:
-        """What is worth telling of the antennas themselves."""
+        """Events about the antennas themselves."""
         return [] if self._setup.aid is None else list(self._setup.aid.remarks)
 
     @property

@@ -35,7 +35,7 @@ from insgnss.gpstime import ns_to_week_seconds
 from insgnss.tables import Event, ImuTable, Int64
 
 OutputRate = Literal["gnss", "imu"] | float | Int64  # the last: times themselves [ns]
-MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row tells nothing new
+MOST_OUTPUTS_PER_SAMPLE: Final = 10.0  # between two inertial samples a row adds nothing
 
 
 class TraceIntervals(NamedTuple):
@@ -47,7 +47,7 @@ class TraceIntervals(NamedTuple):
 
 
 class LedgerPart(NamedTuple):
-    """What the filter wrote of a block's rows."""
+    """The filter's output for a block's rows."""
 
     entries: Table  # (n,) of ``output.LEDGER_DTYPE``
     carriers: Table  # (n,) of ``output.CARRIER_LEDGER_DTYPE``, (0,) without carrier
@@ -93,7 +93,7 @@ def run_blocks(
     smooth : smooths the navigation rows with the rest of their stretch
     further : columns that are wanted beside those that every navigation row has; filled
     filtered : takes the filter's own navigation rows of each part before they are smoothed
-    own : takes what became of a user's own rows
+    own : takes the status of a user's own rows
 
     The log is cut where inertial samples are missing for too long: each part restarts with what the one before it
     leaves behind.
@@ -248,7 +248,7 @@ class _Passage:
 
 
 def trace_room(trace: TraceIntervals | None, t_ns: Int64, n_epochs: int, n_offsets: int) -> TraceRoom:
-    """Return room for what is wanted of a log with inertial samples at ``t_ns``."""
+    """Return space for the requested output of a log with inertial samples at ``t_ns``."""
     if trace is None:
         return no_trace(n_offsets)
     times_ns = t_ns[output_samples(t_ns, trace.rate_hz)] if trace.rate_hz is not None else t_ns[:0]

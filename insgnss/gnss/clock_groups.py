@@ -39,7 +39,7 @@ def clock_groups(
     ----------
     constellations : letters that the filter uses, in order of preference
     signals : per letter the codes that may be used, in order of preference
-    present : what the log holds
+    present : constellations and codes of the log
     every_band : one signal of each band is used, not the most preferred one alone
     """
     present = set(present)

@@ -1,4 +1,4 @@
-"""The GNSS log as the filter sees it: satellite states beside each observation, and what is not used, with the reason.
+"""The GNSS log for the filter: satellite states for each observation, and the unused rows with their reasons.
 
 Everything here is done for the whole log at once, before the filter's loop.
 """
@@ -136,7 +136,7 @@ def prepare_rows(
     signals : per constellation the codes that may be used, the preferred first
     every_band : one signal of each band of a satellite is used, not the most preferred one alone
     pseudorange, range_rate : whether the kind is used at all
-    carrier : whether carrier differences are used; None: they are not looked at, and get no entry in the ledger
+    carrier : whether carrier differences are used; None: they are ignored, and get no entry in the ledger
     carrier_max_interval_s : epochs farther apart are not differenced
     ionosphere_free : the pseudoranges of two bands of a satellite become their ionosphere-free combination
     max_age_s : oldest ephemeris to use; the constellation's own validity when None
@@ -275,7 +275,7 @@ def _by_constellation(gnss: GnssTable, given: Mapping[str, float] | None, otherw
 
 
 def _by_signal(gnss: GnssTable, value: Callable[[str, str], float]) -> Float64:
-    """Return (n,) what a function of satellite and code says of each row."""
+    """Return (n,) a function of satellite and code for each row."""
     table = np.zeros((max(len(gnss.sv_names), 1), max(len(gnss.signal_names), 1)))
     for i, sv in enumerate(gnss.sv_names):
         for j, code in enumerate(gnss.signal_names):

@@ -78,7 +78,7 @@ class Signal:
     source: str  # section of the ICD in words
     group_delay_fnav: tuple[float, float] | None = None  # instead, when the clock is Galileo's F/NAV
     neglects: str = ""  # what the group delay neglects
-    default_used: bool = False  # the one signal of the satellite used unless told otherwise
+    default_used: bool = False  # the one signal of the satellite used by default
     channel_step_hz: float = 0.0  # between GLONASS channels
 
 

@@ -19,7 +19,7 @@ _LARGEST_FORCE_MPS2: Final = 1e6
 
 @dataclass(frozen=True)
 class AlignmentWindow:
-    """What a short window of inertial samples says."""
+    """The statistics of a short window of inertial samples."""
 
     length_s: float
     f_b: Float64  # (3,) mean specific force, in the body axes at the window's end [m/s^2]

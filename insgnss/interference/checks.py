@@ -1,4 +1,4 @@
-"""Refusals of numbers that make no sense, with the key that carries them and what would make sense."""
+"""Errors for invalid numbers, with their key and the valid range."""
 
 from __future__ import annotations
 

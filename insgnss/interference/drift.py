@@ -42,7 +42,7 @@ class DriftDensity(NamedTuple):
 
 
 class InertialDrift(NamedTuple):
-    """What an inertial sensor's errors add, part by part; one-sided [rad^2/s^3]."""
+    """The parts of an inertial sensor's drift density; one-sided [rad^2/s^3]."""
 
     accel_noise: float
     accel_bias: float
@@ -169,7 +169,7 @@ def phase_walk_of(h0_s: npt.ArrayLike, carrier_hz: float) -> Float64:
 
     Equation: S_f = h0 (2 pi f0)^2
     The paper's model has none. The h0 of a clock model for navigation is fitted at seconds and overstates the noise at
-    the milliseconds of a loop, for crystals by 20 dB: a phase-noise curve tells more.
+    the milliseconds of a loop, for crystals by 20 dB: a phase-noise curve shows more.
     """
     w0 = 2.0 * math.pi * positive("carrier_hz", carrier_hz, _CARRIER_ADVICE)
     return np.asarray(not_negative("h0_s", h0_s, "one-sided, in seconds") * w0**2)

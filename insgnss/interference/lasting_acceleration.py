@@ -1,4 +1,4 @@
-"""Acceleration that lasts: what a loop at its threshold makes of a manoeuvre, or of an aiding error that stays.
+"""Acceleration that lasts: a loop at its threshold in a manoeuvre, or under a constant aiding error.
 
 A Wiener frequency gets an independent push at every instant. A turn, a tilt or an accelerometer's bias push the same
 way for seconds, longer than a loop remembers. For a loop of second order its equivalent is the density S that makes

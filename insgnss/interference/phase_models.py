@@ -1,4 +1,4 @@
-"""Linear models of coherent receivers: what the phases that they track depend on, and what drives it.
+"""Linear models of coherent receivers: the states of the tracked phases, and their driving noise.
 
 A receiver is a linear model of its phases: ``x' = A x + white noise of intensity Q``, phases ``H x`` in white noise.
 

@@ -44,7 +44,7 @@ class ThirdOrderGains(NamedTuple):
 
 
 class _Intensities(NamedTuple):
-    """What drives the loop, two-sided; all arrays of one shape."""
+    """The driving noise of the loop, two-sided; all arrays of one shape."""
 
     m: float  # [1/s]
     q: Float64  # of the frequency [rad^2/s^3]

@@ -49,7 +49,7 @@ class Diagram(NamedTuple):
 
 
 def per_ins(carrier_hz: float) -> float:
-    """Return what a c_INS of 1 m^2/s^3 adds to S: 2 (2 pi f0 / (3 c))^2, 249.888 rad^2/s^3 at 1600 MHz."""
+    """Return the contribution of a c_INS of 1 m^2/s^3 to S: 2 (2 pi f0 / (3 c))^2, 249.888 rad^2/s^3 at 1600 MHz."""
     return 2.0 * (per_mps(carrier_hz) / 3.0) ** 2
 
 

@@ -73,12 +73,12 @@ def compiled(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
 
 
 def is_trusted(status: os.stat_result) -> bool:
-    """Return whether a file belongs to this user or to the administrator; Windows does not tell."""
+    """Return whether a file belongs to this user or to the administrator; unknown on Windows."""
     return not hasattr(os, "geteuid") or status.st_uid in (0, os.geteuid())
 
 
 class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """A kernel's files in the cache, each with its hash at the end; what is damaged or not ours counts as not there."""
+    """A kernel's files in the cache, each with its hash at the end; damaged or foreign ones count as absent."""
 
     def save(self, key: Any, data: Any) -> None:
         with suppress(OSError):  # a full disk: the code is compiled again next time
@@ -109,7 +109,7 @@ class _SealedFile(IndexDataCacheFile):  # type: ignore[misc]
 
 
 def _unsealed(path: str) -> bytes | None:
-    """Return what a file of the cache holds before its hash; None where it is absent, damaged or another user's."""
+    """Return the content of a cache file before its hash; None where it is absent, damaged or another user's."""
     try:
         with open(path, "rb") as file:
             sealed = file.read() if is_trusted(os.fstat(file.fileno())) else b""
@@ -167,7 +167,7 @@ class Apart:
 
     @property
     def return_type(self) -> Any:
-        """The compiler's type of what the kernel says it returns."""
+        """The compiler's type of the kernel's declared return value."""
         return _type_of(typing.get_type_hints(self.kernel.py_func)["return"])
 
     def address(self, argument_types: tuple[Any, ...]) -> int:

@@ -32,7 +32,7 @@ from insgnss.tables import Event
 
 @dataclass(frozen=True)
 class Conversion:
-    """What was read and what was written."""
+    """The files read and written."""
 
     formats: tuple[tuple[Path, Format], ...]  # each input
     log: ReceiverLog
@@ -48,7 +48,7 @@ def convert(inputs: Sequence[Path], output: Path, declared: LogDeclarations | No
     The logs among the inputs must be of one format, that is of one receiver; they may hold inertial samples alone.
     RINEX navigation files beside them are copied. The receiver's own solution, where the log has one, becomes a
     reference. A flight file that is already there is kept: somebody may have filled it in. ``declared`` is what the
-    files cannot tell.
+    files do not state.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the user of a receiver's file declares because the file cannot tell it."""
+"""The user's declarations for a receiver's file, which the file itself does not state."""
 
 from __future__ import annotations
 

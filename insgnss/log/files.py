@@ -56,7 +56,7 @@ def file_buffer(path: Path) -> pa.Buffer:
 
 
 def _unpacked(path: Path) -> pa.Buffer:
-    """Return what a gzip file holds, read in pieces; a file that expands too much is not a log.
+    """Return the content of a gzip file, read in pieces; a file that expands too much is not a log.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def _unpacked(path: Path) -> pa.Buffer:
 
 
 def _uncompressed(path: Path) -> pa.Buffer:
-    """Return what a file of Unix' compress (LZW) holds; it has no checksum, its reader tells what is cut.
+    """Return the content of a file of Unix' compress (LZW); it has no checksum, its reader detects a cut.
 
     Raises
     ------

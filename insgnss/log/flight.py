@@ -215,11 +215,11 @@ class FlightInMemory(Flight):
 
 
 def _week_of_the_log(config: FlightConfig, grade: ImuGrade, path: Path) -> int:
-    """Return the GPS week in which a log begins whose times tell it.
+    """Return the GPS week in which a log begins, if its times state it.
 
     Raises
     ------
-    ConfigError : the times of all logs are seconds of a week that nothing tells
+    ConfigError : the times of all logs are seconds of an unknown week
     """
     t_ns = np.zeros(0, np.int64)
     if config.gnss.files and (config.gnss.format != "csv" or not config.gnss.counts_in_gps_week):

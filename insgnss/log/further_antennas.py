@@ -14,7 +14,7 @@ from insgnss.tables import Event, GnssTable
 
 
 def read_further_antennas(config: FlightConfig, main: GnssTable) -> tuple[tuple[GnssTable, ...], list[Event]]:
-    """Return the observations of each antenna of ``config.attitude``, in its order, and what is worth telling.
+    """Return the observations of each antenna of ``config.attitude``, in its order, and the events.
 
     Raises
     ------

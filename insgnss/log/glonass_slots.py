@@ -27,7 +27,7 @@ _CLEAR: Final = 0.5
 
 
 def with_slots(gnss: GnssTable, navigation: NavigationData | None) -> tuple[GnssTable, list[Event]]:
-    """Return the log with the satellites known by their channel alone under their own names, where messages tell."""
+    """Return the log with satellites known by channel alone renamed, if messages identify them."""
     unknown = {
         k: channel for k, name in enumerate(gnss.sv_names) if (channel := channel_of_name(name)) is not None
     }

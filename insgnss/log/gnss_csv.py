@@ -1,6 +1,6 @@
 """GNSS logs: CSV files with one row per satellite, signal and epoch become a ``GnssTable``.
 
-Both forms are read: with satellite states in the row, or with a navigation file beside it.
+Both forms are read: with satellite states in the row, or with a navigation file.
 """
 
 from __future__ import annotations

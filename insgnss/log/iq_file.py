@@ -32,7 +32,7 @@ _MOST_HZ: Final = 1e10
 
 @dataclass(frozen=True)
 class IqFile:
-    """A recording and what is declared of it.
+    """A recording and its declarations.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def write_iq(
 
 
 def _check_declared(sampling: Sampling, sample_type: str, order: str, skip_bytes: int) -> None:
-    """Refuse what no recording can be."""
+    """Refuse impossible declarations of a recording."""
     if sample_type not in SAMPLE_TYPES or order not in ORDERS:
         _refuse_type(sample_type, order)
     rate = sampling.rate_hz

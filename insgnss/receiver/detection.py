@@ -22,7 +22,7 @@ _POISSON_SIGMAS: Final = 12.0  # weights further from their mean are below 1e-30
 
 
 class Detector(NamedTuple):
-    """What a detection needs: the ratio of each look for 1, 2, ... looks, processing loss included."""
+    """The requirement of a detection: the ratio of each look for 1, 2, ... looks, processing loss included."""
 
     required_snr: Float64  # (max_looks,) of each look [-], falling
     coherent_limit_s: float  # inf: one look, as long as it takes
@@ -60,7 +60,7 @@ def marcum_q(order: npt.ArrayLike, a: npt.ArrayLike, b: npt.ArrayLike) -> Float6
 
 
 def threshold(pfa: npt.ArrayLike, looks: npt.ArrayLike = 1) -> Float64:
-    """Return what noise alone exceeds with the probability Pfa: a sum of looks, each over its mean without signal.
+    """Return the threshold of Pfa for noise alone: a sum of looks, each over its mean without signal.
 
     Equation: Gamma(K, y) / Gamma(K) = Pfa                          [Marcum 1960; Richards 2014, chapter 6]
     """
@@ -155,7 +155,7 @@ def _check_pair(pd: float, pfa: float) -> None:
 
 
 def detector(settings: Detection) -> Detector:
-    """Return what the detection of these settings needs; worth keeping, as the exact method takes some seconds.
+    """Return the requirement of a detection; worth keeping, as the exact method takes some seconds.
 
     A carrier of known phase is collected in one look: its coherent limit says nothing.
 

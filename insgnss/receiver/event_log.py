@@ -76,7 +76,7 @@ def _line_of(word: str, column: str, table: CsvTable) -> int | None:
 
 
 def _in_order(t_ns: Int64, sv: Int64, event: Int64, path: Path) -> tuple[Int64, list[Event]]:
-    """Return the rows to keep, by time and stable, and what was noticed."""
+    """Return the rows to keep, by time and stable, and the events."""
     order = np.argsort(t_ns, kind="stable")
     noticed = []
     if np.any(np.diff(t_ns) < 0):

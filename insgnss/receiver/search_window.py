@@ -15,7 +15,7 @@ from insgnss.tables import Float64
 
 
 class SignalScale(NamedTuple):
-    """What turns metres into chips and metres per second into hertz; arrays of one entry a satellite, or numbers."""
+    """Factors from metres to chips and from m/s to hertz; arrays of one entry a satellite, or numbers."""
 
     chip_m: npt.ArrayLike
     wavelength_m: npt.ArrayLike
@@ -23,7 +23,7 @@ class SignalScale(NamedTuple):
 
 
 class SearchWindow(NamedTuple):
-    """How a signal at a predicted place is looked for; arrays of one shape."""
+    """The search for a signal at a predicted place; arrays of one shape."""
 
     sigma_delay_m: Float64  # sqrt(D) of the delay
     sigma_doppler_hz: Float64  # sqrt(D) of the rate over the wavelength

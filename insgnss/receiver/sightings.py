@@ -23,7 +23,7 @@ class Sightings(NamedTuple):
 
 
 def sightings_of(gnss: GnssTable) -> Sightings:
-    """Return what a receiver saw; a row without a pseudorange is not a sighting, but its epoch counts."""
+    """Return the receiver's sightings; a row without a pseudorange is not a sighting, but its epoch counts."""
     epoch_ns, epoch = np.unique(gnss.t_ns, return_inverse=True)
     seen = np.zeros((len(epoch_ns), len(gnss.sv_names)), np.bool_)
     has_range = np.isfinite(gnss.pseudorange_m)

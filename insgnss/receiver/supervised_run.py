@@ -46,7 +46,7 @@ _GAP_S: Final = 2.0  # seconds without a prediction after which none is valid
 
 @dataclass(frozen=True)
 class SupervisedRun:
-    """What ``supervise_run`` gives. Tables are DataFrames, the module's text has their columns."""
+    """The result of ``supervise_run``. Tables are DataFrames, the module's text has their columns."""
 
     supervision: pd.DataFrame
     transitions: pd.DataFrame
@@ -61,7 +61,7 @@ def supervise_run(
     week: int,
     receiver_log: ReceiverEvents | None = None,
 ) -> SupervisedRun:
-    """Return what a supervised receiver does about every satellite over a run.
+    """Return a supervised receiver's action for every satellite over a run.
 
     If the filter gave no prediction for long (a restart), every satellite's prediction ends.
 

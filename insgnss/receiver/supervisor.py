@@ -45,7 +45,7 @@ _LONGEST_NS: Final = 2**60  # 36 years: what takes longer never ends
 
 
 class Predictions(NamedTuple):
-    """What filter and visibility stage say of each satellite at each epoch: n epochs, m satellites.
+    """The filter's and visibility stage's output for each satellite at each epoch: n epochs, m satellites.
 
     A satellite without a prediction at an epoch has UNDECIDED, or NaN in C/N0 or in either variance.
     """
@@ -89,7 +89,7 @@ class Totals(NamedTuple):
 
 
 class Supervision(NamedTuple):
-    """What the supervisor says of a whole history."""
+    """The supervisor's decisions on a whole history."""
 
     state: Int8  # (n, m)
     transitions: Transitions
@@ -173,7 +173,7 @@ def supervise(
     settings: Search | None = None,
     scale: SignalScale | None = None,
 ) -> Supervision:
-    """Return what a supervised receiver does over a whole history, and what an unsupervised one would have searched.
+    """Return a supervised receiver's actions over a whole history, and the search of an unsupervised one.
 
     Where ``present`` is not given, a visible signal is there and a detection succeeds; otherwise it decides.
 
@@ -224,7 +224,7 @@ def _ns(seconds: float) -> int:
 
 
 def _view(predicted: Predictions, window: SearchWindow, present: Int8) -> View:
-    """Return the inputs of the compiled rules; what lacks any part of its prediction is UNDECIDED."""
+    """Return the inputs of the compiled rules; an entry without a complete prediction is UNDECIDED."""
     known = ~(
         np.isnan(predicted.cn0_dbhz) | np.isnan(window.sigma_delay_m) | np.isnan(window.sigma_doppler_hz)
     )

@@ -1,4 +1,4 @@
-"""The rules of the search supervisor, compiled: what leads a satellite's channel from one state to the next.
+"""The rules of the search supervisor, compiled: the transitions of a satellite's channel.
 
     track --hidden--> hold --visible again--> control_detection --detected--> resume --pulled in--> track
                                                  |  failed                      ^

@@ -1,4 +1,4 @@
-"""Runs against each other: what a setting, a mask or a smoother changed, over time and in numbers."""
+"""Comparison of runs: the effect of a setting, a mask or a smoother, over time and in numbers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COMPONENTS: Final = tuple(name for _, _, names in SIGMA_GROUPS for name in names
 
 @dataclass(frozen=True, repr=False)
 class Comparison(ResultDisplay):
-    """Runs, and what each differs in from the first."""
+    """Runs, and the difference of each from the first."""
 
     runs: Mapping[str, Run]  # the first is what the others are compared with
     differences: Mapping[str, pd.DataFrame]  # of each other: time_s and d_n_m ... d_yaw_deg, run minus first
@@ -66,7 +66,7 @@ class Comparison(ResultDisplay):
 
 
 def compare(*runs: Run | str | Path, **named: Run | str | Path) -> Comparison:
-    """Return what each run differs in from the first: ``compare(first, second)``, or ``compare(gps=a, all=b)``.
+    """Return the difference of each run from the first: ``compare(first, second)``, or ``compare(gps=a, all=b)``.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _called(run: Run | str | Path) -> str:
 
 
 def compare_runs(runs: Mapping[str, Run]) -> Comparison:
-    """Return what each run differs in from the first, at its own navigation rows inside the first's time.
+    """Return the difference of each run from the first, at its own navigation rows inside the first's time.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ def innovations(run: Run, kind: str = "pseudorange") -> Figure:
 
 @_styled
 def satellites(run: Run) -> Figure:
-    """Return a line per satellite over time, coloured by what became of it.
+    """Return a line per satellite over time, coloured by its status.
 
     Raises
     ------

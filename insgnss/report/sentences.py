@@ -1,4 +1,4 @@
-"""A run in plain sentences: how long, how good, what went wrong, when the heading became known."""
+"""A run in plain sentences: duration, accuracy, faults, when the heading became known."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def name_of(run: Run) -> str:
 
 
 def name_and_utc(run: Run) -> str:
-    """Return the flight's and the filter's name and the run's time in UTC: what a picture carries."""
+    """Return the flight's and the filter's name and the run's time in UTC, for a picture."""
     first, last = float(run.nav["time_s"].iloc[0]), float(run.nav["time_s"].iloc[-1])
     try:
         week = gps_week(run)
@@ -173,7 +173,7 @@ def _slow(table: pd.DataFrame) -> list[str]:
 
 
 def constant_offset(errors: pd.DataFrame) -> dict[str, float] | None:
-    """Return the median error of the position where it is five times what it varies by, else None [m]."""
+    """Return the median error of the position where it is five times its variation, else None [m]."""
     position = errors[["d_n_m", "d_e_m", "d_d_m"]].dropna()
     median = position.median()
     rest = float(np.sqrt(((position - median) ** 2).sum(axis=1).mean()))

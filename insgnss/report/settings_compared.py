@@ -1,4 +1,4 @@
-"""What was set otherwise: the settings in which runs differ, key by key."""
+"""Differing settings: the settings in which runs differ, key by key."""
 
 from __future__ import annotations
 

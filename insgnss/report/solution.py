@@ -1,4 +1,4 @@
-"""What a receiver would report at each row of a run: date, satellites, quality, dilution."""
+"""A receiver's report at each row of a run: date, satellites, quality, dilution."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class NavSolution:
 
 
 def solution(run: Run) -> NavSolution:
-    """Return what a receiver would report.
+    """Return the report of a receiver.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How results reach the disk: all files of a save at once or none, and never over a file of somebody else.
+"""How results reach the disk: all files of a save at once or none, and never over a file of another program.
 
 A save writes its files into a hidden folder beside their place. When the last one is whole, one renaming declares the
 save done; then the files are moved to their names. A program killed before the renaming leaves the old files, one
@@ -48,7 +48,7 @@ class _Save:
 
 @dataclass(frozen=True)
 class _Permission:
-    """What may be replaced: everything where ``force`` is set, but never what is read."""
+    """The files that may be replaced: all with ``force``, but never inputs."""
 
     force: bool = False
     inputs: frozenset[str] = frozenset()
@@ -62,7 +62,7 @@ _open_saves: Final = ContextVar("open_saves", default=_NO_SAVES)
 
 @contextmanager
 def overwriting(force: bool = True, inputs: Iterable[Path] = ()) -> Iterator[None]:
-    """Let the saves of this block replace files of somebody else, except ``inputs``, which are never replaced."""
+    """Let the saves of this block replace files of other programs, except ``inputs``, which are never replaced."""
     before = _permission.get()
     read = before.inputs | {os.path.realpath(path) for path in inputs}
     token = _permission.set(_Permission(force or before.force, read))
@@ -238,7 +238,7 @@ def _settle(folder: Path) -> None:
 
 
 def _told(record: Any) -> tuple[_Entries, list[str]]:
-    """Return what a pending save wrote and removes: names in its folder, no paths that lead out of it."""
+    """Return the files that a pending save wrote and removes: names in its folder, no paths that lead out of it."""
     wrote, removed = dict(record["wrote"]), list(record["removed"])
     strange = [name for name in (*wrote, *removed) if not isinstance(name, str) or Path(name).name != name]
     if strange:
@@ -278,7 +278,7 @@ def _commit(save: _Save, folder: Path, kind: str) -> None:
 
 
 def _entries(folder: Path) -> _Entries:
-    """Return what is known of the files in a folder; a record that cannot be read knows nothing."""
+    """Return the record of the files in a folder; an unreadable record is empty."""
     try:
         told: Any = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -295,7 +295,7 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def _is_running(process: str) -> bool:
-    """Return whether a process exists; True where the system does not tell without ending it."""
+    """Return whether a process exists; True if the system cannot say so without ending it."""
     if os.name != "posix" or not process.isdigit():
         return True
     try:

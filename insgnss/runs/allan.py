@@ -43,7 +43,7 @@ SHORTEST_CORRELATION_S: Final = 10.0  # what forgets faster is noise to a filter
 _TIMES_TRIED: Final = 60  # correlation times on a logarithmic grid
 # Columns of ``_terms`` that may enter together
 _TERM_SETS: Final = ((1,), (0, 1), (1, 2), (0, 1, 2), (1, 2, 3), (0, 1, 2, 3))
-# of the weighted sum of squares, three sigma: less does not speak for one more
+# of the weighted sum of squares, three sigma: less does not justify one more
 _WORTH_A_PARAMETER: Final = 9.0
 
 

@@ -1,4 +1,4 @@
-"""The examination of a flight: each log by itself, then the logs against each other, and what should be declared.
+"""The examination of a flight: each log by itself, then the logs against each other, and the proposed declarations.
 
 A log is examined with what was found so far already mended in memory: units first, then the GNSS log's rates and time,
 then the inertial log against the motion that the satellites show. Nothing is written.
@@ -45,7 +45,7 @@ MOST_SHIFTS: Final = 8  # whole hours that are tried where the logs do not overl
 def examine(flight: Flight, progress: Callable[[str], None] | None = None) -> CheckReport:
     """Return everything that can be said of a flight's logs, with proposals for its flight file.
 
-    ``check_flight`` tells what each log shows; here they are held against each other. A log that cannot be read is a
+    ``check_flight`` checks each log; here they are compared with each other. A log that cannot be read is a
     finding, not an error. ``progress`` receives a message while the compiler runs.
     """
     with compiled(progress or (lambda _: None)):

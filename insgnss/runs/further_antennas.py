@@ -1,4 +1,4 @@
-"""What is known of further antennas without loading the attitude stage: the epochs that they have in common."""
+"""Further antennas without the attitude stage: the epochs that they have in common."""
 
 from __future__ import annotations
 

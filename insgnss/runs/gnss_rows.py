@@ -50,7 +50,7 @@ def corrected_rows(setup: FilterSetup, logs: FlightLogs, flight: Flight) -> tupl
 def row_blocks(
     setup: FilterSetup, logs: FlightLogs, flight: Flight, most_rows: int | None = MOST_ROWS
 ) -> tuple[list[GnssRows], list[Event]]:
-    """Return what ``corrected_rows`` does in blocks of whole epochs with about ``most_rows`` rows; None: in one.
+    """Return the rows of ``corrected_rows`` in blocks of whole epochs with about ``most_rows`` rows; None: in one.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def approximate_places(setup: FilterSetup, rows: GnssRows) -> tuple[Int64, Float
 
 
 def base_corrections(setup: FilterSetup, logs: FlightLogs, base: Base) -> tuple[Float64, list[Event]]:
-    """Return what a base station's ranges take off the flight's (n,) [m], NaN where there is nothing, and events.
+    """Return a base station's corrections of the flight's ranges (n,) [m], NaN where missing, and events.
 
     Satellite states, ionosphere and troposphere are the same on both sides, so that only what they miss is left.
     """

@@ -1,4 +1,4 @@
-"""What a run has found of the installation: the antenna's lever arm, the IMU's time, the IMU's mounting in the vehicle.
+"""A run's estimates of the installation: the antenna's lever arm, the IMU's time, the IMU's mounting in the vehicle.
 
 Each is a state where the settings or the flight file doubt it. It is reported when its sigma has fallen to a fifth of
 that
@@ -90,7 +90,7 @@ def installation_events(nav: pd.DataFrame, settings: Mapping[str, Any], week: in
 
 
 def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
-    """Return what a run proposes for the flight file that it was made from.
+    """Return a run's proposals for its flight file.
 
     A number that was changed since the run is left as it stands: the run has found the error of the former one.
     """
@@ -120,7 +120,7 @@ def installation_findings(run: Run, config: FlightConfig) -> list[Finding]:
 
 
 def _corrected(known: list[InstallationEstimate], given: Any) -> float | tuple[float, ...]:
-    """Return the number of a key, or all of its numbers, with what was found added and rounded to its sigma."""
+    """Return the number of a key, or all of its numbers, with the estimate added and rounded to its sigma."""
     if known[0].part.place is None:
         return _rounded(float(given) + known[0].value, known[0].sigma)
     values = [float(each) for each in given]

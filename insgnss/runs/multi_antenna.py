@@ -72,7 +72,7 @@ def attitude_aid(setup: FilterSetup, flight: Flight) -> AttitudeAid | None:
 def with_antennas(
     setup: FilterSetup, logs: FlightLogs, flight: Flight, rows: GnssRows
 ) -> tuple[FilterSetup, Record | None, list[Event]]:
-    """Return the setup with the phases of the flight's antennas, what adds its ledger to a run's, and events.
+    """Return the setup with the antennas' phases, a function that adds their ledger to a run's, and events.
 
     Parameters
     ----------

@@ -252,7 +252,7 @@ def read_logs(flight: Flight) -> FlightLogs:
 
 
 def _errors(table: pd.DataFrame, logs: FlightLogs, week: int) -> pd.DataFrame | None:
-    """Return the trusted epochs' solution minus the reference; the antenna is taken for the reference's point."""
+    """Return the trusted epochs' solution minus the reference; the antenna is assumed to be the reference's point."""
     if logs.reference is None:
         return None
     trusted = table["verdict"].str.startswith(TRUSTED) & table["lat_deg"].notna()

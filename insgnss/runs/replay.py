@@ -97,7 +97,7 @@ def replay(
     settings : of the filter, to be otherwise, by dotted key or by tables: ``{"gates.pseudorange_sigma": 4.0}``
     output : navigation rows at each GNSS epoch ("gnss"), each inertial sample ("imu"), at a rate [Hz], or at given
         times: increasing seconds of the flight's GPS week. The filter itself is carried to each, so attitudes of a
-        camera are right however the vehicle turns; a time without a filter has no row, which an event tells
+        camera are right however the vehicle turns; a time without a filter has no row, which an event reports
     point : a point of the body (camera, radar, antenna) whose position, velocity and sigmas the rows are to have too:
         forward, right, down from the IMU [m], or a name of the flight file: "antenna", an antenna's, one of [points]
     quaternion : whether the rows are to have the attitude as a quaternion too, body to north-east-down, scalar first
@@ -196,7 +196,7 @@ def _trace_wanted(aided: AidingConfig | None, supervised: SupervisionSources | N
 def _aiding(
     record: _RunRecord, found: FilterTrace, flight: Flight, tell: Progress
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the aiding and its budget from what the filter left behind."""
+    """Return the aiding and its budget from the filter's trace."""
     assert record.aiding is not None
     tell("computing the aiding")
     if record.supervised is not None:  # which has rows of its own in the trace
@@ -215,7 +215,7 @@ def _supervised(record: _RunRecord, found: FilterTrace, flight: Flight, tell: Pr
 
 
 class _RunRecord(NamedTuple):
-    """What is kept of the logs for the result tables."""
+    """The parts of the logs kept for the result tables."""
 
     keys: list[RowKeys]  # of each block
     names: LogNames

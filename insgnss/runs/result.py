@@ -91,7 +91,7 @@ class Run(ResultDisplay):
         annotate_all((table for _, table in self._tables()), self.settings)
 
     def nav_with(self, *, utc: bool = False, sea_level: bool = False, heading: bool = False) -> pd.DataFrame:
-        """Return the navigation table with what is asked for; ``insgnss.runs.datum`` does the same to other tables.
+        """Return the navigation table with the requested columns; ``insgnss.runs.datum`` does it for other tables.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class Run(ResultDisplay):
     def save(self, folder: str | Path, format: Literal["parquet", "csv"] = "parquet") -> Path:
         """Write every table and ``settings.json`` into ``folder`` (made if needed); return the folder.
 
-        As CSV with ``columns.json``: the width of each number and the order of the words, which CSV does not tell.
+        As CSV with ``columns.json``: the width of each number and the order of the words, which CSV does not store.
         The folder holds the old run or the new one, never parts of both (``insgnss.results.saving``).
 
         Raises
@@ -243,7 +243,7 @@ class Run(ResultDisplay):
         return None if times.empty else float(times.iloc[0])
 
     def _settled_s(self, from_s: float | None) -> float:
-        """Return the time from which a summary is made: what is asked for, else the heading known, else the start."""
+        """Return the time from which a summary is made: the requested one, else the heading known, else the start."""
         known_s = self.heading_known_s() if from_s is None else from_s
         return -np.inf if known_s is None else known_s
 

@@ -1,4 +1,4 @@
-"""A saved run's folder: how it is read, and what is checked before anybody computes with it."""
+"""A saved run's folder: reading it, and the checks before it is used."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from insgnss.results.saving import reading
 from insgnss.results.table_files import read_csv
 
 SETTINGS: Final = "settings.json"
-COLUMN_TYPES: Final = "columns.json"  # beside tables in CSV, which does not tell them
+COLUMN_TYPES: Final = "columns.json"  # next to tables in CSV, which do not store them
 _SAVE_AGAIN: Final = "save the run again"
 _WORDS: Final = (
     *("sv", "signal", "kind", "status", "state", "detail", "decision", "receiver"),

@@ -42,7 +42,7 @@ def run_settings(flight: Flight, input_hashes: dict[str, str], setup: FilterSetu
 
 
 def _described(kind: Kind) -> dict[str, Any]:
-    """Return what is known of a user's own measurement; its code is not."""
+    """Return the settings of a user's own measurement, without its code."""
     gate = None if kind.gate2 is None else "none" if math.isinf(kind.gate2) else math.sqrt(kind.gate2)
     source = type(kind.source)
     count = {"period_s": kind.period_ns / NS_PER_S} if kind.period_ns else {"times": len(kind.times_ns)}

@@ -82,7 +82,7 @@ def nav_table(out: Output, week: int, setup: FilterSetup) -> pd.DataFrame:
 
 
 def filtered_table(parts: list[Table], week: int) -> pd.DataFrame:
-    """Return what the filter had before the smoother: position, velocity and attitude with their sigmas."""
+    """Return the filter's solution before smoothing: position, velocity and attitude with their sigmas."""
     rows = np.concatenate(parts)
     kept = [i for i, name in enumerate(NAV_COLUMNS) if not re.search("bias|drift|^n_", name)]
     columns = {NAV_COLUMNS[i]: rows["value"][:, i] for i in kept}

@@ -1,4 +1,4 @@
-"""A flight's setup of the filter: what its equipment, its start and its logs ask for."""
+"""A flight's setup of the filter: from its equipment, its start and its logs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _AT_TAGS: Final = ("position", "velocity", "attitude", "heading")  # sensors of 
 def setup_filter(
     flight: Flight, logs: FlightLogs, config: FilterConfig, *, several: bool = True
 ) -> FilterSetup:
-    """Return the filter's setup for a flight's logs: what the streaming engine must be given to repeat a replay.
+    """Return the filter's setup for a flight's logs: the input of the streaming engine to repeat a replay.
 
     ``several`` includes the attitude stage of [attitude], as yet without phases.
     """
@@ -53,7 +53,7 @@ def engine_settings(
     carrier: bool = False,
     states: Sequence[StateBlock] = (),
 ) -> FilterSetup:
-    """Return what ``Engine`` needs, from a flight file: its equipment, its start and its navigation files.
+    """Return the input of ``Engine``, from a flight file: its equipment, its start and its navigation files.
 
     The inertial and GNSS logs are not opened: they are what the engine will be fed. With several antennas ([attitude])
     ``Engine.gnss`` takes the epochs of each.
@@ -92,7 +92,7 @@ def engine_settings(
 
 
 def installed(flight: Flight) -> tuple[Installation, list[Event]]:
-    """Return the vehicle's antennas, and what is worth telling of their files."""
+    """Return the vehicle's antennas, and the events of their files."""
     gnss = flight.config.gnss
     return installation(gnss.antenna, flight.path.absolute().parent, gnss.lever_b)
 

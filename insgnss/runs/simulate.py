@@ -186,7 +186,7 @@ def _in_file(error: ConfigError, path: Path) -> ConfigError:
 
 
 def _inputs(config: SimulationConfig, folder: Path) -> Inputs:
-    """Read what the scenario takes from other files."""
+    """Read the scenario's other files."""
     reference = None if config.follow is None else _reference(config.follow, config.gps_week, folder)
     sky = config.sky
     if isinstance(sky, RinexSky):

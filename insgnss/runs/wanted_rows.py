@@ -1,4 +1,4 @@
-"""At which times, for which point of the body, and with what beside its sigmas a run is to have its rows."""
+"""The requested rows of a run: times, point of the body, and columns besides the sigmas."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def times_without_row(output: OutputRate, nav_ns: Int64, week: int) -> list[Even
 
 
 def described(output: AtTimes) -> Any:
-    """Return the output as a run's settings tell it: times are those of its rows."""
+    """Return the output from a run's settings: times are those of its rows."""
     if isinstance(output, str):
         return output
     return float(output) if np.ndim(output) == 0 else "times"  # type: ignore[arg-type]

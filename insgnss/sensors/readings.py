@@ -17,7 +17,7 @@ _JITTER: Final = 0.8  # of ``interval_s`` that has to pass
 
 
 class Reading(NamedTuple):
-    """What a sensor measured at one time, SI units."""
+    """A sensor's reading at one time, SI units."""
 
     values: Float64  # (k,) NaN where it gave none
     sigma: Float64  # (s,) of one reading, NaN where the log states none

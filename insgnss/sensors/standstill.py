@@ -52,7 +52,7 @@ _LEAST_PARTS: Final = 3
 
 @dataclass(frozen=True)
 class WindowStatistics:
-    """What a window of inertial samples shows: rates first, specific forces behind them, body axes."""
+    """The statistics of a window of inertial samples: rates first, specific forces behind them, body axes."""
 
     f_ratio: Float64  # (6,) F of the module's text
     inside: Float64  # (6,) variance inside the parts [rad^2/s^2], [m^2/s^4]

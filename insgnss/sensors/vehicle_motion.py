@@ -43,7 +43,7 @@ from insgnss.tables import Float64
 MOUNTING: Final = "vehicle_mounting"  # the block of its pitch and yaw
 LEEWAY: Final = "leeway"
 _RATE_WINDOW_S: Final = 0.1  # of the rate at the axle: vibration averages out, a corner does not change
-_MOST_PITCH_RAD: Final = math.radians(45.0)  # beyond it the nose tells no course
+_MOST_PITCH_RAD: Final = math.radians(45.0)  # beyond it the nose gives no course
 _MOST_ROLL_RAD: Final = math.radians(60.0)
 
 
@@ -91,7 +91,7 @@ class NonHolonomic(PeriodicMeasurement):
         return found
 
     def unlikely(self, state: StateEstimate) -> float:
-        """Return what a heading loses under which the vehicle moves backward."""
+        """Return the charge on a heading under which the vehicle moves backward."""
         ahead, _, _ = vehicle_axes(*self._mounting(state))
         return log_weight(float(ahead @ state.C_eb.T @ state.v_e), self.nose_first)
 
@@ -156,7 +156,7 @@ class Course(PeriodicMeasurement):
         return [Row(-math.remainder(predicted, math.pi), partials, own)]
 
     def unlikely(self, state: StateEstimate) -> float:
-        """Return what a heading loses under which the vehicle moves backward."""
+        """Return the charge on a heading under which the vehicle moves backward."""
         north, east, _ = state.v_n
         return log_weight(
             float(north * math.cos(state.yaw_rad) + east * math.sin(state.yaw_rad)), self.nose_first

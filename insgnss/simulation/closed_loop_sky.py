@@ -1,4 +1,4 @@
-"""What a receiver that closes its loops through a navigation filter truly meets, at the middles of its integrations.
+"""The true signals of a receiver that closes its loops through a navigation filter, at the middles of integrations.
 
 The middle of an integration is the instant at which a receiver's observations hold: a discriminator sees the mean of
 its offset over the integration. So truth, satellites and clock are given there, T apart.
@@ -147,7 +147,7 @@ def closed_loop_truth(
 
 @dataclass(frozen=True)
 class InertialAiding:
-    """What an inertial system tells a receiver."""
+    """An inertial system's aiding of a receiver."""
 
     rate_b: Float64  # (n, 3) effective rates from each middle before to it [rad/s]
     force_b: Float64  # (n, 3) effective specific forces [m/s^2]

@@ -1,4 +1,4 @@
-"""The forms of what spoils an observation: white noise, and errors that belong to the sky and its geometry."""
+"""The forms of observation errors: white noise, and errors that belong to the sky and its geometry."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ObservationNoise(Protocol):
 
 
 class PathErrors(NamedTuple):
-    """What a disturbance adds to code and carrier of all columns, (m, n) each [m]."""
+    """A disturbance of code and carrier of all columns, (m, n) each [m]."""
 
     code_m: Float64
     carrier_m: Float64

@@ -67,7 +67,7 @@ def flight_text(config: SimulationConfig, scenario: Scenario) -> str:
 
 
 def _phase_noise_lines(gnss: SimulatedGnss) -> list[str]:
-    """Return what the phases of the antennas were drawn with, as a user would declare it.
+    """Return the noise settings of the antennas' phases, as a user would declare them.
 
     Equation: reflections vary with elevation, the file has one sigma for them: the rms over an even sky above the mask.
     Neglects: the mirror below the antennas (``specular``), which is the same in all of them and cancels.

@@ -1,4 +1,4 @@
-"""What receivers of a vehicle's further antennas log: the same satellites from other places of the body."""
+"""The logs of a vehicle's further antennas: the same satellites from other places of the body."""
 
 from __future__ import annotations
 

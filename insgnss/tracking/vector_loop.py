@@ -9,7 +9,8 @@ Offsets are truth minus replica in metres of range and metres per second, as a n
 
 An observation is the discriminator's output over its slope, as range and range rate; its variance is that of the
 output at no offset. Slopes and variances depend on C/N0 and are in a table with a row for each 0.02 dB
-(``observation_table``): no formula of a discriminator is repeated here. Where the told C/N0 is not the true one, the
+(``observation_table``): no formula of a discriminator is repeated here. Where the assumed C/N0 is not the true one,
+the
 gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
 """
 
@@ -193,7 +194,7 @@ def observe_channel(
     noise : (2,), (12,) or (6,) independent normal numbers
     seen : (4,) observed range and rate, the prompt replica's power, and the code's range beside a phase, out
     """
-    # the front end keeps the noise level: correlators are scaled as if the told C/N0 were the true one
+    # the front end keeps the noise level: correlators are scaled as if the assumed C/N0 were the true one
     scale = channels.table[max(told, 0), RATIO]
     a = math.sqrt(scale * channels.table[arriving, RATIO]) if arriving >= 0 else 0.0
     sigma = math.sqrt(scale)

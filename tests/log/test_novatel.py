@@ -269,13 +269,13 @@ def test_damage_cuts_and_other_messages_are_told(tmp_path: Path) -> None:
     told = {event.kind: event.detail for event in log.events}
     assert "wrong check sum" in told["novatel_checksum"] and "novatel_cut" in told
     assert "1 of 83" in told["novatel_not_used"] and "1 RANGECMP4" in told["novatel_compressed"]
-    assert "bytes are no NovAtel" in told["novatel_foreign_bytes"]
+    assert "bytes are not NovAtel" in told["novatel_foreign_bytes"]
 
 
 def test_a_log_of_nothing_that_is_read_says_what_to_log(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"RANGECMP4(.|\n)*RANGEB"):
         read(tmp_path, message(2050, bytes(20)))
-    with pytest.raises(InputError, match="not NovAtel messages"):
+    with pytest.raises(InputError, match="no NovAtel message"):
         read(tmp_path, b"\xaa\x44\x12 nothing of the kind")
 
 

@@ -226,7 +226,7 @@ def test_check_says_which_angle_is_lost(tmp_path: Path) -> None:
 
     result = CliRunner().invoke(app, ["check", str(path)])
 
-    assert "the antennas stand on one line: the rotation about body axes (1, 0, 0) (roll)" in result.output
+    assert "the antennas are on one line: the rotation about body axes (1, 0, 0) (roll)" in result.output
     assert "antenna ahead: phases of 11 to 11 satellites" in result.output
     assert result.exit_code == 0
 

@@ -213,7 +213,7 @@ class AttitudeAid:
         )
 
     def _try_other_orders(self, rows: DifferenceRows, d: Differences, bank: Bank, t_ns: int) -> None:
-        """Tell whether the differences fit when the logs are given to other antennas."""
+        """Report whether the differences fit if the logs are assigned to other antennas."""
         antennas = self.data.antennas
         count = len(antennas.names)
         if count > _MOST_PERMUTED:
@@ -287,7 +287,7 @@ class AttitudeAid:
         return int(np.count_nonzero(trusted))
 
     def _anchor_clocks(self, d: Differences, y: Float64, known: Bool) -> None:
-        """Give a clock that no known difference tells its whole cycle by one of them: the clock takes it up."""
+        """Fix a clock that no known difference fixes by one whole cycle: the clock absorbs it."""
         for clock in np.unique(d.clock[d.clock >= 0]):
             own = np.flatnonzero(d.clock == clock)
             if not known[own].any():
@@ -296,7 +296,7 @@ class AttitudeAid:
                 known[best] = True
 
     def _gated(self, d: Differences, H: Float64, y: Float64, known: Bool, P_psi: Float64) -> Bool:
-        """Return which of the known differences agree with the prior; with clocks to tell, the worst goes first."""
+        """Return which known differences agree with the prior; with clocks to estimate, the worst goes first."""
         gate2, trusted = self.data.gate_sigma**2, known.copy()
         while trusted.any():
             v, S = _innovations(d, H, y, trusted, P_psi)
@@ -323,7 +323,7 @@ class AttitudeAid:
     def _judge(
         self, d: Differences, v: Float64, S: Float64, refused: Bool, t_ns: int, agree: int, misfits: int
     ) -> tuple[list[int], bool]:
-        """Tell wrong cycles, forget what cannot be right; return which differences have wrong cycles.
+        """Report wrong cycles, drop impossible ones; return which differences have wrong cycles.
 
         Also returns whether most contradict the prediction: then the others may agree by chance, and none is
         used.

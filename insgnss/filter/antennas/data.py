@@ -17,4 +17,4 @@ class AntennaData:
     ratio: float
     confirmations: int
     gate_sigma: float
-    hiding: AntennaMasking | None = None  # what hides satellites from each antenna; None: nothing is masked
+    hiding: AntennaMasking | None = None  # obstructions of each antenna; None: nothing is masked

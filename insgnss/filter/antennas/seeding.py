@@ -30,7 +30,7 @@ def priors_of(bank: Bank, *, anywhere: bool = False) -> tuple[list[Prior], Float
 
     Parameters
     ----------
-    anywhere : all headings are looked at, whatever the filter believes
+    anywhere : all headings are searched, whatever the filter's heading
     """
     C_ne = level_axes(bank.state[bank.head[0].leader].r_e)
     priors = []

@@ -146,7 +146,7 @@ def _apart(m: StateRecord, lead: StateRecord, lever_b: Float64, n: int) -> Float
 
 
 def in_words(t_ns: int, step: ClockStep, epochs: int) -> Event:
-    """Return the event that tells a step absorbed after ``epochs`` epochs of refusals."""
+    """Return the event of a step absorbed after ``epochs`` epochs of refusals."""
     kind, rows = (CLOCK_STEP, "pseudorange") if step.kind == PSEUDORANGE else (DRIFT_STEP, "range rate")
     if step.judged == 1:
         why = f"the one satellite's {rows} was refused for {epochs} epochs, and no other shows which is wrong"

@@ -4,7 +4,8 @@ A filter that is thought lost is not touched. Copies of it are set to a fix, wit
 and take the same epochs. One of them takes the filter's place when its likelihood is far above the filter's, although
 it had to begin with a small prior weight, and when most rows of each kind fit it, with no more noise than the filter's
 own: decided by consistency, not by count.
-What the fix does not tell is kept, noise levels and biases with their covariances. Where the filter itself still fits
+States that the fix does not give are kept: noise levels and biases with their covariances. Where the filter itself
+still fits
 some rows, half a minute has to pass until then: a street's reflections last for a while, and a vehicle does not jump.
                                                                             [Bar-Shalom, Li & Kirubarajan 2001, 11]
 """
@@ -115,7 +116,7 @@ class RecoveryTest:
         return self._verdict(t_ns, filter_bank)
 
     def _update(self, alone: GnssRows, imu: ImuSamples, parameters: Float64) -> Output:
-        """Carry all of them to an epoch and update them with it; return what they would have written."""
+        """Carry all of them to an epoch and update them with it; return their output."""
         setup = self.setup
         self._work = roomy(self._work, alone, setup.layout, setup.installation, setup.visibility_limits)
         out, self.over = update_beside(self.bank, alone, imu, parameters, self._work, setup)

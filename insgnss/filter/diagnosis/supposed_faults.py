@@ -1,4 +1,4 @@
-"""What may have failed, and the filter of then to which it is unknown."""
+"""The supposed faults, and the filter of that time with the failed part unknown."""
 
 from __future__ import annotations
 

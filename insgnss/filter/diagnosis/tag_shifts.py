@@ -1,4 +1,4 @@
-"""A filter and its rows if the time tags were off: what they become, and which offset explains most."""
+"""A filter and its rows if the time tags were off: their new values, and the offset that explains most."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the ledger of the last seconds says: which satellites run away from the others, and how late the tags are."""
+"""Evidence from the ledger of the last seconds: satellites that drift away from the others, and late tags."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class KindColumns(NamedTuple):
 
 
 class EpochLog(NamedTuple):
-    """What the filter wrote of an epoch."""
+    """The filter's output of an epoch."""
 
     t_ns: int
     slot: Int64
@@ -45,7 +45,7 @@ class EpochLog(NamedTuple):
     carrier: Table  # (0,) where no carrier is used
 
     def of_kind(self, kind: int) -> KindColumns:
-        """Return what it wrote of the rows of one kind."""
+        """Return its output of the rows of one kind."""
         if kind == CARRIER:
             return KindColumns(*(self.carrier[name] for name in KindColumns._fields))
         return KindColumns(*(self.ledger[name][:, kind] for name in KindColumns._fields))

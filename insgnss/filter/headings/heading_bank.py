@@ -181,7 +181,7 @@ def split(bank: Bank, n_headings: int, drop: float, lever_b: Float64, layout: La
 
 
 class _WindowShare(NamedTuple):
-    """What a wide member has in a window."""
+    """A wide member's part in a window."""
 
     member: int
     window: int

@@ -1,4 +1,4 @@
-"""The headings of a bank: what an epoch's likelihood says of them, and which of them are still different, compiled.
+"""The headings of a bank: their likelihood at an epoch, and which of them are still distinct; compiled.
 
 Two hypotheses that agree to half a sigma are one Gaussian again; one that is wider than a filter can be linear in is to
 be split (``heading_bank`` does both).

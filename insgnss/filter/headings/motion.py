@@ -1,4 +1,4 @@
-"""Which motion has been shown: only that tells headings apart, compiled.
+"""The motion that was shown: only that separates headings; compiled.
 
 The horizontal specific force of a vehicle at rest or on a straight is the accelerometers' noise and what tilt and bias
 leave of each other. It drives the velocity as well, so a filter that takes it for motion finds headings in noise.
@@ -17,8 +17,10 @@ from insgnss.geodesy.vectors import Vector
 from insgnss.kernels.jit import kernel
 from insgnss.tables import Float64
 
-FORCE_MEAN_TIME_S: Final = 0.25  # over which specific force and rates are smoothed to tell motion from noise
-VELOCITY_MEAN_TIME_S: Final = 10.0  # with which a velocity is compared to tell whether it has changed
+FORCE_MEAN_TIME_S: Final = (
+    0.25  # over which specific force and rates are smoothed to separate motion from noise
+)
+VELOCITY_MEAN_TIME_S: Final = 10.0  # with which a velocity is compared to detect a change
 LEVEL_GATE2: Final = 4.0  # squared sigmas of tilt and bias errors, within which a lasting force is not motion
 MANOEUVRE_S: Final = 1.0  # correlation time of a horizontal specific force that is not credited as motion
 EARTH_RATE_SHARE: Final = 0.2  # of the horizontal Earth rate: gyros with smaller bias errors find north
@@ -32,7 +34,7 @@ def motion_specific_force(
 
     The error equation dv' = (I - E^T)(a - g) - C (n + db), E = C_hat C^T, holds the true acceleration a, not the
     measured one: without motion the attitude's errors turn gravity alone, and the horizontal specific force is noise
-    and what tilt and bias leave of each other. A filter that takes it for motion finds headings in it that nothing
+    and the remainder of tilt and bias. A filter that takes it for motion finds headings in it that nothing
     shows. So the horizontal force f_h of the last moments counts by s = 1 - (k^2 N + 2^2 E) / |f_h|^2, N the variance
     of the sensor's noise in it, independent from sample to sample, and E that of tilt and bias together, which lasts.
     While the heading is open, it counts only where the velocity has changed too: a sensor may be noisier than its

@@ -1,4 +1,4 @@
-"""Inertial samples on their way into the filter: screened, gaps bridged, events told.
+"""Inertial samples on their way into the filter: screened, gaps bridged, events reported.
 
 ``screened`` takes a whole log, ``SampleStream`` one sample at a time. Both call the same kernel (``screening``).
 """
@@ -58,12 +58,12 @@ class Sample(NamedTuple):
 
 @dataclass
 class ScreeningReporter:
-    """Puts the verdicts into words."""
+    """Writes the verdicts as event texts."""
 
     counts: Counter[str] = field(default_factory=Counter)
 
     def events(self, edits: Edits) -> list[Event]:
-        """Return what is worth telling of verdicts in their order."""
+        """Return the events of verdicts in their order."""
         return [event for edit in edits if (event := self._event(edit)) is not None]
 
     def _event(self, edit: Any) -> Event | None:
@@ -94,7 +94,7 @@ class ScreeningReporter:
         return None
 
     def _counted(self, t_ns: int, kind: str, detail: str) -> Event | None:
-        """Return the event unless there are too many of its kind to tell each."""
+        """Return the event unless there are too many of its kind to report each."""
         self.counts[kind] += 1
         n = self.counts[kind]
         if n <= _EACH:
@@ -192,7 +192,7 @@ class SampleStream:
         self._last_ns = 0
 
     def take(self, t_ns: int, w_ib_b: Float64, f_b: Float64) -> list[Sample | Cut | Event]:
-        """Take a sample later than those before it; return what is certain now, in its order."""
+        """Take a sample later than those before it; return the samples that are certain now, in order."""
         if self._n == len(self._waiting[0]):
             self._waiting = [np.concatenate([column, np.zeros_like(column)]) for column in self._waiting]
         times, rates, forces = self._waiting
@@ -216,7 +216,7 @@ class SampleStream:
         return found
 
     def _certain(self, k: int, edits: npt.NDArray[Any]) -> list[Sample | Cut | Event]:
-        """Return what the filter is to do with a sample that has its verdicts."""
+        """Return the filter's action on a sample with its verdicts."""
         t_ns = int(self._waiting[0][k])
         w, f = self._waiting[1][k].copy(), self._waiting[2][k].copy()
         unknown = np.zeros(2)

@@ -1,4 +1,4 @@
-"""What the screening of inertial samples remembers of a log, and how it writes its verdicts down."""
+"""The memory of the screening of inertial samples, and the format of its verdicts."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ EDIT_DTYPE: Final = np.dtype(
 
 
 class ScreenRecord(Record):
-    """What the screening of the inertial samples remembers."""
+    """The memory of the screening of inertial samples."""
 
     # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers
     # pairs: 0 gyro [rad/s], 1 accelerometer [m/s^2]; six axes: three gyros, then three accelerometers

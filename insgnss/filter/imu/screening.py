@@ -1,4 +1,4 @@
-"""Screening of inertial samples: what is a gap, a bad sample, a spike, a sensor that is out; compiled and causal.
+"""Screening of inertial samples: gaps, bad samples, spikes, sensors that are out; compiled and causal.
 
 A log is judged by its earlier samples: its own step, its own noise, how fast its rates change. A verdict on a
 sample may need the samples after it (a spike is known by the return): until they are there it is undecided, and so is
@@ -43,7 +43,7 @@ ROOM: Final = 8  # most verdicts on one sample
 GAP_STEPS: Final = 1.75  # steps of more typical ones lack a sample: tags of loggers jitter by less
 STEPS_MEMORY: Final = 64  # steps over which the typical one follows
 TOLD_STEPS: Final = 5.0  # gaps of so many steps are reported, if longer than ...
-TOLD_S: Final = 0.05  # ... this: as ``log.imu.time`` tells them
+TOLD_S: Final = 0.05  # ... this: as ``log.imu.time`` reports them
 WIGGLE_TIME_S: Final = 2.0
 MEAN_S: Final = 0.25  # over which samples are averaged to see motion in noise
 CHANGE_TIME_S: Final = 60.0  # over which the changes of the means are averaged
@@ -117,7 +117,7 @@ def write(edits: Edits, count: Int64, k: int, t_ns: int, kind: int, size: float)
 
 @kernel(inline=True)
 def repeats_decided(s: ScreenRecord, w: Float64, f: Float64, k: int) -> bool:
-    """Find out whether an axis is out from sample ``k`` on, as far as the samples tell; return whether they do."""
+    """Find out whether an axis is out from sample ``k`` on, if the samples decide it; return whether they do."""
     if s.test_outages == 0 or s.n == 0:
         return True
     for axis in range(6):
@@ -147,7 +147,7 @@ def is_all_well(s: ScreenRecord) -> bool:
 
 @kernel(apart=True)
 def take(s: ScreenRecord, t_ns: int, x: Float64, k: int, edits: Edits, count: Int64) -> None:
-    """Take a sound sample, what it lacks before it and what is out in it among the verdicts."""
+    """Accept a valid sample: add verdicts on the gap before it and on sensors that are out."""
     dt = (t_ns - s.t_ns) * 1e-9
     even = False
     if s.n > 0:

@@ -68,7 +68,7 @@ def held_for_long(s: ScreenRecord, x: Float64, k: int, axis: int) -> int:
 
 @kernel(inline=True)
 def note_repeats(s: ScreenRecord, x: Float64) -> None:
-    """Count a sample's repeats, after it has been judged; an axis that is out tells nothing of the sound one."""
+    """Count a sample's repeats, after it has been judged; an axis that is out says nothing about a valid one."""
     for axis in range(6):
         change = abs(x[axis] - s.x[axis])
         if change == 0.0:

@@ -1,4 +1,4 @@
-"""The time tags of a live stream of inertial samples: what falls back, and a tag far ahead of those that follow."""
+"""The time tags of a live stream of inertial samples: tags that fall back, and one far ahead of the next."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Tagged = tuple[int, Float64, Float64]  # tag, rate, specific force
 
 
 class ReleasedSamples(NamedTuple):
-    """What a sample lets through."""
+    """The samples released by a sample."""
 
     samples: list[Tagged]
     events: list[Event]
@@ -25,7 +25,8 @@ class ReleasedSamples(NamedTuple):
 class TagGuard:
     """Lets samples through in increasing time.
 
-    A leap ahead is a gap or a wrong tag. The next sample tells: it follows the leap, or goes on where the stream was.
+    A leap ahead is a gap or a wrong tag. The next sample decides: it follows the jump, or continues where the stream
+    was.
     Tags that go on behind for a second say that those before were wrong.
     """
 
@@ -34,7 +35,7 @@ class TagGuard:
     _behind: list[Tagged] = field(default_factory=list)
 
     def take(self, t_ns: int, w_ib_b: Float64, f_b: Float64) -> ReleasedSamples:
-        """Take a sample; return what goes on."""
+        """Take a sample; return the samples to process."""
         new = (t_ns, w_ib_b, f_b)
         if self.last_ns is not None and t_ns <= self.last_ns:
             return self._fallen_back(new)

@@ -1,4 +1,4 @@
-"""What the compiled loop writes: navigation rows, the ledger of measurements, and events."""
+"""The compiled loop's output: navigation rows, the ledger of measurements, and events."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def mark_without_imu(ledger: Table, carriers: Table) -> None:
 def event_in_words(t_ns: int, kind: int, a: float, why: str = "") -> Event:
     """Return an event of the filter as users read it: ``a`` is its number, if any.
 
-    ``why`` goes on: why a step is believed, what became of the satellites, or what is left without GNSS.
+    ``why`` goes on: why a step is believed, the status of the satellites, or the inputs without GNSS.
     """
     if kind == CLOCK_STEP:
         size = f"{a:.1f} m ({1e3 * a / C_MPS:.4f} ms)"

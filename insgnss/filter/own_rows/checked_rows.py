@@ -1,4 +1,4 @@
-"""What a user's measurement answers, checked: rows as the update takes them."""
+"""A user's measurement rows, checked, in the form of the update."""
 
 from __future__ import annotations
 

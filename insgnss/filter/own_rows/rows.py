@@ -67,7 +67,7 @@ class Measurement(Protocol):
     - ``unlikely(state)``: the natural logarithm of the factor, at most 1, by which an open heading loses weight the
       first time that it is below 1. Evidence of limited weight, as that a car does not drive backward.
     - ``together``: True where one row beyond the gate refuses all of the same time.
-    - ``hint``: what to look at where its rows are refused for long, for the event that tells it.
+    - ``hint``: what to check if its rows are refused for long, for the event.
     """
 
     @property

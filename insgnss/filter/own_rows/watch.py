@@ -19,7 +19,7 @@ _OVER: Final = 0.3
 
 
 class Refusals(NamedTuple):
-    """How a sensor has fared of late."""
+    """A sensor's recent agreement with the filter."""
 
     share: float  # of the times at which nothing of it was used
     last_ns: int
@@ -38,7 +38,7 @@ class RefusalWatch:
         return replace(self, kinds=dict(self.kinds))
 
     def take(self, own: OwnMeasurements, t_ns: int, entries: list[OwnEntry]) -> list[Event]:
-        """Take what became of the rows of a time; return what there is to tell."""
+        """Take the status of the rows of a time; return the events."""
         events = []
         by_kind: dict[str, list[OwnEntry]] = {}
         for entry in entries:

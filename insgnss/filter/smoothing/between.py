@@ -39,7 +39,7 @@ _AT_ONCE: Final = 1000  # times, whose matrices are then some megabytes
 
 
 class NextEpoch(NamedTuple):
-    """What the smoother knows at the next epoch."""
+    """The smoothed estimate at the next epoch."""
 
     t_ns: int
     prior: Float64  # (q, q) predicted for it
@@ -68,7 +68,7 @@ class InterpolatedStates(NamedTuple):
 
 
 def one_hypothesis(state: StateArray, P: Float64, head: StateArray) -> Bank:
-    """Return a copy of a bank without what only updates need."""
+    """Return a copy of a bank without the data that only updates need."""
     return Bank(state.copy(), P.copy(), head.copy(), np.zeros((1, 0), np.int8), np.zeros((1, 0, 3)))
 
 
@@ -91,7 +91,7 @@ def smoothed(
     ----------
     bank : the filter of one hypothesis after the earlier epoch
     times_ns : (m,) increasing, after that epoch and before the next
-    onward : what is known at the next
+    onward : the smoothed estimate at the next
     n : error states that are written, without the clone
     """
     begun: list[Bank] = []
@@ -130,7 +130,7 @@ def _told_of(nodes: Nodes, way: Float64, onward: NextEpoch, n: int) -> tuple[Flo
 def regression(cross: Float64, P: Float64) -> Float64:
     """Return ``cross @ P^-1`` of a covariance whose states differ in size by ten powers of ten.
 
-    States without variance, such as the clone at an epoch of a start, tell nothing.
+    States without variance, such as the clone at an epoch of a start, carry no information.
     """
     known = np.flatnonzero(np.diagonal(P) > 0.0)
     scale = 1.0 / np.sqrt(np.diagonal(P)[known])

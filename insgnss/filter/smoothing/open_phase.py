@@ -1,4 +1,4 @@
-"""Epochs in which several headings were open, gone over once more with the one that was found.
+"""Epochs in which several headings were open, rerun with the one that was found.
 
 While a bank is open its hypotheses share the epochs, and none is smoothed: which one is right is not known yet. Once it
 is, the gyros say how the vehicle stood when the bank was opened. The hypothesis nearest to that, turned to it, goes

@@ -84,7 +84,7 @@ class Smoother:
             self._take(before, alone, kinds)
 
     def _take_own(self, found: OwnUpdate) -> None:
-        """Keep what a user's own rows have made of the filter; of several open headings nothing is kept."""
+        """Keep the filter's update by a user's own rows; with several open headings nothing is kept."""
         bank, opened = self.navigator.bank, self.navigator.opened
         if bank is None:
             return

@@ -88,7 +88,7 @@ def kept_as_opened(bank: Bank) -> FilteredEpoch:
 
 
 def last_of_all(kept: FilteredEpoch, layout: Layout) -> SmoothedEpoch:
-    """Return an epoch of which nothing later tells: as the filter has it."""
+    """Return an epoch without later information: as the filter has it."""
     n = _told(kept, layout)
     return SmoothedEpoch(kept, np.zeros(n), kept.bank.P[0, :n, :n].copy(), None)
 

@@ -2,7 +2,7 @@
 
 A gap changes neither biases nor inter-system offsets nor noise levels. The heading that is left depends on how far the
 vehicle can have turned: not at all when it stood on both sides; else as far as the rates at both ends of the gap allow,
-and as the course tells where the vehicle has shown that its nose keeps to it (``sideslip``). Roll and pitch come from
+and from the course if the vehicle has shown that its nose follows it (``sideslip``). Roll and pitch come from
 the specific force, biases removed.
 """
 
@@ -54,7 +54,7 @@ _LONGEST_WAY_S: Final = 5.0  # from the first sample to the start, over which th
 _SEEN_S: Final = 10.0  # of motion in which the angle between nose and course has been watched
 _LEAST_SLIP_WALK: Final = math.radians(0.5) ** 2  # [rad^2/s]
 _ALONE_S: Final = 10.0  # after a longer gap the course is not believed alone
-_ALONE_RAD: Final = math.radians(10.0)  # nor where it tells less than that
+_ALONE_RAD: Final = math.radians(10.0)  # nor if it gives less than that
 _COURSE_WEIGHT: Final = 0.9  # of the course then, against all other headings
 _AGREE2: Final = 9.0  # squared sigmas within which course and rates agree
 _OFFSET_SIGMAS: Final = 5.0  # by which a fix contradicts an offset that was carried
@@ -62,7 +62,7 @@ _OFFSET_SIGMAS: Final = 5.0  # by which a fix contradicts an offset that was car
 
 @dataclass(frozen=True)
 class CarriedState:
-    """What a filter knew when its samples ended."""
+    """A filter's state when its samples ended."""
 
     bank: Bank  # carried to the last sample
     w_b: Float64  # (3,) rate in the last sample, errors removed [rad/s]
@@ -103,7 +103,7 @@ def left_behind(
 
 
 def kept_over(kept: CarriedState | None, cut: Cut) -> CarriedState | None:
-    """Return what is kept over a cut; one that follows another without a start between them makes one of both."""
+    """Return the state kept over a cut; two cuts without a start between them become one."""
     if kept is None:
         return None
     first = kept.cut.next_ns == kept.cut.last_ns
@@ -135,7 +135,7 @@ def open_carried(
     earlier: Fix | None,
     par: Parameters,
 ) -> tuple[Bank, list[Event]] | None:
-    """Return the bank that goes on after a gap, and the event that tells it.
+    """Return the bank that goes on after a gap, and its event.
 
     None where several headings were open and the vehicle did not stay where it was: their biases differ.
 

@@ -49,7 +49,7 @@ class StartHeading(NamedTuple):
 
 @dataclass(frozen=True)
 class StartAttitude:
-    """One hypothesis of the attitude at the start, and what is known of the gyro bias with it."""
+    """One hypothesis of the attitude at the start, and the gyro bias with its covariance."""
 
     roll: float
     pitch: float
@@ -64,7 +64,7 @@ class StartAttitude:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Where the antenna is and how it moves at the start, with what is known of it."""
+    """Position and motion of the antenna at the start, with covariances."""
 
     t_ns: int
     r_a: Float64
@@ -252,7 +252,7 @@ def _place_further(P: Float64, layout: Layout) -> None:
 def _place_variances(
     P: Float64, kin: Kinematics, C_nb: Float64, sensor: SensorModel, config: FilterConfig
 ) -> None:
-    """Write what is known of each state by itself, position and velocity being the antenna's; biases as of a sensor."""
+    """Write the variance of each state by itself, position and velocity being the antenna's; biases as of a sensor."""
     P[DR : DR + 3, DR : DR + 3] = kin.P_r
     P[DV : DV + 3, DV : DV + 3] = kin.P_v
     P[BA : BA + 3, BA : BA + 3] = np.diag(sensor.accel_bias_variances(C_nb[2]))
@@ -292,7 +292,7 @@ def _share_out_gyro_errors(m: StateRecord, P: Float64, attitude: StartAttitude, 
 def _place_attitude_covariance(
     m: StateRecord, P: Float64, attitude: StartAttitude, C_ne: Float64, layout: Layout
 ) -> None:
-    """Write what is known of the attitude.
+    """Write the covariance of the attitude.
 
     When the accelerometers levelled it at rest, tilt and the accelerometers' error are one: with C f_b = (0, 0, -g),
     psi_N = e_E / g and psi_E = -e_N / g, e = estimated minus true error in n.

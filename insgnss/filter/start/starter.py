@@ -55,7 +55,7 @@ class Starter:
     carried: CarriedState | None = None  # from before a gap in the samples
 
     def begin(self, *, given: bool, carried: CarriedState | None) -> None:
-        """Say what a stretch of samples begins with: an unused given start, and what was carried to it."""
+        """State the start of a stretch of samples: an unused given start, and the carried state."""
         self.given, self.carried = given, carried
 
     def snapshot(self) -> Starter:
@@ -82,7 +82,7 @@ class Starter:
         window_ns = int(start.window_s * NS_PER_S)
         window = inertial_window(imu.t_ns, imu.w_ib_b, imu.f_b, t_ns - window_ns, t_ns)
         if patient and fix.v_a is None and np.sum(fix.tried[RANGE_RATE]) >= _LEAST_RATES:
-            return None, fix, []  # an epoch whose range rates agree tells far more of the motion
+            return None, fix, []  # an epoch whose range rates agree shows far more of the motion
         motion = self._motion(fix)
         if window is None or motion is None:
             return None, fix, []
@@ -254,7 +254,7 @@ def _allowance(P_v: Float64) -> float:
 
 
 class EpochView(NamedTuple):
-    """What an epoch looks like from a state."""
+    """An epoch's rows as predicted from a state."""
 
     clocks: Float64  # (g,) of each group [m], NaN without rows
     drift: float  # [m/s]

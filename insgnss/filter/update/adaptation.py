@@ -55,7 +55,7 @@ def parity_ratio(lines: Lines, kind: int, fit: Float64, factor: float) -> float:
     used = 0
     for j in range(lines.shape[0]):
         line: Line = lines[j]
-        # a row with more noise than its own tells nothing of the noise
+        # a row with more noise than its own says nothing about the noise
         if line.status[kind] != USED or line.doubt > 0.0:
             continue
         rest = line.innovation[kind] - explained_by(line, kind, fit)

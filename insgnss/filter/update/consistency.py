@@ -3,7 +3,7 @@
 Taking out the row that stands out most, again and again, fails where several are wrong at once: under a wide prior
 three wrong rows of twelve pull the solution so far that in one case of four a sound row stands out most. Here all sets
 of one, two and three rows are compared, the smallest that leaves the others in agreement wins, and what then agrees
-with those is taken back. Nothing is looked at beyond the epoch's innovations and their covariance at the prior.
+with those is taken back. Nothing is used beyond the epoch's innovations and their covariance at the prior.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from insgnss.kernels.jit import kernel
 from insgnss.status import INCONSISTENT, USED
 from insgnss.tables import Float64, Int64
 
-LEAST_WITNESSES: Final = 6  # fewer rows cannot tell which of them is wrong
+LEAST_WITNESSES: Final = 6  # fewer rows cannot show which of them is wrong
 LEAST_REDUNDANCY: Final = 0.1  # of a residual's variance over the row's: below, a residual says nothing
 _LARGEST_SET: Final = 3
 _MOST_CANDIDATES: Final = 20  # rows that stand out most: 1140 sets of three

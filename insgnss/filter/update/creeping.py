@@ -1,6 +1,6 @@
 """Satellites whose measurements creep away from those of all others, slower than any gate sees. Compiled.
 
-What one satellite shows against the others (the parity part of ``integrity``) does not depend on where the filter
+One satellite's deviation from the others (the parity part of ``integrity``) does not depend on where the filter
 believes to be, so it can be followed for as long as one likes:
 
     range rates    mean over ten seconds: code and Doppler that run away together are off by the ramp's rate at once
@@ -124,7 +124,7 @@ def refuse_left_out(memory: Float64, lines: Lines, observation: Observations, no
 def takes_part(line: Line, kind: int) -> bool:
     """Return whether a row can show its satellite's error: its clock is known, and a range is inside its gate.
 
-    A range rate may be out of its gate, or left out: that it is so all the time is what is looked for.
+    A range rate may be out of its gate, or left out: a permanent one is the fault searched for.
     """
     if kind == RANGE_RATE:
         return bool(line.status[kind] == USED or line.status[kind] == GATED or line.status[kind] == DRIFTING)

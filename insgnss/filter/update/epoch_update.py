@@ -39,7 +39,7 @@ _SMALL, _LARGE = 1e-200, 1e200  # within which a product of variances stays
 
 
 class UpdateOutcome(NamedTuple):
-    """What an epoch did to one hypothesis."""
+    """An epoch's effect on one hypothesis."""
 
     log_likelihood: float
     ranges_used: int
@@ -135,7 +135,7 @@ def update_epoch(
 def begin_difference(
     m: StateRecord, P: Float64, par: Parameters, s: EpochWorkspace, t_ns: int, response: Float64
 ) -> None:
-    """Let this epoch's antenna be what the next epoch's carriers are differences to."""
+    """Make this epoch's antenna the reference of the next epoch's carrier differences."""
     keep_clone_rows(P, par, s.vectors)
     clone_epoch(m, P, par, s.antenna[0], s.air[0], t_ns)
     if response.shape[0] > 0:
@@ -202,7 +202,7 @@ def use_epoch(
     most: int,
     response: Float64,
 ) -> tuple[float, float, int]:
-    """Update with all rows of an epoch; return what ``use_rows`` adds up, and how many rows were taken out again.
+    """Update with all rows of an epoch; return the sums of ``use_rows``, and how many rows were taken out again.
 
     Where pseudoranges contradict each other after the update, those that the others contradict (``most`` at most) are
     found and the update is done once more without them; an epoch that agrees costs nothing.
@@ -267,7 +267,7 @@ def gate_carriers(P: Float64, lines: Lines, vectors: Float64, par: Parameters, d
 
 @kernel(inline=True)
 def counted_again(done: UpdateOutcome, lines: Lines, par: Parameters) -> UpdateOutcome:
-    """Return the outcome without satellites that are left out: what is known to be wrong says nothing of the filter."""
+    """Return the outcome without satellites that are left out: known faults do not count against the filter."""
     again = UpdateOutcome(0.0, 0, 0, 0, 0, done.clock_step, done.drift_step, 0.0, 0.0)
     for kind in range(2):
         used, refused, strain = count_rows(lines, kind, par.kind[kind].gate2)
@@ -302,7 +302,8 @@ def use_rows(
     q <- q - K h q.
 
     ``spread`` s is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
-    of n errors that are equal over n epochs has the variance of one, not of one n-th. So n rows tell as much as n / s
+    of n errors that are equal over n epochs has the variance of one, not of one n-th. So n rows carry the information
+    of n / s
     independent ones, of their noise r, too:
 
         ln L = -1/2 sum (y^2 / S + ln(S / (s r)) + (ln r) / s),   S = h P h^T + s r

@@ -76,7 +76,7 @@ def common_step(
 def absorb_clock_step(
     clock: Float64, P: Float64, lines: Lines, kind: int, column: int, step: float, variance: float
 ) -> None:
-    """Add a clock step to the state, forget what was known of that clock state, and correct the epoch's innovations."""
+    """Add a clock step to the state, drop that clock state's correlations, and correct the epoch's innovations."""
     clock[kind] += step
     n = P.shape[0]
     old = P[column, column]

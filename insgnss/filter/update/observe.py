@@ -1,6 +1,6 @@
-"""What the filter expects of each row of an epoch: innovation, row of H and variances at the prior, compiled.
+"""The prediction of each row of an epoch: innovation, row of H and variances at the prior, compiled.
 
-The equations of each kind are in ``measurements``, what the air adds to all of them in ``delays``. All are of the
+The equations of each kind are in ``measurements``, the atmosphere of all of them in ``delays``. All are of the
 antenna, at r_e + C_eb l with v_e + C_eb (w_ib x l) - w_ie x C_eb l.
 """
 

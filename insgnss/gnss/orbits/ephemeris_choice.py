@@ -75,7 +75,7 @@ class BroadcastMessages:
 
     satellites: tuple[str, ...]
     index: MessageIndex
-    channels: dict[str, int] = field(default_factory=dict)  # GLONASS, where the messages tell
+    channels: dict[str, int] = field(default_factory=dict)  # GLONASS, if the messages state them
     inter_signal_s: dict[str, Float64] = field(default_factory=dict)  # see ``NavigationData``
 
 

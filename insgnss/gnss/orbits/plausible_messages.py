@@ -1,4 +1,4 @@
-"""Which broadcast messages hold the numbers of a satellite: what their own format cannot even write is damage.
+"""Which broadcast messages hold the numbers of a satellite: values outside their own format are damage.
 
 The limits are those of the fields that carry the numbers, bits and scale, of each constellation's document; twice of
 each is allowed, so that no rounding on the way through a file refuses a message. Besides that the ellipse must lie
@@ -154,7 +154,7 @@ def plausible_klobuchar(coefficients: Float64 | None) -> Float64 | None:
 
 
 def is_ionosphere(coefficients: Float64) -> bool:
-    """Return whether coefficients are what a message can hold: eight as GPS's, three as Galileo's."""
+    """Return whether coefficients are within a message's format: eight as GPS's, three as Galileo's."""
     most = _NEQUICK if len(coefficients) == len(_NEQUICK) else _KLOBUCHAR
     return len(coefficients) == len(most) and bool((np.abs(coefficients) <= _MARGIN * most).all())
 

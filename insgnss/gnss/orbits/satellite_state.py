@@ -83,12 +83,12 @@ def satellite_states(
     The message is chosen by the rule of ``ephemeris_choice``: nearest toe among the healthy ones within their
     validity. States in the log itself are passed through, clock included, without group delay. A row
     whose signal is unknown keeps its orbit and a clock without group delay, and the status UNKNOWN_SIGNAL; a GLONASS
-    row whose channel neither the messages nor the log tell keeps both, and the status NO_CHANNEL.
+    row whose channel neither the messages nor the log state keeps both, and the status NO_CHANNEL.
 
     Parameters
     ----------
     gnss : the log
-    nav : broadcast messages, as read or already sorted (then the two settings below are not looked at)
+    nav : broadcast messages, as read or already sorted (then the two settings below are ignored)
     max_age_s : largest distance from toe [s], in place of the messages' own validity
     galileo_message : "INAV" or "FNAV", the one preferred
     """
@@ -193,7 +193,7 @@ def status_of_given(sat: Float64) -> UInt8:
 
 
 class _SignalFacts(NamedTuple):
-    """What the log's signals mean for each of its satellites, (sv, signal)."""
+    """The properties of the log's signals for each of its satellites, (sv, signal)."""
 
     status: UInt8  # USED, UNKNOWN_SIGNAL or NO_CHANNEL
     factors: Float64  # (sv, signal, 2, 2) of the group delays, for I/NAV and for F/NAV clocks
@@ -304,7 +304,7 @@ def broadcast_states(
         t_transmit_ns = t_ns[i] - np.int64(tau[i] * NS_PER_S)
         k, reason = choose_message(t_transmit_ns, of_sv[s], index, place)
         of_signal = signals.status[s, code]
-        # a missing channel is worth telling only where nothing else is missing
+        # a missing channel is reported only if nothing else is missing
         states.status[i] = of_signal if of_signal == UNKNOWN_SIGNAL or reason == USED else reason
         if k < 0:
             continue

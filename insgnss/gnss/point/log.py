@@ -60,7 +60,7 @@ _MOST_PASSES: Final = 5  # two or three do; more only where a satellite is at th
 
 
 class PointFit(NamedTuple):
-    """What the rows of one kind of an epoch say: position and clocks, or velocity and drift."""
+    """The solution from the rows of one kind of an epoch: position and clocks, or velocity and drift."""
 
     use: Bool  # (k,) rows in the solution
     x: Float64  # (3 + groups,) NaN where there is nothing

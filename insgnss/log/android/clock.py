@@ -106,7 +106,7 @@ def corrected_by_satellites(
 
     Parameters
     ----------
-    clock : as the phone tells
+    clock : as logged by the phone
     travel_ns : (n,) from transmission to reception with that clock, negative where it is early
     told : (n,) rows whose time of transmission is known by the day or the week
 

@@ -1,4 +1,4 @@
-"""What the doctor says of the axes: that they fit, what they should be, or between which readings the log cannot tell.
+"""The check's findings on the axes: they fit, other axes fit, or the log cannot decide between several.
 
 A proposal is sure only where the log speaks clearly against every other reading of the columns. Where another one does
 as well, the one that a mounting can give, both sensors rotated equally, is likely, or else the simplest if there is
@@ -61,7 +61,7 @@ def _near(found: list[VehicleAxes]) -> list[VehicleAxes]:
 def _fitting(best: VehicleAxes, near: list[VehicleAxes], shown: str) -> Finding:
     if not near:
         return Finding("ok", "motion", f"the axes fit the motion: {shown}")
-    advice = "turns with bank or pitch, accelerations and stops tell more"
+    advice = "turns with bank or pitch, accelerations and stops would decide"
     if best.cost > SURE:
         text = f"the motion indicates other axes than the declared ones: axes {_listed(near)}"
         return Finding("warning", "motion", text, advice, f"log likelihood {best.cost / 2.0:.0f} above")

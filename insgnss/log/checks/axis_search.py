@@ -51,7 +51,7 @@ class Hypothesis(NamedTuple):
 
 
 class Match(NamedTuple):
-    """What the search found."""
+    """The result of the search."""
 
     shift_s: float  # to be added to the inertial tags, to a quarter of a second
     contrast: float  # how much the likelihood peaks at the shift

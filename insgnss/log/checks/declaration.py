@@ -1,4 +1,4 @@
-"""What the flight file declares of the inertial log, as matrices, and the log in its own axes."""
+"""The flight file's declarations of the inertial log, as matrices, and the log in its own axes."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class _Shift(NamedTuple):
 def gnss_time_findings(
     flight: Flight, gnss: GnssTable, navigation: NavigationData | None, imu: ImuTable | None, solve: Solve
 ) -> list[Finding]:
-    """Return by what whole weeks, hours or leap seconds the GNSS tags are off, if the pseudoranges say so.
+    """Return the whole weeks, hours or leap seconds by which the GNSS tags are off, from the pseudoranges.
 
     With few satellites several shifts may do: then the one that makes the logs overlap counts. Epochs with fewer than
     four satellites of known messages say nothing.

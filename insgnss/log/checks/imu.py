@@ -1,4 +1,4 @@
-"""What an inertial log shows before any filter runs: its rate, its gaps, gravity at rest, tilt, and the axes."""
+"""The check of an inertial log before any filter runs: its rate, its gaps, gravity at rest, tilt, and the axes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class GroundSpeed(NamedTuple):
 
 
 def imu_findings(imu: ImuTable, week: int, speed: GroundSpeed | None = None) -> list[Finding]:
-    """Return what an inertial log shows: rate and jitter, gravity at rest, tilt, suspicion of axes.
+    """Return the findings on an inertial log: rate and jitter, gravity at rest, tilt, suspicion of axes.
 
     Parameters
     ----------

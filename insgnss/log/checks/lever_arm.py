@@ -1,4 +1,4 @@
-"""The lever arm as the log itself shows it, and what it matters in this log.
+"""The lever arm estimated from the log, and its effect in this log.
 
 The antenna moves with v + C_es (w x l): where the vehicle turns about two axes all of l shows in the velocities, in a
 flat turn its horizontal part alone.

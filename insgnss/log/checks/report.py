@@ -1,4 +1,4 @@
-"""What a check of a flight found: facts and findings, each with its severity, printed line by line."""
+"""The result of a flight's check: facts and findings, each with its severity, printed line by line."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def from_events(
     ----------
     topic : of the findings
     events : what the readers noticed
-    notices : kinds that are worth telling but no defect
+    notices : kinds that are reported but not a defect
     errors : kinds with which the log is of no use
     """
     kinds: dict[str, list[Event]] = {}

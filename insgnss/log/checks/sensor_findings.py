@@ -61,7 +61,7 @@ class _LocalTrack(NamedTuple):
 
 
 def sensor_findings(flight: Flight, track: GnssTrack | None, imu: ImuTable | None) -> list[Finding]:
-    """Return what is found of each further sensor; one whose log cannot be read is a finding too."""
+    """Return the findings on each further sensor; one whose log cannot be read is a finding too."""
     gnss = None if track is None or len(track.t_s) < _LEAST_POINTS else _local(track)
     findings = []
     for config in flight.config.sensor:
@@ -122,7 +122,7 @@ def _rate(config: Sensor, table: SensorTable) -> Finding:
 
 
 def _shift(common: _SampledTrack, measured: Float64, of: Callable[[Float64], Float64]) -> list[str]:
-    """Return the time offset that fits far better than none, in words: what is to be added to the tags."""
+    """Return the time offset that fits far better than none, in words: the correction of the tags."""
     rms = [float(np.std(measured - of(common.t_s + shift))) for shift in _SHIFTS_S]
     best, none = int(np.argmin(rms)), rms[len(_SHIFTS_S) // 2]
     if abs(_SHIFTS_S[best]) < _LEAST_SHIFT_S or rms[best] ** 2 > _SURE_SHIFT * none**2:

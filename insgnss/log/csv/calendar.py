@@ -47,7 +47,7 @@ _UNREADABLE: Final = _Moment(0, readable=False)
 
 @dataclass(frozen=True)
 class Calendar:
-    """One column of dates and times, or two, and what they mean.
+    """One column of dates and times, or two, and their meaning.
 
     The offset of a zone ("Z", "+02:00") is subtracted; the result is UTC or GPS time as ``scale`` says. Leap seconds
     are those in force at each cell, or ``leap_seconds`` for all.

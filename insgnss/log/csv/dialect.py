@@ -59,7 +59,7 @@ def split_cells(line: str, delimiter: str) -> list[str]:
 
 
 def decoded(text: bytes) -> tuple[str, bool]:
-    """Return the text and whether it is UTF-8; what is not is read in the encoding of Western Windows."""
+    """Return the text and whether it is UTF-8; other text is read in the encoding of Western Windows."""
     try:
         return text.decode("utf-8"), True
     except UnicodeDecodeError:

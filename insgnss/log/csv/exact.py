@@ -108,7 +108,7 @@ def read_exact(
 
 
 class _ColumnReader:
-    """Turns columns of strings into numbers and collects what cannot be read."""
+    """Turns columns of strings into numbers and collects unreadable cells."""
 
     def __init__(
         self, path: Path, dialect: Dialect, lines: Int64, complaints: list[_Complaint], decimal: str

@@ -34,7 +34,7 @@ class CsvTable(CsvRows):
 
     @cached_property
     def line(self) -> Int64:
-        """The 1-based file line of each row (blank lines are looked for only when somebody asks)."""
+        """The 1-based file line of each row (blank lines are searched only on demand)."""
         if self.lines is not None:
             return self.lines
         raw = file_buffer(self.path).to_pybytes().splitlines()[self.dialect.skip :]

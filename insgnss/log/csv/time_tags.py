@@ -149,7 +149,7 @@ def _refusals(table: CsvTable, column: str, bad: npt.NDArray[np.intp], reasons: 
 
 
 def _unwrap_week(t_ns: Int64, file: str, week: int) -> list[Event]:
-    """Add a week, in place, to what follows each fall of the seconds of the week by about 604800."""
+    """Add a week, in place, to all tags after each fall of the seconds of the week by about 604800."""
     step = np.diff(t_ns)
     falls = np.flatnonzero(np.abs(step + NS_PER_WEEK) < CROSSOVER_TOLERANCE_NS)
     if not len(falls):

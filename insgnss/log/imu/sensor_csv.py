@@ -165,7 +165,7 @@ def _si_sigma(config: Sensor, sigma: Float64) -> Float64:
 
 
 def _bad_values(config: Sensor, table: CsvTable, values: Float64) -> list[Event]:
-    """Set impossible values to NaN, in place, and tell how many cells hold no reading and where the first is."""
+    """Set impossible values to NaN, in place, and return how many cells hold no reading and where the first is."""
     if not (isinstance(config, Odometer) and config.metres_per_count is not None):
         low, high = np.array(_POSSIBLE[config.kind]).T
         with np.errstate(invalid="ignore"):

@@ -19,7 +19,7 @@ def paired(
 
     Interpolation averages the noise of two neighbours: the variance of the specific force falls by up to one half.
     A gyro sample outside of the accelerometer's span, or in a gap of it longer than 0.1 s and 2.5 of its steps, is left
-    out and told; so are repeated and falling times, and samples that are not finite.
+    out and reported; so are repeated and falling times, and samples that are not finite.
 
     Parameters
     ----------

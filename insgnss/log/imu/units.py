@@ -1,4 +1,4 @@
-"""The declared units held against what gravity must show: at rest |f| is g, and where the gyros turn, gravity turns.
+"""The declared units checked by gravity: at rest |f| is g, and where the gyros turn, gravity turns.
 
 A contradiction is an error only where nothing but a wrong unit explains it; everything weaker is an event. All rules
 look at means over windows of about a second, in which vibration averages out.

@@ -1,4 +1,4 @@
-"""What BeiDou's D1 and D2 have in common: words, time, accuracy (BDS-SIS-ICD B1I 3.0, 5.1 and 5.2)."""
+"""The common part of BeiDou's D1 and D2: words, time, accuracy (BDS-SIS-ICD B1I 3.0, 5.1 and 5.2)."""
 
 from __future__ import annotations
 

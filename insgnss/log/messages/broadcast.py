@@ -1,4 +1,4 @@
-"""What was broadcast: ephemerides, state vectors, ionosphere and leap seconds, gathered and turned into tables."""
+"""Broadcast messages: ephemerides, state vectors, ionosphere and leap seconds, gathered and turned into tables."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Broadcast:
             self.ionosphere.setdefault(system, coefficients)
 
     def navigation(self) -> NavigationData | None:
-        """Return what was gathered as tables, None when there is nothing."""
+        """Return the gathered messages as tables, None without any."""
         if not (self.ephemerides or self.states or self.ionosphere):
             return None
         rows = {name: np.array(values, dtype=np.float64) for name, values in self.ionosphere.items()}

@@ -75,7 +75,7 @@ class GlonassMessages:
             self._broadcast.refused["GLONASS string with a wrong check sum"] += 1
             return
         if near_ns is None:
-            self._broadcast.refused["GLONASS string without a receiver time to tell its day"] += 1
+            self._broadcast.refused["GLONASS string without a receiver time for its day"] += 1
             return
         if number == 1:
             self._frames[sv] = (frame, near_ns, [string])

@@ -39,7 +39,7 @@ _SHORT: Final = struct.Struct("<3xBHHI")  # length, kind, week, ms
 
 
 class Frame(NamedTuple):
-    """Where one message lies and what its header says."""
+    """The place and the header of one message."""
 
     offset: int  # of what follows the header
     length: int
@@ -67,7 +67,7 @@ class NovatelFrames:
         return sorted(found) if len(kinds) > 1 else found
 
     def events(self, known: frozenset[int]) -> list[Event]:
-        """Return what was damaged, foreign or of a kind that is not read."""
+        """Return the events for bytes that were damaged, foreign or of a kind that is not read."""
         events = framing_events(self, "novatel", "message", "not NovAtel messages (NMEA, damage)", self.size)
         others = Counter({kind: len(found) for kind, found in self.frames.items() if kind not in known})
         if others:

@@ -1,4 +1,4 @@
-"""RAWIMU and its kin (RAWIMUS, RAWIMUX, RAWIMUSX): counts of a NovAtel system's inertial sensor become rates.
+"""RAWIMU and its variants (RAWIMUS, RAWIMUX, RAWIMUSX): counts of a NovAtel system's inertial sensor become rates.
 
 Each message holds the increments of angle and velocity since the one before, Z, -Y, X, in counts of the sensor, in its
 own axes; a rate is the increment times the sensor's output rate. What a count is depends on the sensor's type (OEM7
@@ -94,7 +94,7 @@ def _xyz(counts: np.ndarray[tuple[int, int], np.dtype[np.int32]]) -> Float64:
 def _sound(
     rows: np.ndarray[tuple[int], np.dtype[np.void]], file: str
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.void]], list[Event]]:
-    """Return the samples with a time, in which the sensor told no error."""
+    """Return the samples with a time, in which the sensor reports no error."""
     timed = (rows["week"] > 0) & (rows["week"] <= LATEST_WEEK) & np.isfinite(rows["sow"])
     timed &= (rows["sow"] >= 0.0) & (rows["sow"] <= S_PER_WEEK)
     faulty = (
@@ -124,7 +124,7 @@ def _scales(
     declared: tuple[float, float] | None,
     file: str,
 ) -> tuple[tuple[float, float] | None, list[Event]]:
-    """Return what one count is, None where neither the log nor the user says it."""
+    """Return the size of one count, None if neither the log nor the user states it."""
     if declared is not None:
         return declared, []
     is_extended = "type" in (rows.dtype.names or ())

@@ -118,7 +118,7 @@ IONUTC: Final = 8
 
 
 def broadcast(files: list[NovatelFrames]) -> Broadcast:
-    """Return every message of the files, each distinct one once; subframes count before what was decoded of them."""
+    """Return every message of the files, each distinct one once; subframes override decoded messages."""
     found = Broadcast()
     lnav = LnavMessages(found)
     for frames in files:

@@ -52,7 +52,7 @@ _COMPUTED: Final = 0
 
 
 def solution(files: list[NovatelFrames]) -> tuple[ReferenceTable | None, bool, list[Event]]:
-    """Return the fullest solution of the files, whether it is that of the inertial sensor, and what was left out."""
+    """Return the fullest solution of the files, whether it is that of the inertial sensor, and the events."""
     for read, is_inertial in ((_inspvax, True), (_inspva, True), (_bestpos, False)):
         table, left_out = read(files)
         if table is not None:

@@ -45,7 +45,7 @@ _ELEMENTS: Final = (
 
 @dataclass
 class _NavigationContents:
-    """What the files gave so far."""
+    """The content of the files so far."""
 
     keplerian: list[Any] = field(default_factory=list)
     states: list[StateVector] = field(default_factory=list)
@@ -114,7 +114,7 @@ def _navigation_text(path: Path) -> str:
 
 
 def _read_records(text: str, path: Path, found: _NavigationContents) -> None:
-    """Add the messages of a file, and an event for what is damaged or of another kind."""
+    """Add the messages of a file, and an event for damaged ones or those of another kind."""
     try:
         parsed = sidereon.parse_rinex_nav_lenient(text)
     except sidereon.SidereonError as error:
@@ -161,7 +161,7 @@ def _tell_damage(damaged: list[tuple[int, str, str]], path: Path, events: list[E
 
 
 def _tell_channels(states: list[StateVector], path: Path, events: list[Event]) -> None:
-    """Add an event that names the GLONASS satellites whose channel the file does not tell."""
+    """Add an event that names the GLONASS satellites whose channel the file does not state."""
     without = sorted(
         {state.sv for state in states if state.sv[0] == "R" and state.channel == UNKNOWN_CHANNEL}
     )

@@ -122,7 +122,7 @@ def _observation_text(path: Path) -> tuple[str, list[Event]]:
 
 
 def _unpacked(text: str, path: Path) -> tuple[str, list[Event]]:
-    """Return the text without the Hatanaka compression: all of it, or what stands before the first damage."""
+    """Return the text without the Hatanaka compression: all of it, or the part before the first damage."""
     try:
         return sidereon.decode_crinex(text), []
     except sidereon.SidereonError as error:
@@ -191,7 +191,7 @@ def _civil_ns(civil: Any, picoseconds: int | None = None) -> int:
 
 
 def _scale_shift_ns(product: Any) -> int:
-    """Return what is added to the file's time tags to make them GPS time [ns]."""
+    """Return the correction of the file's time tags to GPS time [ns]."""
     first = product.header.time_of_first_obs
     if first is None:
         return 0

@@ -1,4 +1,4 @@
-"""MCAP files' messages by their topics, read by the library ``mcap``; a cut or damaged file gives what stands before.
+"""MCAP files' messages by their topics, read by the library ``mcap``; a cut or damaged file gives the messages before.
 
 Chunks are unpacked here, so that one cannot grow beyond belief: at most a hundredfold, and more than 64 MB.
 """

@@ -47,7 +47,7 @@ class UbxFrames:
         return self.payloads.get(kind, [])
 
     def events(self, known: set[int]) -> list[Event]:
-        """Return what was damaged, foreign or of a kind that is not read."""
+        """Return the events for bytes that were damaged, foreign or of a kind that is not read."""
         events = framing_events(self, "ubx", "frame", "not UBX (NMEA, RTCM or damage)", len(self.data))
         others = Counter({kind: len(found) for kind, found in self.payloads.items() if kind not in known})
         if others:

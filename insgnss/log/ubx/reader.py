@@ -156,7 +156,7 @@ def _solution_times(frames: UbxFrames) -> tuple[Int64, Int64]:
             utc = dt.datetime(int(row["year"]), int(row["month"]), int(row["day"]))
         except ValueError:
             continue  # no date of the calendar
-        # the date tells the week, the milliseconds of the week the time in it
+        # the date gives the week, the milliseconds of the week the time in it
         midday = datetime_to_ns(utc) + NS_PER_S * 43_200
         tow = int(row["tow_ms"]) * 1_000_000
         half = NS_PER_WEEK // 2

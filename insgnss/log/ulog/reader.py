@@ -59,7 +59,7 @@ def read_ulog(path: Path, topics: Mapping[str, str] | None = None) -> ReceiverLo
 def _tables(
     data: Mapping[tuple[str, int], Any], events: list[Event], wanted: dict[str, str], path: Path
 ) -> ReceiverLog:
-    """Return what the topics hold; ``events`` are those of the file itself."""
+    """Return the content of the topics; ``events`` are those of the file itself."""
     clock, told = boot_clock(_fixes(data))
     events += told
     raw, told = _raw(data, path)
@@ -81,7 +81,7 @@ def _tables(
 
 
 def _load(path: Path) -> tuple[Any, list[Event]]:
-    """Return the file as ``pyulog`` reads it, and what was damaged."""
+    """Return the file as ``pyulog`` reads it, and the events of damage."""
     try:
         from pyulog import ULog
     except ImportError as error:
@@ -226,7 +226,7 @@ def _combined(rows: Any) -> tuple[Int64, Float64, Int64, Float64]:
 
 
 def _raw(data: Mapping[tuple[str, int], Any], path: Path) -> tuple[ReceiverLog | None, list[Event]]:
-    """Return what the receiver's own bytes hold, None if none were dumped or they are not UBX."""
+    """Return the content of the receiver's own bytes, None if none were dumped or they are not UBX."""
     rows = [d for (name, _), d in data.items() if name == DUMP]
     if not rows:
         return None, []

@@ -142,7 +142,7 @@ def _distinct(t_ns: Int64, good: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> 
 
 
 def _above_ellipsoid(data: Data, rows: Any) -> Float64 | float:
-    """Return what is added to the solution's heights to count them from the ellipsoid."""
+    """Return the correction of the solution's heights to the ellipsoid."""
     if "alt_ellipsoid" in rows:
         difference: Float64 = np.asarray(rows["alt_ellipsoid"], np.float64) - np.asarray(
             rows["alt"], np.float64

@@ -75,7 +75,7 @@ def nis_bounds(n: int, share: float = 0.95) -> tuple[float, float]:
 
 
 def histogram(values: Float64) -> tuple[Float64, Float64]:
-    """Return the middles of the bins and the density of ``values`` in each; what lies outside counts at the edge."""
+    """Return the middles of the bins and the density of ``values`` in each; values outside count at the edge."""
     edges = np.linspace(-_SHOWN, _SHOWN, _BINS + 1)
     count, _ = np.histogram(np.clip(values, -_SHOWN, _SHOWN), edges)
     width = edges[1] - edges[0]

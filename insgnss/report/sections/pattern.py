@@ -1,4 +1,4 @@
-"""The antenna's gain behind the sky in body axes, where the run tells which antennas the vehicle had."""
+"""The antenna's gain behind the sky in body axes, if the run states the vehicle's antennas."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ sd_gyro_scale_factor_*_ppm sd_accel_scale_factor_*_ppm sd_gyro_misalignment_*_mr
 *_offset_deg: what a heading sensor shows more than the heading, beyond `offset_deg`
 sd_slow_n_m sd_slow_e_m sd_slow_d_m: what errors that persist for minutes (orbits and clocks of the
   messages, the rest of ionosphere and troposphere) add to the position: one sigma, not in sd_n_m sd_e_m sd_d_m;
-  empty where no epoch of the log has used ranges enough to tell; absent where `process.range_bias_states` makes
+  empty if no epoch of the log has used enough ranges; absent where `process.range_bias_states` makes
   states of them, as sd_n_m sd_e_m sd_d_m then include them
 hpl_m vpl_m: protection levels, horizontal and vertical: the error is larger, and nothing says so, with the risk of
   `[integrity]`; infinite where the solution without a satellite does not exist; with `--integrity`

@@ -45,7 +45,7 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Sheet:
-    """What is said of one table."""
+    """The description of one table."""
 
     name: str
     row: str  # the meaning of one row

@@ -1,4 +1,4 @@
-"""What became of a measurement, in plain words: one line for each status of the ledger."""
+"""The meaning of each status of the ledger, one line each."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ LOOPS: Final = ("unaided", "aided")
 
 @dataclass(frozen=True, repr=False)
 class FlownMargin(ResultDisplay):
-    """What ``flown_margin`` gives. Tables are DataFrames."""
+    """The result of ``flown_margin``. Tables are DataFrames."""
 
     satellites: pd.DataFrame
     emitters: pd.DataFrame
@@ -96,7 +96,7 @@ def flown_margin(
     antennas: Installation | None = None,
     step_s: float = 1.0,
 ) -> FlownMargin:
-    """Return what emitters do to the phase loops of every satellite along a run's path.
+    """Return the effect of emitters on the phase loops of every satellite along a run's path.
 
     Equation: 1/q = N_0 / C + sum over emitters of (J/S) kappa; lock while 1/q is below that of the threshold, which is
     (18) of the second order or the Riccati equation of the third, the larger, with (19) or (20), for the drift and the
@@ -104,7 +104,7 @@ def flown_margin(
 
     Parameters
     ----------
-    run : its tables nav and satellites; ``run.aiding``, where it has one, tells how far the aiding can be trusted,
+    run : its tables nav and satellites; ``run.aiding``, where it has one, gives the uncertainty of the aiding,
         else the sigmas of tilt and accelerometer biases bound it
     emitters : settings, or their file (TOML)
     antennas : ``insgnss.antenna.equipment.installation``; those of the run's flight file when None

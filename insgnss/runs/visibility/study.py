@@ -1,4 +1,4 @@
-"""The study: decisions for every time and satellite, and what they cost in geometry.
+"""The study: decisions for every time and satellite, and their cost in geometry.
 
 | table      | one row per        | columns |
 |------------|--------------------|---------|
@@ -43,7 +43,7 @@ _FEWEST: Final = 4  # satellites of one clock that fix a position
 
 @dataclass(frozen=True, repr=False)
 class VisibilityStudy(ResultDisplay):
-    """What ``visibility`` gives. Tables are DataFrames."""
+    """The result of ``visibility``. Tables are DataFrames."""
 
     satellites: pd.DataFrame
     dop: pd.DataFrame
@@ -216,7 +216,7 @@ def _waits(attitude: AttitudeHistory, settings: Visibility) -> Bool:
 def _uncertain(
     attitude: AttitudeHistory, above: Bool, is_uncertain: Bool, settings: Visibility
 ) -> list[Event]:
-    """Tell once how many decisions were uncertain, those not counted that wait for the heading."""
+    """Report once how many decisions were uncertain, without those that wait for the heading."""
     counted = is_uncertain & ~_waits(attitude, settings)[:, None]
     if not counted.any():
         return []
@@ -230,7 +230,7 @@ def _uncertain(
 
 
 def _waiting(attitude: AttitudeHistory, settings: Visibility) -> list[Event]:
-    """Tell where masking waits for the heading."""
+    """Report where masking waits for the heading."""
     waits = _waits(attitude, settings)
     return [
         Event(

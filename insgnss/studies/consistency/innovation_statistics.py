@@ -53,7 +53,7 @@ def judged_rows(run: Run, from_s: float) -> InnovationRows:
     """Return the used rows and those refused for their innovation, from a time on.
 
     ``share`` is D / S, the part of an innovation's variance that is the state's: by it the rows of an epoch share the
-    state's error. ``residual`` and ``leverage`` are those of ``epoch_residuals``. A ledger does not tell D of carrier
+    state's error. ``residual`` and ``leverage`` are those of ``epoch_residuals``. A ledger does not give D of carrier
     differences: their share is taken as zero and they have no residual.
     """
     m = run.measurements

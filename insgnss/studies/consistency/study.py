@@ -72,7 +72,7 @@ class Consistency(ResultDisplay):
 
     @property
     def noise_factors(self) -> dict[str, float]:
-        """What the assumed sigma of each kind should be multiplied by; kinds that do not tell are left out."""
+        """The factor on the assumed sigma of each kind; kinds without a result are left out."""
         found = self.kinds.set_index("kind")["factor"]
         return {str(kind): float(f) for kind, f in found.items() if np.isfinite(f)}
 

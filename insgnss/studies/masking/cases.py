@@ -1,4 +1,4 @@
-"""The cases that a masking study compares, and what one flight gives in each: errors and what became of false rows."""
+"""The cases of a masking study, and one flight's result in each: errors and the status of false rows."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class MaskingStudy(ResultDisplay):
         return pictures.error_figure(self.errors, self._outage_s(), self._words(), self._title())
 
     def rows_figure(self) -> Figure:
-        """Return the picture of what became of the hidden satellites' rows in the first flight, a panel a case."""
+        """Return the picture of the status of hidden satellites' rows in the first flight, a panel a case."""
         spells = self.reacquisition[self.reacquisition["run"] == 0]
         return pictures.rows_figure(self.rows, spells, self._words(), self._title())
 
@@ -263,7 +263,7 @@ def _rms(values: pd.Series[float]) -> float:
 
 
 def _lock_table(ledger: pd.DataFrame) -> pd.DataFrame:
-    """Return what became of the rows behind each kind of false lock, in each case; all cases where there were none."""
+    """Return the status of the rows behind each kind of false lock, in each case; all cases where there were none."""
     false = ledger[ledger["lock"] != ""]
     rows = []
     for (case, lock, kind), m in false.groupby(["case", "lock", "kind"]):

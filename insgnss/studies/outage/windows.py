@@ -128,7 +128,7 @@ def switched_off(log: PhaseLog, removal: Removal, from_ns: int, until_ns: int) -
 def switch_off(
     rows: GnssRows, kinds: Sequence[str], chosen: npt.NDArray[np.bool_], from_ns: int, until_ns: int
 ) -> None:
-    """Tell the filter, in place, not to use some kinds of the ``chosen`` rows (n,) within an outage."""
+    """Mark, in place, some kinds of the ``chosen`` rows (n,) within an outage as not to be used."""
     t_ns = np.repeat(rows.epoch_ns, np.diff(rows.first))
     off = chosen & (t_ns >= from_ns) & (t_ns < until_ns)
     for kind in kinds:

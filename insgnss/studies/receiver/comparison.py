@@ -226,8 +226,8 @@ def _masked(scene: StudyScene, options: ReceiverOptions, antennas: Installation 
     if not options.masking:
         return scene
     if antennas is None or scene.setting.inertial is None:
-        advice = "give antennas, and an inertial system that tells the attitude"
-        raise ConfigError("nothing tells which satellites are hidden", key="masking", advice=advice)
+        advice = "give antennas, and an inertial system for the attitude"
+        raise ConfigError("hidden satellites cannot be determined", key="masking", advice=advice)
     masking = ReceiverMasking(antennas, limits_of(Visibility()))
     return replace(scene, setting=replace(scene.setting, masking=masking))
 

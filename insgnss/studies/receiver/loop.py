@@ -2,7 +2,7 @@
 
 All states are at the middles of the integrations. From one to the next:
 
-1. the filter is carried on by what the inertial system tells (``prediction``), and predicts every range and range rate;
+1. the filter is propagated by the inertial system (``prediction``), and predicts every range and range rate;
 2. a replica is set: by that prediction (one stage), or by the channel's own filter (two stages), which follows the
    predicted change of range and rate, the radial acceleration that the inertial system knows. Its integration begins
    before the samples of its middle have come: the newest one is led on, and the error that this has made is taken off
@@ -68,7 +68,7 @@ class ReceiverDesign(NamedTuple):
     settle: int  # integrations whose offsets do not count
     # beyond which a channel is lost: range [m], rate [m/s], and for how long
     limits: tuple[float, float, int]
-    # in which oscillators set replicas: range [m], rate [m/s]; 0: as finely as told
+    # in which oscillators set replicas: range [m], rate [m/s]; 0: no steps
     steps: tuple[float, float]
 
 

@@ -59,7 +59,7 @@ class SignalPrediction(NamedTuple):
 
 
 class SearchOutcome(NamedTuple):
-    """What became of one search."""
+    """The result of one search."""
 
     found: bool
     threshold: float
