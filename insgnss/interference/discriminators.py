@@ -76,8 +76,7 @@ class Discriminator:
 
 # Threshold ratios of table 1 [Shatilov 2009]. Simulated (``lock_threshold``), 0.076, 0.069 to 0.078, 0.076 and 0.078
 # correspond to a mean time to slip of about 300 / B; the lower value of atan is that of an output whose true slope,
-# below
-# one in noise, was left out of the loop's design.
+# below one in noise, was left out of the loop's design.
 Q: Final = Discriminator("Q", 2.0 * math.pi, 0.076)
 ATAN: Final = Discriminator("atan(Q/I)", math.pi, 0.067)
 SIGN_I_Q: Final = Discriminator("sign(I)Q", math.pi, 0.076)

@@ -1,8 +1,7 @@
 """A run's estimates of the installation: the antenna's lever arm, the IMU's time, the IMU's mounting in the vehicle.
 
 Each is a state where the settings or the flight file doubt it. It is reported when its sigma has fallen to a fifth of
-that
-doubt, and ``insgnss check FLIGHT --run DIR`` proposes the corrected keys.
+that doubt, and ``insgnss check FLIGHT --run DIR`` proposes the corrected keys.
 """
 
 from __future__ import annotations

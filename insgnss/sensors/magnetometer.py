@@ -6,9 +6,8 @@ With the field m along body axes, the vehicle's own field b (hard iron) and the 
 
 The two rows are these along and across magnetic north (u, a): 0 = a . C_nb (m - b) gives the heading, with a sigma of
 sigma / H, and H = u . C_nb (m - b) shows whether the field is the Earth's. Both are used or refused together: a motor
-or a
-bridge that bends the field past the gate is refused as a whole. States: b, H and D, each with what is known of it, so
-that a heading is never better than its declination and hard iron. The vertical field is not used.
+or a bridge that bends the field past the gate is refused as a whole. States: b, H and D, each with what is known of
+it, so that a heading is never better than its declination and hard iron. The vertical field is not used.
 Neglects: soft iron (3 % of the field in a car's cabin, 1 deg) but for what H takes; the Earth field's change with the
 place, 1 deg of declination in 100 km.
 """

@@ -7,8 +7,7 @@ axes the variance between the means m_j of the parts is held against the varianc
 
 For white noise of **any** level and rho = 0, F has the F distribution of k - 1 and k (n - 1) degrees of freedom: the
 sensor's noise and an engine that idles need not be known, the window shows them. The vehicle is at rest where all six
-are
-below the quantile 1 - p/6, so of the windows at rest at most the share p (``missed_share``) is taken for motion.
+are below the quantile 1 - p/6, so of the windows at rest at most the share p (``missed_share``) is taken for motion.
 Vibration faster than a part averages out in m_j and makes F smaller still. A good gyro sees wind and passengers rock
 the vehicle more slowly than that: rho is the rocking that a part's mean may have (``rocking_deg_per_s``,
 ``rocking_mps2``). With more of it the test does not fire, and nothing is claimed.

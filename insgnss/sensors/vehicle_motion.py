@@ -8,8 +8,8 @@ and C_vb = R_z(yaw) R_y(pitch) the mounting of the IMU, the sideways and the dow
 
 The slip has the variance s^2 = s_0^2 + (angle |u|)^2 + (tyre w_z |u|^2)^2 + (rate of turn x sigma of the axle)^2: it
 grows with the speed and in corners. It is correlated over about a second, so each row is weighted by ``correlated``.
-The
-mounting is a constant state: the heading does not take over its error, and what is known in an outage is their sum.
+The mounting is a constant state: the heading does not take over its error, and what is known in an outage is their
+sum.
 
 **Course** (ship, aircraft). Heading and course differ by an angle of leeway, current or wind that lasts, a Gauss-Markov
 state, and by yawing that does not. Without sensor:

@@ -10,8 +10,7 @@ Offsets are truth minus replica in metres of range and metres per second, as a n
 An observation is the discriminator's output over its slope, as range and range rate; its variance is that of the
 output at no offset. Slopes and variances depend on C/N0 and are in a table with a row for each 0.02 dB
 (``observation_table``): no formula of a discriminator is repeated here. Where the assumed C/N0 is not the true one,
-the
-gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
+the gain is off by their ratio for products of two correlators: an amplifier holds the noise level.
 """
 
 from __future__ import annotations

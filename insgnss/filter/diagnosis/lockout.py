@@ -2,8 +2,8 @@
 
 A common step of fewer than five pseudoranges is not believed in one epoch unless it is large (``gating.common_step``),
 and so few give no fix with redundancy either. What they refuse for many epochs on end and yet agree on is the clock's
-all the same: persistence replaces the number of witnesses. One pseudorange is always self-consistent;
-using it to reset the clock only gives up its small position information.
+all the same: persistence replaces the number of witnesses. One pseudorange is always self-consistent; using it to reset
+the clock only gives up its small position information.
 """
 
 from __future__ import annotations

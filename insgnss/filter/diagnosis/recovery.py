@@ -5,8 +5,8 @@ and take the same epochs. One of them takes the filter's place when its likeliho
 it had to begin with a small prior weight, and when most rows of each kind fit it, with no more noise than the filter's
 own: decided by consistency, not by count.
 States that the fix does not give are kept: noise levels and biases with their covariances. Where the filter itself
-still fits
-some rows, half a minute has to pass until then: a street's reflections last for a while, and a vehicle does not jump.
+still fits some rows, half a minute has to pass until then: a street's reflections last for a while, and a vehicle does
+not jump.
                                                                             [Bar-Shalom, Li & Kirubarajan 2001, 11]
 """
 

@@ -38,9 +38,8 @@ def with_fault(
     """Return a copy of a filter to which the biases of a sensor are unknown, twenty sigmas of the grade wide.
 
     After a lapse these are the states that the wrong readings changed: attitude, velocity and position; of noise, its
-    level, ``risen2``
-    times. On a straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has turned the attitude
-    by psi = -C b t, with t uniform up to 90 s.
+    level, ``risen2`` times. On a straight a gyro fault does not show. If it may be ``earlier`` than the bank, it has
+    turned the attitude by psi = -C b t, with t uniform up to 90 s.
     """
     found = copy_bank(bank)
     if suspect == NOISE:

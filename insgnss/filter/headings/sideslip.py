@@ -1,8 +1,7 @@
 """The angle between the nose and the velocity, and how fast a vehicle changes it: it gives a heading after a gap.
 
 The vehicle itself shows whether its course gives its heading: a car keeps the angle within a degree, an aircraft for
-as
-long as the wind lasts, a drone or a man with a telephone does not.
+as long as the wind lasts, a drone or a man with a telephone does not.
 """
 
 from __future__ import annotations

@@ -16,8 +16,7 @@ d T' / d v of a climb, 3e-4 of the zenith's mapping, compared with the row's own
 The models' residuals at the zenith enter as states where the filter has them: w Z of the wet troposphere, q J of the
 ionosphere with the mapping q of a thin shell. In rates and differences they enter by the growth of the mappings. Their
 own wander in a difference is left out: 1 mm/s of the ionosphere on a bad day, compared with 3 mm of a difference's
-noise; over
-minutes it is what J, seen by the codes with the other sign, takes up.
+noise; over minutes it is what J, seen by the codes with the other sign, takes up.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """The filter finds its own noise levels: a factor for each kind of measurement and one for its clock, compiled.
 
 No fixed sigma suits a survey receiver under open sky and a telephone in a street. From the satellites' residuals
-against
-each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised innovations are
-near one and sigma means something. Slow errors that persist for many epochs (atmosphere, orbits, multipath at rest)
-do not show in what is left: they are in no sigma.
+against each other (``integrity``) the filter corrects its assumed variances within bounds, so that normalised
+innovations are near one and sigma means something. Slow errors that persist for many epochs (atmosphere, orbits,
+multipath at rest) do not show in what is left: they are in no sigma.
 """
 
 from __future__ import annotations

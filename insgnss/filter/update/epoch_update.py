@@ -303,8 +303,7 @@ def use_rows(
 
     ``spread`` s is by how much a variance counts more than one epoch's own, because epochs share their errors: the mean
     of n errors that are equal over n epochs has the variance of one, not of one n-th. So n rows carry the information
-    of n / s
-    independent ones, of their noise r, too:
+    of n / s independent ones, of their noise r, too:
 
         ln L = -1/2 sum (y^2 / S + ln(S / (s r)) + (ln r) / s),   S = h P h^T + s r
 

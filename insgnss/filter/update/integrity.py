@@ -1,8 +1,8 @@
 """The parts of an epoch's innovations: one explained by position, velocity or clock errors, and the rest. Compiled.
 
 A deviation of all satellites at once is not multipath: [u, 1] maps an error of the antenna's position (or velocity)
-and of
-the receiver's clock into the ranges of all of them, and nothing else does. So the innovations y of one kind are split,
+and of the receiver's clock into the ranges of all of them, and nothing else does. So the innovations y of one kind are
+split,
 
     y = G x + e,   G = [-u^T 1],   x by least squares,   G^T R^-1 e = 0
 

@@ -53,8 +53,7 @@ def candidates(ranked: list[Hypothesis], accel_0: Float64, gyro_0: Float64) -> l
 
     A with det A = handed turns the mean motion forward and mean gravity down, and G = det(A) A H; declared axes that
     the log does not contradict stay. Stranger declarations need more evidence: in a coordinated flight the
-    accelerometers
-    see no side force, and only the prior separates a reversed axis from a right one.
+    accelerometers see no side force, and only the prior separates a reversed axis from a right one.
     """
     found: dict[tuple[tuple[str, ...], tuple[str, ...], float], VehicleAxes] = {}
     for one in sorted(ranked, key=lambda one: one.cost):

@@ -33,8 +33,7 @@ def increment_intervals(
 
     Of two readings of a long step T with the usual step U, ``|dv| / T`` and ``|dv| / U``, the one whose logarithm is
     nearer to that of the specific force around holds. Where the force around is too small or too restless to decide,
-    many
-    long steps near each other are the sensor's own, few are lost samples.
+    many long steps near each other are the sensor's own, few are lost samples.
 
     Parameters
     ----------

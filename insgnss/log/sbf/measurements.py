@@ -1,8 +1,7 @@
 """SBF's MeasEpoch blocks become rows: all signals of all epochs of a file at once.
 
 The first signal of a satellite is given in full (type 1), its others as differences to it (type 2). PolaRx5TR
-reference
-guide, firmware 5.5.0, MeasEpoch:
+reference guide, firmware 5.5.0, MeasEpoch:
 
 - type 1: P = (CodeMSB 2^32 + CodeLSB) mm, D = Doppler 1e-4 Hz, L = P / lambda + (CarrierMSB 65536 + CarrierLSB) 1e-3
 - type 2: P = P1 + (CodeOffsetMSB 65536 + CodeOffsetLSB) mm, D = D1 f / f1 + (DopplerOffsetMSB 65536 +
