@@ -126,7 +126,7 @@ def place_turning(m: StateRecord, P: Float64, par: Parameters, a: AntennaState, 
     The gyros' noise on the lever arm turns with the attitude's errors as the accelerometers' does: what a vehicle at
     rest has of it is not motion. The mean rate of the last moments counts by 1 - (k^2 N + 2^2 B) / |w|^2, N the
     variance of the gyros' noise in it, B that of their biases; the lever arm's turn d since the epoch before,
-    T = ``interval`` [s] ago (0: there was none), by 1 - (k^2 q T + 2^2 B T^2) |l|^2 / |d|^2, q the density of the noise.
+    T = ``interval`` [s] ago (0: there was none), by 1 - (k^2 q T + 2^2 B T^2) |l|^2 / |d|^2, q the noise density.
     """
     if par.motion_gate2 <= 0.0:
         for i in range(3):
